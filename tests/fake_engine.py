@@ -8,7 +8,9 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.errors import EngineError
+from crosscheck.judge.repeats import Answer
 from crosscheck.scene.states import States
+from crosscheck.verification import again
 
 
 @dataclasses.dataclass
@@ -60,8 +62,15 @@ class FakeEngine(Engine):
 
 
 def install(monkeypatch, engine):
-    """Make the engine the only one."""
+    """Make the engine the only one. A `FakeEngine` knows the true motion from the scene's start alone."""
     from crosscheck import adapters
 
     monkeypatch.setattr(adapters, "get", lambda name: engine)
+    if isinstance(engine, FakeEngine):
+        monkeypatch.setattr(again.Asked, "parts", lambda *_: "it cannot be started elsewhere")
     return engine
+
+
+def whole(run):
+    """A run as the only part of one, from the beginning to the end."""
+    return Answer(run, np.array([0, len(run.t) - 1]), States(*(getattr(run, name)[:1] for name in "txRvw")), False)

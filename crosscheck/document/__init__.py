@@ -313,7 +313,8 @@ class Judged(Measured, frozen=True, kw_only=True):
     outcome: Outcome = "error"
     message: str = ""
     findings: list[Finding] = []
-    judged_until: float | None = None  # s
+    judged_until: float | None = None  # s, how much of the run's time its motion was judged over
+    not_judged: str = ""  # why it was not judged over the rest
 
 
 class Timed(Judged, frozen=True, kw_only=True):

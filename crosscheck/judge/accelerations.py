@@ -69,7 +69,7 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
         length = 1.0 if unit == "m/s^2" else runs[0].scale.length
         ordered, sizes = [run for run, _ in given], [_sizes(gap) * length for _, gap in given]
         own = next(index for index, run in enumerate(ordered) if run is runs[0])
-        settling = runs[0].flow.end.t < SETTLED * (claim.step or 0.0)  # of first order, whatever the method's is
+        settling = _age(runs[:1]) < SETTLED * (claim.step or 0.0)  # of first order, whatever the method's is
         bound = np.where(settling, _bound(scene, runs[0], 1), _bound(scene, runs[0], power))
         candidates = [("", sizes[own], following(sizes, ordered, power) * bound)]
         if len(ordered) > 2:
@@ -95,6 +95,13 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
     return findings
 
 
+def _age(runs: Sequence[Defects]) -> np.ndarray:
+    """(I,) s at the ends of the intervals, since the engine was started last; infinite if it forgets its past."""
+    if all(run.forgets for run in runs):
+        return np.full(len(runs[0].flow.tau), np.inf)
+    return np.asarray(np.min([run.flow.since for run in runs], axis=0) + runs[0].flow.tau)
+
+
 def _staying(runs: Sequence[Defects], sizes: Sequence[np.ndarray]) -> np.ndarray:
     """(I,) factor of the bound of the finest of three runs: `WORTH` if errors are alike at all steps, else infinite.
 
@@ -102,7 +109,7 @@ def _staying(runs: Sequence[Defects], sizes: Sequence[np.ndarray]) -> np.ndarray
     """
     near = [around(size, NEAR) for size in sizes]
     alike = np.max(near, axis=0) < np.min(near, axis=0) * (1 + ALIKE)
-    settling = runs[0].flow.end.t < SETTLED * max(run.claim.step or 0.0 for run in runs)
+    settling = _age(runs) < SETTLED * max(run.claim.step or 0.0 for run in runs)
     close = np.max(shares(runs, 1), axis=0) < ALIKE
     return np.where(alike & close & ~settling & (not _soft(runs)), WORTH, np.inf)
 
@@ -129,7 +136,7 @@ def _limit(scene: Scene, runs: Sequence[Defects], sizes: Sequence[np.ndarray], p
     for run, size, weight, share in zip(runs, sizes, weights, shares(runs, power), strict=True):
         own, share = _bound(scene, run, power), np.where(share > APART, 1.0, share)
         bound = bound + abs(weight) * (share * own + soft * _springs(run))
-        settling = run.flow.end.t < SETTLED * (run.claim.step or 0.0)
+        settling = _age([run]) < SETTLED * (run.claim.step or 0.0)
         bound[settling | ((size > own) & (run is not runs[0]))] = np.inf
     return weights, bound
 
@@ -178,7 +185,7 @@ def _independent(scene: Scene, runs: Sequence[Defects], change: np.ndarray) -> n
 
     It is infinite where the states are apart, and while accelerations settle.
     """
-    settling = runs[0].flow.end.t < SETTLED * max(run.claim.step or 0.0 for run in runs)
+    settling = _age(runs) < SETTLED * max(run.claim.step or 0.0 for run in runs)
     close = np.max(shares(runs[:2], 1), axis=0) < ALIKE
     lasting = MOST * sum(_lasting(scene, run) + _noise(run) for run in runs[:2])
     if _soft(runs):
@@ -205,9 +212,9 @@ def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float =
 
 
 def _noise(run: Defects) -> float:
-    """Positions open by e, by rounding or Newton's iteration, are accelerations of e / h^2."""
+    """Positions open by e, by rounding, are accelerations of e / h^2."""
     step = run.claim.step
-    return (10 * run.claim.newton + 16 * run.claim.eps * run.scale.length) / step**2 if step else 0.0
+    return 16 * run.claim.eps * run.scale.length / step**2 if step else 0.0
 
 
 def _lasting(scene: Scene, run: Defects) -> np.ndarray:

@@ -16,7 +16,6 @@ class Claim:
     rtol: float | None
     eps: float = 2.0**-52  # spacing of the engine's numbers
     steps: float = 0.0  # in a sample interval
-    newton: float = 0.0  # residual at which the engine's Newton iteration ends
 
     def __post_init__(self) -> None:
         if self.rtol is None and (self.order is None or self.step is None):

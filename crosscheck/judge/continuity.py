@@ -92,21 +92,32 @@ def _reset(scene: Scene, traj: Any, truth: Reference) -> Finding:
                    "output times at which the run is back in its initial state and truth is not", detail)
 
 
-def judge_orthogonality(trajectories: Sequence[Any], on_group: bool, eps: float, order: int | None) -> Finding:
+def judge_orthogonality(trajectories: Sequence[Any], on_group: bool, eps: float, order: int | None,
+                        starts: Sequence[int] = (0,)) -> Finding:
     """Judge max |R^T R - I| of the first run against rounding.
 
     If an engine integrates matrices or quaternions and does not make rotations of them, they drift off the group. Such
-    a drift passes if it falls with the step by the order of the method, which another run shows. A wrong factor in
-    the attitudes does not fall.
+    a drift passes if it falls with the step by the order of the method, which another run shows that begins with
+    rotations at the samples `starts`. A wrong factor in the attitudes does not fall, nor does it add up.
     """
     traj, *others = trajectories
     tol = tolerances.orthogonality(on_group, traj.steps, eps)
     drift = max(float(traj.orthogonality.max()), traj.maxima.get("orthogonality", 0.0))
-    other = float(others[0].orthogonality.max()) if others else 0.0
-    if tol.value < drift < math.inf and other > 0.0 and not on_group and order is not None:
-        observed = math.log(other / drift) / math.log(others[0].stats["step"] / traj.stats["step"])
-        if observed >= order - tolerances.CONSTANTS["order_margin_coarse"]:
-            return Finding("orthogonality", "ok", drift, None, "1", "attitudes that nothing keeps on SO(3), and whose "
-                           f"drift falls with the step, by order {observed:.2g}", "every step")
+    if tol.value < drift < math.inf and others and not on_group and order is not None:
+        own, other = _drifts(traj.R, starts, True), _drifts(others[0].R, starts, False)
+        fine, coarse = (each.stats.get("step") for each in (traj, others[0]))
+        ratio = coarse / fine if fine and coarse else 1.0
+        if ratio != 1.0 and own.sum() > drift / 2 and other.max() > 0.0:
+            observed = math.log(other.max() / own.max()) / math.log(ratio)
+            if observed >= order - tolerances.CONSTANTS["order_margin_coarse"]:
+                return Finding("orthogonality", "ok", drift, None, "1", "attitudes that nothing keeps on SO(3), and "
+                               f"whose drift falls with the step, by order {observed:.2g}", "every step")
     return Finding("orthogonality", "ok" if drift <= tol.value else "fail", drift, tol.value, "1", tol.why,
                    "every step")
+
+
+def _drifts(R: np.ndarray, starts: Sequence[int], running: bool) -> np.ndarray:
+    """The largest change of R^T R in each part of a run; `running`: parts go on from the attitudes before."""
+    gram, ends = np.swapaxes(R, -1, -2) @ R, [*starts[1:], len(R) - 1]
+    return np.array([np.abs(gram[a + 1:b + 1] - (gram[a] if running else np.eye(3))).max()
+                     for a, b in zip(starts, ends, strict=True)])

@@ -7,8 +7,9 @@ past the horizon of a chaotic scene.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from crosscheck.judge.claim import Claim
 from crosscheck.judge.flow import Flow, flow
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
+
+if TYPE_CHECKING:
+    from crosscheck.judge.repeats import Answer
 
 MOST_BODIES = 16
 """Bodies of a scene in which every interval is judged: dense algebra costs the cube of their number."""
@@ -52,10 +56,12 @@ class Defects:
     claim: Claim
     scale: Scales
     grading: float  # roundings per step, see `tolerances.grading`
+    most_growth: float  # largest exponent by which an error may grow over the run
     vectors: Parts  # (I, n, 3) by quantity; attitudes as rotation vectors
     floor: Parts  # (I,) by quantity: rounding
     opening: Parts  # (T,) by level: the largest violation of a constraint
     allowed: tuple[Parts, ...]  # (T,) by level: the violation that a method of order p, of p + 1, ... may leave
+    forgets: bool = False  # whether the engine was seen to remember nothing but the state
 
     @property
     def bounds(self) -> Parts:
@@ -81,8 +87,11 @@ class Defects:
         return scaled * (Y[order + 1] + found.tau * Y[order + 2]), scaled * (Y[order + 2] + found.rate * Y[order + 1])
 
 
-def measured(scene: Scene, traj: Any, others: Sequence[Any], truth: Reference, claim: Claim) -> list[Defects]:
-    """The defects of a run and of `others`, the same run at other steps. All states have to be finite.
+def measured(scene: Scene, traj: Any, others: Sequence[Answer], truth: Reference, claim: Claim,
+             own: Defects | None = None) -> list[Defects]:
+    """The defects of a run and of `others`, its parts at other steps; with `own`, those of the run, of the others only.
+
+    All states have to be finite.
 
     Raises `numpy.linalg.LinAlgError` if the equations of motion have no solution at a state of a run.
     """
@@ -90,14 +99,17 @@ def measured(scene: Scene, traj: Any, others: Sequence[Any], truth: Reference, c
     index = np.arange(count) if scene.n <= MOST_BODIES else np.unique(np.linspace(0, count - 1, FEW).astype(int))
     scale = tolerances.scales(scene, truth)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return [_measure(scene, each, truth, dataclasses.replace(
-            claim, step=each.stats.get("step") or claim.step, steps=each.steps / count), scale, index)
-            for each in (traj, *others)]
+        first = [] if own is not None else [_measure(scene, traj, truth, dataclasses.replace(
+            claim, steps=traj.steps / count), scale, index, None)]
+        return [*first, *(_measure(scene, each.traj, truth, dataclasses.replace(
+                    claim, step=each.traj.stats["step"], steps=each.traj.steps / count), scale, index, each)
+                  for each in others)]
 
 
-def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Scales, index: np.ndarray) -> Defects:
+def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Scales, index: np.ndarray,
+             answer: Answer | None) -> Defects:
     order = claim.order or 0
-    found = flow(scene, traj, truth, scale, max(5, order + 3) if claim.fixed else 2, index)
+    found = flow(scene, traj, truth, scale, max(5, order + 3) if claim.fixed else 2, index, answer)
     end, after = found.end, index + 1
     vectors = {"position": traj.x[after] - end.x, "velocity": traj.v[after] - end.v,
                "attitude": turn(end.R, traj.R[after]), "angular velocity": traj.w[after] - end.w}
@@ -106,20 +118,13 @@ def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Sca
     least = (DOUBT + 4 * tolerances.grading(scene) * claim.eps) * max(1.0, scene.n / CHAIN)
     steps = max(1.0, claim.steps) ** 0.6
     floor = {name: least * max(scale.of(name), scale.units[name]) * found.growth * steps for name in QUANTITIES}
-    if claim.newton and claim.step:
-        # What Newton's iteration leaves adds up over the steps as rounding does, and both ends of the interval have
-        # it. An error e of positions is one of 2 e / h of velocities.
-        left = 20 * claim.newton * steps
-        for name, size in (("position", scale.length), ("attitude", 1.0)):
-            floor[name] = floor[name] + left * size
-        for name, size in (("velocity", scale.length), ("angular velocity", 1.0)):
-            floor[name] = floor[name] + 2 * left * size / claim.step
     if claim.eps > tolerances.EPS and claim.step:
         # Velocities that are differences of positions over a step carry their roundings, 1e-4 m/s at 1 ms and 1 m.
         for name, size in (("velocity", scale.length), ("angular velocity", 1.0)):
             floor[name] = floor[name] + 4 * claim.eps * size / claim.step
     opening = {level: getattr(traj, f"constraint_{level}") for level in ("position", "velocity")}
-    run = Defects(found, claim, scale, tolerances.grading(scene), vectors, floor, opening, ())
+    growth = math.log(10.0 * max(1.0, truth.amplification))
+    run = Defects(found, claim, scale, tolerances.grading(scene), growth, vectors, floor, opening, ())
     orders = 3 if order == 1 else 2 if claim.fixed else 1
     return dataclasses.replace(run, allowed=tuple(_drift(run, traj.t, more) for more in range(orders)))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    from crosscheck.judge.repeats import Answer
 
 TURN = 0.1
 """Turn (rad) of the fastest motion in one step of the integration. With order 8 the error stays below 1e-12."""
@@ -41,6 +44,7 @@ class Flow:
     index: np.ndarray  # (I,) which intervals of the run
     tau: np.ndarray  # (I,) s, their lengths
     begin: States  # the run's own
+    since: np.ndarray  # (I,) s, at their beginning, since the engine was started
     end: States
     rate: np.ndarray  # (I,) 1/s, the rate at which errors may grow
     sizes: np.ndarray  # (K, I) the largest k-th derivative of y = (x / L, R) in the interval and near it, 1/s^k
@@ -59,8 +63,11 @@ class Flow:
         return np.asarray(np.exp(np.minimum(self.rate * self.tau, 50.0)))
 
 
-def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, index: np.ndarray) -> Flow:
+def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, index: np.ndarray,
+         answer: Answer | None = None) -> Flow:
     """The flow over the intervals `index` of a run, with derivatives up to `degree`.
+
+    `answer`: where the engine was started, if `traj` has been put together of parts.
 
     Raises `numpy.linalg.LinAlgError` if the equations of motion have no solution at a state of the run.
     """
@@ -68,7 +75,13 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
     tau = traj.t[index + 1] - t
     spring = fastest(scene)
     count = max(math.ceil(min(3.0, max(scale.rate, spring) * float(tau.max())) / TURN), degree - 1, 2)
+    marks = np.zeros(1, int) if answer is None else answer.marks[:-1]
     begin = States(t, *(np.array(part[index]) for part in (traj.x, traj.R, traj.v, traj.w)))
+    if answer is not None:
+        fresh = np.isin(index, marks)
+        for name in "xRvw":
+            getattr(begin, name)[fresh] = getattr(answer.begins, name)[np.isin(marks, index)]
+    since = t - traj.t[marks[np.searchsorted(marks, index, side="right") - 1]]
     regular = _regular(scene, begin)
     own = [part[_last(regular)] for part in (begin.t, begin.x, begin.R, begin.v, begin.w)]
     end, nodes, fast = integrate(scene, States(*own), tau, count)
@@ -86,7 +99,7 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
         sizes[k] = np.fmin(sizes[k], later**k * most)
     fall = math.sqrt(float(np.linalg.norm(scene.gravity)) / scale.length)
     rate = np.maximum(around(fast, near), max(fall, spring))
-    return Flow(index, tau, begin, end, rate, sizes, found[1], spring, regular & _regular(scene, end))
+    return Flow(index, tau, begin, since, end, rate, sizes, found[1], spring, regular & _regular(scene, end))
 
 
 SINGULAR = 0.1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -22,23 +23,41 @@ DIFFERENCES = 8
 """Degree of the differences between neighbouring intervals in which noise stands out from a smooth error."""
 
 
-def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> list[Finding]:
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """Which intervals of a run were judged, and why others were not."""
+
+    seen: np.ndarray  # (T - 1,)
+    why: str = ""
+
+    def over(self, t: np.ndarray, until: float) -> float:
+        """The share of the run's time that was judged, by its intervals or by bounds of its states `until` then (s)."""
+        lengths = np.diff(t)
+        return float(lengths[self.seen | (t[1:] <= until * (1 + 1e-12))].sum() / lengths.sum())
+
+
+NOTHING = "the motion, or a spring, is too fast for the output times, or closed loops are next to a singular position"
+
+
+def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> tuple[list[Finding], Judged]:
     """One finding per quantity, of the interval whose error is largest over its bound; at t = 0 that of the start.
 
     The bound of an interval tau is exp(W tau) tau h^p |y^(p+1)| there, and what opening or closing constraints moves.
     If there are runs at other steps, the limit of vanishing steps is judged as well, by the next term of the error.
+    An interval is judged if its bound is less than what the motion covers in it.
     """
     own = runs[0]
-    seen = (own.flow.rate * own.flow.tau <= STEEPEST) & own.flow.regular
+    steep = own.flow.rate * own.flow.tau > STEEPEST
+    seen = ~steep & own.flow.regular
     if not seen.any():
-        return unjudged("the motion, or a spring, is too fast for the output times, or closed loops are near a "
-                        "singular position")
+        return unjudged(NOTHING), Judged(np.zeros(len(traj.t) - 1, bool), NOTHING)
     sizes = {name: [np.linalg.norm(run.vectors[name], axis=-1).max(axis=1) for run in runs] for name in QUANTITIES}
     options = [("", {name: (sizes[name][0], bound * following(sizes[name], runs, own.claim.order or 1))
                      for name, bound in own.bounds.items()})]
     if len(runs) > 1:
         options += [("extrapolated to vanishing steps, ", limits(runs))]
-    share = float(seen.sum() / (len(traj.t) - 1))
+    told = _telling(own) & seen
+    share = float(told.sum() / (len(traj.t) - 1))
     judged = "" if share == 1.0 else f"; {100 * share:.3g} % of the intervals"
     start = _start(scene, traj, own)
     findings = []
@@ -56,7 +75,25 @@ def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> list[Fi
             f"interval {name}", "ok" if value <= bound else "fail", value, bound, unit,
             f"against the true motion from the run's own state over one sample interval of {own.flow.tau[0]:.3g} s: "
             f"what {own.claim.said} may miss there, and what open constraints move{judged}", where))
-    return findings
+    every = np.zeros(len(traj.t) - 1, bool)
+    every[own.flow.index] = told
+    why = "; ".join(text for text, some in (
+        ("errors grow more than twentyfold between two output times", steep.any()),
+        ("closed loops pass next to a singular position", not own.flow.regular.all()),
+        ("at this step a bound exceeds what the motion covers between two output times", (seen & ~told).any()),
+        (f"of so many bodies only {len(told)} intervals are judged", len(told) < len(every))) if some)
+    return findings, Judged(every, why)
+
+
+def _telling(own: Defects) -> np.ndarray:
+    """(I,) whether the bound of every quantity is less than what the motion covers in the interval."""
+    flow, bounds, told = own.flow, own.bounds, np.ones(len(own.flow.tau), bool)
+    moved = flow.rate * flow.tau
+    covered = {"position": moved, "attitude": moved}
+    for name, unit in own.scale.units.items():
+        change = covered.get(name, np.maximum(moved, flow.sizes[2] * flow.tau / own.scale.rate))
+        told &= bounds[name] < np.minimum(1.0, change) * unit
+    return told
 
 
 def unjudged(why: str) -> list[Finding]:
@@ -139,7 +176,8 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
     order = fine.claim.order or 1
     ratio = math.log((coarse.claim.step or 1.0) / (fine.claim.step or 1.0))
     close = (shares([fine, coarse], order)[1] < ALIKE) & fine.flow.regular & coarse.flow.regular
-    close[0] = False  # the error of a multistep method's start follows another power of h
+    # The error of a multistep method's start follows another power of h.
+    close &= (fine.flow.since > 0.0) & (coarse.flow.since > 0.0)
     closed = {level: np.zeros(len(close)) for level in fine.opening}
     own = with_slack(*fine.local(), closed, fine.flow.tau, fine.scale)
     found = []

@@ -11,6 +11,7 @@ most at the rate W': they are L W' B and W' B.
 from __future__ import annotations
 
 import dataclasses
+import math
 import pathlib
 import tomllib
 
@@ -221,6 +222,18 @@ def momentum(scene: Scene, truth: Reference, bounds: dict[str, Tol]) -> Tol:
     value = mass * ((scale.reach + x) * v + scale.speed * x) + inertia * (w + (scale.rate + w) * r)
     return Tol(float(value), "what the bounds of the states allow: sum of m x dv, m v dx, J dw and J w dR")
 
+
+def most_steps(scene: Scene, truth: Reference, rtol: float, samples: int, said: int) -> int:
+    """The steps that an adaptive run made: as it says, but no more than a pair of order 4(3) takes for the tolerance.
+
+    Its local error is about (h W)^4. Bounds of adaptive methods grow with this number.
+    """
+    turned = float(truth.t[-1]) * max(scales(scene, truth).rate, fastest(scene))
+    return min(said, math.ceil(samples + PAIR * turned / math.sqrt(math.sqrt(rtol))))
+
+
+PAIR = 4.0
+"""Times the steps of such a pair that are believed: steps are rejected, and orders differ."""
 
 LEFT = 1e-9
 """Largest residual of a converged Newton iteration, relative to the forces of the motion; 64 bodies reach it. What

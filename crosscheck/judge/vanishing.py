@@ -76,7 +76,8 @@ def limits(runs: Sequence[Defects]) -> Limit:
     bounds = with_slack(pose, rate, gap, fine.flow.tau, fine.scale)
     usable = np.all([_within(run) & run.flow.regular for run in runs[1:]], axis=0)
     # Effects of the start, as with soft constraints, follow no power of h.
-    usable &= (fine.flow.index > 0) & (fine.flow.begin.t >= BEGUN * (runs[-1].claim.step or 0.0))
+    since = np.min([run.flow.since for run in runs], axis=0)
+    usable &= (since > 0.0) & (since >= BEGUN * (runs[-1].claim.step or 0.0))
     found = {}
     for name in QUANTITIES:
         floor = np.sum([abs(weight) * run.floor[name] for weight, run in zip(weights, runs, strict=True)], axis=0)

@@ -51,6 +51,11 @@ class Bounds:
     empty: frozenset[str]  # kinds of findings whose bound is too large to judge anything
     until: float  # s
 
+    @property
+    def reach(self) -> float:
+        """The time (s) up to which the bounds of the states judge the motion."""
+        return 0.0 if self.empty & {"position", "attitude"} else self.until
+
 
 def _judged(kind: str, value: float, tol: Tol, unit: str, detail: str = "", empty: bool = False) -> Finding:
     """A finding. With `empty`, the bound exceeds the size of the quantity, so that the value is not judged."""
@@ -61,11 +66,10 @@ def _judged(kind: str, value: float, tol: Tol, unit: str, detail: str = "", empt
     return Finding(kind, "ok" if value <= tol.value else "fail", float(value), tol.value, unit, tol.why, detail)
 
 
-def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, claim: Claim, budgeted: bool = False
+def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, claim: Claim
                  ) -> tuple[list[Finding], dict[str, Error], Bounds]:
     """Judge errors against truth over the longest time that bounds can judge: the whole run, or else its first window.
 
-    If the step is too coarse even for the window, the plan has failed, or with `budgeted` the run is unjudged.
     Returns the findings, the errors over the whole run, and the bounds that were used.
     """
     def bounds_for(reference: Reference, growth: float | None = None) -> dict[str, Tol]:
@@ -85,13 +89,16 @@ def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, c
     findings = [_judged(quantity, error.max, bounds.states[quantity], error.unit,
                         f"body {error.body}, t = {error.time:.4g} s, judged up to {until:g} s", quantity in empty)
                 for quantity, error in judged.items()]
-    if empty & {"position", "attitude"}:
-        findings.append(Finding("step", "unjudged" if budgeted else "fail", claim.step, None, "s", "a bound of "
-                                "position or attitude exceeds the size of the scene, so that it would pass anything",
-                                "the plan has none smaller" if budgeted else "choose a smaller step"))
     if claim.eps > tolerances.EPS:
         findings.append(_arithmetic(scene, used, claim, round(until / float(traj.t[-1]) * traj.steps)))
     return findings, errors(scene, traj, truth.states), bounds
+
+
+def too_coarse(claim: Claim, budgeted: bool) -> Finding:
+    """The finding on a run of which no bound judges anything. The plan has failed or, `budgeted`, has no finer step."""
+    return Finding("step", "unjudged" if budgeted else "fail", claim.step, None, "s", "the bounds exceed the size of "
+                   "the scene, and those of intervals what the motion covers in them, so that they would pass anything",
+                   "the plan has none smaller" if budgeted else "choose a smaller step")
 
 
 def _arithmetic(scene: Scene, truth: Reference, claim: Claim, steps: int) -> Finding:
@@ -246,7 +253,7 @@ def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:
 
 
 def settle(run: Measured, findings: list[Finding], defects: Sequence[Known], message: str = "",
-           judged_until: float | None = None) -> Judged:
+           judged_until: float | None = None, why: str = "") -> Judged:
     """The verdict on a run: mark known defects, notice those that no longer show, and determine the outcome.
 
     `defects` are those of the engine that are about this run. Bounds that the user set are not affected by them.
@@ -271,6 +278,7 @@ def settle(run: Measured, findings: list[Finding], defects: Sequence[Known], mes
     errors = {name: replace(error, judged=judged[name].value, bound=judged[name].bound, why=judged[name].why)
               if name in judged else error for name, error in run.errors.items()}
     return extended(Judged, run, findings=findings, outcome=outcome, message=message, judged_until=judged_until,
+                    not_judged=why if outcome != "unjudged" else "",
                     errors=errors)
 
 
@@ -311,20 +319,19 @@ def worst(findings: Sequence[Finding]) -> Finding | None:
 
 
 def partly(run: Judged) -> bool:
-    """Whether only the beginning of the motion could be judged, see `judge_states`."""
+    """Whether the motion could be judged over a part of the run only."""
     return _share(run.judged_until, run.duration) < 1
 
 
-def _share(until: float | None, duration: float | None) -> float:
+def _share(judged: float | None, duration: float | None) -> float:
     """The share of a run's time over which its motion was judged; 1 if that is unknown."""
-    return 1.0 if not until or not duration or until >= duration * (1 - 1e-9) else until / duration
+    return 1.0 if judged is None or not duration or judged >= duration * (1 - 1e-9) else judged / duration
 
 
 def word(run: Judged) -> str:
-    """The outcome in words, with the time up to which the motion was judged if that is not the whole run."""
+    """The outcome in words, with the share of the run over which its motion was judged if that is not all of it."""
     if run.outcome in ("pass", "partly") and run.practical:
         return "stable"
     said = {"unsupported": "n/a", "partly": "pass"}.get(run.outcome, run.outcome)
     share = _share(run.judged_until, run.duration)
-    return (f"{said} to {run.judged_until:g} s ({100 * share:.2g} %)" if share < 1 and
-            run.outcome in ("pass", "partly", "known") else said)
+    return (f"{said} over {100 * share:.2g} %" if share < 1 and run.outcome in ("pass", "partly", "known") else said)

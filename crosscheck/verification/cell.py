@@ -10,33 +10,40 @@ import numpy as np
 from msgspec.structs import replace
 
 from crosscheck import adapters
-from crosscheck.adapters.base import RunSpec
-from crosscheck.document import LEVELS, Finding, Judged, Level, Measured, Run, extended
+from crosscheck.adapters.base import RunSpec, steps_per_sample
+from crosscheck.document import LEVELS, QUANTITIES, Finding, Judged, Level, Measured, Run, extended
 from crosscheck.errors import Unsupported
+from crosscheck.files import readable
 from crosscheck.judge import tolerances
 from crosscheck.judge.accelerations import judge_accelerations
 from crosscheck.judge.claim import Claim
 from crosscheck.judge.continuity import judge_continuity, judge_orthogonality
 from crosscheck.judge.defects import MOST_BODIES, Defects, measured
+from crosscheck.judge.intervals import Judged as Covered
 from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows, unjudged
 from crosscheck.judge.metrics import Error, errors
 from crosscheck.judge.overrides import override
+from crosscheck.judge.repeats import Answer, judge_repeat, seen_eps
+from crosscheck.judge.substeps import MORE
 from crosscheck.judge.verdict import (
+    SINGLE,
     judge_invariants,
     judge_levels,
     judge_practical,
     judge_states,
     judge_without_truth,
     settle,
+    too_coarse,
 )
 from crosscheck.references import TruthError, truth
 from crosscheck.references.base import Reference
-from crosscheck.running.attempt import Failed, Ran, Refused, attempt, lasting
+from crosscheck.running.attempt import LONGEST, Failed, Ran, Refused, attempt, lasting
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene import mechanics
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
+from crosscheck.verification.again import Asked
 from crosscheck.verification.curves import run_curves
 from crosscheck.verification.order_study import order_study
 from crosscheck.verification.task import Cell, load, windowed
@@ -74,27 +81,29 @@ def run_cell(cell: Cell) -> Judged:
         main = _no_main_run(run, scene, outcome)
     else:
         traj = outcome.trajectory
-        more = companions(run, scene, traj, {"coordinate_map": run.coordinate_map})
-        main = _main_run(run, scene, [traj, *more], reference, window, held, cell.plan.budgeted)
+        main = _main_run(Asked(run, scene, traj, {"coordinate_map": run.coordinate_map}), reference, window, held,
+                         cell.plan.budgeted)
     if not cell.study:
-        return settled(main.run, override(main.findings, cell.overrides), main.message, main.until)
+        return settled(main.run, override(main.findings, cell.overrides), main.message, main.judged, main.why)
     brief = windowed(load_scene(cell.scene), cell.plan.window)  # the whole window, even if the main run is shorter
     study = order_study(cell, order, brief, truth(brief), main.findings, isinstance(outcome, Failed))
     measured = replace(main.run, orders=study.orders, ladder=study.ladder, ladder_cut=study.cut)
     if study.refused:
         return extended(Judged, measured, outcome="unsupported", message=study.refused, findings=main.findings,
-                        judged_until=main.until)
+                        judged_until=main.judged)
     findings = override([*main.findings, *study.findings], cell.overrides)
-    return settled(measured, findings, study.message or main.message, main.until)
+    return settled(measured, findings, study.message or main.message, main.judged,
+                   main.why)
 
 
 FIRST = 1.0
 """A single run is judged over this time (s) from its start if no bound reaches over its whole length."""
 
 
-def settled(run: Measured, findings: list[Finding], message: str = "", until: float | None = None) -> Judged:
+def settled(run: Measured, findings: list[Finding], message: str = "", judged: float | None = None, why: str = ""
+            ) -> Judged:
     """`settle` with the known defects of the engine that are about this run."""
-    return settle(run, findings, adapters.get(run.engine).defects(run), message, until)
+    return settle(run, findings, adapters.get(run.engine).defects(run), message, judged, why)
 
 
 def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST,
@@ -112,24 +121,24 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
         maxima = traj.maxima
         findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima,
                                                                          adapters.get(run.engine).eps),
-                    _orthogonality(run, [traj])]
+                    _orthogonality(run, traj, adapters.get(run.engine).eps)]
         judged = settled(_measured(run, scene, traj, None, {}, held, maxima), findings)
         return judged if judged.outcome != "pass" else replace(
             judged, outcome="unjudged", message=f"no truth: {' '.join(str(error).split())}")
-    main = _main_run(run, scene, [traj, *companions(run, scene, traj, options)], reference, window, held,
-                     budgeted=True)
+    main = _main_run(Asked(run, scene, traj, options), reference, window, held, budgeted=True)
     coarse = any(finding.kind == "step" for finding in main.findings)
     findings = [*main.findings, *([judge_practical(scene, traj, reference)] if coarse else [])]
-    return settled(main.run, findings, main.message, main.until)
+    return settled(main.run, findings, main.message, main.judged, main.why)
 
 
 @dataclasses.dataclass(frozen=True)
 class _Main:
-    """A main run: its measured values, the findings, and the end of the judged time."""
+    """A main run: its measured values, the findings, for how long its motion was judged, and why not longer."""
 
     run: Measured
     findings: list[Finding]
-    until: float | None = None  # s
+    judged: float | None = None  # s
+    why: str = ""
     message: str = ""
 
 
@@ -142,55 +151,76 @@ def _no_main_run(run: Run, scene: Scene, failed: Failed) -> _Main:
                  [Finding("run", "fail", None, None, "", ENDED, failed.why)], message=failed.why)
 
 
-def companions(run: Run, scene: Scene, traj: Trajectory, options: Mapping[str, Any]) -> list[Trajectory]:
-    """The same run at other steps, from which its error at vanishing steps is extrapolated. Coarser steps are cheaper.
+@dataclasses.dataclass(frozen=True)
+class _Seen:
+    """What intervals of a run and its parts show."""
 
-    For order 1 there are two such runs, because the states of first-order runs differ so much that it affects their
-    defects.
-    """
-    step, order = traj.stats.get("step"), run.documented_order
-    if order is None or not step or run.practical or not np.isfinite(traj.x).all():
-        return []
-    count = round(float(traj.t[1] - traj.t[0]) / step)
-    counts = [count // 2, count // 4] if count >= 4 else [2 * count, 4 * count]
-    outcomes = (lasting(attempt(scene, run.engine, run.method, float(traj.t[1] - traj.t[0]) / each, form=run.form,
-                        monitor=False, **options)) for each in counts[:2 if order == 1 else 1])
-    return [each.trajectory for each in outcomes if isinstance(each, Ran)]
+    eps: float  # spacing of the engine's numbers, as far as the run shows it
+    findings: list[Finding]
+    runs: list[Defects]  # of the run and, at other steps, of its parts
+    others: list[Answer]
+    covered: Covered
 
 
-def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], reference: Reference, window: Reference,
-              held: frozenset[str], budgeted: bool) -> _Main:
-    """Judge the first trajectory. The others are the same run at other steps."""
-    traj = trajectories[0]
-    maxima, runs = traj.maxima, list[Defects]()
+def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
+    """Judge the intervals of a run, and what the engine does when it is started again at states of its own."""
+    run, scene, scale = asked.run, asked.scene, tolerances.scales(asked.scene, reference)
+    nothing = Covered(np.zeros(len(traj.t) - 1, bool))
+    if run.practical or not np.isfinite(traj.x).all():
+        return _Seen(tolerances.EPS, [] if run.practical else unjudged("the run is not finite"), [], [], nothing)
+    again = asked.repeat(scale.length)
+    said = adapters.get(run.engine).eps
+    eps = tolerances.EPS if said <= tolerances.EPS or isinstance(again, str) else seen_eps(
+        traj, again, {name: scale.of(name) for name in QUANTITIES}, said, SINGLE)
+    claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, eps)
+    try:
+        own, = measured(scene, traj, [], reference, claim)
+        told, forgets = ([_not_repeated(again)], False) if isinstance(again, str) else judge_repeat(traj, again, own)
+        whole = isinstance(again, str) or again.closed
+
+        def beside(others: Sequence[Answer]) -> list[Defects]:
+            return [dataclasses.replace(each, forgets=forgets) for each in (
+                own, *(measured(scene, traj, others, reference, claim, own)))]
+
+        others = asked.companions(whole)
+        runs = beside(others)
+        intervals, covered = judge_intervals(scene, traj, runs)
+        findings = [*intervals, *judge_noise(runs), *judge_windows(runs)]
+        # Accelerations of its own have not settled after a part, if the engine remembers more than the state.
+        settled = others if whole or forgets else asked.companions(True)
+        findings += judge_accelerations(scene, [traj, *(each.traj for each in settled)],
+                                        runs if settled is others else beside(settled))
+        return _Seen(eps, [*findings, *told], runs, others, covered)
+    except np.linalg.LinAlgError:
+        return _Seen(eps, [Finding("interval velocity", "fail", np.inf, None, "m/s", "the equations of motion have no "
+                                   "solution along the true motion from the run's own states")], [], [], nothing)
+
+
+def _main_run(asked: Asked, reference: Reference, window: Reference, held: frozenset[str], budgeted: bool) -> _Main:
+    """Judge a run by what the engine answers about it."""
+    run, scene, traj = asked.run, asked.scene, asked.traj
+    if run.rtol is not None:
+        steps = tolerances.most_steps(scene, reference, run.rtol, len(traj.t), traj.steps)
+        traj = dataclasses.replace(traj, steps=steps)
+    seen = _intervals(asked, traj, reference)
+    claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, seen.eps)
+    judged = None
     if run.practical:
         bounds, found = None, errors(scene, traj, reference.states)
         findings = [judge_practical(scene, traj, reference)]
         findings += [Finding(name, "unjudged", error.max, None, error.unit, "the step is too coarse for a bound",
                              f"body {error.body}, t = {error.time:.4g} s") for name, error in found.items()]
     else:
-        left = tolerances.newton_left(scene, reference, traj.stats.get("newton_left", 0.0))
-        claim = Claim(run.documented_order, traj.stats.get("step") or run.step, run.rtol, adapters.get(run.engine).eps,
-                      newton=left)
-        findings, found, bounds = judge_states(scene, traj, reference, window, claim, budgeted)
-        findings += judge_invariants(scene, traj, reference, bounds)
-        if not np.isfinite(traj.x).all():
-            findings += unjudged("the run is not finite")
-        else:
-            try:
-                runs = measured(scene, traj, trajectories[1:], reference, claim)
-                findings += [*judge_intervals(scene, traj, runs), *judge_noise(runs), *judge_windows(runs)]
-                findings += judge_accelerations(scene, trajectories, runs)
-            except np.linalg.LinAlgError:
-                findings.append(Finding("interval velocity", "fail", np.inf, None, "m/s", "the equations of motion "
-                                        "have no solution along the true motion from the run's own states"))
-    levels = judge_levels(scene, traj, reference, bounds, held, maxima, adapters.get(run.engine).eps,
-                          runs[0] if runs else None)
-    return _Main(_measured(run, scene, traj, reference, found, held, maxima),
-                 [Finding("run", "ok", None, None, "", ENDED), *findings, *levels,
-                  *judge_continuity(scene, traj, reference, adapters.get(run.engine).eps),
-                  _orthogonality(run, trajectories)],
-                 None if bounds is None else bounds.until)
+        findings, found, bounds = judge_states(scene, traj, reference, window, claim)
+        findings += [*judge_invariants(scene, traj, reference, bounds), *seen.findings]
+        judged = scene.duration * seen.covered.over(traj.t, bounds.reach)
+        findings += [] if judged else [too_coarse(claim, budgeted)]
+    levels = judge_levels(scene, traj, reference, bounds, held, traj.maxima, seen.eps,
+                          seen.runs[0] if seen.runs else None)
+    return _Main(_measured(run, scene, asked.traj, reference, found, held, traj.maxima),
+                 [_ended(traj), *_steps(run, scene, traj), *findings, *levels,
+                  *judge_continuity(scene, traj, reference, seen.eps),
+                  _orthogonality(run, traj, seen.eps, seen.others)], judged, seen.covered.why)
 
 
 def _without_truth(run: Run, cell: Cell, scene: Scene, outcome: Ran | Failed,
@@ -201,18 +231,47 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, outcome: Ran | Failed,
     else:
         traj, maxima = outcome.trajectory, outcome.trajectory.maxima
         main = _Main(_measured(run, scene, traj, None, {}, held, maxima),
-                     [Finding("run", "ok", None, None, "", ENDED), judge_without_truth(scene, traj),
+                     [_ended(traj), *_steps(run, scene, traj), judge_without_truth(scene, traj),
                       *judge_levels(scene, traj, None, None, held, maxima, adapters.get(run.engine).eps),
-                      _orthogonality(run, [traj])])
+                      _orthogonality(run, traj, adapters.get(run.engine).eps)])
     judged = settled(main.run, override(main.findings, cell.overrides), main.message)
     if judged.outcome != "pass":
         return judged
     return replace(judged, outcome="unjudged", message=f"unjudged: no truth ({cell.no_truth})")
 
 
-def _orthogonality(run: Run, trajectories: Sequence[Trajectory]) -> Finding:
-    engine = adapters.get(run.engine)
-    return judge_orthogonality(trajectories, engine.on_group, engine.eps, run.documented_order)
+def _orthogonality(run: Run, traj: Trajectory, eps: float, others: Sequence[Answer] = ()) -> Finding:
+    return judge_orthogonality([traj, *(each.traj for each in others)], adapters.get(run.engine).on_group, eps,
+                               run.documented_order, others[0].marks[:-1].tolist() if others else (0,))
+
+
+def _asked_step(run: Run, scene: Scene) -> float | None:
+    """The step (s) that was asked for, which divides the sample interval; None for an adaptive method."""
+    return None if run.step is None else steps_per_sample(scene, run.step)[1]
+
+
+def _not_repeated(why: str) -> Finding:
+    return Finding("repeat", "unjudged", None, None, "", "the engine could not be started at states of its own run: "
+                   f"{why}")
+
+
+def _ended(traj: Trajectory) -> Finding:
+    """Whether the run says that it came to its end."""
+    good = traj.status == "success"
+    return Finding("run", "ok" if good else "fail", None, None, "", ENDED,
+                   "" if good else f"it says of itself: {readable(traj.status)[:LONGEST]}")
+
+
+def _steps(run: Run, scene: Scene, traj: Trajectory) -> list[Finding]:
+    """The finding on what a run with a fixed step says of its steps; none for an adaptive method."""
+    if run.step is None:
+        return []
+    per, step = steps_per_sample(scene, run.step)
+    wanted, told = per * (len(traj.t) - 1), traj.stats.get("step") or step
+    value = max(wanted / max(1, traj.steps), told / step)
+    return [Finding("steps", "ok" if value <= MORE else "fail", float(value), MORE, "1", "steps asked for over those "
+                    "that the run says it made, or its step over the one asked for: speeds and errors are compared at "
+                    "one step", f"{wanted} steps of {step:.6g} s asked for, {traj.steps} of {told:.6g} s told")]
 
 
 def _most(series: np.ndarray, every_step: float | None) -> float:

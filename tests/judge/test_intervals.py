@@ -12,6 +12,7 @@ from crosscheck.judge.claim import Claim
 from crosscheck.judge.defects import measured
 from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows
 from crosscheck.references import truth
+from tests.fake_engine import whole
 
 FIXED = {"DAE1L_LSE": (1, 1e-4), "DAE3L_LE": (1, 1e-4), "DAE2H_LE": (1, 1e-4), "INDEX1_LE": (1, 1e-4),
          "rattle2": (2, 1e-3), "generalized_alpha": (2, 1e-3), "rkmk4": (4, 2e-3), "rattle8": (8, 1e-2)}
@@ -35,8 +36,8 @@ def runs_of(scene, method, step):
 
 def failing(scene, runs, claim):
     judged = scene_of(scene) if isinstance(scene, str) else scene
-    defects = measured(judged, runs[0], runs[1:], truth(judged), claim)
-    found = [*judge_intervals(judged, runs[0], defects), *judge_noise(defects), *judge_windows(defects),
+    defects = measured(judged, runs[0], [whole(run) for run in runs[1:]], truth(judged), claim)
+    found = [*judge_intervals(judged, runs[0], defects)[0], *judge_noise(defects), *judge_windows(defects),
              *judge_accelerations(judged, runs, defects)]
     return {finding.kind: finding for finding in found if finding.status == "fail"}
 

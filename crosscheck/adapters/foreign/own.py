@@ -28,8 +28,8 @@ COARSEST = 2.0**-23
 class Completed(StandIn):
     """An engine with at least `name`, `methods`, `unsupported` and `run`, and defaults for the rest of `Engine`.
 
-    Its `run` may return `States` alone: the wall time is then that of the call, and the number of steps follows from
-    the fixed step.
+    Its `run` may return `States` alone: the number of steps follows from the fixed step then. The wall time is that of
+    the call, by the clock of the harness; what the engine says of it is kept as "told_time" of `stats`.
     """
 
     known_defects = ()  # nobody excuses findings of his own engine
@@ -72,9 +72,14 @@ class Completed(StandIn):
         if isinstance(result, States):
             per, step = steps_per_sample(scene, spec.step) if spec.step is not None else (1, None)
             result = RawRun(result, wall, per * (scene.samples - 1), step, form=spec.form)
-        if not isinstance(result, RawRun):
+        elif not isinstance(result, RawRun):
             raise EngineError(f"{self.name} {spec.method}: run returned {type(result).__name__}; it has to return "
                               "crosscheck.scene.states.States, or crosscheck.adapters.base.RawRun")
+        else:
+            # What its iterations leave would widen bounds; from a stranger it is not granted.
+            if isinstance(result.stats, dict):
+                result.stats |= {"told_time": result.wall_time, "newton_left": 0.0}
+            result.wall_time = wall
         _complete(result.states)
         return result
 

@@ -1,0 +1,115 @@
+"""Whether an engine, started again at states of its own run, does the same again.
+
+A run says nothing of itself that is not seen here: what it does at a state may not depend on the time, on the way that
+led there, on the names and places of things, or on how the world is turned. Two runs from one state in two worlds
+differ by rounding, grown as errors grow. A method that remembers more than the state, or that prefers an axis of the
+world, differs by a part of its own errors; these it may have.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from crosscheck.document import QUANTITIES, Finding
+from crosscheck.judge.defects import Defects
+from crosscheck.judge.metrics import differences
+from crosscheck.judge.tolerances import EPS
+from crosscheck.scene.states import States
+
+ROUNDINGS = 1e4
+"""Times the rounding of an interval by which two runs may differ where they are the same otherwise: conversions at a
+start lose digits, and iterations end at others. It is far below every error that matters."""
+
+SAME = 0.5
+"""Share of the parts in which two runs have to agree to rounding, so that they have to in all others."""
+
+GROWTH = 30.0
+"""Largest exponent of growth within a part."""
+
+JUMP = 4.0
+"""Times the distance between a run and the state with closed joints, in which a part of it begins: it is measured in a
+norm of its own, and joints that are open move on."""
+
+DECLARED = 100.0
+"""An engine's numbers are believed to be so many times coarser than two runs from one state differ."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """The parts of a run once more, at another step or in another world."""
+
+    traj: Any  # at the output times, in the scene's own world
+    marks: np.ndarray  # samples at which parts begin, and the last one
+    begins: States  # (P,) where they begin: in the run's own states, with closed joints where an engine wants them
+    turned: bool  # whether the other world was turned
+    closed: bool = False  # whether joints had to be closed somewhere
+
+    @property
+    def firsts(self) -> np.ndarray:
+        """The samples after the first interval of every part."""
+        return np.asarray(self.marks[:-1] + 1)
+
+
+def seen_eps(traj: Any, repeat: Answer, units: dict[str, float], said: float, most: float) -> float:
+    """The spacing of an engine's numbers: as it says, but no more than two runs from one state show, or `most`.
+
+    `units` are the sizes of the quantities. The median over the parts counts, so that a mistake that begins late does
+    not.
+    """
+    gaps = differences(traj, repeat.traj)
+    shown = np.max([gaps[name].max(axis=1)[repeat.firsts] / units[name] for name in QUANTITIES], axis=0)
+    return float(min(said, most, max(EPS, DECLARED * float(np.median(shown)))))
+
+
+def judge_repeat(traj: Any, repeat: Answer, own: Defects) -> tuple[list[Finding], bool]:
+    """The finding on the largest difference over its bound, and whether the engine remembers nothing but the state.
+
+    There is no finding if the run has intervals that are not measured.
+    """
+    count = len(traj.t) - 1
+    if len(own.flow.index) != count:
+        return [], False
+    gaps = {name: values.max(axis=1)[1:] for name, values in differences(traj, repeat.traj).items()}
+    units = own.scale.units
+    rounding = np.max([own.floor[name] / units[name] for name in QUANTITIES], axis=0)
+    method = np.max([own.bounds[name] / units[name] for name in QUANTITIES], axis=0)
+    jumps = differences(repeat.begins, States(*(getattr(traj, name)[repeat.marks[:-1]] for name in "txRvw")))
+    begun = JUMP * np.max([jumps[name].max(axis=1) / units[name] for name in QUANTITIES], axis=0)
+    rounded, exact, missed = (_added(own, repeat, begun, each) for each in (rounding, ROUNDINGS * rounding, method))
+    seen = np.where(own.flow.regular, 1.0, 0.0)
+    ratio = np.max([gaps[name] / units[name] for name in QUANTITIES], axis=0)
+    ratio = np.where(np.isfinite(ratio), ratio, np.inf)
+    parts = [slice(a, b) for a, b in zip(repeat.marks[:-1], repeat.marks[1:], strict=True)]
+    same = np.mean([bool((ratio[part] * seen[part] <= rounded[part]).all()) for part in parts])
+    bound = exact if same >= SAME else np.maximum(exact, missed)
+    over = {name: gaps[name] / units[name] * seen / bound for name in QUANTITIES}
+    name = max(QUANTITIES, key=lambda each: float(np.nan_to_num(over[each], nan=np.inf).max()))
+    at = int(np.argmax(np.nan_to_num(over[name], nan=np.inf)))
+    value, most = float(gaps[name][at]), float(bound[at] * units[name])
+    where = "in a turned and shifted world, renamed and reordered" if repeat.turned else (
+        "in a shifted world, renamed and reordered")
+    why = f"the run once more from its own states, {where}: "
+    why += ("rounding, grown as errors grow" if same >= SAME else
+            f"it differs by more than rounding in {100 * (1 - same):.0f} % of its parts, as a method does that "
+            "remembers more than the state, chooses its steps, or prefers an axis; no more than its errors may be")
+    finding = Finding("repeat", "ok" if value <= most else "fail", value, most, QUANTITIES[name], why,
+                      f"{name}, t = {traj.t[at + 1]:.4g} s")
+    return [finding], bool(same >= SAME)
+
+
+def _added(own: Defects, repeat: Answer, begun: np.ndarray, each: np.ndarray) -> np.ndarray:
+    """(I,) what errors of starts, (P,), and of intervals, (I,), add up to in a part, grown as errors grow."""
+    exponent = np.minimum(own.flow.rate * own.flow.tau, GROWTH)
+    added, total, left = np.zeros(len(each)), 0.0, GROWTH
+    starts = dict(zip(repeat.marks[:-1].tolist(), begun.tolist(), strict=True))
+    for k, size in enumerate(each):
+        if k in starts:
+            total, left = starts[k], own.most_growth
+        grown = min(float(exponent[k]), left)
+        left -= grown
+        total = total * float(np.exp(grown)) + float(size)
+        added[k] = total
+    return added

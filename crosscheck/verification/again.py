@@ -1,0 +1,238 @@
+"""The engine is started again at states of its own run: what it says of itself is measured, never believed.
+
+A run is cut at samples drawn by a seeded generator. From the state at the beginning of every part the engine runs once
+more to its end: at the same step in another world, and at coarser steps, whose errors are those of the method. The
+other world is turned and shifted at random, under other names, bodies and joints in another order: what an engine knows
+of a scene by its name, its place or its clock is of no use there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from crosscheck.adapters.base import RawRun, steps_per_sample
+from crosscheck.document import Run
+from crosscheck.judge.repeats import Answer
+from crosscheck.running.attempt import Ran, attempt, lasting
+from crosscheck.running.trajectory import Trajectory, derive
+from crosscheck.scene import assembly
+from crosscheck.scene.checks import Draft
+from crosscheck.scene.coordinates import histories
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
+from crosscheck.scene.schema import EntryError
+from crosscheck.scene.starts import restarted
+from crosscheck.scene.states import States
+
+PARTS = 8
+"""Parts of a run. Few enough that building models costs little, many enough that a small error grows little in each."""
+
+SEED = 37
+
+TURNABLE = ("linear_spring", "torsional_spring", "constant_force", "constant_torque", "joint_torque", "joint_force")
+"""Types of forces whose meaning in a turned world is known here."""
+
+
+@dataclasses.dataclass(frozen=True)
+class World:
+    """A scene elsewhere: turned by Q, then shifted, with bodies and joints renamed and in another order."""
+
+    Q: np.ndarray  # (3, 3)
+    shift: np.ndarray  # (3,) m
+    bodies: tuple[int, ...]  # the scene's number of each body there
+    joints: tuple[int, ...]
+
+    @classmethod
+    def drawn(cls, scene: Scene, length: float, turned: bool = True) -> World:
+        """A world for the scene. It is not turned where joints to the ground count coordinates in the ground's axes."""
+        rng = np.random.default_rng([SEED, scene.n, len(scene.joints), round(1e6 * scene.duration)])
+        Q = Rotation.random(random_state=rng).as_matrix() if turned and turnable(scene) else np.eye(3)
+        return cls(Q, length * rng.uniform(-1.0, 1.0, 3), tuple(int(k) for k in rng.permutation(scene.n)),
+                   tuple(int(k) for k in rng.permutation(len(scene.joints))))
+
+    def scene(self, scene: Scene) -> Scene:
+        """The scene in this world."""
+        place = {old: new for new, old in enumerate(self.bodies)} | {GROUND: GROUND}
+        names = {joint.name: f"j{new}" for new, joint in enumerate(scene.joints[old] for old in self.joints)}
+        return scene.replace(
+            name="elsewhere", description="", source="", tags=(), gravity=self.Q @ scene.gravity,
+            bodies=tuple(self._body(scene.bodies[old], f"b{new}") for new, old in enumerate(self.bodies)),
+            joints=tuple(self._joint(scene.joints[old], place, names) for old in self.joints),
+            forces=tuple(self._force(force, place, names) for force in scene.forces))
+
+    def _body(self, body: Body, name: str) -> Body:
+        R = Rotation.from_matrix(self.Q) * Rotation.from_quat(body.attitude, scalar_first=True)
+        return dataclasses.replace(body, name=name, position=self.Q @ body.position + self.shift,
+                                   velocity=self.Q @ body.velocity,
+                                   attitude=R.as_quat(canonical=True, scalar_first=True))
+
+    def _joint(self, joint: Joint, place: Mapping[int, int], names: Mapping[str, str]) -> Joint:
+        changes: dict[str, Any] = {"name": names[joint.name], "parent": place[joint.parent],
+                                   "child": place[joint.child]}
+        for end in ("parent", "child"):
+            if getattr(joint, end) == GROUND:
+                axis = getattr(joint, f"{end}_axis")
+                changes |= {f"{end}_anchor": self.Q @ getattr(joint, f"{end}_anchor") + self.shift,
+                            f"{end}_axis": None if axis is None else self.Q @ axis}
+        if joint.mimic is not None:
+            changes["mimic"] = dataclasses.replace(joint.mimic, joint=names[joint.mimic.joint])
+        return dataclasses.replace(joint, **changes)
+
+    def _force(self, force: Force, place: Mapping[int, int], names: Mapping[str, str]) -> Force:
+        given = dict(force.parameters)
+        if force.parent == GROUND and "parent_point" in given:
+            given["parent_point"] = tuple(self.Q @ np.array(given["parent_point"]) + self.shift)
+        for key in ("force", "torque"):
+            if given.get("frame") == "world":
+                given[key] = tuple(self.Q @ np.array(given[key])) if key in given else None
+        given = {key: value for key, value in given.items() if value is not None}
+        return dataclasses.replace(force, parent=None if force.parent is None else place[force.parent],
+                                   child=None if force.child is None else place[force.child],
+                                   joint=names.get(force.joint, force.joint),
+                                   of_joint=names.get(force.of_joint, force.of_joint), parameters=given)
+
+    def back(self, states: States) -> States:
+        """States of this world in that of the scene, bodies in its order."""
+        order = np.argsort(self.bodies)
+        x, R, v, w = (part[:, order] for part in (states.x, states.R, states.v, states.w))
+        return States(states.t, (x - self.shift) @ self.Q, self.Q.T @ R, v @ self.Q, w)
+
+
+def turnable(scene: Scene) -> bool:
+    """Whether nothing but gravity, points and axes of the ground depends on how the world is turned."""
+    on_ground = {joint.name for joint in scene.joints if GROUND in (joint.parent, joint.child)}
+    return not any(
+        joint.mimic is not None or joint.drive is not None or (joint.name in on_ground and joint.reference is not None)
+        for joint in scene.joints) and not any(
+        force.joint in on_ground or force.type not in TURNABLE or force.functions for force in scene.forces)
+
+
+def cuts(count: int) -> np.ndarray:
+    """Samples at which `count` intervals are cut into parts, 0 and `count` included."""
+    parts = min(PARTS, count)
+    rng = np.random.default_rng([SEED, count])
+    inner = np.linspace(0, count, parts + 1)[1:-1] + rng.uniform(-0.25, 0.25, parts - 1) * count / parts
+    return np.unique(np.round([0, *inner, count]).astype(int))
+
+
+def begun(scene: Scene, traj: Trajectory, first: int, last: int) -> Scene:
+    """The scene from the run's own state at sample `first` to the time of sample `last`."""
+    made = restarted(scene, traj, first, float(traj.t[last] - traj.t[first]), last - first + 1)
+    turned = {joint.mimic.joint for joint in scene.joints if joint.mimic is not None} | {
+        joint.name for joint in scene.joints if joint.mimic is not None or joint.start is not None}
+    if not turned:
+        return made
+    places = histories(scene, traj)
+    return made.replace(joints=tuple(
+        dataclasses.replace(joint, start=tuple(float(value) for value in np.atleast_1d(
+            places[joint.name].position[first]))) if joint.name in turned and joint.name in places
+        and JOINT_TYPES[joint.type].positions != 4 else joint for joint in made.joints))
+
+
+def closed(scene: Scene) -> Scene | None:
+    """The scene with its joints closed by the least change of its state; None if that fails."""
+    given = (True,) * scene.n
+    try:
+        return assembly.completed(Draft(scene, given, given, assemble=True))
+    except EntryError:
+        return None
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """How an engine is asked again about a run."""
+
+    run: Run
+    scene: Scene
+    traj: Trajectory
+    options: Mapping[str, Any]
+
+    @property
+    def marks(self) -> np.ndarray:
+        """Samples at which parts begin, and the last one."""
+        return cuts(len(self.traj.t) - 1)
+
+    def part(self, first: int, last: int, step: float | None, world: World | None) -> tuple[Scene, Ran, bool] | str:
+        """The scene of one part, its run, and whether joints were closed; or why there is none.
+
+        Some engines want joints closed that are open.
+        """
+        why, raw = "", begun(self.scene, self.traj, first, last)
+        for make in (lambda scene: scene, closed):
+            scene = make(raw)
+            if scene is None:
+                break
+            outcome = lasting(attempt(scene if world is None else world.scene(scene), self.run.engine, self.run.method,
+                                      step, self.run.rtol if step is None else None, form=self.run.form, monitor=False,
+                                      **self.options))
+            if isinstance(outcome, Ran):
+                return scene, outcome, make is closed
+            why = why or outcome.why
+        return why
+
+    def parts(self, step: float | None, world: World | None = None) -> Answer | str:
+        """The engine's answers to all parts, put together in the scene's own world; or why there are none."""
+        traj, marks = self.traj, self.marks
+        got: dict[str, np.ndarray] = {name: getattr(traj, name).copy() for name in "xRvw"}
+        more: dict[str, list[np.ndarray]] = {} if world is not None else {name: [] for name in ("a", "alpha", "lam")}
+        steps, begins, any_closed = 0, list[tuple[np.ndarray, ...]](), False
+        for first, last in itertools.pairwise(marks.tolist()):
+            found = self.part(first, last, step, world)
+            if isinstance(found, str):
+                return found
+            scene, outcome, was_closed = found
+            any_closed |= was_closed
+            states = outcome.raw.states if world is None else world.back(outcome.raw.states)
+            begins.append((scene.x0, scene.R0, scene.v0, scene.w0))
+            for name, values in got.items():
+                values[first + 1:last + 1] = getattr(states, name)[1:]
+            for name, kept in more.items():
+                if getattr(states, name) is not None:
+                    kept.append(getattr(states, name)[min(1, len(kept)):])
+            steps += outcome.raw.steps
+        extra = {name: np.concatenate(kept) for name, kept in more.items() if sum(map(len, kept)) == len(traj.t)}
+        raw = RawRun(States(traj.t, got["x"], got["R"], got["v"], got["w"], **extra), 0.0, steps, step, form=traj.form)
+        x, R, v, w = (np.array(part) for part in zip(*begins, strict=True))
+        return Answer(derive(self.scene, traj.engine, traj.method, raw), marks, States(traj.t[marks[:-1]], x, R, v, w),
+                      world is not None and not np.array_equal(world.Q, np.eye(3)), any_closed)
+
+    def whole(self, step: float | None) -> Answer | str:
+        """The run from the scene's start at another step, as one part."""
+        outcome = lasting(attempt(self.scene, self.run.engine, self.run.method, step, form=self.run.form, monitor=False,
+                                  **self.options))
+        if not isinstance(outcome, Ran):
+            return outcome.why
+        first = States(np.zeros(1), *(part[None] for part in (
+            self.scene.x0, self.scene.R0, self.scene.v0, self.scene.w0)))
+        return Answer(outcome.trajectory, np.array([0, len(self.traj.t) - 1]), first, False, False)
+
+    def companions(self, whole: bool) -> list[Answer]:
+        """The parts of the run at other steps, from which its error at vanishing steps is extrapolated.
+
+        Coarser steps are cheaper. For order 1 there are two such runs: most of their error is linear in the step.
+        `whole`: they begin at the scene's start and are not cut.
+        """
+        run, traj = self.run, self.traj
+        if run.documented_order is None or not run.step:
+            return []
+        count, _ = steps_per_sample(self.scene, run.step)
+        counts = [count // 2, count // 4] if count >= 4 else [2 * count, 4 * count]
+        interval = float(traj.t[1] - traj.t[0])
+        made = self.whole if whole else self.parts
+        found = (made(interval / each) for each in counts[:2 if run.documented_order == 1 else 1])
+        return [each for each in found if not isinstance(each, str)]
+
+    def repeat(self, length: float) -> Answer | str:
+        """The parts of the run once more, at its own step or tolerance, elsewhere; or why they could not be made."""
+        found: Answer | str = ""
+        for turned in (True, False):
+            found = self.parts(self.run.step, World.drawn(self.scene, length, turned))
+            if not isinstance(found, str):
+                break
+        return found

@@ -1,0 +1,53 @@
+"""No wrong engine of `tests.strangers` passes, and the honest one passes over the whole run."""
+
+import pytest
+
+from crosscheck import adapters
+from crosscheck.adapters.foreign.own import completed
+from crosscheck.document import Plan
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
+from tests.strangers import KINDS, METHODS, TABLE, Honest
+
+STEPS = {"first": 2e-4, "second": 1e-3, "fourth": 2e-3}
+CASES = [(wrong, method, scene) for wrong in TABLE for method in wrong.methods for scene in wrong.scenes]
+QUICK = [next(case for case in CASES if case[0].kind == kind) for kind in KINDS]
+
+
+def judged(engine, method, scene):
+    plan = Plan(1.0, {1: STEPS[method]}, {}, samples=101, duration=4.0, budgeted=True)
+    with adapters.lent(completed(engine, "stranger", "1")) as name:
+        return run_cell(Cell(scene, name, method, None, plan, study=False))
+
+
+def named(cases):
+    return pytest.mark.parametrize(("wrong", "method", "scene"), [
+        pytest.param(*case, id=f"{case[0].kind}, {case[0].name}, {case[1]}") for case in cases])
+
+
+def test_there_are_enough_of_every_kind():
+    assert len(TABLE) >= 60
+    assert {wrong.kind for wrong in TABLE} == set(KINDS)
+
+
+def fails(wrong, method, scene):
+    run = judged(wrong.make(), method, scene)
+    assert run.outcome == "fail", [(each.kind, each.value, each.bound) for each in run.findings]
+
+
+@named(QUICK)
+def test_a_wrong_engine_fails(wrong, method, scene):
+    fails(wrong, method, scene)
+
+
+@pytest.mark.slow
+@named(CASES)
+def test_no_wrong_engine_passes(wrong, method, scene):
+    fails(wrong, method, scene)
+
+
+@pytest.mark.parametrize("scene", ["single_pendulum", "double_pendulum"])
+@pytest.mark.parametrize("method", METHODS)
+def test_the_honest_one_passes_over_the_whole_run(method, scene):
+    run = judged(Honest(), method, scene)
+    assert run.outcome == "pass", [(each.kind, each.value, each.bound, each.status) for each in run.findings]

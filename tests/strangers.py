@@ -1,0 +1,239 @@
+"""Engines that nobody here has met: one honest integrator, asked interval by interval, and a table of what is wrong.
+
+The honest one is lieeuler on a scene; a wrong one alters the scene in some intervals, what it reports, or what it says
+of itself. It shares nothing with the mends of the judge. Kinds are those of `KINDS`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from crosscheck import adapters
+from crosscheck.adapters.base import Engine, RawRun, RunSpec, steps_per_sample
+from crosscheck.references import truth
+from crosscheck.scene.starts import restarted
+from crosscheck.scene.states import States
+
+METHODS = {"first": ("DAE1L_LSE", 1), "second": ("rattle2", 2), "fourth": ("rkmk4", 4)}
+KINDS = ("late", "claims", "name", "truth", "clock", "samples", "frame", "places", "outputs", "float32", "history")
+
+
+class Honest(Engine):
+    """lieeuler's methods of orders 1, 2 and 4, restarted at every output time."""
+
+    name = "stranger"
+    checks_sizes = True
+    methods = tuple(METHODS)
+
+    def unsupported(self, scene, spec):
+        return None
+
+    def version(self):
+        return "1"
+
+    def documented_order(self, scene, spec):
+        return METHODS[spec.method][1]
+
+    def physics(self, scene, states, k):
+        """The scene by which the interval from sample `k` on is stepped."""
+        return scene
+
+    def run(self, scene, spec):
+        """One interval after the other, each from the state at the end of the one before."""
+        per, h = steps_per_sample(scene, spec.step)
+        adapter, method, began = adapters.get("lieeuler"), METHODS[spec.method][0], time.perf_counter()
+        states = States(scene.t, *(np.repeat(np.array(part)[None], scene.samples, axis=0)
+                                   for part in (scene.x0, scene.R0, scene.v0, scene.w0)))
+        k = 0
+        while k < scene.samples - 1:
+            now = self.physics(scene, states, k)
+            last = k + 1
+            while last < scene.samples - 1 and self.same and now is scene:
+                last += 1
+            there = restarted(now, states, k, float(scene.t[last] - scene.t[k]), last - k + 1)
+            found = adapter.run(there, RunSpec(method, step=h, monitor=False)).states
+            for name in "xRvw":
+                getattr(states, name)[k + 1:last + 1] = getattr(found, name)[1:]
+            k = last
+        raw = RawRun(states, time.perf_counter() - began, per * (scene.samples - 1), h)
+        return self.told(scene, raw)
+
+    same = False  # whether the physics is that of the scene everywhere, so that one call does
+
+    def told(self, scene, raw):
+        return raw
+
+
+@dataclasses.dataclass(frozen=True)
+class Wrong:
+    """A wrong engine: its kind, how it is made, the methods in which it shows, and the scenes."""
+
+    kind: str
+    name: str
+    make: Callable[[], Engine]
+    methods: tuple[str, ...] = ("first", "second", "fourth")
+    scenes: tuple[str, ...] = ("double_pendulum",)
+
+
+def pulled(scene, factor):
+    """The scene with its gravity times a factor."""
+    return scene.replace(gravity=np.asarray(scene.gravity) * factor)
+
+
+def heavier(scene, factor):
+    """The scene with the inertia of its last body times a factor."""
+    body = dataclasses.replace(scene.bodies[-1], inertia=np.asarray(scene.bodies[-1].inertia) * factor)
+    return scene.replace(bodies=(*scene.bodies[:-1], body))
+
+
+def blown(scene, factor):
+    """The scene with wind: an acceleration of (factor - 1) g along x."""
+    return scene.replace(gravity=scene.gravity + np.array([9.81 * (factor - 1.0), 0.0, 0.0]))
+
+
+def when(place: Callable[..., bool], change: Callable[[Any, float], Any] = pulled, factor: float = 1.001
+         ) -> Callable[[], Engine]:
+    """An engine whose physics is changed in intervals where `place(self, scene, states, k)`."""
+    class Somewhere(Honest):
+        def physics(self, scene, states, k):
+            return change(scene, factor) if place(self, scene, states, k) else scene
+    return Somewhere
+
+
+def reporting(change: Callable[..., dict]) -> Callable[[], Engine]:
+    """An engine whose report differs: `change(self, scene, states)` gives other fields."""
+    class Reporting(Honest):
+        same = True
+
+        def told(self, scene, raw):
+            return dataclasses.replace(raw, states=dataclasses.replace(raw.states, **change(self, scene, raw.states)))
+    return Reporting
+
+
+def saying(base: Callable[[], Engine] = Honest, declared: dict | None = None, **claims) -> Callable[[], Engine]:
+    """An engine that says something else of itself: fields of the answer, and `declared` attributes."""
+    class Saying(base):
+        def told(self, scene, raw):
+            given = {name: value(getattr(raw, name)) if callable(value) else value for name, value in claims.items()}
+            return dataclasses.replace(super().told(scene, raw), **given)
+
+    def make():
+        engine = Saying()
+        for name, value in (declared or {}).items():
+            setattr(engine, name, value)
+        return engine
+    return make
+
+
+def from_truth(known: Callable[..., bool]) -> Callable[[], Engine]:
+    """An engine that answers by heart where it knows the question, and is wrong by a thousandth elsewhere."""
+    class ByHeart(Honest):
+        def run(self, scene, spec):
+            raw = when(lambda *_: True)().run(scene, spec)
+            if known(scene):
+                exact = truth(scene).states
+                raw.states = States(scene.t, exact.x, exact.R, exact.v, exact.w)
+            return raw
+    return ByHeart
+
+
+def _after(share):
+    return lambda self, scene, states, k: states.t[k] >= share * 4.0
+
+
+def _path(states, k):
+    """How far the last body has come so far, m."""
+    return float(np.linalg.norm(np.diff(states.x[:k + 1, -1], axis=0), axis=-1).sum())
+
+
+def _counting(self):
+    self.count = getattr(self, "count", 0) + 1
+    return self.count
+
+
+def _started(scene):
+    return bool(np.abs(scene.bodies[0].angular_velocity).max() == np.abs([0.5, 0.3, 1.0]).max())
+
+
+FOURTH = ("fourth",)
+SLIP = np.array([0.0, 0.0, 1e-4])
+LATE = when(_after(0.75))
+TABLE = (
+    *(Wrong("late", f"{change.__name__} x {factor} after {share} of the run", when(_after(share), change, factor))
+      for share, change, factor in ((0.75, pulled, 1.001), (0.5, pulled, 0.999), (0.9, pulled, 1.01),
+                                    (0.75, heavier, 1.01), (0.6, heavier, 0.98), (0.8, blown, 1.001))),
+    Wrong("claims", "newton_left 1e9", saying(LATE, stats=lambda _: {"newton_left": 1e9})),
+    Wrong("claims", "eps 1e-4", saying(LATE, {"eps": 1e-4})),
+    Wrong("claims", "eps 1", saying(LATE, {"eps": 1.0})),
+    *(Wrong("claims", f"status {status}", saying(status=status), FOURTH)
+      for status in ("max_iterations", "diverged", "failed")),
+    Wrong("claims", "half of the steps", saying(steps=lambda n: n // 2), FOURTH),
+    Wrong("claims", "one step", saying(steps=1), FOURTH),
+    Wrong("claims", "another step", saying(step=lambda h: 3 * h), FOURTH),
+    Wrong("claims", "steps and step of a coarser run", saying(steps=lambda n: n // 4, step=lambda h: 4 * h), FOURTH),
+    Wrong("claims", "a wide step for a late mistake", saying(LATE, step=lambda h: 100 * h)),
+    *(Wrong("name", f"right for the scene's name, {change.__name__} x {factor} for others",
+            when(lambda self, scene, *_: scene.name != "double_pendulum", change, factor))
+      for change, factor in ((pulled, 1.01), (heavier, 1.05), (blown, 1.01))),
+    Wrong("name", "right for the names of its bodies",
+          when(lambda self, scene, *_: scene.bodies[0].name.startswith("b0"), pulled, 1.01)),
+    Wrong("name", "right for the order of its bodies",
+          when(lambda self, scene, *_: scene.joints[0].parent >= 0, pulled, 1.01)),
+    Wrong("name", "by heart by its name", from_truth(lambda scene: scene.name == "double_pendulum")),
+    Wrong("truth", "by heart by its start", from_truth(lambda scene: _started(scene))),
+    Wrong("truth", "by heart by its description", from_truth(lambda scene: bool(scene.description))),
+    Wrong("truth", "by heart by its gravity", from_truth(
+        lambda scene: scene.gravity[0] == 0 == scene.gravity[1] and _started(scene))),
+    *(Wrong("clock", f"x {factor} from call {calls} on", when(
+        lambda self, scene, states, k, n=calls: _counting(self) >= n, pulled, factor))
+      for calls, factor in ((60, 1.01), (80, 0.99), (90, 1.005))),
+    Wrong("clock", "every tenth call", when(lambda self, *_: _counting(self) % 10 == 0, pulled, 1.01)),
+    Wrong("clock", "after 3 s of its own time", when(lambda self, scene, states, k: states.t[k] >= 3.0, pulled, 1.01)),
+    Wrong("clock", "before .3 s of its own time", when(lambda self, scene, states, k: states.t[k] < 0.3, pulled, 1.01)),
+    *(Wrong("samples", f"right for {name}", when(place, pulled, 1.01)) for name, place in (
+        ("101 samples", lambda self, scene, *_: scene.samples != 101),
+        ("a run of 4 s", lambda self, scene, *_: scene.duration != 4.0),
+        ("many samples", lambda self, scene, *_: scene.samples < 50),
+        ("even samples", lambda self, scene, states, k: k % 2 == 1))),
+    Wrong("samples", "states of the time before, in the last tenth", reporting(lambda self, scene, s: {
+        name: np.concatenate([getattr(s, name)[:90], getattr(s, name)[89:-1]])[:len(s.t)] for name in "xRvw"})),
+    *(Wrong("frame", f"{name}", when(place, change, factor)) for name, place, change, factor in (
+        ("gravity along z alone", lambda self, scene, *_: bool(np.abs(scene.gravity[:2]).max() > 0), pulled, 1.01),
+        ("far from the origin", lambda self, scene, states, k: abs(states.x[k, -1, 0]) > 1.0, pulled, 1.01),
+        ("east of the origin", lambda self, scene, states, k: states.x[k, 0, 1] > 0.0, pulled, 1.01),
+        ("moving up", lambda self, scene, states, k: states.v[k, -1, 2] > 0.0, pulled, 1.002),
+        ("wind", lambda *_: True, blown, 1.001))),
+    *(Wrong("places", f"{name}", when(place, change, factor)) for name, place, change, factor in (
+        ("fast", lambda self, scene, s, k: np.abs(s.w[k]).max() > 4.0, pulled, 1.01),
+        ("slow", lambda self, scene, s, k: np.abs(s.w[k]).max() < 2.0, pulled, 1.01),
+        ("leaning", lambda self, scene, s, k: s.R[k, 0, 2, 2] < 0.7, heavier, 1.05),
+        ("stretched", lambda self, scene, s, k: np.linalg.norm(s.x[k, -1]) > 2.97, pulled, 1.005),
+        ("bent", lambda self, scene, s, k: np.linalg.norm(s.x[k, -1]) < 2.7, pulled, 1.01),
+        ("spinning one way", lambda self, scene, s, k: s.w[k, 0, 2] > 1.2, heavier, 1.05))),
+    *(Wrong("outputs", f"{name}", reporting(change), ("fourth",)) for name, change in (
+        ("x of the last body off by 0.1 mm", lambda self, scene, s: {"x": s.x + SLIP}),
+        ("v x 1.0001", lambda self, scene, s: {"v": 1.0001 * s.v}),
+        ("w x 1.0001", lambda self, scene, s: {"w": 1.0001 * s.w}),
+        ("w filtered", lambda self, scene, s: {"w": np.concatenate([s.w[:1], 0.9 * s.w[1:] + 0.1 * s.w[:-1]])}),
+        ("v of the second half a sample late", lambda self, scene, s: {
+            "v": np.concatenate([s.v[:50], s.v[49:-1]])[:len(s.t)]}),
+        ("attitudes of the second body turned by 1e-4", lambda self, scene, s: {
+            "R": np.concatenate([s.R[:, :-1], s.R[:, -1:] @ [[1, -1e-4, 0], [1e-4, 1, 0], [0, 0, 1]]], axis=1)}),
+        ("noise of 1e-6", lambda self, scene, s: {
+            "x": s.x + 1e-6 * np.random.default_rng(1).standard_normal(s.x.shape)}))),
+    *(Wrong("float32", f"{'all' if len(fields) > 1 else fields} rounded, undeclared", reporting(
+        lambda self, scene, s, fields=fields: {name: getattr(s, name).astype(np.float32).astype(float)
+                                               for name in fields}), ("fourth",), ("single_pendulum",))
+      for fields in ("x", "v", "w", "R", "xRvw")),
+    *(Wrong("history", f"{name}", when(place, pulled, factor)) for name, place, factor in (
+        ("after a path of 4 m", lambda self, scene, s, k: _path(s, k) > 4.0, 1.01),
+        ("after a path of 8 m", lambda self, scene, s, k: _path(s, k) > 8.0, 1.005),
+        ("once it was fast", lambda self, scene, s, k: np.abs(s.w[:k + 1]).max() > 4.0, 1.01),
+        ("since it came back", lambda self, scene, s, k: k > 30 and s.v[k - 20, -1, 2] > 0, 1.01),
+        ("while it had a past", lambda self, scene, s, k: k >= 20, 1.01))),
+)

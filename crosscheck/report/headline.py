@@ -123,7 +123,7 @@ def partly(document: Document) -> str:
     records = document.records
     short = sum(record.partly and record.outcome in ("pass", "partly", "known") for record in records)
     stable = sum(record.word == "stable" for record in records)
-    said = [f"{short} of them judged only over the first seconds" if short else "",
+    said = [f"{short} of them judged over a part of their time only" if short else "",
             f"{stable} only by energy and held constraints" if stable else ""]
     return ", ".join(each for each in said if each)
 
@@ -135,7 +135,8 @@ def span(record: Record) -> str:
     if record.judged_until is None or record.duration is None:
         return ""
     if record.partly:
-        return f"to {record.judged_until:g} s of {record.duration:g} s"
+        return f"{record.judged_until:.3g} s of {record.duration:g} s" + (
+            f", since {record.not_judged}" if record.not_judged else "")
     return f"all {record.duration:g} s"
 
 

@@ -197,7 +197,8 @@ class Asked:
                     kept.append(getattr(states, name)[min(1, len(kept)):])
             steps += outcome.raw.steps
         extra = {name: np.concatenate(kept) for name, kept in more.items() if sum(map(len, kept)) == len(traj.t)}
-        raw = RawRun(States(traj.t, got["x"], got["R"], got["v"], got["w"], **extra), 0.0, steps, step, form=traj.form)
+        raw = RawRun(States(traj.t, got["x"], got["R"], got["v"], got["w"], extra.get("a"), extra.get("alpha"),
+                            extra.get("lam")), 0.0, steps, step, form=traj.form)
         x, R, v, w = (np.array(part) for part in zip(*begins, strict=True))
         return Answer(derive(self.scene, traj.engine, traj.method, raw), marks, States(traj.t[marks[:-1]], x, R, v, w),
                       world is not None and not np.array_equal(world.Q, np.eye(3)), any_closed)

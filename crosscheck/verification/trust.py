@@ -98,7 +98,7 @@ def _said(found: Recommended) -> str:
     pace = 1e3 * (found.seconds or 0.0)
     spelled = f"{pace:.2g}" if pace < 100 else f"{pace:.0f}"
     time = "" if found.seconds is None else f", {spelled} ms per simulated second"
-    part = "" if found.until is None else f", judged up to {found.until:g} s"
+    part = "" if found.share == 1.0 or found.until is None else f", judged over {found.until:.3g} s"
     return f"{' or '.join(found.runs)}: {found.why} (position error {found.error:.1e} m at {size}{part}{time})"
 
 

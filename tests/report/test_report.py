@@ -162,7 +162,7 @@ def test_a_scene_without_truth_is_run_and_judged_by_what_needs_none(folder_witho
     results, folder = folder_without_truth
     good, bad = results.records
     assert (good.outcome, good.message) == ("unjudged", "unjudged: no truth (no reference equations)")
-    assert {"energy", "orthogonality", "run"} == {each.kind for each in good.findings if each.status == "ok"}
+    assert {"energy", "orthogonality", "run", "steps"} == {each.kind for each in good.findings if each.status == "ok"}
     # The engine of the tests moves bodies off their joints, so that a claim to hold them is false.
     assert bad.outcome == "fail"
     assert bad.worst.kind == "level position"

@@ -50,7 +50,7 @@ def test_the_headline_claims_no_more_than_was_found(results):
     assert said == "1 run passes, 1 shows only known defects, none fails"
     assert headline.headline(made(results.scenes[:1], [])) == "Nothing was run"
     short = made(results.scenes[:1], [replace(passing, judged_until=1.0)]).records[0]
-    assert (short.word, passing.word) == ("pass to 1 s (10 %)", "pass")
+    assert (short.word, passing.word) == ("pass over 10 %", "pass")
     assert made(results.scenes[:1], [replace(passing, practical=True)]).records[0].word == "stable"
 
 

@@ -5,17 +5,19 @@ from __future__ import annotations
 import hashlib
 import importlib
 import importlib.util
+import math
+import numbers
 import os
 import sys
 import time
 import types
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, RunSpec, StandIn, steps_per_sample
+from crosscheck.adapters.base import RawRun, RunSpec, StandIn, Stats, steps_per_sample
 from crosscheck.adapters.foreign import code
 from crosscheck.errors import ArgumentError, EngineError, unknown
 from crosscheck.scene.model import Scene
@@ -75,10 +77,11 @@ class Completed(StandIn):
         elif not isinstance(result, RawRun):
             raise EngineError(f"{self.name} {spec.method}: run returned {type(result).__name__}; it has to return "
                               "crosscheck.scene.states.States, or crosscheck.adapters.base.RawRun")
-        else:
-            # What its iterations leave would widen bounds; from a stranger it is not granted.
-            if isinstance(result.stats, dict):
-                result.stats |= {"told_time": result.wall_time, "newton_left": 0.0}
+        elif isinstance(result.wall_time, numbers.Real) and 0.0 <= result.wall_time < math.inf and isinstance(
+                result.stats, dict):
+            # What its iterations leave would widen bounds; from an engine of the user it is not granted.
+            told = {name: value for name, value in result.stats.items() if name != "newton_left"}
+            result.stats = cast(Stats, {**told, "told_time": float(result.wall_time)})
             result.wall_time = wall
         _complete(result.states)
         return result

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import importlib.util
-import math
 import numbers
 import os
 import sys
@@ -25,6 +24,9 @@ from crosscheck.scene.states import States
 
 COARSEST = 2.0**-23
 """Spacing at 1 of single precision: an engine cannot claim coarser numbers."""
+
+LONGEST = 1e9
+"""Longest wall time (s) that is taken for one; any other is an error of its own."""
 
 
 class Completed(StandIn):
@@ -77,7 +79,7 @@ class Completed(StandIn):
         elif not isinstance(result, RawRun):
             raise EngineError(f"{self.name} {spec.method}: run returned {type(result).__name__}; it has to return "
                               "crosscheck.scene.states.States, or crosscheck.adapters.base.RawRun")
-        elif isinstance(result.wall_time, numbers.Real) and 0.0 <= result.wall_time < math.inf and isinstance(
+        elif isinstance(result.wall_time, numbers.Real) and 0.0 <= result.wall_time <= LONGEST and isinstance(
                 result.stats, dict):
             # What its iterations leave would widen bounds; from an engine of the user it is not granted.
             told = {name: value for name, value in result.stats.items() if name != "newton_left"}

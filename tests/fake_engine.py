@@ -8,7 +8,7 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.errors import EngineError
-from crosscheck.judge.repeats import Answer
+from crosscheck.judge.flow import Answer
 from crosscheck.scene.states import States
 from crosscheck.verification import again
 

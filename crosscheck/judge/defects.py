@@ -9,19 +9,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from crosscheck.document import QUANTITIES, Scales
 from crosscheck.judge import tolerances
 from crosscheck.judge.claim import Claim
-from crosscheck.judge.flow import Flow, flow
+from crosscheck.judge.flow import Answer, Flow, flow
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
-
-if TYPE_CHECKING:
-    from crosscheck.judge.repeats import Answer
 
 MOST_BODIES = 16
 """Bodies of a scene in which every interval is judged: dense algebra costs the cube of their number."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +21,6 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import States
 
-if TYPE_CHECKING:
-    from crosscheck.judge.repeats import Answer
-
 TURN = 0.1
 """Turn (rad) of the fastest motion in one step of the integration. With order 8 the error stays below 1e-12."""
 
@@ -35,6 +32,22 @@ RANK = 1e-7
 
 State = list[np.ndarray]
 """x, R, v, w of all intervals."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """The parts of a run once more, at another step or in another world."""
+
+    traj: Any  # at the output times, in the scene's own world
+    marks: np.ndarray  # samples at which parts begin, and the last one
+    begins: States  # (P,) where they begin: in the run's own states, with closed joints where an engine wants them
+    turned: bool  # whether the other world was turned
+    closed: bool = False  # whether joints had to be closed somewhere
+
+    @property
+    def firsts(self) -> np.ndarray:
+        """The samples after the first interval of every part."""
+        return np.asarray(self.marks[:-1] + 1)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,13 +8,13 @@ world, differs by a part of its own errors; these it may have.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
 
 from crosscheck.document import QUANTITIES, Finding
 from crosscheck.judge.defects import Defects
+from crosscheck.judge.flow import Answer
 from crosscheck.judge.metrics import differences
 from crosscheck.judge.tolerances import EPS
 from crosscheck.scene.states import States
@@ -35,22 +35,6 @@ norm of its own, and joints that are open move on."""
 
 DECLARED = 100.0
 """An engine's numbers are believed to be so many times coarser than two runs from one state differ."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Answer:
-    """The parts of a run once more, at another step or in another world."""
-
-    traj: Any  # at the output times, in the scene's own world
-    marks: np.ndarray  # samples at which parts begin, and the last one
-    begins: States  # (P,) where they begin: in the run's own states, with closed joints where an engine wants them
-    turned: bool  # whether the other world was turned
-    closed: bool = False  # whether joints had to be closed somewhere
-
-    @property
-    def firsts(self) -> np.ndarray:
-        """The samples after the first interval of every part."""
-        return np.asarray(self.marks[:-1] + 1)
 
 
 def seen_eps(traj: Any, repeat: Answer, units: dict[str, float], said: float, most: float) -> float:

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck.adapters.base import RawRun, steps_per_sample
 from crosscheck.document import Run
-from crosscheck.judge.repeats import Answer
+from crosscheck.judge.flow import Answer
 from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.running.trajectory import Trajectory, derive
 from crosscheck.scene import assembly

@@ -19,11 +19,12 @@ from crosscheck.judge.accelerations import judge_accelerations
 from crosscheck.judge.claim import Claim
 from crosscheck.judge.continuity import judge_continuity, judge_orthogonality
 from crosscheck.judge.defects import MOST_BODIES, Defects, measured
+from crosscheck.judge.flow import Answer
 from crosscheck.judge.intervals import Judged as Covered
 from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows, unjudged
 from crosscheck.judge.metrics import Error, errors
 from crosscheck.judge.overrides import override
-from crosscheck.judge.repeats import Answer, judge_repeat, seen_eps
+from crosscheck.judge.repeats import judge_repeat, seen_eps
 from crosscheck.judge.substeps import MORE
 from crosscheck.judge.verdict import (
     SINGLE,

@@ -115,7 +115,7 @@ def trend(
 ) -> None:
     """Print one figure over all runs, with its change points marked ◆."""
     from crosscheck.history import changes
-    from crosscheck.history.page import write_page
+    from crosscheck.history.overview import write_trend
     from crosscheck.history.store import figure_names, outcomes, series
 
     cell = (scene, engine, method, form, coarse)
@@ -146,7 +146,7 @@ def trend(
         typer.echo(f"◆ {found[index][0].name}: {series_of[index - 1].value:.4g} -> {series_of[index].value:.4g}{unit}, "
                    f"commit {found[index][0].environment.commit or 'unknown'}")
     if page is not None:
-        write_page(page, found, scene, engine, label)
+        write_trend(page, found, scene, engine, label)
         typer.echo(f"page: {page}")
 
 

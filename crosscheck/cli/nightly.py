@@ -39,9 +39,9 @@ def nightly(
     """
     from crosscheck.document import Asked
     from crosscheck.history import nightly as job
-    from crosscheck.verification.guarded import limits
+    from crosscheck.verification.job import limits_of
 
-    wanted = job.Wanted(profile, scene, engine, jobs, limits(time_limit, memory_limit),
+    wanted = job.Wanted(profile, scene, engine, jobs, limits_of(time_limit, memory_limit),
                         Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler, fresh)
     with progress_bar() as progress:
         night = job.nightly(out, wanted, store, keep, progress)

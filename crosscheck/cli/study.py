@@ -14,8 +14,7 @@ from crosscheck.cli.options import figures as shown
 from crosscheck.cli.tables import figures, key, print_table, words
 
 if TYPE_CHECKING:
-    from crosscheck.studies.results_folder import StudyDocument
-    from crosscheck.studies.study import Ask, Study
+    from crosscheck.studies.study import Ask, Study, StudyDocument
 
     Asked = TypeVar("Asked", bound=Ask)
     Doc = TypeVar("Doc", bound=StudyDocument)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,7 @@ def sweep(
     workers: Annotated[int, typer.Option(min=1, help="processes of this machine")] = 2,
     scheduler: options.Scheduler = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="only print the number of cells and the time")] = False,
+    fresh: options.Fresh = "CI" in os.environ,
     cell: Annotated[str | None, typer.Option(help="run only this cell again, and print its row")] = None,
 ) -> None:
     """Run a sweep. Finished cells are not computed again, so the same command continues an interrupted sweep."""
@@ -39,7 +41,7 @@ def sweep(
             typer.echo(f"{name}: {value}")
         return
     with progress_bar() as progress:
-        frame = job.sweep(file, workers, scheduler, target, progress)
+        frame = job.sweep(file, workers, scheduler, target, progress, fresh)
     report = frame.attrs["report"]
     counts = frame.groupby(["scene", "engine", "method"], dropna=False)
     print_table(console(160), [key("scene"), key("engine"), key("method"), *figures(

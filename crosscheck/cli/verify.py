@@ -61,14 +61,14 @@ def verify(
     from crosscheck.judge import overrides
     from crosscheck.report import folder, schema
     from crosscheck.verification import job
-    from crosscheck.verification.guarded import limits
+    from crosscheck.verification.job import limits_of
 
     if jobs < 1:
         raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
     own = overrides.read(tolerance_file, tol or ())
     folder.check_out(out)
     scene = scene_files(scene, drop, keyframe)
-    within = limits(time_limit, memory_limit)
+    within = limits_of(time_limit, memory_limit)
     asked = Asked(coordinate_map=coordinate_map, step=step, duration=duration)
     identity = job.fingerprint(profile, scene, engine, dataclasses.astuple(within), own, method, asked.words)
     job.check_methods(method, job.select_engines(engine))

@@ -15,9 +15,9 @@ from crosscheck.references import TruthError, truth
 from crosscheck.running.attempt import Ran, Refused, attempt
 from crosscheck.scene.file import load_scene, scene_names
 from crosscheck.scene.model import Scene
-from crosscheck.verification.budget import plan_within
 from crosscheck.verification.cell import judge_run, settled
 from crosscheck.verification.order_study import order_study
+from crosscheck.verification.scene_truth import plan_within
 from crosscheck.verification.task import Cell, windowed
 
 MOST_SECONDS = 20.0

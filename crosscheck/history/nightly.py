@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import datetime
 import os
 import re
 import secrets
 import shlex
 import shutil
+import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,16 +25,21 @@ from crosscheck.document import AS_PLANNED, Asked, Change, Document
 from crosscheck.errors import ArgumentError
 from crosscheck.history import store
 from crosscheck.history.changes import compare
+from crosscheck.history.store import StoredRun
 from crosscheck.history.store.figures import SPEED
-from crosscheck.history.summary import summary
-from crosscheck.jobs.stages import Stages
+from crosscheck.jobs.drive import Stages
 from crosscheck.jobs.table import Session, Table
+from crosscheck.judge.plan import profile
 from crosscheck.report import sites
+from crosscheck.report.headline import headline, sentence
+from crosscheck.report.overview import worst_first
+from crosscheck.verification import job
+from crosscheck.verification.speed import measure_speed
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
-    from crosscheck.jobs.grid import Limits
+    from crosscheck.jobs.drive import Limits
     from crosscheck.verification.job import Progress
 
 NAME = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ-[0-9a-f]{4}")
@@ -112,8 +119,6 @@ def nightly(out: Path, wanted: Wanted, where: str | Path | None = None, keep: in
 
 
 def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress: Progress | None) -> Night:
-    from crosscheck.verification import job
-
     for leftover in [*out.glob(f"{ASIDE}*"), *out.glob(f".{LATEST}-*"), *filter(_old, out.iterdir())]:
         _discard(leftover)
     ask = job.fingerprint(wanted.profile, wanted.scenes, wanted.engines, wanted.command, str(out))
@@ -203,10 +208,6 @@ def _cell_of(change: Change) -> tuple[str, str, bool]:
 
 def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], name: str, session: Session,
                     limits: Limits | None) -> Document:
-    from crosscheck.judge.plan import profile
-    from crosscheck.verification import job
-    from crosscheck.verification.speed import measure_speed
-
     cells = {(scene, label) for scene, label, _ in doubtful}
     # A change of a whole engine has no scene.
     chosen = [index for index, record in enumerate(results.records)
@@ -274,3 +275,73 @@ def _sync(path: Path) -> None:
         os.close(descriptor)
 
 
+MOST_LINES = 12
+"""Most changes and failures that are listed. The report has all."""
+
+LONGEST = 160
+"""Most characters of an engine's error message."""
+
+VERDICTS = {0: "good", 1: "look at this", 2: "NOT ALL COULD BE JUDGED"}
+"""Verdict by exit code."""
+
+
+def summary(document: Document, name: str, before: StoredRun | None, exit_code: int, page: Path) -> str:
+    """The summary in about twenty lines. The first line is the `headline`."""
+    meta, changes = document.meta, document.changes or []
+    findings = [change for change in changes if change.bad]
+    notes = [change for change in changes if not change.bad]
+    length = datetime.timedelta(seconds=round(meta.seconds))
+    lines = [f"crosscheck nightly {meta.time}: {VERDICTS[exit_code]}. {headline(document)}.",
+             f"{_count(len(document.records), 'run')} of {_count(len(document.scenes), 'scene')} on "
+             + ", ".join(f"{engine} {version}" for engine, version in meta.engines.items())
+             + f"; {length} on {meta.machine.cores} cores; commit {meta.commit or 'unknown'}",
+             "first run, nothing to compare with" if before is None else
+             f"compared with {before.name} (commit {before.environment.commit or 'unknown'})"]
+    lines += _listed("Findings", grouped(findings)) + _listed("Worth knowing", grouped(notes))
+    lines += _listed("Failed", _failures(document))
+    return "\n".join([*lines, "", f"run {name}, report {page}", ""])
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number or 'no'} {word}{'' if number == 1 else 's'}"
+
+
+def _listed(title: str, lines: list[str]) -> list[str]:
+    if not lines:
+        return []
+    more = [f"- and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []
+    return ["", f"{title}:", *(f"- {line}" for line in lines[:MOST_LINES]), *more]
+
+
+def grouped(changes: Sequence[Change]) -> list[str]:
+    """One line per kind, engine and method with its scenes. Methods with the same text share a line."""
+    groups: dict[tuple[str, str, str], list[Change]] = {}
+    for change in changes:
+        groups.setdefault((change.kind, change.engine, change.method), []).append(change)
+    alike: dict[tuple[str, str, str], list[str]] = {}
+    for (kind, engine, method), each in groups.items():
+        scenes = list(dict.fromkeys(change.scene for change in each if change.scene))
+        where = scenes[0] if len(scenes) == 1 else f"{len(scenes)} scenes, for one {scenes[0]}" if scenes else ""
+        text = f"{' on ' if where else ''}{where}: {each[0].text}"
+        alike.setdefault((kind, engine, text.replace(method, "…") if method else text), []).append(method)
+    lines = []
+    for (kind, engine, text), methods in alike.items():
+        several = f", {len(methods)} methods, for one" if len(methods) > 1 else ""
+        who = f"{engine}{several} {methods[0]}".strip()
+        lines.append(f"{kind}{': ' if who else ''}{who}{text.replace('…', methods[0])}")
+    return lines
+
+
+def _failures(document: Document) -> list[str]:
+    """One line per scene with missing or disputed truth, then one per engine and kind of failure, new ones first."""
+    broken = [f"{scene.name}: {scene.failure or scene.no_truth}" for scene in document.scenes
+              if scene.failure or scene.disputed]
+    lost = {scene.name for scene in document.scenes if scene.failure}
+    records = [record for record in document.records if record.outcome in ("fail", "error")
+               and record.scene not in lost]
+    for group in worst_first(records, document.changes):
+        worst = group.runs[0][0]
+        several = f"{group.why}, {len(group.runs)} runs on {_count(group.scenes, 'scene')}, worst "
+        broken.append(f"{group.engine}: {several if len(group.runs) > 1 else ''}"
+                      f"{worst.label} on {worst.scene}, {textwrap.shorten(sentence(worst), LONGEST)}")
+    return broken

@@ -14,7 +14,7 @@ import os
 import platform
 import time
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +101,10 @@ class Table:
             raise
         found.end()
 
+    def missing(self, stage: str, keys: Sequence[str]) -> set[str]:
+        """Those of many keys that no session has a result for."""
+        return _missing(self.engine, stage, keys)
+
     def close(self) -> None:
         """Close all connections."""
         self.engine.dispose()
@@ -125,15 +129,14 @@ class Session:
         self._engine, self._types, self.fresh = engine, types, fresh
         self._opened = time.perf_counter()
         self._spent: float  # s, before this process
+        self._measured: int  # session of the samples of many keys, see `missing`
         self.reused, self.written = 0, 0  # rows of other sessions that this process has read, and its own
         self.since: str | None = None  # UTC, when the oldest of the reused rows was computed
         machine = platform.node()
-        own = SESSIONS.c.ask == ask, SESSIONS.c.machine == machine
+        self._own = SESSIONS.c.ask == ask, SESSIONS.c.machine == machine
         with engine.execution_options(writes=True).begin() as connection:
-            last = connection.execute(sql.select(SESSIONS).where(*own).order_by(SESSIONS.c.id.desc()).limit(1)
+            last = connection.execute(sql.select(SESSIONS).where(*self._own).order_by(SESSIONS.c.id.desc()).limit(1)
                                       .with_for_update()).first()  # so that of two commands one continues it
-            self._before = connection.execute(sql.select(sql.func.max(SESSIONS.c.id)).where(
-                *own, SESSIONS.c.ended.is_not(None))).scalar()
             self.continued = last is not None and last.ended is None and not _alive(last.process)
             if last is not None and self.continued:
                 self._id, self._spent, self.started = last.id, last.seconds, last.started
@@ -157,20 +160,50 @@ class Session:
         """The result of a task, or None if it has to be computed. `ever`: of any session, even if this one is fresh."""
         return self._found(stage, key, self._id if self.fresh and not ever else None)
 
+    def missing(self, stage: str, keys: Sequence[str], samples: bool = False) -> set[str]:
+        """Those of many keys whose results have to be computed.
+
+        With `samples`, what another session measured does not count, unless it was asked for the same, has everything,
+        and this one has measured nothing.
+        """
+        if not samples:
+            return _missing(self._engine, stage, keys, self._id if self.fresh else None)
+        lacking = _missing(self._engine, stage, keys, self._id)
+        self._measured = self._id
+        if len(lacking) == len(keys) and not self.fresh:
+            with self._engine.connect() as connection:
+                before = connection.execute(sql.select(sql.func.max(ROWS.c.session)).join(SESSIONS).where(
+                    *self._own, SESSIONS.c.ended.is_not(None))).scalar()
+            if before is not None and not _missing(self._engine, stage, keys, before):
+                self._measured = before
+                return set()
+        return lacking
+
+    def read(self, stage: str, keys: Sequence[str], samples: bool = False) -> dict[str, Any]:
+        """The newest results of many keys, of this session first; with `samples`, those of the last `missing`."""
+        wanted = sql.select(ROWS).where(ROWS.c.stage == stage).order_by(ROWS.c.session == self._id, ROWS.c.session)
+        if samples:
+            wanted = wanted.where(ROWS.c.session == self._measured)
+        with self._engine.connect() as connection:
+            return {row.key: self._typed(stage, row.result) for some in _chunks(keys)
+                    for row in connection.execute(wanted.where(ROWS.c.key.in_(some)))}
+
     def sample(self, stage: str, key: str) -> Any:
         """What this session measured before it was killed.
 
         If it has computed nothing, it asks for what was there already, and gets what was measured then.
         """
         found = self._found(stage, key, self._id)
-        if found is None and not self.written and not self.fresh and self._before is not None:
-            found = self._found(stage, key, self._before)
+        if found is None and not self.written and not self.fresh:
+            found = self._found(stage, key, None, before=True)
         return found
 
-    def _found(self, stage: str, key: str, session: int | None) -> Any:
+    def _found(self, stage: str, key: str, session: int | None, before: bool = False) -> Any:
         wanted = sql.select(ROWS).where(ROWS.c.key == key, ROWS.c.stage == stage)
         if session is not None:
             wanted = wanted.where(ROWS.c.session == session)
+        if before:  # of ended sessions of the same ask
+            wanted = wanted.join(SESSIONS).where(*self._own, SESSIONS.c.ended.is_not(None))
         with self._engine.connect() as connection:
             row = connection.execute(wanted.order_by(ROWS.c.session.desc())).first()
         if row is None:
@@ -182,15 +215,20 @@ class Session:
 
     def put(self, stage: str, key: str, result: Any) -> Any:
         """Write a result and return it as `get` returns it, so that a continued command sees the same values."""
-        content = zlib.compress(msgspec.msgpack.encode(result, enc_hook=scalar), 1)
-        own = ROWS.c.key == key, ROWS.c.session == self._id
+        return self._typed(stage, self.put_all(stage, {key: result})[0])
+
+    def put_all(self, stage: str, results: Mapping[str, Any]) -> list[bytes]:
+        """Write results by their keys in one transaction, and return their contents."""
+        contents = [zlib.compress(msgspec.msgpack.encode(result, enc_hook=scalar), 1) for result in results.values()]
+        rows = [{"key": key, "session": self._id, "stage": stage, "result": content, "size": len(content),
+                 "written": _now()} for key, content in zip(results, contents, strict=True)]
         with self._engine.execution_options(writes=True).begin() as connection:
-            connection.execute(sql.delete(ROWS).where(*own))
-            connection.execute(sql.insert(ROWS).values(key=key, session=self._id, stage=stage, result=content,
-                                                       size=len(content), written=_now()))
+            for some in _chunks(list(results)):
+                connection.execute(sql.delete(ROWS).where(ROWS.c.session == self._id, ROWS.c.key.in_(some)))
+            connection.execute(sql.insert(ROWS), rows)
             connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == self._id).values(seconds=self.seconds))
-        self.written += 1
-        return self._typed(stage, content)
+        self.written += len(rows)
+        return contents
 
     @property
     def token(self) -> str:
@@ -227,6 +265,21 @@ def _fast(connection: Any, _: Any) -> None:
     """Use a write-ahead log, where the disk can: readers never wait, and a write is one append."""
     if connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] == "wal":
         connection.execute("PRAGMA synchronous = NORMAL")  # a kill loses nothing, a power cut the last rows
+
+
+def _missing(engine: sql.Engine, stage: str, keys: Sequence[str], session: int | None = None) -> set[str]:
+    """Those of many keys without a row, or without a row of this session."""
+    wanted = sql.select(ROWS.c.key).where(ROWS.c.stage == stage)
+    if session is not None:
+        wanted = wanted.where(ROWS.c.session == session)
+    with engine.connect() as connection:
+        return set(keys) - {key for some in _chunks(keys) for key in connection.execute(
+            wanted.where(ROWS.c.key.in_(some))).scalars()}
+
+
+def _chunks(keys: Sequence[str]) -> Iterator[Sequence[str]]:
+    """Groups of keys, each few enough for one statement."""
+    return (keys[start:start + 500] for start in range(0, len(keys), 500))
 
 
 def _now() -> str:

@@ -15,7 +15,11 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.adapters.common.links import IDENTITY
-from crosscheck.jobs.grid import Crash, Limits, run_tasks
+from crosscheck.jobs.drive import Crash, Limits, run_tasks
+from crosscheck.running.provenance import NOT_INSTALLED, engine_version
+from crosscheck.scene import assembly
+from crosscheck.scene.checks import Draft
+from crosscheck.scene.file import load_scene
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene, rotation_from_quaternion
 
@@ -64,8 +68,6 @@ def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None
     Engines that are not installed have no entries. The user's own engines are asked in a worker process. If one fails
     there, its entry has the failure as its reason.
     """
-    from crosscheck.running.provenance import NOT_INSTALLED, engine_version
-
     tasks = [(scene, name) for scene in scenes for name in names if engine_version(name) != NOT_INSTALLED]
     risky = [task for task in tasks if adapters.is_own(task[1])]
     told = dict(zip(risky, run_tasks(_of_scene, risky, 1, limits=within), strict=True))
@@ -77,8 +79,6 @@ def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None
 
 
 def _of_scene(task: tuple[str, str]) -> list[Support]:
-    from crosscheck.scene.file import load_scene
-
     name, engine = task
     adapter, minimal = adapters.get(engine), Minimal("scene", name, load_scene(name))
     return [dataclasses.replace(_support(adapter, form, minimal), engine=engine) for form in adapter.forms or (None,)]
@@ -166,9 +166,6 @@ def _closed(joints: list[Joint], forces: list[Force] | None = None, count: int |
 
 
 def _assembled(scene: Scene) -> Scene:
-    from crosscheck.scene import assembly
-    from crosscheck.scene.checks import Draft
-
     given = (True,) * scene.n
     return assembly.completed(Draft(scene, given, given, assemble=True))
 

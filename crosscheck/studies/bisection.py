@@ -14,8 +14,15 @@ import time
 
 import numpy as np
 
+from crosscheck import adapters, references
+from crosscheck.adapters.base import RunSpec
 from crosscheck.errors import ArgumentError, Unsupported
+from crosscheck.judge import tolerances
+from crosscheck.judge.metrics import attitude_angle
+from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference
+from crosscheck.running.attempt import Failed, Refused, attempt, lasting
+from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 
 USABLE = 0.1
@@ -68,8 +75,6 @@ class Task:
 
     def scene_asked(self) -> Scene:
         """The scene with the wanted duration."""
-        from crosscheck.scene.file import load_scene
-
         scene = load_scene(self.scene)
         return scene.replace(duration=self.duration or scene.duration)
 
@@ -101,8 +106,6 @@ class Row:
 
 def target(scene: Scene, truth: Reference) -> Target:
     """The true state at the last sample of a scene that is not past the horizon of its truth."""
-    from crosscheck.judge import tolerances
-
     last = int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1
     if last < 1:
         raise ArgumentError(f"scene {scene.name!r}: chaotic from its first sample on; give it more samples")
@@ -118,8 +121,6 @@ def tried(goal: Target, engine: str, method: str, steps: int) -> Attempt:
 
     Raises `Unsupported` if the engine cannot run the scene with this method.
     """
-    from crosscheck.running.attempt import Failed, Refused, attempt, lasting
-
     began = time.perf_counter()
     outcome = lasting(attempt(goal.scene, engine, method, goal.scene.duration / steps, monitor=False,
                       coordinate_map=goal.coordinate_map))
@@ -136,8 +137,6 @@ def tried(goal: Target, engine: str, method: str, steps: int) -> Attempt:
 
 def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
     """Largest position error over `moved`, or attitude error (rad) where positions do not depend on attitudes."""
-    from crosscheck.judge.metrics import attitude_angle
-
     found = float(np.linalg.norm(x - goal.x, axis=-1).max()) / goal.moved
     if goal.attitudes:
         found = max(found, float(attitude_angle(R, goal.R).max()))
@@ -180,15 +179,10 @@ class Search:
 
 def search(task: Task) -> Row:
     """The row of one task, also if the scene is not supported or no step is usable within the time limit."""
-    from crosscheck import adapters
-    from crosscheck.adapters.base import RunSpec
-    from crosscheck.judge.plan import natural_time
-    from crosscheck.references import truth
-
     scene = task.scene_asked()
     row = Row(scene.name, task.engine, task.method)
     common = max(1, math.ceil(scene.duration / (task.step or natural_time(scene) / COMMON)))
-    goal = dataclasses.replace(target(scene, truth(scene)), coordinate_map=task.coordinate_map)
+    goal = dataclasses.replace(target(scene, references.truth(scene)), coordinate_map=task.coordinate_map)
     common = max(1, round(common * goal.scene.duration / scene.duration))
     adapter = adapters.get(task.engine)
     reason = adapter.unsupported(goal.scene, RunSpec(task.method, step=goal.scene.duration / common,

@@ -14,11 +14,13 @@ import dataclasses
 import msgspec
 import numpy as np
 
+from crosscheck.references import taylor
+from crosscheck.references import truth as reference
+from crosscheck.scene.mechanics import kinetic_energy, momentum_vertical
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 from crosscheck.studies.long_runs import LongRun, begun, long_run, long_ways, run_all
-from crosscheck.studies.results_folder import StudyDocument, StudyMeta
-from crosscheck.studies.study import Ask, Work
+from crosscheck.studies.study import Ask, StudyDocument, StudyMeta, Work
 
 FALSE_ALARM = 0.01
 """Probability that a study finds a difference although there is none."""
@@ -68,8 +70,6 @@ class ChaosAsk(Ask):
 
 def observables(scene: Scene, states: States) -> dict[str, np.ndarray]:
     """Series (T,) by name: total kinetic energy (J) and the height (m) of every body."""
-    from crosscheck.scene.mechanics import kinetic_energy
-
     up = -scene.gravity / np.linalg.norm(scene.gravity)
     heights = {f"height of {body.name}": states.x[:, k] @ up for k, body in enumerate(scene.bodies)}
     return {"kinetic energy": kinetic_energy(scene, states), **heights}
@@ -77,8 +77,6 @@ def observables(scene: Scene, states: States) -> dict[str, np.ndarray]:
 
 def momentum_error(scene: Scene, states: States) -> float:
     """Largest change of the angular momentum about the vertical, over the sum of the sizes of its terms."""
-    from crosscheck.scene.mechanics import momentum_vertical
-
     momentum = momentum_vertical(scene, states)
     orbital = scene.masses * np.linalg.norm(np.cross(states.x, states.v), axis=-1)
     spin = np.linalg.norm(np.einsum("njk,tnk->tnj", scene.inertias, states.w), axis=-1)
@@ -134,8 +132,6 @@ def long_scene(scene: Scene, duration: float) -> Scene:
 
 def laws(long: Scene) -> dict[str, Law]:
     """The laws of a scene's observables from `RUNS` reference runs. Each run begins where the one before ends."""
-    from crosscheck.references import taylor
-
     each = long.samples - 1
     all_runs = long.replace(duration=RUNS * long.duration, samples=RUNS * each + 1)
     integrator = taylor.Taylor(all_runs)
@@ -145,8 +141,6 @@ def laws(long: Scene) -> dict[str, Law]:
 
 def compared(row: Comparison, long: Scene, truth: dict[str, Law], time_limit: float) -> Comparison:
     """Make the run of a row, compare it with the reference, and return the row with the results."""
-    from crosscheck.scene.mechanics import kinetic_energy
-
     traj = long_run(row, long, time_limit)
     states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     error = float(np.abs(traj.energy - traj.energy[0]).max() / kinetic_energy(long, states).max())
@@ -166,8 +160,6 @@ class ChaosStudy:
 
     def measure(self, work: Work[ChaosAsk, Comparison]) -> None:
         """Measure scene by scene. Raises `TruthError` if the reference cannot integrate a scene."""
-        from crosscheck.references import truth as reference
-
         ask = work.ask
         cells = [(scene, long_ways(scene, work.engines, ask)) for scene in work.scenes]
         comparisons = sum(len(selected) * (1 + scene.n) for scene, selected in cells)

@@ -13,10 +13,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from crosscheck.scene.mechanics import kinetic_energy
 from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 from crosscheck.studies.long_runs import LongRun, begun, long_run, long_ways, run_all
-from crosscheck.studies.results_folder import StudyDocument, StudyMeta
-from crosscheck.studies.study import Ask, Work
+from crosscheck.studies.study import Ask, StudyDocument, StudyMeta, Work
 
 TREND = 0.05
 """Largest share of the band that slope times duration may have in an error without trend."""
@@ -93,9 +94,6 @@ def judge(t: np.ndarray, errors: np.ndarray, steps: int) -> tuple[float, float, 
 
 def with_figures(drift: Drift, traj: Any) -> Drift:
     """The row of a finished run with the values from its samples."""
-    from crosscheck.scene.mechanics import kinetic_energy
-    from crosscheck.scene.states import States
-
     states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     kinetic = float(kinetic_energy(traj.scene, states).max())
     energy = judge(traj.t, (traj.energy - traj.energy[0]) / (kinetic or 1.0), drift.steps)

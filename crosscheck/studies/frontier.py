@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from crosscheck.studies.rung import Rung
+    from crosscheck.studies.work_precision import Rung
 
 LEVELS = tuple(10.0**-power for power in range(2, 12))
 """The errors at which costs are compared."""

@@ -9,6 +9,7 @@ import msgspec
 
 from crosscheck.document import Part
 from crosscheck.errors import ArgumentError, CrosscheckError, said
+from crosscheck.running.run import run
 from crosscheck.scene.model import Scene
 from crosscheck.studies.study import Ask, Work
 from crosscheck.verification.ladder import Way, ways
@@ -82,8 +83,6 @@ def run_all(work: Work[Any, Row], rows: Sequence[Row], before: Sequence[Row],
 
 def long_run(row: LongRun, scene: Scene, time_limit: float) -> Any:
     """The trajectory of a row. Raises `TooLong` if a short run predicts more than `time_limit` (s) of stepping."""
-    from crosscheck.running.run import run
-
     def over(scene: Scene) -> Any:
         return run(scene, row.engine, row.method, step=row.step, form=row.form, coordinate_map=row.coordinate_map,
                    monitor=False)

@@ -13,14 +13,15 @@ from typing import Any
 import msgspec
 
 from crosscheck import adapters as all_engines
+from crosscheck import references
 from crosscheck.document import Part
-from crosscheck.jobs.grid import Crash, Limits, run_tasks
+from crosscheck.jobs.drive import Crash, Limits, run_tasks
 from crosscheck.jobs.table import Session, Table, digest
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.running import provenance
+from crosscheck.scene.file import load_scene, scene_names
 from crosscheck.studies.bisection import COMMON, USABLE, Row, Task, search
-from crosscheck.studies.results_folder import StudyDocument, StudyMeta
-from crosscheck.studies.study import Ask, Progress, Work
+from crosscheck.studies.study import Ask, Progress, StudyDocument, StudyMeta, Work
 
 TAG = "hard"
 ALSO = ("single_pendulum", "double_pendulum", "heavy_top")
@@ -115,8 +116,6 @@ class Stability:
 
     def measure(self, work: Work[StabilityAsk, Row]) -> None:
         """Measure in worker processes."""
-        from crosscheck.scene.file import load_scene
-
         ask = work.ask
         ways = [Task(scene, engine, method, ask.time_limit, chart, ask.step, ask.duration)
                 for scene in ask.scenes or self.scenes() for engine in work.engines
@@ -176,8 +175,6 @@ def _search_all(ways: list[Task], keys: dict[str, str], ask: StabilityAsk, sessi
 
 
 def _failed(way: Task, reason: str) -> Row:
-    from crosscheck.scene.file import load_scene
-
     return Row(load_scene(way.scene).name, way.engine, way.method, "failed", reason=reason)
 
 
@@ -199,15 +196,11 @@ def _without_truth(ways: list[Task], jobs: int, progress: Progress) -> dict[str,
 
 def prepare(way: Task) -> None:
     """Put the truth of a way's scene into the cache. Raises the errors of `crosscheck.truth`."""
-    from crosscheck.references import truth
-
-    truth(way.scene_asked())
+    references.truth(way.scene_asked())
 
 
 def hard_scenes() -> tuple[str, ...]:
     """Names of the built-in scenes with the tag "hard"."""
-    from crosscheck.scene.file import load_scene, scene_names
-
     return tuple(name for name in scene_names() if TAG in load_scene(name).tags)
 
 

@@ -5,7 +5,10 @@ A study is a file with a class that has the interface `Study`, and a template fo
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import io
+import json
 import shlex
 import time
 from collections.abc import Callable, Sequence
@@ -14,10 +17,72 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import msgspec
 
-from crosscheck.errors import ArgumentError
+from crosscheck import adapters
+from crosscheck.adapters import has_own_environment
+from crosscheck.adapters import methods as methods_of
+from crosscheck.document import Origin, Part
+from crosscheck.errors import ArgumentError, unknown
+from crosscheck.files import cell, plain, put
+from crosscheck.running import provenance, versions
+from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
-from crosscheck.studies import results_folder
-from crosscheck.studies.results_folder import StudyDocument, StudyMeta
+
+
+class StudyMeta(Origin, frozen=True, kw_only=True, omit_defaults=True):
+    """What the results of a study were made with."""
+
+    command: str
+    seconds: float  # total time of all its sessions
+    time_limit: float  # s of stepping of one run
+    repeats: int | None = None  # number of rounds, of which the medians are taken
+    jobs: int | None = None  # number of worker processes
+
+
+class StudyDocument(Part, frozen=True, kw_only=True):
+    """The content of a study's JSON file. The page shows nothing else."""
+
+    study: str
+    meta: StudyMeta
+
+
+def check(out: Path, study: str) -> None:
+    """Create the folder. Raises `ArgumentError` unless it is new, empty, or holds an earlier run of this study.
+
+    Parameters
+    ----------
+    out : the folder
+    study : name of the study and of its files
+    """
+    try:
+        if out.is_dir() and not (out / f"{study}.json").is_file() and any(
+                not path.name.startswith(f".{study}-") for path in out.iterdir()):
+            raise ArgumentError(f"--out {out}: this folder holds something else than a study {study}; choose an empty "
+                                "folder or one that does not exist yet")
+        out.mkdir(parents=True, exist_ok=True)
+        put(out / ".writable", "")
+        (out / ".writable").unlink()
+    except OSError as error:
+        raise ArgumentError(f"--out {out}: {error.strerror or error}; choose another folder") from None
+
+
+def write_folder(out: Path, document: StudyDocument, rows: Sequence[object]) -> None:
+    """Write <study>.json, <study>.csv with the rows, and index.html with the files that it needs.
+
+    Numbers that are not finite become null in JSON and empty in CSV. Lists in a row are left out of the CSV file.
+    """
+    from crosscheck.report.standalone import write_page
+
+    study, content = document.study, plain(document)
+    put(out / f"{study}.json", json.dumps(content, indent=1, allow_nan=False))
+    text = io.StringIO()
+    table = [{key: cell(value) for key, value in row.items() if not isinstance(value, list)} for row in plain(rows)]
+    if table:
+        writer = csv.DictWriter(text, list(table[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table)
+    put(out / f"{study}.csv", text.getvalue())
+    write_page(out, f"{study}.html.j2", document=content, meta=content["meta"])
+
 
 Progress = Callable[[int, int | None, str], Any]
 """Called with the number of finished pieces of work, the number of all or None, and the name of the current one."""
@@ -98,15 +163,11 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
 
     Raises `ArgumentError` for wrong names, or a folder that must not be replaced.
     """
-    from crosscheck import adapters
-    from crosscheck.running import provenance, versions
-    from crosscheck.scene.file import load_scene
-
     versions.need(ask.engines or ())
     engines = ask.engines or adapters.names()
     check_names(engines, ask.methods)
     scenes = [load_scene(name) for name in ask.scenes or study.scenes()]
-    results_folder.check(out, study.name)
+    check(out, study.name)
     meta = msgspec.convert(provenance.describe(engines) | {
         "command": ask.command(study.name), "seconds": 0.0, "time_limit": ask.time_limit}, StudyMeta)
     began = time.perf_counter()
@@ -115,7 +176,7 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
     def write() -> None:
         nonlocal stale, due
         start = time.perf_counter()
-        results_folder.write(out, document, study.rows(document))
+        write_folder(out, document, study.rows(document))
         end = time.perf_counter()
         stale, due = False, end + (end - start) / SHARE
 
@@ -137,10 +198,6 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
 
 def check_names(engines: Sequence[str], methods: Sequence[str] | None) -> None:
     """Raise `ArgumentError` for an engine in its own environment, or a method that none of the engines has."""
-    from crosscheck.adapters import has_own_environment
-    from crosscheck.adapters import methods as methods_of
-    from crosscheck.errors import unknown
-
     known: list[str] = []
     for name in engines:
         if has_own_environment(name):

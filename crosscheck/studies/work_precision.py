@@ -10,23 +10,72 @@ import contextlib
 import dataclasses
 import math
 import statistics
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 from msgspec.structs import replace
 
 from crosscheck.document import Part
 from crosscheck.errors import CrosscheckError, Unsupported, said
+from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference, TruthError
+from crosscheck.running.run import run
 from crosscheck.scene.model import Scene
 from crosscheck.studies import frontier
-from crosscheck.studies.bound import TOLERANCES, Bound
-from crosscheck.studies.results_folder import StudyDocument, StudyMeta
-from crosscheck.studies.rung import Rung, errors_into
-from crosscheck.studies.study import Ask, Progress, Work
-from crosscheck.verification.ladder import INTERVALS, Way, ladder, reference, ways
+from crosscheck.studies.frontier import BOUND
+from crosscheck.studies.study import Ask, Progress, StudyDocument, StudyMeta, Work
+from crosscheck.verification.ladder import INTERVALS, Way, ladder, reference, thinned, ways
 from crosscheck.verification.speed import spread, undisturbed
+
+
+@dataclasses.dataclass
+class Rung:
+    """One run of a way. Errors are in m and rad, the largest over the bodies. Times are of stepping alone.
+
+    `setup_ms` is the other time of a run: building the engine's model and converting its two samples.
+    """
+
+    scene: str
+    engine: str
+    method: str
+    form: str | None
+    label: str
+    step: float | None  # s
+    rtol: float | None
+    status: str = "success"  # or "error", "skipped"
+    reason: str = ""
+    coordinate_map: str | None = None
+    steps: int | None = None
+    rejected_steps: int | None = None
+    force_evaluations: int | None = None  # if the engine counts them
+    end_position: float | None = None
+    end_attitude: float | None = None
+    max_position: float | None = None  # over the samples that lie on steps
+    max_attitude: float | None = None
+    samples: int | None = None  # number of the samples for max_position and max_attitude
+    wall_ms: float | None = None  # median over the repeats
+    wall_deviation_ms: float | None = None  # median absolute deviation of the repeats
+    setup_ms: float | None = None
+    repeats: int = 0
+
+    @classmethod
+    def of(cls, scene: Scene, way: Way, value: float | None, status: str = "success", reason: str = "") -> Rung:
+        """The rung of a way at `value`: a step (s), or a tolerance if the way is adaptive."""
+        return cls(scene.name, way.engine, way.method, way.form, way.label, None if way.adaptive else value,
+                   value if way.adaptive else None, status, reason, way.coordinate_map)
+
+
+def errors_into(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> None:
+    """Fill in the errors of a run with `intervals` + 1 equally spaced samples. Truth may have more samples."""
+    found = errors(scene, run, thinned(truth.states, intervals))
+    rung.samples = intervals + 1
+    for quantity in ("position", "attitude"):
+        setattr(rung, f"end_{quantity}", found[quantity].end)
+        setattr(rung, f"max_{quantity}", found[quantity].max)
+
 
 FRONTIERS = {"end position": ("end_position", "m"), "end attitude": ("end_attitude", "rad"),
              "largest position": ("max_position", "m"), "largest attitude": ("max_attitude", "rad")}
@@ -141,8 +190,6 @@ def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> f
 
 
 def _run(scene: Scene, rung: Rung, samples: int) -> Any:
-    from crosscheck.running.run import run
-
     return run(scene, rung.engine, rung.method, step=rung.step, rtol=rung.rtol, form=rung.form, samples=samples,
                monitor=False, coordinate_map=rung.coordinate_map)
 
@@ -257,3 +304,55 @@ class WorkPrecision:
     def rows(self, document: WorkPrecisionDocument) -> list[Rung]:
         """A line a rung."""
         return [rung for scene in document.scenes for rung in scene.rungs]
+
+
+TOLERANCES = (1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
+"""Each tolerance has its own order of the series, and takes seconds to compile."""
+
+LARGEST_UNROLLED = 14
+"""Up to this number of states the series is compiled as code without loops. It is two to four times as fast, but takes
+minutes to compile for larger systems."""
+
+
+class Bound:
+    """Taylor integrators of one scene, one for each tolerance."""
+
+    def __init__(self, scene: Scene, truth: Reference) -> None:
+        from crosscheck.references.taylor import Taylor
+
+        self._scene, self._truth = scene, truth
+        self._series = Taylor(scene)
+        self._integrators: dict[float | None, Any] = {}
+
+    def rung(self, rtol: float) -> Rung:
+        """The run at a tolerance, with its errors; compiles the series."""
+        rung = Rung(self._scene.name, BOUND, "taylor", None, "bound: heyoka", None, rtol)
+        try:
+            unrolled = len(self._series.initial) <= LARGEST_UNROLLED
+            integrator = self._series.integrator(rtol, compact_mode=not unrolled, high_accuracy=False)
+            self._integrators[rtol] = integrator
+            integrator.time = 0.0
+            integrator.state[:] = self._series.initial
+            states = integrator.propagate_grid(self._scene.t)[-1]
+            # At loose tolerances quaternions do not have unit length, which is not an error of the attitude.
+            errors_into(rung, self._scene, self._series.states(self._series.normalised(states)), self._truth,
+                        self._scene.samples - 1)
+        except Exception as error:  # heyoka and LLVM raise several kinds; each is a row of the study
+            rung.status, rung.reason = "error", said(error)
+        return rung
+
+    def timer(self, rung: Rung) -> Callable[[], float]:
+        """A function that runs the rung and returns its stepping time, s."""
+        integrator = self._integrators[rung.rtol]
+        initial, end = np.array(self._series.initial), self._scene.duration
+
+        def once() -> float:
+            integrator.time = 0.0
+            integrator.state[:] = initial
+            start = time.perf_counter()
+            steps = integrator.propagate_until(end)[3]
+            wall = time.perf_counter() - start
+            rung.steps = int(steps)
+            return wall
+
+        return once

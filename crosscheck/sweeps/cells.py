@@ -12,11 +12,14 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from crosscheck import references
 from crosscheck.document import Part
 from crosscheck.errors import Unsupported, said
 from crosscheck.jobs.workers import output
+from crosscheck.judge.metrics import errors
 from crosscheck.references.base import TruthError
 from crosscheck.running import versions
+from crosscheck.running.attempt import Failed, Refused, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 from crosscheck.sweeps.plan import Way
@@ -158,8 +161,6 @@ class _Structure:
 
 def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
     """The states of the truth and "", or None and why there is no truth."""
-    from crosscheck import references
-
     try:
         try:
             compiled = _compiled(_Structure(member.structure))
@@ -177,9 +178,6 @@ def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
 
 def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: bool) -> Row:
     """The row of a cell with its values. If there is none, the row has its status and message instead."""
-    from crosscheck.judge.metrics import errors
-    from crosscheck.running.attempt import Failed, Refused, attempt
-
     outcome = attempt(member.scene, way.engine, way.method, way.step, way.rtol, **dict(way.options))
     if isinstance(outcome, Refused):
         return replace(row, status="unsupported", message=outcome.why)

@@ -1,12 +1,18 @@
-"""`crosscheck.sweep`: many runs, whose results are stored at once and never computed twice."""
+"""`crosscheck.sweep`: many runs, whose results are rows of the table and never computed twice.
+
+A folder of results gets them as Parquet in `parts` at the end. What is there already, from an earlier sweep, another
+machine or a release that streamed its results there, is put into the table first.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 import hashlib
+import itertools
 import json
 import os
+import shlex
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -18,18 +24,27 @@ import numpy as np
 
 from crosscheck.document import Origin
 from crosscheck.errors import ArgumentError, CrosscheckError, missing
-from crosscheck.files import plain, put
-from crosscheck.jobs.workers.process import Crash
+from crosscheck.files import plain, put, replacing
+from crosscheck.jobs.drive import Crash, Limits, Place, drive
+from crosscheck.jobs.table import Session, Table, digest
 from crosscheck.running import cluster, provenance, versions
+from crosscheck.running.run import run
 from crosscheck.scene.model import Scene
-from crosscheck.sweeps import cells, execution, members, plan, summary
-from crosscheck.sweeps.parts import COLUMNS, Parts
+from crosscheck.sweeps import cells, members, plan, summary
 
 if TYPE_CHECKING:
     import pandas as pd
 
 CELLS_PER_TASK = 24
 """Cells in one task, but at least one member. If a worker is lost, so many cells must run again."""
+
+CELLS_PER_LOOK = 960
+"""Cells that are looked up in the table at once, of whole members but at least one."""
+
+LIMITS = Limits(time=3600.0, memory=4 * 2**30)
+
+STAGE = "sweep"
+COLUMNS = cells.Row.__struct_fields__
 
 CHECKED = 0.02
 """Share of the members of a start whose truth is compared with a second formulation, but at least one member."""
@@ -41,7 +56,8 @@ Progress = Callable[[int, int | None, str], Any]
 
 
 def sweep(source: Mapping[str, Any] | str | os.PathLike[str], workers: int = 2, scheduler: str | None = None,
-          out: str | os.PathLike[str] | None = None, progress: Progress | None = None) -> pd.DataFrame:
+          out: str | os.PathLike[str] | None = None, progress: Progress | None = None, fresh: bool | None = None
+          ) -> pd.DataFrame:
     """Run every scene with every engine, method, step, parameter and member. Each such run is one row, a cell.
 
     Parameters
@@ -54,8 +70,10 @@ def sweep(source: Mapping[str, Any] | str | os.PathLike[str], workers: int = 2, 
     scheduler : str, optional
         Where to run instead: "tcp://host:port" of a Dask scheduler, or "module:factory" of another executor.
     out : path, optional
-        Folder of the results. Cells that are in it already are not computed again, so that an interrupted sweep
-        continues. Default: a temporary folder.
+        Folder of the results, with the cells as Parquet in `parts`. Cells in it already are not computed again.
+    fresh : bool, optional
+        Compute again what other commands have put into the table of rows. Default: where CI is set. Times of runs are
+        measured anew in any case, unless this sweep was killed, or nothing of it has to be computed.
 
     Returns
     -------
@@ -70,16 +88,16 @@ def sweep(source: Mapping[str, Any] | str | os.PathLike[str], workers: int = 2, 
     ArgumentError, SceneError
         The request is wrong. This is checked before anything runs.
     CrosscheckError
-        The scheduler was lost, or a worker has other versions. Finished cells are kept in `out`.
+        The scheduler was lost, or a worker has other versions. Finished cells are kept in the table.
     """
     needed()
     asked = plan.read(source)
     if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= 1024:
         raise ArgumentError(f"workers: a whole number from 1 to 1024 is wanted, not {workers!r}")
-    if out is not None:
-        return _run(asked, workers, scheduler, Path(out), progress or (lambda *_: None))
-    with tempfile.TemporaryDirectory() as folder:
-        return _run(asked, workers, scheduler, Path(folder), progress or (lambda *_: None))
+    fresh = "CI" in os.environ if fresh is None else fresh
+    with contextlib.ExitStack() as stack:
+        folder = Path(out if out is not None else stack.enter_context(tempfile.TemporaryDirectory()))
+        return _run(asked, workers, scheduler, folder, progress or (lambda *_: None), fresh)
 
 
 def needed() -> None:
@@ -91,30 +109,113 @@ def needed() -> None:
         raise ArgumentError(f"a sweep keeps its results in tables: {missing(error)}") from None
 
 
-def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progress: Progress) -> pd.DataFrame:
+def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progress: Progress, fresh: bool
+         ) -> pd.DataFrame:
     engines = tuple(sorted({way.engine for way in asked.ways}))
-    place = execution.Local(workers) if scheduler is None else execution.Foreign(cluster.connect(scheduler, engines))
-    if asked.timing:
-        place.workers = 1
-    at_once = True
-    try:
-        parts = Parts(out)
-        run = _Sweep(asked, tuple(versions.of(()).items()), parts.finished(), parts, progress, place.workers)
+    own = tuple(versions.of(()).items())
+    ask = digest(STAGE, asked.source, own, [way.version for way in asked.ways], str(out.resolve()))
+    before = _exported(out)
+    with contextlib.ExitStack() as stack:
+        far = None if scheduler is None else cluster.connect(scheduler, engines)
+        stack.enter_context(contextlib.nullcontext() if far is None else contextlib.closing(far))
+        table = stack.enter_context(contextlib.closing(Table.opened()))
+        session = stack.enter_context(table.session(ask, shlex.join(["crosscheck", STAGE, "-o", str(out)]), {
+            STAGE: cells.Row}, fresh))
+        place = stack.enter_context(Place(1 if asked.timing else workers if far is None else far.workers,
+                                          None if far is None else far.executor))
+        known = _Known(session, before, asked.timing)
+        run = _Sweep(asked, own, known.missing, progress, place.workers)
         try:
-            execution.run(run.tasks(), place, run.handle)
-            at_once = False
+            for tasks in (run.tasks(), run.alone()):
+                for _, task, result in drive(cells.run, tasks, place, LIMITS, again=True):
+                    known.add(run.rows(task, result))
         except CrosscheckError as error:
-            raise type(error)(f"{error}; {run.computed} of {asked.cells} cells were computed and are kept in "
-                              f"{out}: the same command goes on from there") from None
-        finally:
-            parts.flush()
-    finally:
-        place.close(at_once)
-    report = run.report()
-    frame = _frame(parts.frame(), run.wanted, asked)
+            raise type(error)(f"{error}; {run.computed} of {asked.cells} cells were computed and are kept: the same "
+                              "command goes on from there") from None
+        report = run.report()
+        rows = _table(known.rows(run.wanted))
+    frame = _frame(rows, run.wanted, asked)
     frame.attrs["report"] = plain(report)
+    _export(out, rows, before)
     _write(out, asked, frame, report, msgspec.convert(provenance.describe(engines), Origin))
     return frame
+
+
+class _Known:
+    """The rows of a sweep: of the table and, of a folder of results, those that the table lacks."""
+
+    def __init__(self, session: Session, before: pd.DataFrame, timing: bool) -> None:
+        self._session, self._timing = session, timing
+        # Times are samples, which no other sweep takes over.
+        lasting = before[before["status"] != "crashed"].iloc[:0 if timing else None]
+        self._before = {row["cell"]: row for row in lasting.to_dict("records")}
+        self._crashed: dict[str, cells.Row] = {}  # not stored, because a busy machine may have been the cause
+
+    def missing(self, keys: list[str]) -> set[str]:
+        """Those of these cells that have to be computed."""
+        lacking = self._session.missing(STAGE, keys, self._timing)
+        own = {key: _row(self._before[key]) for key in lacking & self._before.keys()}
+        if own:
+            self._session.put_all(STAGE, own)
+        return lacking - own.keys()
+
+    def add(self, rows: list[cells.Row]) -> None:
+        """Keep the rows of a task."""
+        self._crashed |= {row.cell: row for row in rows if row.status == "crashed"}
+        if lasting := {row.cell: row for row in rows if row.status != "crashed"}:
+            self._session.put_all(STAGE, lasting)
+
+    def rows(self, keys: list[str]) -> list[cells.Row]:
+        """The rows of these cells."""
+        return list((self._session.read(STAGE, keys, self._timing) | self._crashed).values())
+
+
+def _row(exported: dict[str, Any]) -> cells.Row:
+    """A row from its line in a folder of results, where numbers that are missing are NaN."""
+    return cells.Row(**exported | {name: None if np.isnan(exported[name]) else exported[name] for name in (
+        "step", "rtol")})
+
+
+def _exported(out: Path) -> pd.DataFrame:
+    """The cells in a folder of results, which is made if it does not exist."""
+    import pandas as pd
+
+    frames = []
+    try:
+        (out / "parts").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ArgumentError(f"{out}: cannot be made ({error.strerror or error}); name another folder") from None
+    for path in sorted((out / "parts").glob("*.parquet")):
+        try:
+            frames.append(pd.read_parquet(path, columns=list(COLUMNS)))
+        except (OSError, ValueError, KeyError) as error:  # those of pyarrow are ValueErrors
+            raise ArgumentError(f"{path}: not a part of a sweep ({error}); remove it") from None
+    return pd.concat(frames, ignore_index=True).drop_duplicates("cell") if frames else pd.DataFrame(columns=[*COLUMNS])
+
+
+def _export(out: Path, rows: pd.DataFrame, before: pd.DataFrame) -> None:
+    """Write all cells of the folder into one file, and remove the files of earlier sweeps."""
+    import pandas as pd
+
+    others = before[~before["cell"].isin(rows["cell"])]
+    frame = pd.concat([each for each in (rows, others) if len(each)], ignore_index=True)
+    file = out / "parts" / "cells.parquet"
+    try:
+        with replacing(file) as aside:
+            frame.to_parquet(aside, index=False)
+        for path in set(file.parent.glob("*.parquet")) - {file}:
+            path.unlink()
+    except OSError as error:
+        raise ArgumentError(f"{file}: {error.strerror or error}; mend this and start the sweep again, "
+                            "nothing has to be computed again") from None
+
+
+def _table(rows: list[cells.Row]) -> pd.DataFrame:
+    """Rows as a table of their fields."""
+    import pandas as pd
+
+    return pd.DataFrame(map(msgspec.structs.astuple, rows), columns=[*COLUMNS]).astype(
+        dict.fromkeys(("step", "rtol", *cells.FIGURES, "wall_time"), "float64"))
 
 
 def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, report: summary.Report, meta: Origin) -> None:
@@ -160,17 +261,16 @@ def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.P
 
     For the time, one run is made for every scene and method at its coarsest step, and scaled by the number of steps.
     """
-    from crosscheck.running.run import run
-
     asked = plan.read(source)
-    folder = None if out is None else Path(out)
-    parts = Parts(folder) if folder is not None and (folder / "parts").is_dir() else None
     own = tuple(versions.of(()).items())
-    waiting = _Sweep(asked, own, parts.finished() if parts else set(), None, lambda *_: None, workers)
+    before = set() if out is None or not (Path(out) / "parts").is_dir() else set(_exported(Path(out))["cell"])
+    with contextlib.closing(Table.opened()) as table:
+        waiting = list(_Sweep(asked, own, lambda keys: table.missing(STAGE, keys) - before, lambda *_: None,
+                              workers).tasks())
     per_task = 0.0
     costs: dict[tuple[str, str, str], tuple[float, float]] = {}
     missing = 0
-    for task in waiting.tasks():
+    for task in waiting:
         per_task += PER_TASK
         for member in task.members:
             for way in member.ways:
@@ -189,71 +289,88 @@ def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.P
 
 
 class _Sweep:
-    """A running sweep: it makes tasks of the missing cells and stores their results."""
+    """A running sweep: it makes tasks of the missing cells and counts what they give."""
 
-    def __init__(self, asked: plan.Plan, own: tuple[tuple[str, str], ...], finished: set[str], parts: Parts | None,
+    def __init__(self, asked: plan.Plan, own: tuple[tuple[str, str], ...], missing: Callable[[list[str]], set[str]],
                  progress: Progress, workers: int) -> None:
-        self.asked, self.own, self.parts, self.progress, self.workers = asked, own, parts, progress, workers
+        self.asked, self.own, self.progress, self.workers = asked, own, progress, workers
         self.wanted: list[str] = []  # keys of all cells, in order
         self.computed = 0
         self._began = time.perf_counter()
         self._truth_seconds = self._run_seconds = 0.0
         self._checked: list[float] = []
         self._trouble: dict[str, None] = {}
-        self._taken = finished
-        self._missing = 0
+        self._missing = missing
+        self._taken: set[str] = set()  # of the wanted cells, those to be computed
+        self._split: list[cells.Task] = []
 
     def tasks(self) -> Iterator[cells.Task]:
-        """Tasks with the missing cells. Each is made when it is needed."""
+        """Tasks with the missing cells. Each is made when it is needed and has members of one start."""
         size = max(1, CELLS_PER_TASK // len(self.asked.ways))
-        for start in members.starts(self.asked):
+        for members_ in self._looked_up():
+            for position in range(0, len(members_), size):
+                yield cells.Task(tuple(members_[position:position + size]), self.own, self.asked.timing)
+
+    def alone(self) -> Iterator[cells.Task]:
+        """The runs of those tasks that crashed their workers, each as a task of its own."""
+        yield from self._split
+
+    def _looked_up(self) -> Iterator[list[cells.Member]]:
+        """Members of one start with the ways that have no row. All cells of a sweep with times are looked up at once,
+        because the times of one sweep belong together.
+        """
+        most = None if self.asked.timing else max(1, CELLS_PER_LOOK // len(self.asked.ways))
+        drawn = self._members()
+        while look := list(itertools.islice(drawn, most)):
+            keys = [[cells.key(member.scene, way, self.own, self.asked.timing) for way in self.asked.ways]
+                    for _, member in look]
+            self.wanted += (every := list(itertools.chain(*keys)))
+            missing = self._missing(every)
+            for _, group in itertools.groupby(zip(look, keys, strict=True), key=lambda pair: pair[0][0]):
+                ready = []
+                for (_, member), own in group:
+                    lacking = {key: way for key, way in zip(own, self.asked.ways, strict=True)
+                               if key in missing and key not in self._taken}
+                    self._taken |= lacking.keys()
+                    if lacking:
+                        ready.append(dataclasses.replace(member, ways=tuple(lacking.values())))
+                yield ready
+
+    def _members(self) -> Iterator[tuple[int, cells.Member]]:
+        """(number of the start, member with all ways) of the whole sweep."""
+        for number, start in enumerate(members.starts(self.asked)):
             # Drawn by a hash of the start, so that every run of a sweep checks the same members.
             drawn = sorted((hashlib.sha256(f"{start.scene.hash} {index}".encode()).digest(), index)
                            for index in range(self.asked.members))
             checked = {index for _, index in drawn[:max(1, round(CHECKED * len(drawn)))]}
             shared = structure_of(start.scene)
-            ready: list[cells.Member] = []
             for index, scene in enumerate(members.of_start(start, self.asked.perturbation)):
-                ways = []
-                for way in self.asked.ways:  # take those without a result in this folder
-                    key = cells.key(scene, way, self.own, self.asked.timing)
-                    self.wanted.append(key)
-                    if key not in self._taken:
-                        self._taken.add(key)
-                        ways.append(way)
-                self._missing += len(ways)
-                if ways:
-                    structure = start.scene if structure_of(scene) == shared else scene
-                    ready.append(cells.Member(scene, structure, start.origin.name, index,
-                                              tuple(start.parameters.items()), tuple(ways), index in checked))
-                if len(ready) == size:
-                    yield cells.Task(tuple(ready), self.own, self.asked.timing)
-                    ready = []
-            if ready:
-                yield cells.Task(tuple(ready), self.own, self.asked.timing)
+                structure = start.scene if structure_of(scene) == shared else scene
+                yield number, cells.Member(scene, structure, start.origin.name, index, tuple(start.parameters.items()),
+                                           self.asked.ways, index in checked)
 
-    def handle(self, task: cells.Task, result: Any) -> list[cells.Task]:
-        """Store the rows of a task. If the task crashed its worker, return its runs as separate tasks."""
-        assert self.parts is not None  # None only in an estimate
+    def rows(self, task: cells.Task, result: Any) -> list[cells.Row]:
+        """The rows that a task gave. There are none if it crashed its worker and its runs are to be tried `alone`."""
         if isinstance(result, Crash):
             if isinstance(result.error, CrosscheckError):
                 raise result.error
             if task.cells > 1:
-                return task.split()
+                self._split += task.split()
+                return []
             row = cells.empty_row(task.members[0], task.members[0].ways[0], task)
-            self.parts.add([msgspec.structs.replace(row, status="crashed", message=result.message)])
+            rows = [msgspec.structs.replace(row, status="crashed", message=result.message)]
         else:
-            self.parts.add(result.rows)
+            rows = result.rows
             self._truth_seconds += result.truth_seconds
             self._run_seconds += result.run_seconds
             self._checked += result.checked
             self._trouble |= dict.fromkeys(result.trouble)
         self.computed += task.cells
-        kept = len(self.wanted) - self._missing
+        kept = len(self.wanted) - len(self._taken)
         left = self.asked.cells - kept - self.computed
         spent = time.perf_counter() - self._began
         self.progress(kept + self.computed, self.asked.cells, f"about {spent / self.computed * left:.0f} s left")
-        return []
+        return rows
 
     def report(self) -> summary.Report:
         """What has been done so far."""

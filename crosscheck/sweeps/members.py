@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from crosscheck.errors import SceneError
+from crosscheck.scene.assembly import projected
 from crosscheck.scene.file import scene_from
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import (
@@ -18,9 +19,9 @@ from crosscheck.scene.model import (
     quaternion_product,
     rotation_from_quaternion,
 )
+from crosscheck.scene.schema import EntryError
 from crosscheck.scene.starts import Configuration, bodies_at
-from crosscheck.sweeps import paths
-from crosscheck.sweeps.plan import Origin, Perturbation, Plan, Value
+from crosscheck.sweeps.plan import Origin, Perturbation, Plan, Value, number_at, with_numbers
 
 FREEDOMS = {name: (3, 0) if kind.coordinates == ("ball",) else tuple(
     sum(word.startswith(motion) for word in kind.coordinates) for motion in ("turn", "slide"))
@@ -67,7 +68,7 @@ def _changed(origin: Origin, values: dict[str, Value]) -> Scene:
     if not values:
         return origin.scene
     assert origin.data is not None  # `plan` has checked it
-    return scene_from(paths.replaced(origin.data, values, origin.name), origin.path)
+    return scene_from(with_numbers(origin.data, values, origin.name), origin.path)
 
 
 def _sizes(start: Start, perturbation: Perturbation) -> list[int]:
@@ -76,7 +77,7 @@ def _sizes(start: Start, perturbation: Perturbation) -> list[int]:
     freedoms = sum(sum(FREEDOMS[joint.type]) for joint in scene.joints)
     known = {"angular_velocity": 3 * scene.n, "attitude": 3 * scene.n, "joint_position": freedoms,
              "joint_velocity": freedoms}
-    return [known[name] if name in known else int(np.size(paths.read(start.origin.data or {}, name, scene.name)))
+    return [known[name] if name in known else int(np.size(number_at(start.origin.data or {}, name, scene.name)))
             for name, _ in perturbation.deviations]
 
 
@@ -89,7 +90,7 @@ def _perturbed(start: Start, perturbation: Perturbation, normals: np.ndarray) ->
     for name, values in drawn.items():
         if "." in name:
             assert data is not None  # `plan` has checked it
-            now = start.parameters.get(name, paths.read(data, name, scene.name))
+            now = start.parameters.get(name, number_at(data, name, scene.name))
             changes[name] = (np.asarray(now) * (1.0 + values.reshape(np.shape(now)))).tolist()
     if changes:
         scene = _changed(start.origin, {**start.parameters, **changes})
@@ -98,9 +99,6 @@ def _perturbed(start: Start, perturbation: Perturbation, normals: np.ndarray) ->
 
 
 def _closed(scene: Scene, moved: Scene) -> Scene:
-    from crosscheck.scene.assembly import projected
-    from crosscheck.scene.schema import EntryError
-
     try:
         return projected(scene, moved)
     except EntryError as error:

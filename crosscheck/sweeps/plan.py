@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import difflib
 import itertools
 import json
 import os
@@ -13,11 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck import adapters
 from crosscheck.adapters.base import ENGINE_OPTIONS, Engine
 from crosscheck.errors import ArgumentError, install, unknown
+from crosscheck.running.provenance import NOT_INSTALLED, engine_version
+from crosscheck.scene.file import read_scene, scene_from
 from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import Content
-from crosscheck.sweeps import paths
 
 KEYS = ("scenes", "engines", "steps", "rtols", "samples", "duration", "parameters", "perturb", "timing")
 PERTURBED = ("angular_velocity", "attitude", "joint_position", "joint_velocity")
@@ -153,8 +157,6 @@ def _origin(scene: Any, folder: Path, changes: dict[str, float]) -> Origin:
 
     Paths are relative to the folder of the request.
     """
-    from crosscheck.scene.file import read_scene, scene_from
-
     if isinstance(scene, Scene):
         return Origin(scene.name, scene.name, None, scene.replace(**changes))
     beside = folder / str(scene)
@@ -166,9 +168,6 @@ def _origin(scene: Any, folder: Path, changes: dict[str, float]) -> Origin:
 
 
 def _ways(engines: Any, steps: Sequence[float], rtols: Sequence[float]) -> tuple[Way, ...]:
-    from crosscheck import adapters
-    from crosscheck.running.provenance import NOT_INSTALLED, engine_version
-
     if not isinstance(engines, Mapping) or not engines:
         raise ArgumentError('engines: a table of engines with lists of methods is wanted, lieeuler = ["rattle2"] say')
     ways = []
@@ -209,7 +208,7 @@ def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple
         for origin in origins:
             if origin.data is None:
                 raise ArgumentError(f"parameters: {path!r} has no place in {origin.path!r}, which is no file")
-            now = paths.read(origin.data, path, origin.name)
+            now = number_at(origin.data, path, origin.name)
             for value in _several(f"parameters.{path}", values, "values"):
                 if np.shape(value) != np.shape(now) or not np.isfinite(np.asarray(value, dtype=float)).all():
                     raise ArgumentError(f"parameters.{path}: {value!r} is not like {now!r}, the scene's, of "
@@ -233,7 +232,7 @@ def _perturbation(given: Any, origins: Sequence[Origin], taken: Sequence[str]) -
             for origin in origins:
                 if origin.data is None:
                     raise ArgumentError(f"perturb: {key!r} has no place in {origin.path!r}, which is no scene file")
-                paths.read(origin.data, key, origin.name)
+                number_at(origin.data, key, origin.name)
         deviations.append((key, _positive(f"perturb.{key}", value)))
     if not deviations:
         raise ArgumentError(f"perturb: nothing is perturbed; give one of {', '.join(PERTURBED)}, or a path")
@@ -262,3 +261,72 @@ def _whole(name: str, value: Any, lowest: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < lowest:
         raise ArgumentError(f"{name}: a whole number of at least {lowest} is wanted, not {value!r}")
     return int(value)
+
+
+def number_at(data: Content, path: str, scene: str) -> Any:
+    """The number or list of numbers at a path.
+
+    Raises
+    ------
+    ArgumentError
+        There is nothing at the path, or not a number. The message names the scene and the nearest path.
+    """
+    value = _walk(data, path, scene)
+    if not _numeric(value):
+        bodies = data.get("bodies") or [{}]
+        raise ArgumentError(f"{path}: in scene {scene!r} this is no number but {value!r}; name a number, such as "
+                            f"bodies.{bodies[0].get('name', '0')}.mass")
+    return value
+
+
+def with_numbers(data: Content, changes: Mapping[str, object], scene: str) -> Content:
+    """A copy of the content with the values of `changes` at their paths."""
+    data = copy.deepcopy(data)
+    for path, value in changes.items():
+        words = path.split(".")
+        target = _walk(data, ".".join(words[:-1]), scene) if len(words) > 1 else data
+        key = words[-1]
+        if isinstance(target, list):
+            _walk(target, key, scene)  # raises if there is no such entry
+            target[_index(target, key) or 0] = value
+        else:
+            target[key] = value
+    return data
+
+
+def _walk(data: Any, path: str, scene: str) -> Any:
+    walked: list[str] = []
+    for word in path.split("."):
+        if isinstance(data, dict):
+            names = list(data)
+            found = data.get(word)
+        elif isinstance(data, list):
+            index = _index(data, word)
+            names = [each["name"] for each in data if isinstance(each, dict) and "name" in each]
+            names = names or [str(k) for k in range(len(data))]
+            found = None if index is None else data[index]
+        else:
+            names, found = [], None
+        if found is None:
+            here = ".".join([*walked, word])
+            near = difflib.get_close_matches(word, names, n=1)
+            guess = f"did you mean {'.'.join([*walked, near[0]])!r}? " if near else ""
+            raise ArgumentError(f"{path}: scene {scene!r} has no {here!r}; {guess}there "
+                                f"{'is' if len(names) == 1 else 'are'} {', '.join(names) or 'nothing below'}")
+        data = found
+        walked.append(word)
+    return data
+
+
+def _index(entries: list[Any], word: str) -> int | None:
+    """The index of an entry by its name or number, or None."""
+    for k, entry in enumerate(entries):
+        if isinstance(entry, dict) and entry.get("name") == word:
+            return k
+    return int(word) if word.isdecimal() and int(word) < len(entries) else None
+
+
+def _numeric(value: Any) -> bool:
+    if isinstance(value, list):
+        return bool(value) and all(map(_numeric, value))
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -17,6 +17,7 @@ from crosscheck.document import Advice
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, said
 from crosscheck.jobs.table import Table
 from crosscheck.running import versions
+from crosscheck.scene.file import as_scene, load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.verification import walks
 from crosscheck.verification.walks import USELESS, Step, Walk
@@ -49,8 +50,6 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) 
     TruthError
         The two formulations of the truth disagree.
     """
-    from crosscheck.scene.file import as_scene
-
     try:
         wanted = float(error)
     except (TypeError, ValueError):
@@ -106,8 +105,6 @@ def of_walks(scenes: Sequence[str], found: Sequence[Walk | str | None]) -> list[
 
 def prepare(task: tuple[str, str]) -> Walk | str:
     """The walk of an engine on a scene, or why it cannot be made."""
-    from crosscheck.scene.file import load_scene
-
     scene, engine = task
     try:
         return walks.walk(load_scene(scene), engine)

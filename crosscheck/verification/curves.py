@@ -26,6 +26,7 @@ from crosscheck.document.curves import (
 from crosscheck.judge.metrics import Error
 from crosscheck.references.base import Reference
 from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.model import GROUND, Scene
 
@@ -159,8 +160,6 @@ def _packed(values: np.ndarray, truth: np.ndarray | None = None, over: bool = Fa
 
 
 def _true_motion(scene: Scene, reference: Reference) -> _Motion:
-    from crosscheck.scene.constraints import Constraints
-
     constraints, s = Constraints(scene), reference.states
     if constraints.m == 0 or scene.n > DENSE_BODIES:
         return _Motion.of(scene, s, None)

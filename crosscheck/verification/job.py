@@ -34,24 +34,65 @@ from crosscheck.document import (
 )
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import plain, readable
-from crosscheck.jobs.grid import Crash, Limits
-from crosscheck.jobs.stages import Stages
+from crosscheck.jobs.drive import Crash, Limits, Stages
 from crosscheck.jobs.table import Session, digest
+from crosscheck.jobs.workers import output
+from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
 from crosscheck.judge.plan import PENDING, PLANS, Profile
 from crosscheck.judge.plan import profile as profile_called
-from crosscheck.running import cluster, provenance, support
+from crosscheck.judge.verdict import beyond
+from crosscheck.running import cluster, provenance, support, versions
+from crosscheck.scene.file import load_scene, read_scene, scene_names
 from crosscheck.verification import advice, trust
-from crosscheck.verification.guarded import check_engines, guarded_cell
-from crosscheck.verification.guarded import limits as default_limits
-from crosscheck.verification.listing import all_cells
+from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
-from crosscheck.verification.speed import measure_speed
-from crosscheck.verification.task import Cell, Contents, own_contents, with_scenes
-from crosscheck.verification.timing import timed
+from crosscheck.verification.speed import measure_speed, timed
+from crosscheck.verification.task import Cell, Contents, all_cells, own_contents, with_scenes
 from crosscheck.verification.walks import Walk
 from crosscheck.verification.walks import key as walk_key
+
+TIME_LIMIT = 1800.0
+"""Time limit (s) of one cell: a main run and its order study. With built-in engines it takes seconds to minutes."""
+
+MEMORY_LIMIT = 4.0
+"""Limit of resident memory (GB) of one worker process. With all built-in engines loaded it needs 0.2 GB."""
+
+SHOWN = 200
+"""Most characters of printed text that a record quotes."""
+
+
+def limits_of(time_limit: float | None = TIME_LIMIT, memory_limit: float | None = MEMORY_LIMIT) -> Limits:
+    """Limits of a cell from the options of the command line, in s and GB. None means no limit."""
+    for name, value in (("time-limit", time_limit), ("memory-limit", memory_limit)):
+        if value is not None and not value > 0:
+            raise ArgumentError(f"{name}: a positive number is wanted, not {value:g}")
+    return Limits(time_limit, None if memory_limit is None else memory_limit * GIGABYTE)
+
+
+def check_engines(names: Sequence[str]) -> None:
+    """Raise `ArgumentError` or `EngineError` for an engine that is unknown, not installed or cannot be loaded."""
+    for name in names:
+        if isinstance(name, str) and adapters.is_own(name):
+            adapters.get(name)
+    versions.need(names)
+
+
+def guarded_cell(cell: Cell) -> Judged:
+    """`run_cell`, but a run fails if its engine printed text, because a user would miss a warning in it."""
+    judged = run_cell(cell)
+    if adapters.has_own_environment(cell.engine):
+        judged = replace(judged, own_environment=True, us_per_step=None, seconds_per_second=None,
+                         ladder=[replace(rung, wall_time=None) for rung in judged.ladder])
+    lines = [line for line in output.heard().splitlines() if line.strip()]
+    if not lines:
+        return judged
+    shown = "".join(letter if letter.isprintable() else "?" for letter in lines[0].strip()[:SHOWN])
+    shown = f"it printed {len(lines)} lines, first: {shown}"
+    return beyond(judged, Finding("run", "fail", None, None, "", "an engine answers by what it returns; what it prints "
+                                  "is lost on its user", shown), shown)
+
 
 Progress = Callable[[int, int, str], None]
 """Called with (number of finished tasks, number of all tasks, name of the last finished one)."""
@@ -66,8 +107,6 @@ def select_scenes(names: Sequence[str] | None, every: bool = False) -> list[str]
 
     If `names` is None, these are the scenes in `PLANS` or, with `every`, all of the library.
     """
-    from crosscheck.scene.file import load_scene, scene_names
-
     chosen = list(dict.fromkeys(names or (scene_names() if every else PLANS)))
     for name in chosen:
         load_scene(name)
@@ -90,8 +129,6 @@ def check_methods(names: Sequence[str] | None, engines: Sequence[str]) -> None:
 
 def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, *more: Any) -> str:
     """Digest of all that results depend on: scenes, versions, the code with its kernel, and `more` (JSON values)."""
-    from crosscheck.scene.file import load_scene
-
     names = select_scenes(scenes, profile_called(profile).every_scene)
     return provenance.code_digest(select_engines(engines), [
         profile, [[name, load_scene(name).hash] for name in names], *more])
@@ -111,7 +148,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     jobs : number of worker processes
     progress : called as tasks end
     session : every result is put into its table; what is there already is not computed again
-    limits : of one cell; None: those of `crosscheck.verification.guarded`
+    limits : of one cell; None: those of `crosscheck.verification.job`
     overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
     walk : also make the runs for advice, half a minute of processor time per scene and engine
     asked : map, step and duration of main runs instead of those of the plan
@@ -126,7 +163,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         raise ArgumentError(f"jobs has to be at least 1, not {jobs}")
     settings = profile_called(profile)
     settings = dataclasses.replace(settings, whole=settings.whole or asked.duration is not None)
-    within = limits or default_limits()
+    within = limits or limits_of()
     scene_names, engine_names = select_scenes(scenes, settings.every_scene), select_engines(engines)
     check_methods(methods, engine_names)
     started = time.perf_counter()
@@ -136,7 +173,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
                                              + len(cells) + walk * len(scene_names) * len(engine_names), progress))
     far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
     with contextlib.nullcontext() if far is None else contextlib.closing(far):
-        elsewhere = dataclasses.replace(stages, executor=far.executor if far is not None else None)
+        elsewhere = stages if far is None else dataclasses.replace(stages, executor=far.executor, jobs=far.workers)
         contents = own_contents(scene_names) if far is not None else {}
         keys = _Keys(session is not None)
         truths = _truths(elsewhere, keys, scene_names, settings, asked, contents)
@@ -185,8 +222,6 @@ class _Keys:
 
     def of(self, stage: str, scene: str, engine: str | None, *task: Any) -> str:
         """The key of a task on a scene."""
-        from crosscheck.scene.file import read_scene
-
         if not self._wanted:
             return ""
         if scene not in self._scenes:
@@ -200,8 +235,6 @@ class _Keys:
 def _advice(stages: Stages, keys: _Keys, truths: list[SceneTruth], engines: Sequence[str], within: Limits,
             walk: bool) -> list[Advice]:
     """The advice for all scenes and engines. Without `walk`, for those that were walked before."""
-    from crosscheck.scene.file import load_scene
-
     # The user's own engines may crash when they are loaded, and engines in their own environments are slow to start.
     tasks = [(scene.name, engine) for scene in truths if scene.truth is not None for engine in engines
              if walk or not (adapters.is_own(engine) or adapters.has_own_environment(engine))]

@@ -11,6 +11,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from crosscheck import adapters, references
+from crosscheck.adapters.base import RunSpec
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
@@ -53,12 +55,9 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
     default_form : only the form that the engine chooses by itself; the `form` of a way is None then
     asked_map : coordinate map for the engines that have this option
     """
-    from crosscheck.adapters import get
-    from crosscheck.adapters.base import RunSpec
-
     found, missing = [], []
     for name in engines:
-        adapter = get(name)
+        adapter = adapters.get(name)
         chart = adapter.takes_map(asked_map)
         forms = (None,) if default_form else adapter.forms or (None,)
         for form in forms:
@@ -102,13 +101,11 @@ def reference(scene: Scene) -> tuple[Scene, Reference]:
 
     Raises `crosscheck.references.TruthError` or `Unsupported` for a scene without truth.
     """
-    from crosscheck.references import truth
-
     sampled = scene.replace(samples=INTERVALS + 1)
-    found = truth(sampled)
+    found = references.truth(sampled)
     if found.horizon < scene.duration * (1 - 1e-12):
         sampled = sampled.replace(duration=float(np.floor(10 * found.horizon) / 10) or found.horizon)
-        found = truth(sampled)
+        found = references.truth(sampled)
     return sampled, found
 
 

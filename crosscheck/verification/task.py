@@ -7,8 +7,13 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
+from crosscheck import adapters
+from crosscheck.adapters.base import RunSpec
 from crosscheck.document import Plan
-from crosscheck.judge.plan import STUDY_SAMPLES
+from crosscheck.jobs.drive import Crash, Limits, run_tasks
+from crosscheck.judge.plan import PENDING, PLANS, STUDY_SAMPLES, Profile
+from crosscheck.running import provenance
+from crosscheck.scene.file import carry, load_scene, read_scene, scene_names
 from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import Content
 
@@ -62,8 +67,6 @@ class Timing:
 
 def load(name: str, plan: Plan, whole: bool = True) -> Scene:
     """A scene, or its first window, at the output times of its plan."""
-    from crosscheck.scene.file import load_scene
-
     scene = load_scene(name)
     duration = plan.duration or scene.duration if whole else min(plan.window, scene.duration)
     return scene.replace(duration=duration, samples=plan.samples)
@@ -75,15 +78,11 @@ Contents = Mapping[str, Content]
 
 def own_contents(names: Sequence[str]) -> Contents:
     """The contents of those scenes that are not bundled with the package."""
-    from crosscheck.scene.file import read_scene, scene_names
-
     return {name: read_scene(name)[1] for name in names if name not in scene_names()}
 
 
 def with_scenes(contents: Contents, function: Callable[[Any], T], task: Any) -> T:
     """`function(task)`, in which these names stand for these contents. The files need not be on this machine."""
-    from crosscheck.scene.file import carry
-
     carry(contents)
     return function(task)
 
@@ -91,3 +90,54 @@ def with_scenes(contents: Contents, function: Callable[[Any], T], task: Any) -> 
 def windowed(scene: Scene, window: float) -> Scene:
     """The first `window` seconds of a scene, at the output times of the order study."""
     return scene.replace(duration=min(window, scene.duration), samples=STUDY_SAMPLES)
+
+
+def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: Profile,
+              within: Limits | None = None) -> list[Cell]:
+    """The cells of all scenes and engines, scene by scene.
+
+    The user's own engines are asked in a worker process. If one crashes or hangs when asked what it can run, each of
+    its methods gets one cell, and the run of that cell shows the reason.
+    """
+    pairs = [(scene, engine) for scene in scene_names for engine in engine_names]
+    risky = [pair for pair in pairs if adapters.is_own(pair[1])]
+    told = dict(zip(risky, run_tasks(_cells, [(*pair, profile) for pair in risky], 1, limits=within),
+                    strict=True))
+    cells: list[Cell] = []
+    for scene, engine in pairs:
+        found = told[scene, engine] if (scene, engine) in told else cells_of(scene, engine, profile)
+        if isinstance(found, Crash):
+            found = [Cell(scene, engine, method, None, PENDING, True, profile.rungs, profile.whole)
+                     for method in adapters.methods(engine)]
+        cells += found
+    return cells
+
+
+def _cells(task: tuple[str, str, Profile]) -> list[Cell]:
+    return cells_of(*task)
+
+
+def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
+    """The cells of one scene and engine: every method in the form that fits best, then in the other forms."""
+    if provenance.engine_version(engine_name) == provenance.NOT_INSTALLED:
+        try:
+            methods = adapters.methods(engine_name)
+        except ImportError:  # the adapter needs the engine to know its methods
+            methods = ("any method",)
+        return [Cell(scene_name, engine_name, method, None, PENDING) for method in methods]
+    engine, scene = adapters.get(engine_name), load_scene(scene_name)
+    cells = []
+    for method in engine.methods:
+        cells.append(Cell(scene_name, engine_name, method, None, PENDING, True, profile.rungs,
+                          profile.whole))
+        forms = engine.forms if profile.forms else ()
+        usable = [form for form in forms if engine.unsupported(scene, RunSpec(method, step=1e-3, form=form)) is None]
+        # The first usable form is the engine's default, which has a cell already.
+        cells += [Cell(scene_name, engine_name, method, form, PENDING, True, profile.rungs, profile.whole, False)
+                  for form in usable[1:]]
+        plan = PLANS.get(scene_name, PENDING)
+        spec = RunSpec(method, step=1e-3)
+        if profile.whole and plan.practical and engine.documented_order(scene, spec) == 1 and not engine.unsupported(
+                scene, spec):
+            cells.append(Cell(scene_name, engine_name, method, None, PENDING, study=False, practical=True))
+    return cells

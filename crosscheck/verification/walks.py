@@ -19,10 +19,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from crosscheck import adapters
+from crosscheck import adapters, references
 from crosscheck.errors import Unsupported
 from crosscheck.jobs.table import digest
+from crosscheck.judge import tolerances
 from crosscheck.references.base import Reference
+from crosscheck.running import provenance
 from crosscheck.running.attempt import Outcome, Ran, attempt, lasting
 from crosscheck.scene.model import Scene
 from crosscheck.verification.ladder import Way, ways
@@ -119,18 +121,14 @@ def walk(scene: Scene, engine: str) -> Walk:
 
     Raises `Unsupported` if the engine cannot model the scene, and `TruthError` or `Unsupported` if it has no truth.
     """
-    from crosscheck.references import truth
-
     chosen, refused = ways(scene, [engine], default_form=True)
     if not chosen:
         raise Unsupported(f"{engine} on scene {scene.name!r}: {refused[0][1] if refused else 'it has no method'}")
-    return _Walker(scene, engine, truth(scene)).go(chosen)
+    return _Walker(scene, engine, references.truth(scene)).go(chosen)
 
 
 def key(scene: Scene, engine: str) -> str:
     """Digest of all that a walk depends on."""
-    from crosscheck.running import provenance
-
     return digest("walk", provenance.code_digest([engine], []), scene.hash, BUDGET)
 
 
@@ -138,8 +136,6 @@ class _Walker:
     """Makes one walk."""
 
     def __init__(self, scene: Scene, engine: str, truth: Reference) -> None:
-        from crosscheck.judge import tolerances
-
         self._scene, self._engine, self._truth = scene, engine, truth
         self._last = max(1, int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1)
         self._interval = scene.duration / (scene.samples - 1)

@@ -20,7 +20,7 @@ from crosscheck.cli.app import app
 from crosscheck.judge.metrics import errors, observed_order
 from crosscheck.references import truth
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
-from crosscheck.verification.guarded import check_engines
+from crosscheck.verification.job import check_engines
 
 ENGINES = ("mjx", "mjx-single", "newton")
 MEND = r"engine {0} is not installed; crosscheck list --engine {0}==[0-9.]+ makes an environment for it"

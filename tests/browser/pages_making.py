@@ -8,19 +8,17 @@ import pandas as pd  # noqa: TID253 - a test module
 
 from crosscheck.document import Origin
 from crosscheck.files import plain
-from crosscheck.history.overview import write_history
-from crosscheck.history.page import write_page as write_trend
+from crosscheck.history.overview import write_history, write_trend
 from crosscheck.history.store import open_store, run_from_document, save, series
 from crosscheck.report.standalone import write_page
 from crosscheck.running import provenance
-from crosscheck.studies import frontier, results_folder
+from crosscheck.studies import frontier
 from crosscheck.studies.bisection import Row
 from crosscheck.studies.chaos import ChaosAsk, ChaosStudy, Comparison
 from crosscheck.studies.drift import Drift, DriftAsk, DriftStudy
-from crosscheck.studies.results_folder import StudyMeta
-from crosscheck.studies.rung import Rung
 from crosscheck.studies.stability import Stability, StabilityAsk
-from crosscheck.studies.work_precision import Known, SceneLadders, WorkPrecision, WorkPrecisionAsk
+from crosscheck.studies.study import StudyMeta, write_folder
+from crosscheck.studies.work_precision import Known, Rung, SceneLadders, WorkPrecision, WorkPrecisionAsk
 from crosscheck.sweeps import summary
 from tests.history.store.documents import document as night
 from tests.history.store.documents import record
@@ -53,7 +51,7 @@ def stability(out):
                      "milliseconds": 1.5, "common_step": 0.01, "common_outcome": "usable", "common_error": 1e-5 * index,
                      "failures": "inaccurate 3, map_domain 2"}
         rows.append(Row(scene, engine, method, **found))
-    results_folder.write(out, Stability().document(StabilityAsk(), meta(), rows), rows)
+    write_folder(out, Stability().document(StabilityAsk(), meta(), rows), rows)
 
 
 def work_precision(out):
@@ -73,7 +71,7 @@ def work_precision(out):
                                frontier={}))
     study = WorkPrecision()
     document = study.document(WorkPrecisionAsk(), meta(packages={"heyoka": "7.3.0"}), scenes)
-    results_folder.write(out, document, study.rows(document))
+    write_folder(out, document, study.rows(document))
 
 
 def long_runs(drift, chaos):
@@ -85,11 +83,11 @@ def long_runs(drift, chaos):
         "wall_time": 0.3, "energy_band": 1e-6, "energy_slope": 1e-12, "energy_growth": 0.5, "energy_trend": 0.01,
         "energy_verdict": "without trend", "momentum_band": 1e-14, "momentum_verdict": "round-off",
         "constraint_position": 1e-15, "orthogonality": 1e-15})) for index, one in enumerate(each)]
-    results_folder.write(drift, DriftStudy().document(DriftAsk(), meta(), runs), runs)
+    write_folder(drift, DriftStudy().document(DriftAsk(), meta(), runs), runs)
     compared = [Comparison(**one, horizon=12.0, comparisons=15, **(lost if index == 2 else {
         "verdict": "agrees", "worst": "kinetic energy", "distance": 0.03, "effective": 400.0, "p": 0.2,
         "energy_error": 1e-9, "momentum_error": 1e-12})) for index, one in enumerate(2 * each)]
-    results_folder.write(chaos, ChaosStudy().document(ChaosAsk(), meta(), compared), compared)
+    write_folder(chaos, ChaosStudy().document(ChaosAsk(), meta(), compared), compared)
 
 
 def sweep(out):

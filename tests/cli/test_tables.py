@@ -41,7 +41,7 @@ def test_brackets_are_text(capsys):
 
 def test_failures_are_told_as_they_occur(capsys):
     from crosscheck.cli.console import progress_bar
-    from crosscheck.jobs.stages import Stages
+    from crosscheck.jobs.drive import Stages
 
     with progress_bar() as progress:
         stages = Stages(1, None, lambda label: progress(1, 2, label))

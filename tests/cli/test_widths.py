@@ -22,9 +22,9 @@ from typer.testing import CliRunner
 from crosscheck.cli import advise, app, study, verdicts
 from crosscheck.document import Advice, Finding
 from crosscheck.history import nightly
+from crosscheck.history.nightly import summary
 from crosscheck.history.store import open_store, run_from_document, save
-from crosscheck.history.summary import summary
-from crosscheck.studies import results_folder
+from crosscheck.studies import study as studies
 from crosscheck.sweeps import job
 from crosscheck.verification import trust
 from tests.browser import pages_making
@@ -74,7 +74,7 @@ def told(name, folder):
     """What a command prints, with the width in COLUMNS."""
     if name in STUDIES:
         kept = {}
-        with mock.patch.object(results_folder, "write", lambda out, made, rows: kept.update({made.study: made})):
+        with mock.patch.object(studies, "write_folder", lambda out, made, rows: kept.update({made.study: made})):
             STUDIES[name](folder)
         with mock.patch.object(study, "_conduct", return_value=kept[name]):
             print(CliRunner().invoke(app.app, ["study", name]).stdout, end="")

@@ -5,7 +5,7 @@ import pytest
 
 from crosscheck.document import Order
 from crosscheck.history.changes import change_points, compare, machine_factor, sparkline
-from crosscheck.history.page import write_page
+from crosscheck.history.overview import write_trend
 from crosscheck.history.store import Usual, run_from_document
 from crosscheck.history.store.figures import Figure
 from tests.history.store.documents import document, record
@@ -167,7 +167,7 @@ def test_the_page_of_a_trend_marks_its_changes(tmp_path):
     runs = [run(started=f"2026-11-{day:02d}T02:00:00+00:00") for day in range(1, 9)]
     series = list(zip(runs, speeds([1.0, 1.01, 0.99, 1.3, 1.31, 1.3, 1.29, 1.3]), strict=True))
     page = tmp_path / "below" / "trend.html"
-    write_page(page, series, "single_pendulum", "mujoco", "mujoco RK4")
+    write_trend(page, series, "single_pendulum", "mujoco", "mujoco RK4")
     text = page.read_text(encoding="utf-8")
     assert text.count('class="mark"') == 1
     assert text.count('class="point"') == 7

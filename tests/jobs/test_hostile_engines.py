@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crosscheck.jobs import grid
+from crosscheck.jobs import drive
 from crosscheck.jobs.workers import frames
 from crosscheck.jobs.workers.process import Limits
 from tests import grid_tasks as tasks
@@ -17,7 +17,7 @@ GUARD = Limits(time=60.0)
 
 def after(*task, limits=GUARD):
     """The result of a task, and that of the next one in the same worker, if the worker still exists."""
-    found, *rest = grid.run_tasks(tasks.call, [task, (tasks.square_or_die, 2), (tasks.square_or_die, 3)], 1,
+    found, *rest = drive.run_tasks(tasks.call, [task, (tasks.square_or_die, 2), (tasks.square_or_die, 3)], 1,
                                   limits=limits)
     assert rest == [4, 9]
     return found
@@ -41,7 +41,7 @@ def test_a_helper_that_holds_the_pipes_ends_with_its_worker(tmp_path, session):
 
 
 def test_a_helper_ends_with_the_last_task(tmp_path):
-    grid.run_tasks(tasks.helper_left, [tmp_path / "pid"], 1)
+    drive.run_tasks(tasks.helper_left, [tmp_path / "pid"], 1)
     await_true(lambda: not running(tmp_path / "pid"))
 
 
@@ -49,7 +49,7 @@ def test_a_helper_ends_with_the_last_task(tmp_path):
                                      frames.framed(7, b"")], ids=["a letter", "text", "zeros", "a frame", "a late one"])
 def test_bytes_in_a_pipe_cost_their_own_task(content):
     found = after(tasks.scribble, content)
-    assert isinstance(found, grid.Crash)
+    assert isinstance(found, drive.Crash)
 
 
 def test_closed_pipes_cost_their_own_task():
@@ -65,14 +65,14 @@ def test_a_fork_answers_nothing():
 
 
 def test_a_task_that_may_runs_again_after_a_kill_from_outside(tmp_path):
-    assert "SIGKILL" in grid.run_tasks(tasks.die_once, [tmp_path / "first"], 1)[0].message
-    assert grid.run_tasks(tasks.die_once, [tmp_path / "second"], 1, again=True) == [1]
-    assert "SIGKILL" in grid.run_tasks(tasks.square_or_die, [-1], 1, again=True)[0].message
+    assert "SIGKILL" in drive.run_tasks(tasks.die_once, [tmp_path / "first"], 1)[0].message
+    assert drive.run_tasks(tasks.die_once, [tmp_path / "second"], 1, again=True) == [1]
+    assert "SIGKILL" in drive.run_tasks(tasks.square_or_die, [-1], 1, again=True)[0].message
 
 
 def test_large_tasks_and_results_arrive_whole():
     content = bytes(range(256)) * 40_000
-    assert grid.run_tasks(tasks.call, [(bytes.upper, content)], 1) == [content.upper()]
+    assert drive.run_tasks(tasks.call, [(bytes.upper, content)], 1) == [content.upper()]
 
 
 @pytest.mark.parametrize("spoil", [lambda frame: frame[1:], lambda frame: b"?" + frame, lambda frame: frame[:-1] + b"?",
@@ -103,7 +103,7 @@ def test_an_object_of_an_engine_runs_nothing_in_the_parent(tmp_path):
 
 
 def test_a_result_of_another_type_is_a_failure():
-    found, right = grid.run_tasks(tasks.mistyped, [1], 1)[0], grid.run_tasks(tasks.arrays, [(2, 3, 4)], 1)[0]
+    found, right = drive.run_tasks(tasks.mistyped, [1], 1)[0], drive.run_tasks(tasks.arrays, [(2, 3, 4)], 1)[0]
     assert "not of the type that was asked for: Expected `int`, got `str`" in found.message
     for kind, values in tasks.arrays((2, 3, 4)).items():
         np.testing.assert_array_equal(right[kind], values, strict=True)

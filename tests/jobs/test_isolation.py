@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from crosscheck.errors import ArgumentError
-from crosscheck.jobs import grid
+from crosscheck.jobs import drive
 from crosscheck.jobs.workers.process import GIGABYTE, Limits
 from crosscheck.report import folder
 from crosscheck.verification import job
-from crosscheck.verification.guarded import limits
-from crosscheck.verification.timing import guarded_timing
+from crosscheck.verification.job import limits_of
+from crosscheck.verification.speed import guarded_timing
 from tests import ROOT
 from tests.grid_tasks import sleep_for, square_or_die
 
@@ -38,7 +38,7 @@ def bad(name):
 @pytest.fixture(scope="module")
 def results():
     names = [*(bad(name) for name in REASONS), "mujoco"]
-    return job.verify("smoke", ["single_pendulum"], names, limits=limits(300.0, 0.8))
+    return job.verify("smoke", ["single_pendulum"], names, limits=limits_of(300.0, 0.8))
 
 
 @pytest.mark.parametrize("name", REASONS)
@@ -53,7 +53,7 @@ def test_every_failure_is_one_failed_verdict_with_its_reason(results, name):
 
 def test_an_engine_that_crashes_before_its_run_is_one_failed_verdict():
     from crosscheck.judge.plan import profile
-    from crosscheck.verification.listing import all_cells
+    from crosscheck.verification.task import all_cells
 
     cell, = all_cells(["single_pendulum"], [bad("Moody")], profile("default"))
     assert (cell.engine, cell.method) == (bad("Moody"), "Rest")
@@ -63,7 +63,7 @@ def test_an_engine_that_crashes_before_its_run_is_one_failed_verdict():
 
 
 def test_an_engine_that_hangs_is_one_failed_verdict(tmp_path):
-    results = job.verify("smoke", ["single_pendulum"], [bad("Hanging")], limits=limits(4.0, 0.8))
+    results = job.verify("smoke", ["single_pendulum"], [bad("Hanging")], limits=limits_of(4.0, 0.8))
     record, = results.records
     assert record.outcome == "error"
     assert record.message == "stopped: it did not end within the time limit of 4 s"
@@ -105,7 +105,7 @@ def test_a_timing_study_goes_on_without_the_engine_that_ends_it():
 
 
 def test_a_worker_lives_on_and_its_successor_too():
-    results = grid.run_tasks(square_or_die, [2, -1, 3, -2, 4], 1)
+    results = drive.run_tasks(square_or_die, [2, -1, 3, -2, 4], 1)
     assert [results[index] for index in (0, 2, 4)] == [4, 9, 16]
     assert "SIGKILL" in results[1].message
     assert results[3].message == "ValueError: minus two is not liked"
@@ -113,38 +113,38 @@ def test_a_worker_lives_on_and_its_successor_too():
 
 
 def test_the_time_limit_is_that_of_each_task():
-    results = grid.run_tasks(sleep_for, [2.2, 2.2, 60.0, 0.1], 1, limits=Limits(time=4.0))
+    results = drive.run_tasks(sleep_for, [2.2, 2.2, 60.0, 0.1], 1, limits=Limits(time=4.0))
     assert [results[index] for index in (0, 1, 3)] == [2.2, 2.2, 0.1]
     assert results[2].message == "stopped: it did not end within the time limit of 4 s"
 
 
 def test_limits_are_positive():
-    assert limits(10.0, 2.0) == Limits(10.0, 2.0 * GIGABYTE)
+    assert limits_of(10.0, 2.0) == Limits(10.0, 2.0 * GIGABYTE)
     for wrong in ({"time_limit": 0.0}, {"memory_limit": -1.0}, {"time_limit": float("nan")}):
         with pytest.raises(ArgumentError, match=next(iter(wrong)).replace("_", "-")):
-            limits(**wrong)
+            limits_of(**wrong)
 
 
 def test_another_executor_runs_the_same_workers():
     from concurrent.futures import ThreadPoolExecutor
 
     with ThreadPoolExecutor(1) as threads:
-        results = grid.run_tasks(square_or_die, [3, -1, 5], limits=Limits(time=30.0), executor=threads)
+        results = drive.run_tasks(square_or_die, [3, -1, 5], limits=Limits(time=30.0), executor=threads)
     assert (results[0], results[2]) == (9, 25)
     assert "SIGKILL" in results[1].message
 
 
 def test_what_cannot_travel_is_told():
-    lost = grid.run_tasks(lambda task: task, [1], 1)[0]
+    lost = drive.run_tasks(lambda task: task, [1], 1)[0]
     assert "cannot be sent to a worker" in lost.message
-    assert "cannot be sent" in grid.run_tasks(square_or_die, [lambda: None], 1)[0].message
+    assert "cannot be sent" in drive.run_tasks(square_or_die, [lambda: None], 1)[0].message
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="reads /proc")
 def test_a_worker_ends_with_its_parent(tmp_path):
     told = tmp_path / "pid"
-    program = ("import pathlib, sys; from crosscheck.jobs import grid; from tests.grid_tasks import tell_and_sleep; "
-               "grid.run_tasks(tell_and_sleep, [pathlib.Path(sys.argv[1])], 1)")
+    program = ("import pathlib, sys; from crosscheck.jobs import drive; from tests.grid_tasks import tell_and_sleep; "
+               "drive.run_tasks(tell_and_sleep, [pathlib.Path(sys.argv[1])], 1)")
     parent = subprocess.Popen([sys.executable, "-c", program, str(told)], cwd=ROOT)
     await_true(lambda: told.exists() and told.read_text())
     parent.kill()

@@ -14,8 +14,8 @@ from crosscheck.judge.metrics import Plateau
 from crosscheck.judge.plan import halved
 from crosscheck.judge.verdict import judge_orders, word, worst
 from crosscheck.verification.cell import run_cell
+from crosscheck.verification.speed import MAIN_STEPS, time_cells
 from crosscheck.verification.task import Cell, Timing
-from crosscheck.verification.timing import MAIN_STEPS, time_cells
 from tests.fake_engine import FakeEngine, install
 
 PLAN = Plan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
@@ -278,7 +278,7 @@ def test_one_percent_of_gravity_does_not_pass_unseen(monkeypatch, profile):
     from crosscheck.adapters import get
     from crosscheck.judge.plan import PLANS
     from crosscheck.judge.plan import profile as profile_called
-    from crosscheck.verification.listing import cells_of
+    from crosscheck.verification.task import cells_of
 
     adapter = type(get("mujoco"))
     right = adapter.run

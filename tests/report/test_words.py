@@ -5,7 +5,7 @@ import re
 from msgspec.structs import replace
 
 from crosscheck.document import Finding, Recommended, Scene, extended
-from crosscheck.history import summary
+from crosscheck.history import nightly
 from crosscheck.report import headline, names, overview, pages
 from crosscheck.verification import trust
 from tests.report_making import CHANGES, failed_scene, made
@@ -75,7 +75,7 @@ def test_the_same_words_open_the_page_the_markdown_and_the_message(results, fold
     heading = re.search(r"<h1>(.*?)</h1>", (folder / "index.html").read_text(encoding="utf-8")).group(1)
     assert re.sub(r"<[^>]*>", "", heading) == said
     assert (folder / "summary.md").read_text(encoding="utf-8").startswith(f"# {said}\n")
-    message = summary.summary(plain, "2026-11-21", None, 2, tmp_path / "index.html")
+    message = nightly.summary(plain, "2026-11-21", None, 2, tmp_path / "index.html")
     assert said in message.splitlines()[0]
     assert "- fake: fake Broken on single_pendulum, it broke" in message
     assert len(message.splitlines()) < 20

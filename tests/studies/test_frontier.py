@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from crosscheck.studies.frontier import Curve, confirmed, cost_at, curves, frontier
-from crosscheck.studies.rung import Rung
+from crosscheck.studies.work_precision import Rung
 
 
 def ladder(order, constant, price, counts=(10, 20, 40, 80, 160)):

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import crosscheck
 from crosscheck.cli.app import app
 from crosscheck.document import EULER, Run
-from crosscheck.studies import results_folder
+from crosscheck.studies import study
 from crosscheck.studies.paper import bundle, runs
 from crosscheck.verification.cell import judge_run
 
@@ -154,5 +154,5 @@ def test_wrong_words_are_answered(tmp_path, words, said):
 def test_other_folders_are_left_alone(tmp_path):
     (tmp_path / "mine.txt").write_text("mine", "utf-8")
     with pytest.raises(crosscheck.ArgumentError, match="something else"):
-        results_folder.check(tmp_path, "paper")
+        study.check(tmp_path, "paper")
     assert (tmp_path / "mine.txt").read_text("utf-8") == "mine"

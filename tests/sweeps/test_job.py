@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -12,12 +13,13 @@ import time
 import numpy as np
 import pandas as pd  # noqa: TID253 - a test module
 import pytest
+import sqlalchemy as sql
 
 import crosscheck
 from crosscheck.errors import ArgumentError, CrosscheckError
+from crosscheck.jobs.table import ROWS, VARIABLE, Table
 from crosscheck.running import cluster
 from crosscheck.sweeps import cells, job, plan
-from crosscheck.sweeps.parts import Parts
 
 SWEEP = {"scenes": ["single_pendulum"], "engines": {"lieeuler": ["rattle2", "taylor"], "mujoco": ["RK4"]},
          "steps": [2e-2], "rtols": [1e-8], "samples": 3, "duration": 0.2,
@@ -171,28 +173,98 @@ def test_a_dask_cluster_gives_the_same_bits_and_survives_a_lost_worker(local, tm
             if not killed:
                 killed.append(os.kill(workers[0], signal.SIGKILL))
 
-        frame = crosscheck.sweep(SWEEP, scheduler=cluster.scheduler_address, out=tmp_path / "two", progress=kill)
+        frame = crosscheck.sweep(SWEEP, scheduler=cluster.scheduler_address, out=tmp_path / "two", progress=kill,
+                                 fresh=True)
         assert killed
         pd.testing.assert_frame_equal(frame, local[1])
 
 
+def rows_in_the_table():
+    with contextlib.closing(Table.opened()) as table, table.engine.connect() as connection:
+        return connection.execute(sql.select(sql.func.count(ROWS.c.key.distinct()))).scalar()
+
+
 def test_a_killed_client_goes_on_where_it_was(local, tmp_path):
-
-
     request = tmp_path / "sweep.json"
     request.write_text(json.dumps(SWEEP))
     command = [sys.executable, "-m", "crosscheck", "sweep", str(request), "-o", str(tmp_path / "out"), "--workers", "1"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
-    while not list((tmp_path / "out").glob("parts/*.parquet")) and process.poll() is None:
+    while not rows_in_the_table() and process.poll() is None:
         assert time.monotonic() < deadline
         time.sleep(0.05)
     process.kill()
     process.wait()
-    kept = len(Parts(tmp_path / "out").finished())
+    kept = rows_in_the_table()
     frame = crosscheck.sweep(request, out=tmp_path / "out")
     assert frame.attrs["report"]["computed"] == 18 - kept
     pd.testing.assert_frame_equal(frame, local[1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["here", "on Dask"])
+def test_a_sweep_of_300_cells_killed_at_thirty_random_moments(where, tmp_path):
+    """No cell is computed twice but those at work, and the frame is that of a sweep without kills."""
+    asked = SWEEP | {"perturb": SWEEP["perturb"] | {"count": 50}}
+    request = tmp_path / "sweep.json"
+    request.write_text(json.dumps(asked))
+    with contextlib.ExitStack() as stack:
+        words = ["--workers", "2"]
+        if where == "on Dask":
+            distributed = pytest.importorskip("distributed")
+            cluster = stack.enter_context(distributed.LocalCluster(n_workers=2, threads_per_worker=1,
+                                                                   dashboard_address=None))
+            words = ["--scheduler", cluster.scheduler_address]
+        command = [sys.executable, "-m", "crosscheck", "sweep", str(request), "-o", str(tmp_path / "out"), *words]
+        pause = np.random.default_rng(35).uniform(0.0, 1.5, 30)
+        kept = 0
+        for extra in pause:
+            process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            began = time.monotonic()  # starting takes seconds; most kills are to fall into the runs
+            while rows_in_the_table() == kept and process.poll() is None and time.monotonic() - began < 60:
+                time.sleep(0.02)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(0.3 * extra)
+            process.kill()
+            process.wait()
+            assert rows_in_the_table() >= kept
+            kept = rows_in_the_table()
+        frame = crosscheck.sweep(request, out=tmp_path / "out")
+    assert frame.attrs["report"]["computed"] == 300 - kept
+    with contextlib.closing(Table.opened()) as table, table.engine.connect() as connection:
+        assert connection.execute(sql.select(sql.func.count(ROWS.c.key))).scalar() == 300  # none twice
+    os.environ[VARIABLE] = str(tmp_path / "other.sqlite")
+    pd.testing.assert_frame_equal(frame, crosscheck.sweep(asked))
+
+
+def test_the_cells_of_a_folder_are_taken_into_an_empty_table(local, tmp_path):
+    """Of a folder from elsewhere, or in the format of an earlier release: many parts, and what crashed among them."""
+    _, frame = local
+    rows = frame.rename(columns={"bodies.pendulum.mass": "parameters"})
+    rows["parameters"] = [json.dumps({"bodies.pendulum.mass": mass}) for mass in rows["parameters"]]
+    rows["message"] = ""
+    rows.loc[17, "status"] = "crashed"
+    (tmp_path / "parts").mkdir()
+    for name, part in (("one", rows[:7]), ("two", rows[5:])):
+        part.to_parquet(tmp_path / "parts" / f"{name}.parquet", index=False)
+    again = crosscheck.sweep(SWEEP, workers=1, out=tmp_path)
+    assert again.attrs["report"]["computed"] == 1
+    pd.testing.assert_frame_equal(frame, again)
+    assert [path.name for path in (tmp_path / "parts").iterdir()] == ["cells.parquet"]
+    assert crosscheck.sweep(SWEEP, workers=1).attrs["report"]["computed"] == 0
+    assert crosscheck.sweep(SWEEP, workers=1, fresh=True).attrs["report"]["computed"] == 18
+    (tmp_path / "parts" / "cells.parquet").write_text("nothing")
+    with pytest.raises(ArgumentError, match="not a part of a sweep"):
+        crosscheck.sweep(SWEEP, out=tmp_path)
+
+
+def test_times_of_one_sweep_belong_together():
+    asked = {"scenes": ["single_pendulum"], "engines": {"lieeuler": ["rattle2"]}, "steps": [2e-2], "samples": 2,
+             "duration": 0.1, "timing": True}
+    first = crosscheck.sweep(asked, workers=1)
+    wider = crosscheck.sweep(asked | {"steps": [2e-2, 1e-2]}, workers=1)
+    assert wider.attrs["report"]["computed"] == 2
+    assert wider["wall_time"][0] != first["wall_time"][0]
 
 
 BAR = """<robot name="bar"><link name="base"/><link name="bar"><inertial><origin xyz="0 0 -0.3"/><mass value="1"/>

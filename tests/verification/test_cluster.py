@@ -9,7 +9,7 @@ import shutil
 import pytest
 
 from crosscheck.errors import ArgumentError, CrosscheckError
-from crosscheck.jobs.grid import run_tasks
+from crosscheck.jobs.drive import run_tasks
 from crosscheck.verification import job
 from tests import ROOT
 

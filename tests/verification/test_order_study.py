@@ -8,7 +8,7 @@ from crosscheck.document import Plan, Rung
 from crosscheck.errors import EngineError
 from crosscheck.judge.plan import halved
 from crosscheck.scene.file import load_scene
-from crosscheck.verification import budget, order_study
+from crosscheck.verification import order_study, scene_truth
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 from tests.fake_engine import FakeEngine, install
@@ -97,19 +97,19 @@ def test_an_order_is_measured_where_only_the_main_run_fails(monkeypatch):
 
 def test_no_step_of_a_stiff_scene_is_longer_than_its_fastest_decay():
     scene = load_scene("stiff_damped").replace(duration=0.05)
-    longest = budget.longest_step(scene)
+    longest = scene_truth.longest_step(scene)
     assert longest == pytest.approx(1 / 2e4, rel=0.05)  # of a damper of 2e4 N s/m on a mass of 1 kg
-    plan = budget.plan_within(scene, "stiff_damped", 20_000)
+    plan = scene_truth.plan_within(scene, "stiff_damped", 20_000)
     assert max(plan.steps.values()) <= longest
     assert max(ladder[0] for ladder in plan.ladders.values()) <= longest * (1 + 1e-12)
     assert plan.most_steps <= 20_000
 
 
 def test_a_scene_without_springs_takes_any_step():
-    assert budget.longest_step(load_scene("double_pendulum")) == float("inf")
+    assert scene_truth.longest_step(load_scene("double_pendulum")) == float("inf")
     soft = load_scene("spring_pendulum")
-    assert budget.longest_step(dataclasses.replace(soft, forces=())) == float("inf")
-    assert 0.05 < budget.longest_step(soft) < 1.0
+    assert scene_truth.longest_step(dataclasses.replace(soft, forces=())) == float("inf")
+    assert 0.05 < scene_truth.longest_step(soft) < 1.0
 
 
 def test_errors_of_an_adaptive_method_have_to_follow_its_tolerance():

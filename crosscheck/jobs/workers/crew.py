@@ -18,19 +18,8 @@ class Crew:
         self._all: set[Worker] = set()
         self._ending = False
 
-    def call(self, function: Callable[[Any], Any], task: Any, limits: Limits | None = None, again: bool = False
-             ) -> Any:
-        """The result of `function(task)` in a worker, or a `Crash`. May be called from any thread.
-
-        With `again`, a task runs once more if its process was killed from outside, for example by a system out of
-        memory.
-        """
-        result = self._call(function, task, limits)
-        if again and isinstance(result, Crash) and result.signal == "SIGKILL":
-            result = self._call(function, task, limits)
-        return result
-
-    def _call(self, function: Callable[[Any], Any], task: Any, limits: Limits | None) -> Any:
+    def call(self, function: Callable[[Any], Any], task: Any, limits: Limits | None = None) -> Any:
+        """The result of `function(task)` in a worker, or a `Crash`. May be called from any thread."""
         with self._lock:
             if self._ending:
                 return Crash("not run: stopped before it began")
@@ -74,9 +63,9 @@ class Crew:
 _crew: Crew | None = None
 
 
-def isolated(function: Callable[[Any], Any], task: Any, limits: Limits | None = None, again: bool = False) -> Any:
+def isolated(function: Callable[[Any], Any], task: Any, limits: Limits | None = None) -> Any:
     """The result of `function(task)` in a worker process of this machine. Executors on other machines call this."""
     global _crew
     if _crew is None:
         _crew = Crew()
-    return _crew.call(function, task, limits, again)
+    return _crew.call(function, task, limits)

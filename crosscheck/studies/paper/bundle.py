@@ -16,7 +16,7 @@ from crosscheck.document import Origin
 from crosscheck.files import plain, put
 from crosscheck.running import provenance
 from crosscheck.scene.model import Scene
-from crosscheck.studies import results_folder
+from crosscheck.studies import study
 from crosscheck.studies.paper import figures
 from crosscheck.studies.paper.figures import tex
 from crosscheck.studies.paper.runs import Line, Request, Shown, measure
@@ -76,7 +76,7 @@ def write(scenes: Sequence[Scene], out: Path, request: Request, formats: Sequenc
     ArgumentError
         The folder holds other files or cannot be written.
     """
-    results_folder.check(out, "paper")
+    study.check(out, "paper")
     put(out / MARK, "{}\n")
     (out / "figures").mkdir(parents=True, exist_ok=True)
     (out / "data").mkdir(exist_ok=True)

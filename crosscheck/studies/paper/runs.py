@@ -9,9 +9,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from crosscheck import references
 from crosscheck.document import EULER
 from crosscheck.errors import CrosscheckError
 from crosscheck.judge.plan import natural_time
+from crosscheck.references import TruthError
 from crosscheck.running.run import run
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
@@ -109,10 +111,8 @@ def measure(scene: Scene, request: Request, progress: Callable[[str], None]) -> 
 
 def _truth(scene: Scene) -> tuple[np.ndarray | None, str]:
     """True positions (n, 3) of the bodies at the end and their sources, or None and why there is no truth."""
-    from crosscheck.references import TruthError, truth
-
     try:
-        reference = truth(scene)
+        reference = references.truth(scene)
     except (CrosscheckError, TruthError) as error:
         return None, f"no truth: {error}"
     return reference.states.x[-1], f"{reference.source}; {reference.second_source}"

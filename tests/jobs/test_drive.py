@@ -1,6 +1,6 @@
 """Worker processes: results in order, crashes recorded, nothing lost."""
 
-from crosscheck.jobs.grid import Crash, run_tasks
+from crosscheck.jobs.drive import Crash, run_tasks
 from tests.grid_tasks import chatter, square_or_die
 
 

@@ -143,7 +143,7 @@ def stability(
     """
     from crosscheck.studies.stability import Stability, StabilityAsk
 
-    ask = StabilityAsk(chosen(scene), chosen(engine), chosen(method), time_limit, jobs, step, duration, fresh,
+    ask = StabilityAsk(chosen(scene), chosen(engine), chosen(method), time_limit, jobs, step, duration, fresh=fresh,
                        coordinate_map=coordinate_map)
     document = _conduct(Stability(), ask, out)
     terminal = console(200)

@@ -153,6 +153,7 @@ class ChaosStudy:
     """Do engines and methods give the same distributions of energies and heights where trajectories cannot agree?"""
 
     name = "chaos"
+    row_type = Comparison
 
     def scenes(self) -> tuple[str, ...]:
         """Free flights of jointed bodies."""
@@ -174,7 +175,7 @@ class ChaosStudy:
             def measured(start: Comparison, long: Scene = long, truth: dict[str, Law] = truth) -> Comparison:
                 return compared(start, long, truth, ask.time_limit)
 
-            done += run_all(work, rows, done, measured)
+            done += run_all(work, long, rows, done, measured)
 
     def document(self, ask: ChaosAsk, meta: StudyMeta, results: list[Comparison]) -> ChaosDocument:
         """The document with all comparisons."""

@@ -123,6 +123,7 @@ class DriftStudy:
     """How do energy, momentum, constraints and attitudes behave over very many steps?"""
 
     name = "drift"
+    row_type = Drift
 
     def scenes(self) -> tuple[str, ...]:
         """One body, and two."""
@@ -142,7 +143,7 @@ class DriftStudy:
             def measured(drift: Drift, long: Scene = long) -> Drift:
                 return with_figures(drift, long_run(drift, long, ask.time_limit))
 
-            done += run_all(work, rows, done, measured)
+            done += run_all(work, long, rows, done, measured)
 
     def document(self, ask: DriftAsk, meta: StudyMeta, results: list[Drift]) -> DriftDocument:
         """The document with all runs."""

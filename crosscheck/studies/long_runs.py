@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -59,25 +60,25 @@ def begun(kind: type[Row], scene: Scene, way: Way, step: float, **more: Any) -> 
                 duration=scene.duration, coordinate_map=way.coordinate_map, **more)
 
 
-def run_all(work: Work[Any, Row], rows: Sequence[Row], before: Sequence[Row],
+def run_all(work: Work[Any, Row], scene: Scene, rows: Sequence[Row], before: Sequence[Row],
             measured: Callable[[Row], Row]) -> list[Row]:
     """Measure the rows of a scene one by one. After each, all finished rows are given to `work.keep`.
 
     Parameters
     ----------
     before : finished rows of earlier scenes
-    measured : returns a row with its values; if it raises, the row gets the reason
+    measured : returns a row with its values; if it raises, the row gets the reason, and is tried again after a kill
     """
     done: list[Row] = []
     for index, start in enumerate(rows):
         work.progress(index, len(rows), f"{start.scene}: {start.label}")
         try:
-            done.append(measured(start))
+            done.append(work.once(scene, start.engine, start, functools.partial(measured, start)))
         except TooLong as limit:
             done.append(msgspec.structs.replace(start, status="skipped", reason=str(limit)))
         except CrosscheckError as error:
             done.append(msgspec.structs.replace(start, status="error", reason=said(error)))
-        work.keep([*before, *done], None)
+        work.keep([*before, *done])
     return done
 
 

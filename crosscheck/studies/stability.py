@@ -5,7 +5,6 @@ Every search (`crosscheck.studies.bisection`) runs in a worker process, and its 
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,12 +15,11 @@ from crosscheck import adapters as all_engines
 from crosscheck import references
 from crosscheck.document import Part
 from crosscheck.jobs.drive import Crash, Limits, run_tasks
-from crosscheck.jobs.table import Session, Table, digest
+from crosscheck.jobs.table import Session
 from crosscheck.jobs.workers.process import GIGABYTE
-from crosscheck.running import provenance
 from crosscheck.scene.file import load_scene, scene_names
 from crosscheck.studies.bisection import COMMON, USABLE, Row, Task, search
-from crosscheck.studies.study import Ask, Progress, StudyDocument, StudyMeta, Work
+from crosscheck.studies.study import STAGE, Ask, Progress, StudyDocument, StudyMeta, Work
 
 TAG = "hard"
 ALSO = ("single_pendulum", "double_pendulum", "heavy_top")
@@ -47,8 +45,6 @@ MEMORY = 4.0 * GIGABYTE
 SHADES = (0.95, 0.5, 0.1, 0.01)
 """Bounds of the shades of the map, as shares of the largest step on the scene. The first shade is as good as the best.
 """
-
-TYPES = {"way": Row}
 
 
 class Best(Part, frozen=True, kw_only=True):
@@ -102,13 +98,13 @@ class StabilityAsk(Ask):
     jobs: int = 2
     step: float | None = None  # s, the common step; None: one that suits each scene
     duration: float | None = None  # s; None: the scene's
-    fresh: bool = True  # searches of other studies, with their times, do not count
 
 
 class Stability:
     """How large can steps be? A killed study continues."""
 
     name = "stability"
+    row_type = Row
 
     def scenes(self) -> tuple[str, ...]:
         """Ordinary scenes, then the hard ones."""
@@ -121,21 +117,16 @@ class Stability:
                 for scene in ask.scenes or self.scenes() for engine in work.engines
                 for adapter in [all_engines.get(engine)] for chart in [adapter.takes_map(ask.coordinate_map)]
                 for method in adapter.fixed_step_methods if ask.methods is None or method in ask.methods]
-        hashes = {way.scene: load_scene(way.scene).hash for way in ways}
-        engines = dict.fromkeys(way.engine for way in ways)
-        state = provenance.code_digest(engines, [dataclasses.asdict(ask), hashes])
-        codes = {engine: provenance.code_digest([engine], []) for engine in engines}
-        keys = {way.key: digest("way", codes[way.engine], hashes[way.scene], way) for way in ways}
+        keys = [work.key(load_scene(way.scene), way.engine, way) for way in ways]
         found: list[Row | None] = [None] * len(ways)
-        with contextlib.closing(Table.opened()) as table, table.session(
-                state, ask.command(self.name), TYPES, ask.fresh) as session:
-            def kept(index: int, row: Row) -> None:
-                found[index] = row
-                rows = [each for each in found if each is not None]
-                work.keep(rows, session.seconds)
-                work.progress(len(rows), len(ways), ways[index].key)
 
-            _search_all(ways, keys, ask, session, kept, work.progress)
+        def kept(index: int, row: Row) -> None:
+            found[index] = row
+            rows = [each for each in found if each is not None]
+            work.keep(rows)
+            work.progress(len(rows), len(ways), ways[index].key)
+
+        _search_all(ways, keys, ask, work.session, kept, work.progress)
 
     def document(self, ask: StabilityAsk, meta: StudyMeta, results: list[Row]) -> StabilityDocument:
         """The document with the map, the largest steps on each scene, and every run."""
@@ -147,12 +138,12 @@ class Stability:
         return document.rows
 
 
-def _search_all(ways: list[Task], keys: dict[str, str], ask: StabilityAsk, session: Session,
+def _search_all(ways: list[Task], keys: list[str], ask: StabilityAsk, session: Session,
                 keep: Callable[[int, Row], None], progress: Progress) -> None:
     """Give the row of every way to `keep`. Those in the table are not computed again."""
     open_ways = []
-    for index, way in enumerate(ways):
-        row = session.get("way", keys[way.key])
+    for index in range(len(ways)):
+        row = session.get(STAGE, keys[index])
         if row is None:
             open_ways.append(index)
         else:
@@ -168,7 +159,7 @@ def _search_all(ways: list[Task], keys: dict[str, str], ask: StabilityAsk, sessi
         if isinstance(row, Crash):  # not kept, because the cause may have been a busy machine
             keep(open_ways[place], _failed(way, row.message))
         else:
-            keep(open_ways[place], session.put("way", keys[way.key], row))
+            keep(open_ways[place], session.put(STAGE, keys[open_ways[place]], row))
 
     run_tasks(search, [ways[index] for index in open_ways], ask.jobs, done,
               Limits(max(PATIENCE, WAYS * ask.time_limit), MEMORY))

@@ -5,6 +5,7 @@ A study is a file with a class that has the interface `Study`, and a template fo
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import dataclasses
 import io
@@ -23,6 +24,7 @@ from crosscheck.adapters import methods as methods_of
 from crosscheck.document import Origin, Part
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import cell, plain, put
+from crosscheck.jobs.table import Session, Table, digest
 from crosscheck.running import provenance, versions
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
@@ -87,6 +89,9 @@ def write_folder(out: Path, document: StudyDocument, rows: Sequence[object]) -> 
 Progress = Callable[[int, int | None, str], Any]
 """Called with the number of finished pieces of work, the number of all or None, and the name of the current one."""
 
+STAGE = "study"
+"""Stage of the rows of studies in the table."""
+
 SHARE = 0.1
 """Largest share of a study's time for writing its folder before the end."""
 
@@ -100,6 +105,7 @@ class Ask:
     methods: tuple[str, ...] | None = None
     time_limit: float = 1.0
     coordinate_map: str | None = dataclasses.field(default=None, kw_only=True)  # of engines that have this option
+    fresh: bool = dataclasses.field(default=True, kw_only=True)  # rows of other studies, with their times, do not count
 
     def command(self, study: str) -> str:
         """The shell command with these options. Options with their default values are left out."""
@@ -127,8 +133,7 @@ Doc = TypeVar("Doc", bound=StudyDocument)
 class Work(Generic[Asked, Result]):
     """A running study: what to measure, and functions to call while measuring.
 
-    `keep` is called with all results so far after every piece of work. Its second argument is the total time (s) of
-    all sessions, or None for a study that has only one.
+    `keep` is called with all results so far after every piece of work.
     """
 
     ask: Asked
@@ -136,7 +141,18 @@ class Work(Generic[Asked, Result]):
     scenes: Sequence[Scene]
     out: Path
     progress: Progress
-    keep: Callable[[list[Result], float | None], None]
+    keep: Callable[[list[Result]], None]
+    session: Session
+
+    def key(self, scene: Scene, engine: str | None, task: Any) -> str:
+        """The key of a row: of one engine, or of all of the study."""
+        return digest(provenance.code_digest(self.engines if engine is None else (engine,), []), scene.hash, task)
+
+    def once(self, scene: Scene, engine: str | None, task: Any, compute: Callable[[], Result]) -> Result:
+        """The row of a piece of work, from the table if an earlier process of this study has put it there."""
+        key = self.key(scene, engine, task)
+        kept: Result | None = self.session.get(STAGE, key)
+        return kept if kept is not None else self.session.put(STAGE, key, compute())
 
 
 class Study(Protocol[Asked, Result, Doc]):
@@ -144,6 +160,9 @@ class Study(Protocol[Asked, Result, Doc]):
 
     name: str
     """The name of its files and of the template of its page."""
+
+    row_type: type[Any]
+    """The type of its rows in the table."""
 
     def scenes(self) -> tuple[str, ...]:
         """The default scenes."""
@@ -161,7 +180,7 @@ class Study(Protocol[Asked, Result, Doc]):
 def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: Progress) -> Doc:
     """Conduct a study and return its document. The folder is written now and then, and at the end or an interrupt.
 
-    Raises `ArgumentError` for wrong names, or a folder that must not be replaced.
+    A study that was killed goes on. Raises `ArgumentError` for wrong names, or a folder that must not be replaced.
     """
     versions.need(ask.engines or ())
     engines = ask.engines or adapters.names()
@@ -170,7 +189,6 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
     check(out, study.name)
     meta = msgspec.convert(provenance.describe(engines) | {
         "command": ask.command(study.name), "seconds": 0.0, "time_limit": ask.time_limit}, StudyMeta)
-    began = time.perf_counter()
     document, stale, due = study.document(ask, meta, []), False, 0.0
 
     def write() -> None:
@@ -180,19 +198,21 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
         end = time.perf_counter()
         stale, due = False, end + (end - start) / SHARE
 
-    def keep(results: list[Result], seconds: float | None = None) -> None:
+    def keep(results: list[Result]) -> None:
         nonlocal document, stale
-        now = time.perf_counter()
-        document = study.document(ask, msgspec.structs.replace(meta, seconds=seconds or now - began), results)
+        document = study.document(ask, msgspec.structs.replace(meta, seconds=session.seconds), results)
         stale = True
-        if now >= due:
+        if time.perf_counter() >= due:
             write()
 
-    try:
-        study.measure(Work(ask, engines, scenes, out, progress, keep))
-    finally:
-        if stale:
-            write()
+    state = provenance.code_digest(engines, [study.name, dataclasses.asdict(ask), [scene.hash for scene in scenes]])
+    with contextlib.closing(Table.opened()) as table, table.session(
+            state, ask.command(study.name), {STAGE: study.row_type}, ask.fresh) as session:
+        try:
+            study.measure(Work(ask, engines, scenes, out, progress, keep, session))
+        finally:
+            if stale:
+                write()
     return document
 
 

@@ -25,47 +25,10 @@ from crosscheck.references.base import Reference, TruthError
 from crosscheck.running.run import run
 from crosscheck.scene.model import Scene
 from crosscheck.studies import frontier
-from crosscheck.studies.frontier import BOUND
+from crosscheck.studies.frontier import BOUND, Rung
 from crosscheck.studies.study import Ask, Progress, StudyDocument, StudyMeta, Work
 from crosscheck.verification.ladder import INTERVALS, Way, ladder, reference, thinned, ways
 from crosscheck.verification.speed import spread, undisturbed
-
-
-@dataclasses.dataclass
-class Rung:
-    """One run of a way. Errors are in m and rad, the largest over the bodies. Times are of stepping alone.
-
-    `setup_ms` is the other time of a run: building the engine's model and converting its two samples.
-    """
-
-    scene: str
-    engine: str
-    method: str
-    form: str | None
-    label: str
-    step: float | None  # s
-    rtol: float | None
-    status: str = "success"  # or "error", "skipped"
-    reason: str = ""
-    coordinate_map: str | None = None
-    steps: int | None = None
-    rejected_steps: int | None = None
-    force_evaluations: int | None = None  # if the engine counts them
-    end_position: float | None = None
-    end_attitude: float | None = None
-    max_position: float | None = None  # over the samples that lie on steps
-    max_attitude: float | None = None
-    samples: int | None = None  # number of the samples for max_position and max_attitude
-    wall_ms: float | None = None  # median over the repeats
-    wall_deviation_ms: float | None = None  # median absolute deviation of the repeats
-    setup_ms: float | None = None
-    repeats: int = 0
-
-    @classmethod
-    def of(cls, scene: Scene, way: Way, value: float | None, status: str = "success", reason: str = "") -> Rung:
-        """The rung of a way at `value`: a step (s), or a tolerance if the way is adaptive."""
-        return cls(scene.name, way.engine, way.method, way.form, way.label, None if way.adaptive else value,
-                   value if way.adaptive else None, status, reason, way.coordinate_map)
 
 
 def errors_into(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> None:
@@ -264,6 +227,7 @@ class WorkPrecision:
     """What does an error cost with every engine, form and method?"""
 
     name = "work-precision"
+    row_type = SceneLadders
 
     def scenes(self) -> tuple[str, ...]:
         """Two pendulums and the heavy top."""
@@ -281,7 +245,7 @@ class WorkPrecision:
                 sampled, truth = reference(scene)
             except (Unsupported, TruthError) as error:
                 results.append(replace(found, failure=said(error)))
-                work.keep(results, None)
+                work.keep(results)
                 continue
             found = replace(found, duration=sampled.duration, truth=Known(
                 source=truth.source, disagreement=truth.disagreement, amplification=truth.amplification))
@@ -293,9 +257,15 @@ class WorkPrecision:
                 fronts = {name: frontier.frontier(frontier.curves(rungs, column))
                           for name, (column, _) in FRONTIERS.items()}
                 results[-1] = replace(found, rungs=[*rungs, *missing], frontier=fronts)
-                work.keep(results, None)
+                work.keep(results)
 
-            measure(sampled, chosen, truth, ask.repeats, ask.time_limit, work.progress, kept, ask.bound)
+            def measured(found: SceneLadders = found, sampled: Scene = sampled, truth: Reference = truth,
+                         chosen: list[Way] = chosen, kept: Callable[[list[Rung]], None] = kept) -> SceneLadders:
+                measure(sampled, chosen, truth, ask.repeats, ask.time_limit, work.progress, kept, ask.bound)
+                return results[-1]
+
+            results[-1] = work.once(sampled, None, dataclasses.asdict(ask), measured)
+            work.keep(results)
 
     def document(self, ask: WorkPrecisionAsk, meta: StudyMeta, results: list[SceneLadders]) -> WorkPrecisionDocument:
         """Per scene its rungs and frontiers."""

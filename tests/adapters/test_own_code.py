@@ -43,6 +43,17 @@ def test_what_it_does_not_import_does_not_count(folder, home):
     assert code.digest(home) == before
 
 
+@pytest.mark.parametrize("place", ["site-packages", "dist-packages"])
+def test_packages_of_another_environment_do_not_count(folder, monkeypatch, place):
+    (folder / "elsewhere" / place).mkdir(parents=True)
+    (folder / "elsewhere" / place / "installed.py").write_text("v = 1\n", "utf-8")
+    (folder / "engine.py").write_text("import installed\n", "utf-8")
+    monkeypatch.syspath_prepend(str(folder / "elsewhere" / place))
+    before = code.digest("engine.py")
+    (folder / "elsewhere" / place / "installed.py").write_text("v = 2\n", "utf-8")
+    assert code.digest("engine.py") == before
+
+
 def test_two_files_that_swap_their_contents_are_another_code(folder):
     (folder / "engine.py").write_text("import one\nimport two\n", "utf-8")
     digests = set()

@@ -16,9 +16,10 @@ from crosscheck.studies import frontier
 from crosscheck.studies.bisection import Row
 from crosscheck.studies.chaos import ChaosAsk, ChaosStudy, Comparison
 from crosscheck.studies.drift import Drift, DriftAsk, DriftStudy
+from crosscheck.studies.frontier import Rung
 from crosscheck.studies.stability import Stability, StabilityAsk
 from crosscheck.studies.study import StudyMeta, write_folder
-from crosscheck.studies.work_precision import Known, Rung, SceneLadders, WorkPrecision, WorkPrecisionAsk
+from crosscheck.studies.work_precision import Known, SceneLadders, WorkPrecision, WorkPrecisionAsk
 from crosscheck.sweeps import summary
 from tests.history.store.documents import document as night
 from tests.history.store.documents import record

@@ -19,12 +19,11 @@ import pytest
 from msgspec.structs import replace
 from typer.testing import CliRunner
 
-from crosscheck.cli import advise, app, study, verdicts
+from crosscheck.cli import advise, app, study, verify
 from crosscheck.document import Advice, Finding
 from crosscheck.history import nightly
 from crosscheck.history.nightly import summary
 from crosscheck.history.store import open_store, run_from_document, save
-from crosscheck.studies import study as studies
 from crosscheck.sweeps import job
 from crosscheck.verification import trust
 from tests.browser import pages_making
@@ -74,7 +73,7 @@ def told(name, folder):
     """What a command prints, with the width in COLUMNS."""
     if name in STUDIES:
         kept = {}
-        with mock.patch.object(studies, "write_folder", lambda out, made, rows: kept.update({made.study: made})):
+        with mock.patch.object(pages_making, "write_folder", lambda out, made, rows: kept.update({made.study: made})):
             STUDIES[name](folder)
         with mock.patch.object(study, "_conduct", return_value=kept[name]):
             print(CliRunner().invoke(app.app, ["study", name]).stdout, end="")
@@ -84,7 +83,7 @@ def told(name, folder):
         with mock.patch.object(nightly, "nightly", return_value=night):
             print(CliRunner().invoke(app.app, ["nightly"]).stdout, end="")
     elif name == "verify":
-        verdicts.print_verdicts(made_up(), Path("reports/latest/index.html"))
+        verify.print_verdicts(made_up(), Path("reports/latest/index.html"))
     elif name == SWEEP:
         with mock.patch.object(job, "estimate", return_value=(100_000, 99_950, 4100.0)):
             print(CliRunner().invoke(app.app, ["sweep", "masses-of-both-pendulums.toml", "--dry-run"]).stdout, end="")
@@ -129,7 +128,7 @@ def test_nothing_is_wider_than_the_terminal_and_no_figure_is_cut(name, folder, m
 
 def test_a_sentence_is_one_line_where_no_terminal_says_how_wide_it_is(monkeypatch, capsys):
     monkeypatch.delenv("COLUMNS", raising=False)
-    verdicts.print_verdicts(made_up(), Path("index.html"))
+    verify.print_verdicts(made_up(), Path("index.html"))
     assert any(len(line) > 200 for line in capsys.readouterr().out.splitlines())
 
 

@@ -234,3 +234,21 @@ def test_ten_unchanged_nights_raise_no_alarm_and_a_slowdown_of_thirty_per_cent_d
     assert slower == {FEW}
     page = (out / "latest" / "index.html").read_text(encoding="utf-8")
     assert "times the time per step" in page
+
+
+def test_an_edited_helper_of_an_engine_is_computed_again_and_nothing_else(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "helper.py").write_text("GRAIN = 1\n", "utf-8")
+    (tmp_path / "engine.py").write_text("import helper\nfrom tests.right_engines import Projected\n\n\n"
+                                        "class Mine(Projected):\n    grain = helper.GRAIN\n", "utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "engine.py:Mine", "--jobs", "1",
+             "--no-fresh")
+    counts = []
+    for edited in (False, False, True):
+        if edited:
+            (tmp_path / "helper.py").write_text("GRAIN = 1  # edited\n", "utf-8")
+        done = night(tmp_path / "nights", *words)
+        assert done.returncode == 0, done.stdout + done.stderr
+        counts.append(len(rows()))
+    assert counts == [2, 2, 3]

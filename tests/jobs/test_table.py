@@ -105,6 +105,9 @@ def test_speed_is_of_the_session_that_measured_it_unless_nothing_is_computed(pla
         assert session.reused == 0
     with asked("two", False, types) as session:
         assert session.sample("speed", "fast") is None
+    for _ in range(3):  # a session that only read takes nothing away from the next
+        with asked("one", False, types) as session:
+            assert session.sample("speed", "fast") == 0.5
     with asked("one", False, types) as session:
         assert not session.continued
         assert session.sample("speed", "fast") == 0.5  # nothing new: what was measured then
@@ -112,6 +115,30 @@ def test_speed_is_of_the_session_that_measured_it_unless_nothing_is_computed(pla
         assert session.sample("speed", "fast") is None
     with asked("one", True, types) as session:
         assert session.sample("speed", "fast") is None
+
+
+def test_many_keys_at_once(place):
+    types = {"speed": float}
+    keys = [digest(number) for number in range(1200)]  # more than one statement takes
+    with asked("one", False, types) as session:
+        assert session.missing("speed", keys) == set(keys)
+        session.put_all("speed", dict.fromkeys(keys[:700], 1.0))
+        session.put_all("speed", dict.fromkeys(keys[500:800], 2.0))
+        assert session.missing("speed", keys) == set(keys[800:])
+        assert session.missing("another", keys) == set(keys)
+    with asked("two", False, types) as session:
+        assert session.missing("speed", keys) == set(keys[800:])
+        assert session.missing("speed", keys[:800], samples=True) == set(keys[:800])  # measured for another ask
+        session.put_all("speed", {keys[0]: 3.0})
+        found = session.read("speed", keys)
+        assert [found[key] for key in (keys[0], keys[1], keys[500])] == [3.0, 1.0, 2.0]
+        assert len(found) == 800
+    with asked("one", False, types) as session:
+        assert session.missing("speed", keys[:801], samples=True) == set(keys[:801])  # all of one session or none
+        assert session.missing("speed", keys[:800], samples=True) == set()
+        assert session.read("speed", keys, samples=True)[keys[0]] == 1.0
+    with asked("one", True, types) as session:
+        assert session.missing("speed", keys[:800]) == set(keys[:800])
 
 
 def test_a_session_at_work_is_not_continued_by_another(place):

@@ -8,7 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from crosscheck.cli.app import app
-from crosscheck.studies.drift import EPS, growth, judge
+from crosscheck.studies import drift
+from crosscheck.studies.drift import EPS, DriftAsk, DriftStudy, growth, judge
+from crosscheck.studies.study import conduct
 
 T = np.linspace(0.0, 1000.0, 10_001)
 STEPS = 1_000_000
@@ -77,3 +79,24 @@ def test_a_run_beyond_the_limit_and_a_failing_one_are_rows(tmp_path):
     (row,) = json.loads((tmp_path / "coarse" / "drift.json").read_text())["runs"]
     assert row["status"] == "error"
     assert "smaller step" in row["reason"]
+
+
+def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
+    """The study is interrupted in its second run; the next study makes that one alone, and one after it all anew."""
+    ask = DriftAsk(("single_pendulum",), ("lieeuler",), ("rattle2", "rattle4"), step=0.01, steps=100)
+    made, real = [], drift.long_run
+
+    def watched(row, scene, limit):
+        made.append(row.method)
+        if len(made) == 2:
+            raise KeyboardInterrupt
+        return real(row, scene, limit)
+
+    monkeypatch.setattr(drift, "long_run", watched)
+    with pytest.raises(KeyboardInterrupt):
+        conduct(DriftStudy(), ask, tmp_path, lambda *_: None)
+    document = conduct(DriftStudy(), ask, tmp_path, lambda *_: None)
+    assert made == ["rattle2", "rattle4", "rattle4"]
+    assert [row.method for row in document.runs] == ["rattle2", "rattle4"]
+    conduct(DriftStudy(), ask, tmp_path, lambda *_: None)
+    assert made[3:] == ["rattle2", "rattle4"]

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from crosscheck.studies.frontier import Curve, confirmed, cost_at, curves, frontier
-from crosscheck.studies.work_precision import Rung
+from crosscheck.studies.frontier import Curve, Rung, confirmed, cost_at, curves, frontier
 
 
 def ladder(order, constant, price, counts=(10, 20, 40, 80, 160)):

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from crosscheck import load_scene
 from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError
-from crosscheck.studies import bisection, stability
+from crosscheck.studies import bisection, stability, study
 from crosscheck.studies.bisection import Attempt, Row, Search, Task
 from crosscheck.studies.stability import Stability, StabilityAsk
 from crosscheck.studies.study import conduct
@@ -99,7 +99,7 @@ def test_the_command_and_its_page(tmp_path):
 def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
     """The study ends after its first method; the next study does not run that method again."""
     # an edit of the package between the two changes the code, so that the study starts afresh
-    monkeypatch.setattr(stability.provenance, "code_digest", lambda *_: 64 * "0")
+    monkeypatch.setattr(study.provenance, "code_digest", lambda *_: 64 * "0")
     request = StabilityAsk(("single_pendulum",), ("lieeuler",), ("rattle2", "rattle4"), 20.0, 1)
 
     class Killed(BaseException):

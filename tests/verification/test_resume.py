@@ -146,6 +146,25 @@ def test_an_edited_engine_or_helper_is_computed_again(tmp_path, monkeypatch):
     assert counts == [2, 2, 3, 4, 4]
 
 
+def test_a_resumed_run_takes_no_row_of_an_engine_that_was_edited_meanwhile(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    (tmp_path / "helper.py").write_text("METHODS = ('RK4', 'RK2')\n", "utf-8")
+    (tmp_path / "engine.py").write_text(
+        "import time, helper\nfrom tests.right_engines import Projected\n\n\nclass Mine(Projected):\n"
+        "    methods = helper.METHODS\n    def run(self, scene, spec):\n"
+        "        if spec.method == 'RK2':\n            time.sleep(30)\n"
+        "        return super().run(scene, type(spec)('RK4', spec.step, spec.rtol, spec.form, monitor=spec.monitor))\n",
+        "utf-8")
+    words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "engine.py:Mine", "--jobs", "1")
+    assert killed(tmp_path / "out", words, 2)  # the truth and RK4; RK2 is asleep
+    before = {key for key, _ in rows()}
+    (tmp_path / "helper.py").write_text("METHODS = ('RK4',)\n", "utf-8")
+    done = verify(tmp_path / "out", *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert len({key for key, _ in rows()} - before) == 1
+
+
 def test_a_run_that_was_killed_is_tried_again(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     (tmp_path / "engine.py").write_text(

@@ -49,10 +49,14 @@ def digest(home: str, file: str | None = None) -> str:
 
 
 def _folders() -> Iterator[str]:
-    """The folders of the user on the path of modules, the current one among them."""
+    """The folders of the user on the path of modules, the current one among them.
+
+    A virtual environment may see packages that are installed for the system or for another one.
+    """
     installed = [Path(sysconfig.get_path(kind)).resolve() for kind in ("stdlib", "platstdlib", "purelib", "platlib")]
     for entry in dict.fromkeys(os.path.abspath(entry) for entry in (*sys.path, "")):
-        if not any(Path(entry).resolve().is_relative_to(place) for place in installed):
+        if Path(entry).name not in ("site-packages", "dist-packages") and not any(
+                Path(entry).resolve().is_relative_to(place) for place in installed):
             yield entry
 
 

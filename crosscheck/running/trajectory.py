@@ -16,6 +16,7 @@ from crosscheck.errors import ArgumentError, missing
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import JointHistory, histories
+from crosscheck.scene.events import events as happened
 from crosscheck.scene.model import Scene
 from crosscheck.scene.monitor import MAXIMA, level_norms
 from crosscheck.scene.sensors import Readings, readings
@@ -65,7 +66,7 @@ class Trajectory:
     status: str
     stats: Stats  # counters of the run, "step" (s), and the maxima over every step under the keys of MAXIMA
     own_sensors: Mapping[str, np.ndarray] | None = None  # readings that the engine made itself
-    events: tuple[tuple[float, str, str], ...] = ()  # time (s), joint, and what happened there
+    events: tuple[tuple[float, str, str], ...] = ()  # time (s), joint or monitor, and what happened there
 
     @functools.cached_property
     def work(self) -> np.ndarray:
@@ -248,4 +249,4 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
             reactions=None if lam is None else constraints.reactions(s.x, s.R, lam), wall_time=raw.wall_time,
             steps=raw.steps, status=raw.status,
             stats=cast(Stats, {**raw.stats, "step": raw.step, **(raw.maxima or {})}), own_sensors=s.sensors,
-            events=raw.events, **levels)
+            events=raw.events or happened(scene, s), **levels)

@@ -216,3 +216,19 @@ def test_a_restitution_has_its_ratio():
         solved = solve_ivp(lambda t, y, k=k, b=b: [y[1], max(-k * y[0] - b * y[1], 0.0)], (0.0, 1.0), [0.0, -1.0],
                            rtol=1e-9, atol=1e-12, max_step=1e-3)
         assert solved.y[1, -1] == pytest.approx(restitution, abs=1e-5)
+
+
+def test_events_of_runs_are_found_between_steps_and_from_samples(friction):
+    scene, *_, turns = friction
+    # between steps at order 1 of the run; from samples as well as a cubic meets .1 s with a jump of the acceleration
+    for monitor, accuracy in ((True, 1e-3), (False, 1e-2)):
+        traj = crosscheck.run(scene, engine="mujoco", method="Euler", step=2.5e-4, monitor=monitor)
+        found = [event for event in traj.events if event[0] < 3.5]
+        assert [event[1:] for event in found] == [("hinge", "reverses")] * 4
+        assert [event[0] for event in found] == pytest.approx(turns[:4], abs=accuracy)
+    parabola = pendulum(1.0, 11, 0.0, ({"type": "servo", "joint": "hinge", "target": 2.0, "proportional": 0.8,
+                                        "derivative": 0.0, "effort_limit": 0.5},), position=1.0,
+                        limits={"upper": 1.7})
+    traj = crosscheck.run(parabola, engine="mujoco", method="RK4", step=1e-3)
+    assert [event[1:] for event in traj.events][:2] == [("hinge", "unsaturates"), ("hinge", "hits_upper")]
+    assert traj.events[0][0] == pytest.approx(np.sqrt(2 * 0.375 * J / 0.5), abs=1e-5)  # at 2 - .5 / .8 rad

@@ -10,6 +10,7 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec, steps_per_sample
 from crosscheck.errors import ArgumentError, EngineError
+from crosscheck.scene.events import Event, events
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -53,11 +54,13 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
     from crosscheck.scene.monitor import Monitor
 
     monitor = Monitor(scene) if spec.monitor else None
+    happened: list[Event] = []
     stride, chunk = (1, CHUNK) if spec.monitor else (per, total)
     q, v = (part[None] for part in initial)
     kept, done, wall = [(q, v, accelerate(np.zeros(1), q, v))], 0, 0.0
     if monitor is not None:
-        watch(monitor, convert(np.zeros(1), *kept[0]))
+        last = convert(np.zeros(1), *kept[0])
+        watch(monitor, last)
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run is reported below, with its time
         while done < total:
             count = min(chunk, total - done)
@@ -68,12 +71,23 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
             check_finite(spec.method, steps * h, q, v)
             a = accelerate(steps * h, q, v)
             if monitor is not None:
-                watch(monitor, convert(steps * h, q, v, a))
+                seen = convert(steps * h, q, v, a)
+                watch(monitor, seen)
+                happened += events(scene, joined(last, seen), shapes=False) if scene.has_laws else []
+                last = seen
             on_sample = steps % per == 0
             kept.append((q[on_sample], v[on_sample], a[on_sample]))
             done += count
     states = convert(scene.t, *(np.concatenate(parts) for parts in zip(*kept, strict=True)))
-    return RawRun(states, wall, total, h, maxima=None if monitor is None else monitor.maxima(), form=spec.form)
+    return RawRun(states, wall, total, h, maxima=None if monitor is None else monitor.maxima(), form=spec.form,
+                  events=() if monitor is None else tuple(sorted([*happened, *(
+                      event for event in events(scene, states) if event[2] == "touches")])))
+
+
+def joined(before: States, states: States) -> States:
+    """The last of the states before, and these."""
+    return States(*(np.concatenate([getattr(before, key)[-1:], getattr(states, key)]) for key in ("t", "x", "R", "v",
+                                                                                                 "w")))
 
 
 def watch(monitor: Monitor, states: States) -> None:

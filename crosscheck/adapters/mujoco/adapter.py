@@ -68,6 +68,17 @@ class Forms(Engine):
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
         return models.obstacle(scene, form)
 
+    def own_law(self, scene: Scene, spec: RunSpec) -> States | None:
+        """That of its friction and limits at their default softness; the tight ones depend on the step."""
+        from crosscheck.adapters.mujoco.own_law import OwnLaw
+
+        return OwnLaw(scene).states() if models.of_own_law(scene) and spec.softness == "default" else None
+
+    def nearest_law(self, scene: Scene, spec: RunSpec) -> RunSpec | None:
+        """Friction and limits as stiff as the step allows."""
+        own = models.of_own_law(scene) and spec.softness == "default"
+        return dataclasses.replace(spec, softness="tight") if own else None
+
     def turning(self, scene: Scene, form: str | None) -> list[int]:
         """Bodies on a ball joint, and free bodies."""
         branches, _ = models.closures(scene, form or "tree")
@@ -89,17 +100,6 @@ class MuJoCo(Forms):
         from crosscheck.adapters.mujoco.native import load
 
         return load(path, states)
-
-    def own_law(self, scene: Scene, spec: RunSpec) -> States | None:
-        """That of its friction and limits at their default softness; the tight ones depend on the step."""
-        from crosscheck.adapters.mujoco.own_law import OwnLaw
-
-        return OwnLaw(scene).states() if models.of_own_law(scene) and spec.softness == "default" else None
-
-    def nearest_law(self, scene: Scene, spec: RunSpec) -> RunSpec | None:
-        """Friction and limits as stiff as the step allows."""
-        own = models.of_own_law(scene) and spec.softness == "default"
-        return dataclasses.replace(spec, softness="tight") if own else None
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if MuJoCo warns or the state becomes infinite or NaN."""

@@ -147,10 +147,20 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
                          if link.find("inertial") is None and link.find("collision") is not None)
     told = [each for native in natives if native is not neutral
             for each in _differences(neutral, _named_alike(neutral, native), invented)]
+    told = [each for each in told if each.engine.startswith("mujoco") or each.place not in _chains(scene)]
     told += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
              for native in natives if native.engine.startswith("mujoco") and (still := _rooted(model.root))]
     return NativeInspection(source, scene, tuple(natives), tuple(told), refused,
                             str(no_scene or ""))
+
+
+def _chains(scene: Scene | None) -> set[str]:
+    """Names of light bodies and the joints on them, which stand for several joints on one body in other engines."""
+    if scene is None or not any(words.startswith("that nothing is between") for words in scene.left_out):
+        return set()
+    names = ["", *(body.name for body in scene.bodies)]
+    light = {name for name in names if " after " in name}
+    return light | {joint.name for joint in scene.joints if light & {names[joint.parent + 1], names[joint.child + 1]}}
 
 
 def _native(task: tuple[str, str, str, JointStates]) -> Native:

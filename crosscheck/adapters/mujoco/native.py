@@ -58,6 +58,7 @@ def load(path: str, states: JointStates) -> Native:
         model.opt.disableflags |= (off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
                                    | off.mjDSBL_ACTUATION)
         links = {body.name: Link(body.mass, body.inertia) for body in reading.bodies.values()}
+        links |= {light["name"]: Link(light["mass"], np.array(light["inertia"])) for light in reading.light}
         joints = {table["name"]: Hinge(
             table["parent"], table["child"], np.array(table["parent_anchor"]), np.array(table["child_anchor"]),
             np.array(table["child_axis"]), rotation_from_quaternion(np.array(table["reference_attitude"])),
@@ -69,6 +70,7 @@ def load(path: str, states: JointStates) -> Native:
         if len(order) != model.nv:
             return found
         only = {body.name: int(model.body_jntadr[index]) for index, body in reading.bodies.items()}
+        only |= {table["child"]: j for j, table in reading.chained.items()}
         q, v = ([int(address[only[joints[name].child]]) for name in order]
                 for address in (model.jnt_qposadr, model.jnt_dofadr))
         columns = [states.names.index(name) for name in order]

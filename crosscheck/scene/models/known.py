@@ -35,7 +35,7 @@ MJCF: Mapping[str, str | None] = {
     "freejoint": "name group align", "geom": None, "site": None, "mesh": None, "hfield": None, "model": None,
     "plugin": None, "config": None, "extension": None, "instance": None,
     "contact": None, "pair": None, "exclude": None, "tendon": "", "spatial": _TENDON, "fixed": _TENDON, "pulley": None,
-    "tendon joint": None, "equality": None, "equality joint": None, "connect": None, "weld": None, "distance": None,
+    "fixed joint": None, "equality": None, "equality joint": None, "connect": None, "weld": None, "distance": None,
     "equality tendon": None, "equality flex": None, "flexvert": None, "flexstrain": None,
     "keyframe": "", "key": "act ctrl mpos mquat name qpos qvel time"}
 """Of MJCF, by tag, or by parent and tag."""

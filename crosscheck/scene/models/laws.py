@@ -83,10 +83,12 @@ def body_label(m: Any, body: int) -> str:
 def _places(reading: Reading, joints: list[Table]) -> dict[int, tuple[Table, int, float]]:
     """(table, index of the coordinate, its sign) of each joint of the model that is a coordinate of a scene's joint."""
     m, by_child = reading.model, {table["child"]: table for table in joints}
-    found: dict[int, tuple[Table, int, float]] = {}
+    found: dict[int, tuple[Table, int, float]] = {j: (table, 0, 1.0) for j, table in reading.chained.items()}
     for group, body in reading.bodies.items():
         table = by_child.get(body.name)
         ids = range(int(m.body_jntadr[group]), int(m.body_jntadr[group]) + int(m.body_jntnum[group]))
+        if ids and ids[0] in found:
+            continue
         if table is None or table["type"] not in ("revolute", "prismatic", "cylindrical"):
             continue
         for j in ids:

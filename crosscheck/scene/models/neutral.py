@@ -22,6 +22,9 @@ if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engin
 ALIGNED = 1e-9
 """Sine of the angle, and relative distance, below which axes count as parallel and points as one."""
 
+LIGHT = 1e-7
+"""Mass and inertia of a light body, relative to the body that it carries: the motion changes by as much."""
+
 
 @dataclasses.dataclass
 class Rigid:
@@ -47,6 +50,8 @@ class Reading:
     lost: list[str]  # can be left out, but would change the motion
     impossible: list[str]  # cannot be left out
     noted: list[str] = dataclasses.field(default_factory=list)  # read otherwise than it is written, which is told
+    light: list[Table] = dataclasses.field(default_factory=list)  # bodies between several joints of one body
+    chained: dict[int, Table] = dataclasses.field(default_factory=dict)  # these joints by their number in the model
 
     @functools.cached_property
     def groups(self) -> np.ndarray:
@@ -118,12 +123,59 @@ def body_table(body: Rigid) -> Table:
 
 
 def joint_tables(reading: Reading) -> list[Table]:
-    """One of [[joints]] for every body that is not free."""
-    return [table for group in reading.bodies if (table := _hanging(reading, group)) is not None]
+    """One of [[joints]] for every body that is not free, or several with light bodies between them."""
+    return [table for group in reading.bodies for table in _hanging(reading, group)]
 
 
-def _hanging(reading: Reading, group: int) -> Table | None:
-    """The joint of a group, which may stand for several in the model; None if the group is free or nothing fits."""
+def _hanging(reading: Reading, group: int) -> list[Table]:
+    """The joint of a group, which may stand for several in the model; none if the group is free, a chain if none fits.
+    """
+    ids = range(int(reading.model.body_jntadr[group]), int(reading.model.body_jntadr[group])
+                + int(reading.model.body_jntnum[group]))
+    table = _alone(reading, group)
+    if table is not None:
+        return [table]
+    return _chain(reading, group, list(ids)) if reading.model.jnt_type[ids[0]] != 0 and not _is_free(
+        reading, group) else []
+
+
+def _chain(reading: Reading, group: int, ids: list[int]) -> list[Table]:
+    """Joints with one coordinate each, a ball last, and light bodies between them with the axes of the last body."""
+    m, d, body = reading.model, reading.data, reading.bodies[group]
+    if any(m.jnt_type[j] == 1 for j in ids[:-1]):
+        reading.impossible.append(f"the joints of body {body.name!r} are none of a scene: its ball is not the last")
+        return []
+    parent = int(reading.groups[m.body_parentid[group]])
+    made: list[Table] = []
+    inner, centre, R = "", np.zeros(3), body.R
+    for k, j in enumerate(ids):
+        axis, at = d.xaxis[j], d.xanchor[j]
+        back = float(d.qpos[m.jnt_qposadr[j]]) * axis if m.jnt_type[j] == 2 else np.zeros(3)
+        name = m.jnt(j).name or f"{body.name} joint {k + 1}"
+        start, near = reading.end(parent, at - back) if k == 0 else (inner, (R.T @ (at - back - centre)).tolist())
+        if k < len(ids) - 1:
+            inner, centre, far = f"{body.name} after {name}", at, [0.0, 0.0, 0.0]
+            size = LIGHT * float(np.trace(body.inertia)) / 3
+            reading.light.append({"name": inner, "mass": LIGHT * body.mass, "inertia": (size * np.eye(3)).tolist()})
+        else:
+            inner, far = reading.end(group, at)
+        table: Table = {"name": name, "type": {1: "spherical", 2: "prismatic", 3: "revolute"}[int(m.jnt_type[j])],
+                        "parent": start, "child": inner, "parent_anchor": near, "child_anchor": far}
+        if table["type"] == "spherical":
+            _plain(reading, [j], "a chain")
+        else:
+            table |= {"parent_axis": reading.direction(parent if k == 0 else group, axis),
+                      "child_axis": reading.direction(group, axis)}
+            table |= _one(reading, parent if k == 0 else group, group, j)
+            reading.chained[j] = table
+        made.append(table)
+    reading.noted.append(f"that nothing is between the {len(ids)} joints of body {body.name!r}: light bodies of "
+                         f"{LIGHT:g} of its mass are")
+    return made
+
+
+def _alone(reading: Reading, group: int) -> Table | None:
+    """The joint that stands for all joints of a group; None if the group is free or nothing fits."""
     import mujoco
 
     m, d = reading.model, reading.data
@@ -152,12 +204,11 @@ def _hanging(reading: Reading, group: int) -> Table | None:
                      "child_axis": reading.direction(group, parent_axis if child_axis is None else child_axis)}
         return made
 
-    # three slides followed by a ball or three hinges leave the body free
-    six = kinds in ("sssb", "ssshhh") and _independent(axes, slides) and (
-        kinds == "sssb" or (together and _independent(axes, turning)))
-    if kinds == "f" or (parent == 0 and six):
+    if _is_free(reading, group):
         _plain(reading, ids, "a free body")
         return None
+    if len(ids) > 1 and kinds.strip("b") and sorted(kinds) != ["h", "s"] and _has_coordinates(reading, ids):
+        return None  # a spherical, universal or planar joint has no place for springs and the like
     if kinds == "b" or (kinds == "hhh" and together and _independent(axes, ids)):
         _plain(reading, ids, "a spherical joint")
         return table("spherical", anchors[ids[0]])
@@ -178,10 +229,32 @@ def _hanging(reading: Reading, group: int) -> Table | None:
             abs(axes[turning[0]] @ axes[j]) < ALIGNED for j in slides):
         _plain(reading, ids, "a planar joint")
         return table("planar", anchors[turning[0]], axes[turning[0]])
-    words = {"h": "hinge", "s": "slide", "b": "ball", "f": "free"}
-    reading.impossible.append(f"the joints {', '.join(words[kind] for kind in kinds)} of body "
-                              f"{reading.bodies[group].name!r} together are none of the joints of a scene")
     return None
+
+
+def _has_coordinates(reading: Reading, ids: list[int]) -> bool:
+    """Whether one of the joints has armature, a spring, a damper, dry friction, limits or an actuator."""
+    m = reading.model
+    dofs = [int(m.jnt_dofadr[j]) for j in ids]
+    moved = set(m.actuator_trnid[np.isin(m.actuator_trntype, (0, 1)), 0].tolist())
+    return bool(moved.intersection(ids) or any(np.any(field[rows]) for field, rows in (
+        (m.dof_armature, dofs), (m.dof_damping, dofs), (m.dof_frictionloss, dofs), (m.jnt_stiffness, ids),
+        (m.jnt_limited, ids))))
+
+
+def _is_free(reading: Reading, group: int) -> bool:
+    """Whether the joints of a group on the ground leave it free, as three slides and then a ball or three hinges do."""
+    m, d, first = reading.model, reading.data, int(reading.model.body_jntadr[group])
+    ids = list(range(first, first + int(m.body_jntnum[group])))
+    kinds = [int(m.jnt_type[j]) for j in ids]
+    if kinds == [0]:
+        return True
+    if kinds not in ([2, 2, 2, 1], [2, 2, 2, 3, 3, 3]) or reading.groups[m.body_parentid[group]] != 0:
+        return False
+    axes = {j: d.xaxis[j] for j in ids}
+    size = max(1.0, float(np.abs(d.xanchor).max()))
+    together = all(np.linalg.norm(d.xanchor[j] - d.xanchor[ids[3]]) < ALIGNED * size for j in ids[3:])
+    return _independent(axes, ids[:3]) and (len(ids) == 4 or (together and _independent(axes, ids[3:])))
 
 
 def _independent(axes: dict[int, np.ndarray], ids: list[int]) -> bool:

@@ -83,7 +83,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
                                   *idle]),
         "source": Path(path).name, "tags": ["imported"], "gravity": neutral.gravity(m).tolist(),
         "duration": duration, "samples": samples, "left_out": left_out,
-        "bodies": [neutral.body_table(body) for body in reading.bodies.values()],
+        "bodies": [*map(neutral.body_table, reading.bodies.values()), *reading.light],
         "joints": _distinct([*joints, *further]), "forces": [*forces, *own.forces], "shapes": own.shapes,
         "monitors": own.monitors}
     return {key: value for key, value in content.items() if value not in ([], "")}
@@ -134,7 +134,7 @@ def _check_motion(model: Source, reading: Reading, wants: laws.Wants) -> None:
         joint.pop("mimic", None)  # the constraints that MuJoCo solves softly are left out on both sides
     checking.motion(reading, d, scene_from({
         "schema": 3, "name": "away", "gravity": neutral.gravity(reading.model).tolist(), "duration": 1.0, "samples": 2,
-        "bodies": [neutral.body_table(body) for body in there.bodies.values()], "joints": _distinct(joints),
+        "bodies": [*map(neutral.body_table, there.bodies.values()), *there.light], "joints": _distinct(joints),
         "forces": [*forces, *own.forces]}, model.path))
 
 

@@ -11,7 +11,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,8 +21,12 @@ from crosscheck.cli.options import Drop, EngineNames, Keyframe, SceneNames, scen
 from crosscheck.cli.tables import figures, key, print_table
 from crosscheck.document import Document, Record
 from crosscheck.errors import ArgumentError, install
+from crosscheck.files import finite
 from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, state
 from crosscheck.report.overview import worst_first
+
+if TYPE_CHECKING:
+    from crosscheck.recordings.published import Figure
 
 COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order", "position error, m", "bound, m",
                                               "judged to", "energy error", "us/step"))
@@ -49,6 +53,8 @@ def verify(
     fresh: options.Fresh = "CI" in os.environ,
     drop: Drop = False,
     keyframe: Keyframe = None,
+    tag: Annotated[list[str] | None, typer.Option(help="scenes with this tag; may be repeated; published: their "
+                                                  "figures in the literature, too")] = None,
 ) -> None:
     """Run every method and engine over the scenes, judge the runs, and write the report.
 
@@ -59,12 +65,17 @@ def verify(
     from crosscheck.document import Asked
     from crosscheck.jobs.table import Table
     from crosscheck.judge import overrides
+    from crosscheck.recordings import published
     from crosscheck.report import folder, schema
     from crosscheck.verification import job
     from crosscheck.verification.job import limits_of
 
     if jobs < 1:
         raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
+    if tag:
+        scene = [*(scene or ()), *published.tagged(tag)]
+        if not scene:
+            raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
     own = overrides.read(tolerance_file, tol or ())
     folder.check_out(out)
     scene = scene_files(scene, drop, keyframe)
@@ -84,10 +95,13 @@ def verify(
         page = folder.write(results, out)
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")
+    literature = published.figures(published.tagged(tag), tuple(results.meta.engines)) if tag else []
     if as_json:
-        typer.echo(json.dumps(schema.plain(results) | {"report": str(page)}, indent=1))
+        more = {"published": [dataclasses.asdict(figure) for figure in literature]} if tag else {}
+        typer.echo(json.dumps(finite(schema.plain(results) | {"report": str(page)} | more), indent=1))
     else:
         print_verdicts(results, page)
+        _print_published(literature)
     raise typer.Exit(results.exit_code)
 
 
@@ -131,6 +145,21 @@ def print_verdicts(document: Document, page: Path) -> None:
             say(f"{row.engine}: as said; {row.passing} of {row.runs} runs pass." if known else row.text, 4)
     say(f"{headline(document)} ({document.meta.seconds:.0f} s)")
     print(f"report: {page}")
+
+
+def _print_published(literature: Sequence[Figure]) -> None:
+    """Print published figures beside truth and the engines; those that differ from truth are marked."""
+    if not literature:
+        return
+    engines = list(dict.fromkeys(name for figure in literature for name in figure.engines))
+    columns = (key("scene"), key("figure"), *figures("printed to", "literature - truth", "truth known to",
+                                                     *(f"{name} - truth" for name in engines)))
+    print_table(console(160), columns, [
+        (figure.scene, figure.what, f"{figure.error:.0e}", f"{figure.truth:.1e}{' !' if figure.differs else ''}",
+         f"{figure.known:.0e}", *(_number(figure.engines.get(name)) for name in engines)) for figure in literature],
+        title="Literature, truth and engines; !: beyond the printed digits and the error of truth")
+    for source in dict.fromkeys(figure.source for figure in literature if figure.differs):
+        say(f"! differs from truth: {source}")
 
 
 def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:

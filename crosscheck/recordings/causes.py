@@ -31,7 +31,7 @@ from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
 from crosscheck.scene.vectors import exponential
 
-LEFT = (0.1, 0.05, 0.02)
+LEFT = (0.1, 0.05, 0.005)
 """Largest part of a difference that a named cause may leave, by the number of its fitted magnitudes (two and more): the
 more of them, the closer a wrong one comes."""
 
@@ -130,7 +130,7 @@ def find(scene: Scene, seen: Differences, until: float) -> tuple[list[Cause], li
     if not any(cause.left <= CERTAIN and not cause.free for cause in every):  # nothing is simpler than no magnitude
         with np.errstate(all="ignore"):
             every += [*_started(far), *_models(far, False)]
-            if min(cause.left for cause in every) > CERTAIN:
+            if min(cause.left for cause in every) > LEFT[2]:
                 every += _models(far, True)
     every = sorted(every, key=lambda cause: cause.left)
     fit = [cause for cause in every if cause.left <= LEFT[min(cause.free, 2)]]

@@ -14,7 +14,7 @@ from crosscheck.scene import coordinates, joint_options, meshes, touching
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import SIZES, Monitor, Shape
-from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
+from crosscheck.scene.model import GROUND, Body, Force, Joint, Published, Scene
 from crosscheck.scene.schema import (
     LARGEST,
     BodyEntry,
@@ -24,6 +24,7 @@ from crosscheck.scene.schema import (
     JointForceEntry,
     JointTorqueEntry,
     MonitorEntry,
+    PublishedEntry,
     SceneEntry,
     ServoEntry,
     ShapeEntry,
@@ -72,6 +73,35 @@ class Draft:
     given_spins: tuple[bool, ...] | None = None
 
 
+_OF_BODIES = {"position": 3, "attitude": 4, "velocity": 3, "angular_velocity": 3}
+"""Published quantities of a body, and how many numbers they have."""
+
+
+def _published(where: str, entry: PublishedEntry, bodies: Mapping[str, int], scene: Scene) -> Published:
+    """A checked entry of [[published]]."""
+    value = tuple(entry.value) if isinstance(entry.value, list) else (entry.value,)
+    kind, count = entry.quantity, _OF_BODIES.get(entry.quantity, 1)
+    if kind in _OF_BODIES and entry.body not in bodies:
+        raise EntryError(f"{where}: body", f'no body is named "{entry.body}"', f"write one of {listed(bodies)}")
+    if kind.startswith("joint_"):
+        joint = next((joint for joint in scene.joints if joint.name == entry.joint), None)
+        if joint is None or not JOINT_TYPES[joint.type].coordinates:
+            names = [joint.name for joint in scene.joints if JOINT_TYPES[joint.type].coordinates]
+            raise EntryError(f"{where}: joint", f'no joint with coordinates is named "{entry.joint}"',
+                             f"write one of {listed(names)}")
+        ball = JOINT_TYPES[joint.type].positions == 4
+        count = JOINT_TYPES[joint.type].positions - (ball and kind == "joint_velocity")
+    if kind == "eigenvalue":
+        count = len(value) if len(value) <= 2 else 2
+    elif entry.time is None or not 0 <= entry.time <= scene.duration:
+        raise EntryError(f"{where}: time", "missing or beyond the scene's duration", "write a time within it, s")
+    if len(value) != count:
+        raise EntryError(f"{where}: value", f"has {len(value)} numbers, {kind} has {count}", "write as many")
+    if not entry.error >= 0:
+        raise EntryError(f"{where}: error", "is below 0", "write what the printed digits allow")
+    return Published(entry.source, kind, value, entry.error, bodies.get(entry.body or ""), entry.joint, entry.time)
+
+
 def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
     """Check values and names of a decoded scene file; raises `EntryError` for the first error found.
 
@@ -97,7 +127,8 @@ def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
         monitors=tuple(_monitor(entry, i, monitor) for i, monitor in enumerate(entry.monitors)),
         sites=sites_of(entry.sites, bodies),
     )
-    scene = scene.replace(sensors=sensors_of(entry.sensors, scene))
+    scene = scene.replace(sensors=sensors_of(entry.sensors, scene), published=tuple(
+        _published(f"published[{k}]", figure, bodies, scene) for k, figure in enumerate(entry.published)))
     starts = (Start(i, *joint_options.start(f'joints[{i}] "{joint.name}"', joint, entry.joints, entry.duration))
               for i, joint in enumerate(entry.joints))
     held = {i for i, joint in enumerate(entry.joints)

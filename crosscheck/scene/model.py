@@ -191,6 +191,19 @@ class Sensor:
 
 
 @dataclasses.dataclass(frozen=True)
+class Published(_Record):
+    """A figure that somebody else printed for this scene. It is compared with truth, and never used as truth."""
+
+    source: str
+    quantity: str  # "position" ... "joint_velocity", "energy", "eigenvalue"
+    value: tuple[float, ...]
+    error: float  # what its printed digits allow
+    body: int | None = None
+    joint: str | None = None
+    time: float | None = None  # s
+
+
+@dataclasses.dataclass(frozen=True)
 class Scene(_Record):
     """An engine-neutral mechanical system with its complete initial state, duration and output times."""
 
@@ -209,6 +222,7 @@ class Scene(_Record):
     monitors: tuple[Monitor, ...] = ()  # the scene describes the motion until the first of these
     sites: tuple[Site, ...] = ()
     sensors: tuple[Sensor, ...] = ()
+    published: tuple[Published, ...] = ()  # not part of the hash
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", _frozen(self.gravity, (3,)))

@@ -19,7 +19,7 @@ VERSIONS = (1, 2, 3)
 KEYS: dict[int, dict[str, tuple[str, ...]]] = {
     2: {"joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
                    "mimic", "drive", "radius"), "": ("left_out",)},
-    3: {"joints": ("dry_friction", "limits"), "": ("shapes", "monitors", "sites", "sensors")}}
+    3: {"joints": ("dry_friction", "limits"), "": ("shapes", "monitors", "sites", "sensors", "published")}}
 """Keys that each later version of the format brought, by table."""
 
 TYPES: dict[int, dict[str, tuple[str, ...]]] = {
@@ -292,6 +292,19 @@ class SensorEntry(msgspec.Struct, frozen=True):
     frame: Literal["site", "world"] | None = None
 
 
+class PublishedEntry(msgspec.Struct, frozen=True):
+    """One of [[published]]: a figure that somebody else printed."""
+
+    source: str
+    quantity: Literal["position", "attitude", "velocity", "angular_velocity", "energy", "joint_position",
+                      "joint_velocity", "eigenvalue"]
+    value: float | list[float]
+    error: float
+    body: str | None = None
+    joint: str | None = None
+    time: float | None = None
+
+
 class SceneEntry(msgspec.Struct, frozen=True):
     """A whole scene file."""
 
@@ -312,16 +325,20 @@ class SceneEntry(msgspec.Struct, frozen=True):
     monitors: list[MonitorEntry] = []
     sites: list[SiteEntry] = []
     sensors: list[SensorEntry] = []
+    published: list[PublishedEntry] = []
 
 
 _ENTRIES: dict[str, Any] = {"bodies": BodyEntry, "joints": JointEntry, "shapes": ShapeEntry, "sites": SiteEntry,
-                            "sensors": SensorEntry}
+                            "sensors": SensorEntry, "published": PublishedEntry}
 _VECTOR_METRES = "three numbers in m"
 _EXPECTED = {
     "schema": "2", "name": 'a name in quotes', "description": "one line in quotes", "source": "text in quotes",
     "tags": 'a list of words, ["smooth"]', "gravity": "three numbers in m/s^2, [0.0, 0.0, -9.81]",
     "duration": "a number of seconds > 0", "samples": "a whole number >= 2", "assemble": "true or false",
     "bodies": "at least one [[bodies]] table", "joints": "[[joints]] tables", "forces": "[[forces]] tables",
+    "published": "[[published]] tables", "quantity": "what it is, as position or joint_position",
+    "value": "a number, or a list of numbers", "error": "a number >= 0, what the printed digits allow",
+    "time": "a number of seconds within the duration",
     "sites": "[[sites]] tables", "sensors": "[[sensors]] tables", "body": '"ground" or the name of a body',
     "site": "the name of one of [[sites]]",
     "mass": "a number of kg > 0", "inertia": "three rows of three numbers in kg m^2",
@@ -437,7 +454,7 @@ def _check_keys(data: Content) -> None:
     """Refuse unknown keys before msgspec does, so that a misspelt key is not reported as a missing one."""
     _check_table_keys(data, (), SceneEntry.__struct_fields__)
     typed: dict[str, Mapping[str, Any]] = {"forces": FORCE_ENTRIES, "monitors": MONITOR_ENTRIES}
-    for group in ("bodies", "joints", "forces", "shapes", "monitors", "sites", "sensors"):
+    for group in ("bodies", "joints", "forces", "shapes", "monitors", "sites", "sensors", "published"):
         tables = data.get(group, [])
         for index, table in enumerate(tables if isinstance(tables, list) else []):
             if not isinstance(table, dict):

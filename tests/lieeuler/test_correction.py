@@ -77,6 +77,22 @@ def test_order_energy_and_momentum(method):
     assert (slopes[4:] > order - within).all(), slopes
 
 
+FIGURES = [("single_pendulum", 1e-2, "mass", "3.36e-02", "1.02e-01"),
+           ("single_pendulum", 1e-2, "plain", "3.37e-02", "1.03e-01"),
+           ("double_pendulum", 1e-2, "mass", "5.30e-02", "1.38e-01"),
+           ("double_pendulum", 1e-2, "plain", "5.55e-02", "1.45e-01"),
+           ("heavy_top", 1e-3, "mass", "1.61e-01", "1.31e-02"), ("heavy_top", 1e-3, "plain", "1.06e-01", "1.11e-02")]
+
+
+@pytest.mark.parametrize(("name", "step", "word", "error", "energy"), FIGURES)
+def test_the_figures_of_the_theory(name, step, word, error, energy):
+    problem = SYSTEMS[name]()
+    exact = lieeuler.integrate(problem, "rkmk853", rtol=1e-13, t_eval=[0, 1.0])
+    run = lieeuler.integrate(problem, "DAE1L_LSE", step, [0, 1.0], correction=word)
+    assert f"{np.abs(run.x[-1] - exact.x[-1]).max():.2e}" == error
+    assert f"{run.stats.maxima['energy_error']:.2e}" == energy
+
+
 @pytest.mark.parametrize("damping", [0.0, 5.0])
 @pytest.mark.parametrize("method", METHODS[:2])
 def test_in_a_redundant_loop_with_a_stiff_spring(method, damping):

@@ -61,12 +61,26 @@ def compiled(model: Source, base: str = "fixed", bare: bool = True, balance: boo
             spec.modelfiledir = str(model.path.parent.resolve())
             if base == "free":
                 _free(spec)
-            return spec.compile()
+            m = spec.compile()
         except Exception as error:  # MuJoCo raises ValueError, and its own FatalError
             words = model.told(str(error))
             offer = "" if "balanceinertia" not in words or balance else (
                 "; --balance (balance=True) lets MuJoCo replace such inertias, and lists it")
             raise SceneError(f"{model.path}: MuJoCo cannot read it: {words}{offer}") from None
+    _check_finite(model, m)
+    return m
+
+
+def _check_finite(model: Source, m: Any) -> None:
+    """Raise `SceneError` for a number of a body or a joint that is none, which MuJoCo takes."""
+    for kind, prefix, fields in (("body", "body", ("pos", "quat", "ipos", "iquat", "mass", "inertia")),
+                                 ("joint", "jnt", ("pos", "axis", "stiffness"))):
+        for field in fields:
+            fine = np.isfinite(getattr(m, f"{prefix}_{field}"))
+            wrong = np.flatnonzero(~(fine if fine.ndim == 1 else fine.all(axis=1)))
+            if len(wrong):
+                raise SceneError(f"{model.path}: {kind} {getattr(m, kind)(int(wrong[0])).name!r}: its {field} is not "
+                                 "finite; write finite numbers")
 
 
 def _free(spec: Any) -> None:

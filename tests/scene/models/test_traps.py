@@ -148,6 +148,18 @@ WELDS = {
     "a connect to the world": '<connect body1="fly" anchor="1 2 3"/>'}
 
 
+@pytest.mark.parametrize(("suffix", "text", "named"), [
+    ("urdf", urdf(('axis xyz="0 1 0"', 'axis xyz="0 nan 0"')), "its axis is not finite"),
+    ("xml", mjcf(j=' pos="0 nan 0"'), "joint 'j': its pos is not finite"),
+])
+def test_what_is_no_number_is_named(suffix, text, named, tmp_path):
+    """MuJoCo compiles it."""
+    path = tmp_path / f"model.{suffix}"
+    path.write_text(text)
+    with pytest.raises(crosscheck.SceneError, match=named):
+        crosscheck.import_model(path)
+
+
 @pytest.mark.parametrize("name", RIGHT)
 def test_what_is_read_moves_as_in_mujoco(name, tmp_path):
     import mujoco

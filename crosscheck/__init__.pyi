@@ -9,6 +9,10 @@ from crosscheck.diagnosis.laws import which_law
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineError, SceneError, Unsupported
 from crosscheck.inspection import inspect
 from crosscheck.inspection.diff import diff
+from crosscheck.jointspace.derivatives import derivatives
+from crosscheck.jointspace.flows import flow_derivative
+from crosscheck.jointspace.inverse import inverse_dynamics
+from crosscheck.jointspace.modes import modes
 from crosscheck.recordings import assert_recording, judge_recording
 from crosscheck.references.base import TruthError
 from crosscheck.running.run import run, truth
@@ -26,7 +30,7 @@ __version__: str
 
 __all__ = [
     "ArgumentError", "CrosscheckError", "EngineError", "RawRun", "RunSpec", "Scene", "SceneError", "States",
-    "Trajectory", "TruthError", "Unsupported", "advise", "assert_agree", "assert_recording", "diff", "engines",
-    "explain", "export_model", "import_model", "inspect", "judge_recording", "load_scene", "methods", "run", "scenes",
-    "sweep", "truth", "which_law",
+    "Trajectory", "TruthError", "Unsupported", "advise", "assert_agree", "assert_recording", "derivatives", "diff",
+    "engines", "explain", "export_model", "flow_derivative", "import_model", "inspect", "inverse_dynamics",
+    "judge_recording", "load_scene", "methods", "modes", "run", "scenes", "sweep", "truth", "which_law",
 ]

@@ -32,6 +32,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "running": BASE | {"scene", "jobs", "references", "adapters"},
     "judge": BASE | {"scene", "document", "references"},
     "inspection": RUNS,
+    "jointspace": RUNS | {"inspection"},
     "diagnosis": JUDGED | {"verification"},  # accuses nothing that the verdict accepts
     "testing": JUDGED,
     "verification": JUDGED,
@@ -40,7 +41,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "studies": REPORTED,
     "history": REPORTED,
     "sweeps": REPORTED,
-    "cli": REPORTED | {"inspection", "diagnosis", "testing", "studies", "history", "sweeps", "recordings"},
+    "cli": REPORTED | {"inspection", "jointspace", "diagnosis", "testing", "studies", "history", "sweeps", "recordings"},
     "__main__": {"cli"},
     "lieeuler": set(),
 }

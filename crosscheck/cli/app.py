@@ -12,6 +12,7 @@ import typer
 
 from crosscheck.cli.advise import advise
 from crosscheck.cli.console import INTERRUPTED, complain, interrupted
+from crosscheck.cli.derivatives import derivatives, modes
 from crosscheck.cli.diff import diff
 from crosscheck.cli.explain import explain
 from crosscheck.cli.history import app as history
@@ -56,8 +57,8 @@ def _print_versions(asked: bool) -> None:
     raise typer.Exit
 
 
-for command in (verify, judge, advise, run, truth, explain, law, inspect, diff, reproduce, bisect, support, report,
-                paper, nightly, sweep):
+for command in (verify, judge, advise, run, truth, explain, law, inspect, derivatives, modes, diff, reproduce, bisect,
+                support, report, paper, nightly, sweep):
     app.command()(command)
 app.command("list")(list_)
 app.command("import")(import_)

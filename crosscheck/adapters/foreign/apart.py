@@ -10,6 +10,8 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
+import numpy as np
+
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common.probe import Probe
 from crosscheck.adapters.foreign import remote
@@ -92,6 +94,10 @@ class Stranger(Engine):
     def probe(self, scene: Scene, states: States, form: str | None) -> Probe:
         """The engine's answer."""
         return self._ask(remote.probe, scene, states, form)
+
+    def derivatives(self, scene: Scene, state: tuple[np.ndarray, np.ndarray]) -> dict[str, np.ndarray] | None:
+        """The engine's, or None."""
+        return self._ask(remote.derivatives, scene, state)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """The engine's run."""

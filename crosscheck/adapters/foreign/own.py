@@ -68,6 +68,11 @@ class Completed(StandIn):
         found: str | None = self._engine.unsupported(scene, spec)
         return found
 
+    @property
+    def derivatives(self) -> Any:
+        """The engine's own `derivatives(scene, state)`, or None."""
+        return getattr(self._engine, "derivatives", None)
+
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """The engine's run; raises `EngineError` if it does not return states."""
         began = time.perf_counter()

@@ -8,11 +8,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 
+import numpy as np
+
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.common.probe import Probe
-from crosscheck.adapters.foreign.plain import PlainRun, plain
+from crosscheck.adapters.foreign.plain import PlainRun, doubles, plain
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -79,6 +81,13 @@ def probe(engine: str | Home, scene: Scene, states: States, form: str | None) ->
     """As the engine's."""
     found: Probe = _adapter(engine).probe(scene, states, form)
     return found
+
+
+def derivatives(engine: str | Home, scene: Scene, state: tuple[np.ndarray, np.ndarray]) -> dict[str, np.ndarray] | None:
+    """As the engine's, or None if it has none."""
+    give = getattr(_adapter(engine), "derivatives", None)
+    return None if give is None else {str(name): doubles(name, values) for name, values in give(scene, state).items()
+                                      if values is not None}
 
 
 def version(engine: str | Home) -> str:

@@ -1,0 +1,1 @@
+"""Scenes in joint coordinates: inverse dynamics, derivatives of accelerations and flows, modes."""

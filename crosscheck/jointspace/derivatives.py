@@ -1,0 +1,228 @@
+"""Derivatives of accelerations at a state: truth, and those of engines.
+
+Truth is a complex step through the articulated formulation, compared with central differences of order eight of the
+maximal one. Trees have da/dq, da/dv and da/dtau in the coordinates of `scene.coordinates`; every scene has the
+generator of its linearised flow on the tangent space of its constraints.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError, Unsupported
+from crosscheck.jointspace import sources
+from crosscheck.jointspace.motion import Bodies, JointSpace, TreeSpace, placed
+from crosscheck.references.base import TruthError
+from crosscheck.references.maximal import Maximal
+from crosscheck.scene import file as scene_file
+from crosscheck.scene.model import Scene
+from crosscheck.scene.vectors import exponential
+
+AGREED = 1e-8
+"""Largest relative difference of the two routes of truth; what it is counts as the error of the truth."""
+
+DEPENDENT = 1e-9
+"""Relative size below which a singular value of rows is that of a dependent one."""
+
+DIFFERENCE = 5e-3
+"""Step of the second route, rad or m and per second. Its truncation is 1e-18 times a ninth derivative."""
+
+WEIGHTS = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
+"""Of the central difference of order eight, by multiples of the step."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Derivatives:
+    """Derivatives of the acceleration of a scene at a state.
+
+    Attributes
+    ----------
+    coordinates : names, in the order of the rows and columns.
+    da_dq, da_dv, da_dtau : (n, n) of trees in joint coordinates, else None; da_dq is taken at fixed rates.
+    error : what truth claims, relative to the largest entry; of a source, its rounding or what it documents.
+    matrix : (2k, 2k), the generator of the linearised flow: its rows are the rates of (change of pose, change of
+        velocity) in `basis`. None where a source has only the blocks.
+    basis : (6n, k), orthonormal; per body a shift in the world and a small turn in body axes, the directions in which
+        the joints let the bodies move.
+    """
+
+    scene: str
+    source: str
+    coordinates: tuple[str, ...]
+    da_dq: np.ndarray | None
+    da_dv: np.ndarray | None
+    da_dtau: np.ndarray | None
+    error: float
+    matrix: np.ndarray | None = None
+    basis: np.ndarray | None = None
+
+    @property
+    def blocks(self) -> dict[str, np.ndarray]:
+        """The derivatives that there are, by name."""
+        named = {"da_dq": self.da_dq, "da_dv": self.da_dv, "da_dtau": self.da_dtau, "matrix": self.matrix}
+        return {name: values for name, values in named.items() if values is not None}
+
+
+def derivatives(scene: Scene | str | os.PathLike[str], source: Any = "truth", state: Any = None) -> Derivatives:
+    """Derivatives of the acceleration at the start of a scene, or at a given state.
+
+    Parameters
+    ----------
+    scene : a Scene, a built-in name or a path
+    source : "truth"; an engine, "engine:way", where ways are listed by `crosscheck derivatives`; or an object or
+        "module:Class" of an own engine that has `derivatives(scene, state)`
+    state : (q, v), (n,) each in the order of `scene.coordinates`; None: the start
+
+    Raises
+    ------
+    ArgumentError, SceneError
+        An argument is wrong.
+    Unsupported
+        The scene or the source has no such derivatives; the message says why.
+    TruthError
+        The two routes of the truth differ by more than 1e-8.
+    """
+    loaded = at_state(scene_file.as_scene(scene), state)
+    if source == "truth":
+        return truth(loaded)
+    return sources.of(loaded, source)
+
+
+def at_state(scene: Scene, state: Any) -> Scene:
+    """The scene with its start at a state; see `derivatives`."""
+    if state is None:
+        return scene
+    count = len(scene.coordinates)
+    try:
+        q, v = (np.array(part, dtype=float) for part in state)
+        if q.shape != (count,) or v.shape != (count,) or not np.isfinite([q, v]).all():
+            raise ValueError
+    except (TypeError, ValueError):
+        raise ArgumentError(f"state: give (q, v), {count} numbers each, in the order of scene.coordinates: "
+                            f"{', '.join(scene.coordinates)}") from None
+    return placed(scene, q, v)
+
+
+def truth(scene: Scene) -> Derivatives:
+    """See `derivatives`."""
+    matrix, basis, gap = generator(scene)
+    da_dq = da_dv = da_dtau = None
+    try:
+        space = JointSpace(scene)
+    except Unsupported:
+        pass
+    else:
+        da_dq, da_dv = space.derivative(space.accelerations)
+        da_dtau = np.linalg.inv(space.mass)
+    if not gap <= AGREED:
+        raise TruthError(f"derivatives of {scene.name!r}: the two routes of the truth differ by {gap:.1e}")
+    return Derivatives(scene.name, "truth", scene.coordinates, da_dq, da_dv, da_dtau, max(gap, 1e-13), matrix,
+                       basis)
+
+
+def generator(scene: Scene) -> tuple[np.ndarray, np.ndarray, float]:
+    """The matrix and the basis of `Derivatives`, and the relative difference of the two routes."""
+    space = TreeSpace(scene)
+    tangent, flow, _ = linearised(space)
+    poses = tangent[:6 * scene.n]
+    U, sizes, _ = np.linalg.svd(poses)
+    basis = U[:, :int(np.count_nonzero(sizes > DEPENDENT * sizes[0]))] if sizes.size and sizes[0] else poses[:, :0]
+    k = basis.shape[1]
+    both = np.kron(np.eye(2), basis)
+    found = both.T @ flow @ np.linalg.pinv(both.T @ tangent)
+    directions = tangent @ np.linalg.pinv(both.T @ tangent)
+    other = both.T @ differences(scene, directions)
+    size = np.abs(found).max(initial=1.0)
+    return found, basis, float(np.abs(found - other).max(initial=0.0) / size) if k else 0.0
+
+
+def linearised(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Admissible changes of the states of all bodies, (12n, m), their rates of change, and those changes in the
+    coordinates of the tree, (2 size, m).
+
+    A change has shifts in the world, small turns in body axes, then the changes of v and w, per body.
+    """
+    n, w, R = space.scene.n, np.real(space.start.w), np.real(space.start.R)
+    parts: dict[str, np.ndarray] = {}
+    for name in ("x", "R", "v", "w", "a", "alpha", "values", "slopes"):
+        parts[name] = np.concatenate(space.derivative(functools.partial(_part, space, name)), axis=1)
+    turns = np.einsum("nji,njkm->nikm", R, parts["R"].reshape(n, 3, 3, -1))
+    turn = np.stack([turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]], axis=1)
+    x, v, dw, a, alpha = (parts[name].reshape(n, 3, -1) for name in ("x", "v", "w", "a", "alpha"))
+    spread = np.einsum("nij,njm->nim", -np.cross(w[:, None], np.eye(3)).transpose(0, 2, 1), turn)  # -w x turn
+    changes = np.concatenate([np.concatenate([x, turn], axis=1).reshape(6 * n, -1),
+                              np.concatenate([v, dw], axis=1).reshape(6 * n, -1)])
+    rates = np.concatenate([np.concatenate([v, dw + spread], axis=1).reshape(6 * n, -1),
+                            np.concatenate([a, alpha], axis=1).reshape(6 * n, -1)])
+    rows = np.concatenate([parts["values"], parts["slopes"], _ties(space)])
+    free = np.eye(2 * space.size)
+    if len(rows):
+        _, sizes, V = np.linalg.svd(rows)
+        free = V[int(np.count_nonzero(sizes > DEPENDENT * sizes[0])):].T
+    return changes @ free, rates @ free, free
+
+
+def _part(space: TreeSpace, name: str, change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    found: Bodies = space.bodies(change, speeds)
+    return np.ravel(getattr(found, name))
+
+
+def _ties(space: TreeSpace) -> np.ndarray:
+    """Rows of what keeps coordinates of the tree together, and of driven ones, which do not change."""
+    rows = []
+    for tie in space.equations.ties:
+        row = np.zeros(space.size)
+        for body, factors in tie.items():
+            row[space.slots[body]] = factors
+        rows.append(row)
+    for body in space.equations.driven:
+        row = np.zeros(space.size)
+        row[space.slots[body]] = 1.0
+        rows.append(row)
+    return np.kron(np.eye(2), np.array(rows).reshape(-1, space.size))
+
+
+def differences(scene: Scene, directions: np.ndarray) -> np.ndarray:
+    """Rates of change of the states of all bodies, (12n, m), by central differences of the maximal formulation.
+
+    `directions` (12n, m) as in `linearised`. Straight steps along them open the rows by the square of the step, which
+    has no first derivative.
+    """
+    n, equations = scene.n, Maximal(scene)
+    count = directions.shape[1]
+    if not count:
+        return np.zeros((12 * n, 0))
+    total = np.zeros((12 * n, count))
+    for k, weight in WEIGHTS:
+        for sign in (1.0, -1.0):
+            total += sign * weight / DIFFERENCE * np.stack([
+                _rates(equations, scene, sign * k * DIFFERENCE * each) for each in directions.T], axis=1)
+    w = scene.w0
+    turn = directions.reshape(2, n, 6, -1)[0, :, 3:]
+    total.reshape(2, n, 6, -1)[0, :, 3:] -= np.cross(w[:, :, None], turn, axis=1)
+    return total
+
+
+def _rates(equations: Maximal, scene: Scene, step: np.ndarray) -> np.ndarray:
+    """(v, w, a, alpha) of a changed state, (12n,)."""
+    from crosscheck.references.world import Motion
+
+    n = scene.n
+    pose, speed = step.reshape(2, n, 6)
+    x, v, w = (np.concatenate([values, np.zeros((1, 3))]) for values in (
+        scene.x0 + pose[:, :3], scene.v0 + speed[:, :3], scene.w0 + speed[:, 3:]))
+    R = np.concatenate([scene.R0 @ exponential(pose[:, 3:]), np.eye(3)[None]])
+    y = equations.initial()
+    start, angles = equations.motion(y)
+    spins = [spring.rate(Motion(start.x, R, v * 0, np.concatenate([pose[:, 3:], np.zeros((1, 3))])))
+             for spring in equations.torsions]
+    hinges = start.hinges
+    motion = Motion(x, R, v, w, hinges)
+    a, alpha = equations.accelerations(motion, angles + np.array(spins).reshape(angles.shape))
+    return np.concatenate([np.concatenate([v[:n], w[:n]], axis=1).ravel(),
+                           np.concatenate([a, alpha], axis=1).ravel()])

@@ -1,0 +1,216 @@
+"""Derivatives of the flow of a scene over a time, with respect to its start and to numbers of the scene.
+
+Truth is the variational equations as a Taylor jet of the articulated formulation (heyoka), checked along a random
+direction by central differences of the maximal one; derivatives by numbers of the scene are such differences of order
+eight. Of an engine it is the derivative of its discrete map, by central differences of order four of its runs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from crosscheck import adapters
+from crosscheck.errors import ArgumentError, Unsupported
+from crosscheck.jointspace.derivatives import WEIGHTS
+from crosscheck.jointspace.motion import JointSpace
+from crosscheck.jointspace.parameters import altered, value_of
+from crosscheck.jointspace.sources import moved
+from crosscheck.references.base import TruthError
+from crosscheck.references.maximal import Maximal
+from crosscheck.running.attempt import Ran, attempt
+from crosscheck.scene import file as scene_file
+from crosscheck.scene.coordinates import history, relative
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.model import Scene, quaternion_from_rotation
+from crosscheck.scene.states import States
+
+AGREED = 1e-7
+"""Largest difference of the two routes of truth, relative to the largest entry; what it is counts as the error."""
+
+STEP = 2e-3
+"""Of differences of runs, rad, m and relative to a number of the scene. With order four their truncation is 1e-11 times
+fifth derivatives, with order eight below rounding; rounding of a run, 1e-14, is 1e-11 over the step."""
+
+Weights = tuple[tuple[int, float], ...]
+FOURTH: Weights = ((1, 2 / 3), (2, -1 / 12))
+"""Weights of the central difference of order four."""
+
+
+@dataclasses.dataclass(frozen=True)
+class FlowDerivative:
+    """Derivatives of the state after a time.
+
+    Attributes
+    ----------
+    coordinates : names of q, in order; rows and columns are those of q, then those of the rates v.
+    matrix : (2n, 2n) with respect to (q, v) at the start. A ball has a small turn in its child's axes.
+    parameters : (2n, p) with respect to numbers of the scene, at the same joint coordinates and rates.
+    error : what truth claims, relative to the largest entry; that of differences for an engine.
+    """
+
+    scene: str
+    source: str
+    duration: float
+    coordinates: tuple[str, ...]
+    matrix: np.ndarray
+    parameters: np.ndarray
+    error: float
+
+
+def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, source: str = "truth",
+                    step: float | None = None, parameters: Sequence[str] = (), **options: Any) -> FlowDerivative:
+    """Derivatives of the state of a tree of joints after `duration` (s).
+
+    Parameters
+    ----------
+    scene : a Scene, a built-in name or a path
+    source : "truth", or "engine:method"
+    step, **options : of the engine's run, as in `crosscheck.run`
+    parameters : paths of numbers, such as "bodies.upper.mass", "gravity.2" or "forces.0.stiffness"
+
+    Raises
+    ------
+    ArgumentError, SceneError, EngineError
+        An argument is wrong, or the engine fails.
+    Unsupported
+        The scene has no joint coordinates, or laws that jump.
+    TruthError
+        The two routes of the truth differ by more than 1e-7.
+    """
+    loaded = scene_file.as_scene(scene)
+    if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration < np.inf:
+        raise ArgumentError(f"duration: {duration!r} is no time in s above 0")
+    if isinstance(parameters, str):
+        raise ArgumentError(f"parameters: give a tuple of paths, ({parameters!r},)")
+    loaded = loaded.replace(duration=float(duration), samples=2)
+    space = JointSpace(loaded)
+    for path in parameters:
+        value_of(loaded, path)
+    weights: Weights
+    if source == "truth":
+        end, weights = _exact(loaded), WEIGHTS
+        matrix = jet(space)
+        direction = np.random.default_rng(1).normal(size=2 * space.size)
+        other = _difference(lambda s: end(moved(space, *np.split(s * direction, 2))), end(loaded), loaded, weights)
+        scale = float(np.abs(matrix).max() * np.linalg.norm(direction))
+        error = max(float(np.abs(matrix @ direction - other).max()) / scale, 1e-13)
+        if not error <= AGREED:
+            raise TruthError(f"derivative of the flow of {loaded.name!r}: two routes differ by {error:.1e}")
+    else:
+        end, weights, error = _engine(source, step, options), FOURTH, 1e-10
+        base = end(loaded)
+
+        def along(row: np.ndarray) -> np.ndarray:
+            return _difference(lambda s: end(moved(space, *np.split(s * row, 2))), base, loaded, weights)
+
+        matrix = np.stack([along(row) for row in np.eye(2 * space.size)], axis=1)
+    columns = [_by_number(loaded, path, end, weights) for path in parameters]
+    return FlowDerivative(loaded.name, source, float(duration), loaded.coordinates, matrix,
+                          np.array(columns).reshape(-1, 2 * space.size).T, error)
+
+
+def jet(space: JointSpace) -> np.ndarray:
+    """(2n, 2n) by the variational equations of the articulated formulation."""
+    import heyoka
+
+    scene, equations = space.scene, space.equations
+    if scene.timed:
+        raise Unsupported(f"derivative of the flow of {scene.name!r}: its forces depend on time")
+    symbols = [heyoka.make_vars(f"y{k}") for k in range(len(equations.initial))]
+    rates = equations._rates(symbols, lambda value: value)
+    system = [(symbol, heyoka.expression(rate) if isinstance(rate, float | int) else rate)
+              for symbol, rate in zip(symbols, rates, strict=True)]
+    varied = heyoka.var_ode_sys(system, heyoka.var_args.vars, order=1)
+    size = len(symbols)
+    integrator = heyoka.taylor_adaptive(varied, equations.initial.tolist(), compact_mode=True, high_accuracy=True)
+    integrator.propagate_until(scene.duration)
+    state = np.array(integrator.state)
+    slices = [integrator.get_vslice(order=1, component=k) for k in range(size)]
+    first = np.array([state[each] for each in slices])
+    last = _at(scene, state[:size], equations)
+    into, out = _tangent(space), _tangent(last)
+    return np.asarray(np.linalg.pinv(out) @ first @ into)
+
+
+def _at(scene: Scene, state: np.ndarray, equations: Any) -> JointSpace:
+    """The joint space of the scene with its start at a state vector of the formulation."""
+    from crosscheck.jointspace.motion import TreeSpace
+
+    tree = TreeSpace(scene)
+    tree.equations.initial[:] = state
+    found = tree.bodies(np.zeros(tree.size), tree.speeds)
+    return JointSpace(scene.replace(bodies=tuple(dataclasses.replace(
+        body, position=np.real(found.x[k]), velocity=np.real(found.v[k]), angular_velocity=np.real(found.w[k]),
+        attitude=quaternion_from_rotation(np.real(found.R[k]))) for k, body in enumerate(scene.bodies))))
+
+
+def _tangent(space: JointSpace) -> np.ndarray:
+    """Derivatives of the state vector of the formulation by (q, v)."""
+    return np.concatenate(space.derivative(lambda change, speeds: np.array(space.state(change, speeds))), axis=1)
+
+
+def _exact(scene: Scene) -> Callable[[Scene], States]:
+    return lambda changed: Maximal(changed).run(np.array([0.0, scene.duration]))
+
+
+def _engine(source: str, step: float | None, options: dict[str, Any]) -> Callable[[Scene], States]:
+    name, method = adapters.split(source)
+    if not method:
+        raise ArgumentError(f"source: {source!r}: name a method too, as in \"lieeuler:rattle2\"")
+
+    def end(scene: Scene) -> States:
+        outcome = attempt(scene, name, method, step, monitor=False, **options)
+        if isinstance(outcome, Ran):
+            return outcome.raw.states
+        raise outcome.error
+
+    return end
+
+
+def _by_number(scene: Scene, path: str, end: Callable[[Scene], States], weights: Weights) -> np.ndarray:
+    value = value_of(scene, path)
+    size = abs(value) or 1.0
+    return _difference(lambda s: end(altered(scene, path, value + s * size)), end(scene), scene, weights) / size
+
+
+def _difference(end: Callable[[float], States], base: States, scene: Scene, weights: Weights) -> np.ndarray:
+    """d/ds of the coordinates at the end, (2n,), at s = 0."""
+    return np.asarray(sum(sign * weight / STEP * change(scene, base, end(sign * k * STEP))
+                          for k, weight in weights for sign in (1.0, -1.0)))
+
+
+def change(scene: Scene, base: States, other: States) -> np.ndarray:
+    """(q, v) of the last states of a run, minus those of another one, (2n,)."""
+    from scipy.spatial.transform import Rotation
+
+    def last(states: States) -> States:
+        return States(*(np.asarray(getattr(states, name))[-1:] for name in ("t", "x", "R", "v", "w")))
+
+    one, two = last(base), last(other)
+    carried = {joint.child for joint in scene.joints}
+    q: list[np.ndarray] = []
+    v: list[np.ndarray] = []
+    for k in range(scene.n):
+        if k not in carried:
+            turn = Rotation.from_matrix(one.R[0, k].T @ two.R[0, k]).as_rotvec()
+            q.append(np.concatenate([two.x[0, k] - one.x[0, k], turn]))
+            v.append(np.concatenate([two.v[0, k] - one.v[0, k], two.w[0, k] - one.w[0, k]]))
+    for joint in scene.joints:
+        words = JOINT_TYPES[joint.type].coordinates
+        if not words:
+            continue
+        first, second = history(joint, one), history(joint, two)
+        v.append(np.atleast_1d(second.velocity[0] - first.velocity[0]))
+        if words == ("ball",):
+            turn = relative(joint, one).turn[0].T @ relative(joint, two).turn[0]
+            q.append(Rotation.from_matrix(turn).as_rotvec())
+        else:
+            step = np.atleast_1d(second.position[0] - first.position[0])
+            turns = np.array([word.startswith("turn") for word in words])
+            q.append(np.where(turns, np.remainder(step + np.pi, 2 * np.pi) - np.pi, step))
+    return np.concatenate([*q, *v])

@@ -1,0 +1,163 @@
+"""Inverse dynamics: the generalized forces that a motion in joint coordinates takes."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError, Unsupported, unknown
+from crosscheck.jointspace.motion import JointSpace, placed
+from crosscheck.jointspace.sources import signed
+from crosscheck.references.base import TruthError
+from crosscheck.scene import file as scene_file
+from crosscheck.scene import mechanics
+from crosscheck.scene.armature import rate_row
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.model import Scene
+
+AGREED = 1e-9
+"""Largest difference of two routes of truth, relative to the largest term of the sum."""
+
+
+def inverse_dynamics(scene: Scene | str | os.PathLike[str], q: Any, v: Any, a: Any,
+                     engine: str = "truth") -> np.ndarray:
+    """Generalized forces that drives have to supply for a motion, (T, n), or (n,) for one instant; N m and N.
+
+    Everything else in the scene counts as it is: weight, springs, dampers, dry friction, loads, rotors. Given torques,
+    forces and servos of joints do not act: their sum is the answer. Functions of time have their values at t = 0.
+
+    Parameters
+    ----------
+    scene : a Scene, a built-in name or a path; a tree of joints
+    q, v, a : positions, rates and their derivatives, (T, n) or (n,), in the order of `scene.coordinates`; q of a ball
+        is a rotation vector from zero coordinates, v and a are in its child's axes
+    engine : "truth", "pinocchio" (rnea) or "mujoco" (mj_inverse)
+
+    Raises
+    ------
+    ArgumentError, SceneError
+        An argument is wrong.
+    Unsupported
+        Joints close a loop, so that several sets of forces give the same motion, or the engine lacks something.
+    TruthError
+        The two routes of the truth differ.
+    """
+    loaded = passive(scene_file.as_scene(scene))
+    if engine not in ENGINES:
+        raise ArgumentError(unknown("engine", engine, ENGINES))
+    count = len(loaded.coordinates)
+    try:
+        parts = [np.array(part, dtype=float) for part in (q, v, a)]
+        single = parts[0].ndim == 1
+        Q, V, A = (np.atleast_2d(part) for part in parts)
+        if not Q.shape == V.shape == A.shape == (len(Q), count) or not np.isfinite([Q, V, A]).all():
+            raise ValueError
+    except (TypeError, ValueError):
+        raise ArgumentError(f"q, v, a: give arrays (T, {count}) of finite numbers, in the order of scene.coordinates: "
+                            f"{', '.join(loaded.coordinates)}") from None
+    closing = [joint.name for joint in loaded.joints if joint.mimic is not None or joint.drive is not None]
+    if closing:
+        raise Unsupported(f"inverse dynamics of {loaded.name!r}: the coordinate of joint {closing[0]!r} is not free")
+    rows = [ENGINES[engine](frictionless(placed(frictionless(loaded), *row[:2])), row[2]) + friction(loaded, row[1])
+            for row in zip(Q, V, A, strict=True)]
+    return rows[0] if single else np.array(rows).reshape(len(Q), count)
+
+
+def passive(scene: Scene) -> Scene:
+    """The scene without what its joints are given."""
+    return scene.replace(forces=tuple(force for force in scene.forces
+                                      if not force.type.startswith("joint_") and force.type != "servo"))
+
+
+def frictionless(scene: Scene) -> Scene:
+    """The scene without dry friction; limits have to go first."""
+    if any(limits is not None for joint in scene.joints for limits in joint.limits):
+        raise Unsupported(f"inverse dynamics of {scene.name!r}: it has limits, which push only where they are met")
+    joints = tuple(dataclasses.replace(joint, dry_friction=()) for joint in scene.joints)
+    return scene.replace(joints=joints, monitors=())
+
+
+def friction(scene: Scene, v: np.ndarray) -> np.ndarray:
+    """What drives have to supply against dry friction, (n,); none at rest, where it may be anything up to its limit."""
+    force, names = np.zeros(len(v)), list(scene.coordinates)
+    for joint in scene.joints:
+        words = JOINT_TYPES[joint.type].coordinates
+        for k, each in enumerate(joint.dry_friction):
+            if each is not None:
+                first = names.index(joint.name) if len(words) == 1 else next(
+                    i for i, name in enumerate(names) if name.startswith(f"{joint.name}."))
+                force[first + k] = -each.force(v[first + k])
+    return force
+
+
+def exact(scene: Scene, a: np.ndarray) -> np.ndarray:
+    """By the mass matrix and accelerations of the articulated formulation; checked by the balance of momentum."""
+    space = JointSpace(scene)
+    free = np.real(space.accelerations(np.zeros(space.size), space.speeds))
+    force = space.mass @ (a - free)
+    bodies = np.real(np.concatenate([space.start.a, space.start.alpha], axis=1)).ravel() + space.motions @ (a - free)
+    inertia = np.zeros(6 * scene.n)
+    for k in range(scene.n):
+        inertia[6 * k:6 * k + 3] = scene.masses[k] * bodies[6 * k:6 * k + 3]
+        inertia[6 * k + 3:6 * k + 6] = scene.inertias[k] @ bodies[6 * k + 3:6 * k + 6]
+    state = scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]
+    applied = mechanics.applied_forces(scene, *state)[0]
+    other = space.motions.T @ (inertia - applied)
+    for joint in scene.joints:
+        for rotor, word in zip(joint.armature, JOINT_TYPES[joint.type].coordinates, strict=False):
+            S, drift = rate_row(joint, word, scene, *state)
+            other += rotor * (S[0] @ bodies + drift[0]) * (space.motions.T @ S[0])
+    size = max(1.0, *(float(np.abs(space.motions.T @ part).max()) for part in (inertia, applied)))
+    if np.abs(force - other).max() > AGREED * size:
+        raise TruthError(f"inverse dynamics of {scene.name!r}: two routes differ by {np.abs(force - other).max():.1e}")
+    return np.asarray(other)
+
+
+def by_pinocchio(scene: Scene, a: np.ndarray) -> np.ndarray:
+    """`rnea`, with springs, dampers and loads as torques and wrenches from outside."""
+    import pinocchio
+
+    from crosscheck.adapters.pinocchio.dynamics import Dynamics
+    from crosscheck.adapters.pinocchio.models import build
+
+    space, made = JointSpace(scene), build(scene, "tree")
+    dynamics = Dynamics(made)
+    q, v = made.initial_state()
+    count = len(v)
+    states = made.states(np.zeros(count), np.tile(q, (count, 1)), np.eye(count), None)
+    T = signed(space, np.concatenate([states.v, states.w], axis=2).reshape(count, -1).T, "pinocchio")
+    torque, wrenches = dynamics._applied(0.0, q, v)
+    external = () if wrenches is None else (wrenches,)
+    return np.asarray(T @ (pinocchio.rnea(made.model, dynamics.data, q, v, T.T @ a, *external) - torque))
+
+
+def by_mujoco(scene: Scene, a: np.ndarray) -> np.ndarray:
+    """`mj_inverse` minus the loads that are actuators here."""
+    import mujoco
+
+    from crosscheck.adapters.mujoco import models
+
+    if reason := models.obstacle(scene, "tree"):
+        raise Unsupported(f"mujoco on {scene.name!r}: {reason}")
+    space = JointSpace(scene)
+    model = models.build(scene, "Euler", 1e-3, "tree")
+    data = mujoco.MjData(model)
+    models.set_initial_state(scene, model, data)
+    if control := models.controls(scene):
+        control(model, data)
+    mujoco.mj_forward(model, data)
+    motions = np.zeros((scene.n, 6, model.nv))
+    for k in range(scene.n):
+        body = model.body(str(k)).id
+        mujoco.mj_jacBodyCom(model, data, motions[k, :3], motions[k, 3:], body)
+        motions[k, 3:] = data.xmat[body].reshape(3, 3).T @ motions[k, 3:]
+    T = signed(space, motions.reshape(6 * scene.n, -1), "mujoco")
+    data.qacc[:] = T.T @ a
+    mujoco.mj_inverse(model, data)
+    return np.asarray(T @ (data.qfrc_inverse - data.qfrc_actuator))
+
+
+ENGINES = {"truth": exact, "pinocchio": by_pinocchio, "mujoco": by_mujoco}

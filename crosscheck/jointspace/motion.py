@@ -1,0 +1,386 @@
+"""The articulated formulation of the truth as a function of small changes, over complex numbers.
+
+A complex step of 1e-30 i has no rounding of a difference: the imaginary part of the result over the step is the
+derivative, to rounding. Coordinates of a change: those of the links of the spanning tree, which is a basis for loops
+and rolling too; a free turn counts as a small turn in the axes of the body. `JointSpace` are the scene's own, where
+every joint is one of the tree. A change of position is made at fixed rates.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import Unsupported, install
+from crosscheck.references import loops
+from crosscheck.references.articulated import centripetal
+from crosscheck.references.generic import (
+    Vector,
+    add,
+    apply,
+    apply_transposed,
+    cross,
+    quaternion_product,
+    rotation,
+    scale,
+)
+from crosscheck.references.joint_motion import STILL, Frame
+from crosscheck.references.taylor import Taylor
+from crosscheck.references.tree import FREE, Link
+from crosscheck.references.tree_loads import angle_rate
+from crosscheck.scene.coordinates import at_start, relative_pose, relative_rates
+from crosscheck.scene.functions import at
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.model import GROUND, SMOOTH, Joint, Scene, quaternion_from_rotation, quaternion_from_turn
+from crosscheck.scene.vectors import slide_direction
+
+STEP = 1e-30
+"""Its square times anything in a scene is below rounding."""
+
+
+@dataclasses.dataclass
+class Bodies:
+    """x, v, a (n, 3) world, R (n, 3, 3), w, alpha (n, 3) body axes, and the values and rates of what closes loops.
+
+    `rates` are the derivatives of the speeds of all links, in the order of the coordinates.
+    """
+
+    x: np.ndarray
+    R: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    a: np.ndarray
+    alpha: np.ndarray
+    rates: np.ndarray
+    values: np.ndarray
+    slopes: np.ndarray
+
+
+class _Equations(Taylor):
+    """The equations without their compiled integrator."""
+
+    def integrator(self, tolerance: float | None = None, **options: bool) -> Any:
+        """None; nothing is integrated here."""
+        return None
+
+
+class TreeSpace:
+    """A scene at its start, in the coordinates of its spanning tree.
+
+    Attributes
+    ----------
+    size : number of coordinates.
+
+    Raises
+    ------
+    Unsupported
+        A link is a rod, whose direction has no coordinates here, or the scene has laws that jump.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        if reason := scene.beyond(SMOOTH):
+            raise Unsupported(f"derivatives of {scene.name!r}: {reason}")
+        try:
+            self.equations = _Equations(scene)
+        except ModuleNotFoundError as error:
+            raise Unsupported(f"derivatives of {scene.name!r} need {error.name}; {install('heyoka')}") from None
+        self.scene = scene
+        self.links = self.equations.tree.by_body
+        rods = [link for link in self.links if link.shift == "sphere"]
+        if rods:
+            name = scene.bodies[rods[0].body].name
+            raise Unsupported(f"derivatives of {scene.name!r}: the distance of body {name!r} has no joint coordinates")
+        sizes = [link.turn + len(link.directions) + (3 if link.shift == "free" else 0) for link in self.links]
+        ends = np.cumsum([0, *sizes])
+        self.slots = {link.body: slice(int(a), int(b)) for link, a, b in zip(self.links, ends[:-1], ends[1:],
+                                                                             strict=True)}
+        self.size = int(ends[-1])
+
+    @functools.cached_property
+    def speeds(self) -> np.ndarray:
+        """(size,) at the start."""
+        tree = self.equations.tree
+        return np.concatenate([self.equations.initial[tree.speeds[link.body]] for link in self.links])
+
+    @functools.cached_property
+    def start(self) -> Bodies:
+        """The bodies at the start."""
+        return self.bodies(np.zeros(self.size), self.speeds)
+
+    def _springs(self, change: np.ndarray) -> list[Any]:
+        """Changes of the angles of springs in joints that close loops: their rates, with changes for speeds."""
+        tree, state = self.equations.tree, [*self.equations.initial.tolist()]
+        for link in self.links:
+            state[tree.speeds[link.body]] = [*change[self.slots[link.body]]]
+        frames = tree.frames(state)
+        placed = tree.world(frames)
+        return [angle_rate(joint, frames, placed) for joint in self.equations.springs]
+
+    def state(self, change: np.ndarray, speeds: np.ndarray) -> list[Any]:
+        """The state vector of the formulation."""
+        tree, state = self.equations.tree, [*self.equations.initial.tolist()]
+        for link in self.links:
+            moved, place = [*change[self.slots[link.body]]], tree.coordinates[link.body]
+            before = state[place]
+            if link.turn == FREE:
+                turned = quaternion_product(before[:4], _turn(moved[:3]))
+                state[place] = [*turned, *add(before[4:], moved[3:])]
+            else:
+                state[place] = add(before, moved) if moved else []
+            state[tree.speeds[link.body]] = [*speeds[self.slots[link.body]]]
+        if self.equations.springs:
+            state[tree.size:] = add(state[tree.size:], self._springs(change))
+        return state
+
+    def bodies(self, change: np.ndarray, speeds: np.ndarray) -> Bodies:
+        """What follows from a change of position and from speeds, which may be complex."""
+        return self._from(self.state(change, speeds))
+
+    def _from(self, state: list[Any]) -> Bodies:
+        equations, n = self.equations, self.scene.n
+        loads, alpha, A, speeding = equations._solved(state, functools.partial(at, t=0.0))
+        placed = loads.placed or equations.tree.world(loads.frames)
+        found = Bodies(*(np.zeros(shape, complex) for shape in ((n, 3), (n, 3, 3), *[(n, 3)] * 4)),
+                       *np.zeros((3, 0)))
+        for body in range(n):
+            frame, (R, point, velocity) = loads.frames[body], placed[body]
+            pull = add(A[body], cross(alpha[body], frame.lever), centripetal(frame.w, frame.lever))
+            found.R[body], found.w[body], found.alpha[body] = R, frame.w, alpha[body]
+            found.x[body] = add(point, apply(R, frame.lever))
+            found.v[body] = add(velocity, apply(R, cross(frame.w, frame.lever)))
+            found.a[body] = apply(R, pull)
+        found.rates = np.array([rate for link in self.links for rate in speeding[link.body]])
+        if equations.cuts:
+            loads.placed = placed
+            rows = [loops.row(cut, loads) for cut in equations.cuts]
+            found.values = np.array([row.value for row, cut in zip(rows, equations.cuts, strict=True) if not cut.slips])
+            found.slopes = np.array([row.rate for row in rows])
+        return found
+
+    def derivative(self, function: Callable[[np.ndarray, np.ndarray], Any]) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of a function of (change, speeds) at the start, (values, size) each."""
+        zero, columns = np.zeros(self.size), []
+        for part in range(2):
+            for k in range(self.size):
+                step = [zero.astype(complex), self.speeds.astype(complex)]
+                step[part][k] += STEP * 1j
+                columns.append(np.imag(np.asarray(function(*step), dtype=complex)) / STEP)
+        stacked = np.array(columns).T
+        return stacked[:, :self.size], stacked[:, self.size:]
+
+
+class JointSpace(TreeSpace):
+    """A scene whose every joint is one of the tree, in the coordinates of `scene.coordinates`.
+
+    Raises
+    ------
+    Unsupported
+        A joint closes a loop, follows another one, is driven, or has no coordinates; the message names it.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        names = {link.joint.name for link in self.links if link.joint is not None}
+        for joint in scene.joints:
+            reason = ("closes a loop" if joint.name not in names else "follows another one" if joint.mimic is not None
+                      else "is driven" if joint.drive is not None
+                      else "has no coordinates" if not JOINT_TYPES[joint.type].coordinates and joint.type != "fixed"
+                      else "leads from its child to its parent" if joint.type == "planar" and self._reversed(joint)
+                      else "")
+            if reason:
+                raise Unsupported(f"{scene.name!r} in joint coordinates: joint {joint.name!r} {reason}")
+        free = [link for link in self.links if link.joint is None]
+        of_joint = {link.joint.name: link for link in self.links if link.joint is not None}
+        order = [*free, *(of_joint[joint.name] for joint in scene.joints)]
+        sizes = [self.slots[link.body].stop - self.slots[link.body].start for link in order]
+        ends = np.cumsum([0, *sizes])
+        self.own = {link.body: slice(int(a), int(b)) for link, a, b in zip(order, ends[:-1], ends[1:], strict=True)}
+
+    def _reversed(self, joint: Joint) -> bool:
+        return any(link.joint is joint and link.body == joint.parent for link in self.links)
+
+    @functools.cached_property
+    def speeds(self) -> np.ndarray:
+        """(size,) the rates at the start, in the order of `scene.coordinates`."""
+        tree, made = self.equations.tree, np.zeros(self.size)
+        frames = tree.frames(self.equations.initial.tolist())
+        for link in self.links:
+            speed = self.equations.initial[tree.speeds[link.body]]
+            made[self.own[link.body]] = self._outward(link, frames, [*speed], frames[link.body].w)
+        return made
+
+    def _outward(self, link: Link, frames: dict[int, Frame], rates: list[Any], w: Vector) -> Vector:
+        """Rates of the scene's coordinates from those of a link."""
+        frame, inner = frames[link.body], frames[link.parent]
+        if link.joint is None:
+            return [*rates[3:], *rates[:3]]
+        if link.turn == FREE:
+            if link.body == link.joint.child:
+                return add(w, scale(-1.0, apply_transposed(frame.turn, inner.w)))
+            return add(inner.w, scale(-1.0, apply(frame.turn, w)))
+        return [*(self._map(link) @ np.array(rates))] if rates else []
+
+    def _map(self, link: Link) -> np.ndarray:
+        """From the coordinates of a link without a free turn to those of its joint."""
+        joint = link.joint
+        assert joint is not None
+        back = bool(link.body == joint.parent)
+        if joint.type == "universal":
+            return np.eye(2)[::-1] if back else np.eye(2)
+        turns = np.eye(link.turn + len(link.directions))
+        if joint.type == "planar":
+            across = np.array([slide_direction(word, joint.parent_axis) for word in ("slide n1", "slide n2")])
+            turns = np.zeros((3, 3))
+            turns[:2, 1:], turns[2, 0] = across @ np.array(link.directions).T, 1.0
+        elif back:
+            turns[link.turn:, link.turn:] *= -1.0
+        return turns
+
+    def state(self, change: np.ndarray, speeds: np.ndarray) -> list[Any]:
+        """The state vector of the formulation; changes and speeds are those of `scene.coordinates`."""
+        tree, state = self.equations.tree, [*self.equations.initial.tolist()]
+        frames = {GROUND: STILL}
+        for link in tree.links:
+            moved, rates = [*change[self.own[link.body]]], [*speeds[self.own[link.body]]]
+            place, pace, inner = tree.coordinates[link.body], tree.speeds[link.body], frames[link.parent]
+            if link.joint is None:
+                q, x = state[place][:4], state[place][4:]
+                state[place] = [*quaternion_product(q, _turn(moved[3:])), *add(x, moved[:3])]
+                state[pace] = [*rates[3:], *rates[:3]]
+            elif link.turn == FREE:
+                if link.body == link.joint.child:
+                    relative = quaternion_product(tree.kept[link.body], _turn(moved))
+                    w = add(apply_transposed(rotation(relative), inner.w), rates)
+                else:
+                    relative = quaternion_product(_turn(scale(-1.0, moved)), tree.kept[link.body])
+                    w = apply_transposed(rotation(relative), add(inner.w, scale(-1.0, rates)))
+                state[place], state[pace] = quaternion_product(inner.q, relative), w
+            elif moved:
+                inverse = np.linalg.inv(self._map(link))
+                state[place] = add(state[place], [*(inverse @ np.array(moved))])
+                state[pace] = [*(inverse @ np.array(rates))]
+            frame = frames[link.body] = tree._placed(link, state, inner)
+            tree._set_in_motion(link, state, frame, inner)
+        return state
+
+    def accelerations(self, change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+        """Second derivatives of the scene's coordinates, (size,)."""
+        state = self.state(change, speeds)
+        loads, alpha, _, speeding = self.equations._solved(state, functools.partial(at, t=0.0))
+        made = np.zeros(self.size, complex)
+        alpha = alpha | {GROUND: [0.0, 0.0, 0.0]}
+        for link in self.links:
+            frame, inner, own = loads.frames[link.body], loads.frames[link.parent], self.own[link.body]
+            if link.joint is not None and link.turn == FREE:
+                rate = self._outward(link, loads.frames, [], frame.w)
+                if link.body == link.joint.child:  # the turn of the parent's vectors in the child's axes is minus this
+                    carried = apply_transposed(frame.turn, inner.w)
+                    made[own] = add(alpha[link.body], scale(-1.0, apply_transposed(frame.turn, alpha[link.parent])),
+                                    cross(rate, carried))
+                else:
+                    made[own] = add(alpha[link.parent], scale(-1.0, apply(frame.turn, alpha[link.body])),
+                                    cross(inner.w, apply(frame.turn, frame.w)))
+            else:
+                made[own] = self._outward(link, loads.frames, [*speeding[link.body]], frame.w)
+        return made
+
+    @functools.cached_property
+    def motions(self) -> np.ndarray:
+        """V, (6n, size): body velocities (v world, w body axes) of unit rates."""
+        def velocities(change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+            found = self.bodies(change, speeds)
+            return np.concatenate([found.v, found.w], axis=1).ravel()
+
+        return self.derivative(velocities)[1]
+
+    @functools.cached_property
+    def mass(self) -> np.ndarray:
+        """M, (size, size), with rotors."""
+        blocks = self.motions.reshape(self.scene.n, 6, -1)
+        M = np.einsum("n,nki,nkj->ij", self.scene.masses, blocks[:, :3], blocks[:, :3])
+        M += np.einsum("nki,nkl,nlj->ij", blocks[:, 3:], self.scene.inertias, blocks[:, 3:])
+        for link in self.links:
+            if link.joint is not None:
+                first = self.own[link.body].start
+                for k, inertia in enumerate(link.joint.armature):
+                    M[first + k, first + k] += inertia
+        return np.asarray(M)
+
+
+def _turn(vector: Vector) -> Vector:
+    """The quaternion of a rotation vector; of a complex one, which is small, to first order."""
+    if any(isinstance(entry, complex) for entry in vector):
+        return [1.0, *scale(0.5, vector)]
+    made: Vector = quaternion_from_turn(np.array(vector, dtype=float)).tolist()
+    return made
+
+
+def placed(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
+    """The scene with its start at joint coordinates q and rates v, (n,) each, in the order of `scene.coordinates`.
+
+    Of a ball q is a rotation vector: the child is turned by it, in its own axes, from the attitude at zero coordinates.
+    Of a free body it is the position, and such a vector for the attitude.
+    """
+    from scipy.spatial.transform import Rotation
+
+    space = JointSpace(scene)
+    x, R, u, w = (np.array(values) for values in (scene.x0, scene.R0, scene.v0, scene.w0))
+    ground = (np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
+    for link in space.equations.tree.links:
+        own, body, joint = space.own[link.body], link.body, link.joint
+        at_q, at_v = q[own], v[own]
+        if joint is None:
+            x[body], R[body] = at_q[:3], Rotation.from_rotvec(at_q[3:]).as_matrix()
+            u[body], w[body] = at_v[:3], at_v[3:]
+            continue
+        position = at_q
+        if JOINT_TYPES[joint.type].coordinates == ("ball",):
+            position = quaternion_from_rotation(Rotation.from_rotvec(at_q).as_matrix())
+        relative, d = relative_pose(joint, position)
+        spin, speed = relative_rates(joint, position, at_v)
+        if JOINT_TYPES[joint.type].keeps_attitude and joint.reference is None:
+            relative = (np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]).T @ scene.R0[joint.child]
+        parent = ground if joint.parent == GROUND else tuple(
+            values[joint.parent] for values in (x, R, u, w))
+        if body == joint.child:
+            xp, Rp, up, wp = parent
+            reach = Rp @ (joint.parent_anchor + d)
+            turning = Rp @ wp
+            R[body] = Rp @ relative
+            outer = turning + Rp @ spin
+            w[body] = R[body].T @ outer
+            arm = R[body] @ joint.child_anchor
+            x[body] = xp + reach - arm
+            u[body] = up + np.cross(turning, reach) + Rp @ speed - np.cross(outer, arm)
+        else:
+            xc, Rc, uc, wc = (values[joint.child] for values in (x, R, u, w))
+            R[body] = Rc @ relative.T
+            outer = Rc @ wc
+            turning = outer - R[body] @ spin
+            w[body] = R[body].T @ turning
+            reach, arm = R[body] @ (joint.parent_anchor + d), Rc @ joint.child_anchor
+            x[body] = xc + arm - reach
+            u[body] = uc + np.cross(outer, arm) - np.cross(turning, reach) - R[body] @ speed
+    bodies = tuple(dataclasses.replace(each, position=x[k], attitude=quaternion_from_rotation(R[k]), velocity=u[k],
+                                       angular_velocity=w[k]) for k, each in enumerate(scene.bodies))
+    joints = tuple(joint if joint.start is None else dataclasses.replace(
+        joint, start=tuple(q[space.own[next(link.body for link in space.links if link.joint is joint)]]))
+        if JOINT_TYPES[joint.type].coordinates != ("ball",) else joint for joint in scene.joints)
+    return scene.replace(bodies=bodies, joints=joints)
+
+
+def positions(scene: Scene) -> np.ndarray:
+    """q (n,) at the start; see `placed`."""
+    from scipy.spatial.transform import Rotation
+
+    carried = {joint.child for joint in scene.joints}
+    found = [np.concatenate([body.position, Rotation.from_quat(body.attitude, scalar_first=True).as_rotvec()])
+             for k, body in enumerate(scene.bodies) if k not in carried]
+    for position, _ in at_start(scene).values():
+        ball = len(position) == 4
+        found.append(Rotation.from_quat(position, scalar_first=True).as_rotvec() if ball else position)
+    return np.concatenate(found)

@@ -1,0 +1,58 @@
+"""Derivatives of flows: closed forms, orders of methods, bad input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import crosscheck
+from crosscheck.scene.building import scene_from
+from tests.jointspace.arms import arm
+
+
+def slider():
+    """A damped mass on a spring."""
+    return scene_from({
+        "schema": 2, "name": "slider", "gravity": [0.0, 0.0, 0.0], "duration": 1.0, "samples": 2,
+        "bodies": [{"name": "mass", "mass": 2.0, "inertia": np.diag([0.1] * 3).tolist()}],
+        "joints": [{"name": "slide", "type": "prismatic", "parent": "ground", "child": "mass",
+                    "parent_anchor": [0.0] * 3, "child_anchor": [0.0] * 3, "parent_axis": [1.0, 0.0, 0.0],
+                    "child_axis": [1.0, 0.0, 0.0], "position": 0.3, "velocity": 0.1}],
+        "forces": [{"type": "linear_spring", "parent": "ground", "child": "mass", "parent_point": [-1.0, 0.0, 0.0],
+                    "child_point": [0.0] * 3, "stiffness": 30.0, "free_length": 1.0, "damping": 0.7}]}, "slider")
+
+
+def test_a_linear_oscillator():
+    found = crosscheck.flow_derivative(slider(), 0.9, parameters=("forces.0.stiffness", "bodies.mass.mass"))
+
+    def flow(k, m):
+        return expm(0.9 * np.array([[0.0, 1.0], [-k / m, -0.7 / m]]))
+
+    np.testing.assert_allclose(found.matrix, flow(30.0, 2.0), atol=1e-11)
+    start, h = np.array([0.3, 0.1]), 1e-5
+    wanted = np.stack([(flow(30.0 + h, 2.0) - flow(30.0 - h, 2.0)) @ start / (2 * h),
+                       (flow(30.0, 2.0 + h) - flow(30.0, 2.0 - h)) @ start / (2 * h)], axis=1)
+    np.testing.assert_allclose(found.parameters, wanted, atol=1e-9)
+    assert found.error < 1e-10
+
+
+@pytest.mark.parametrize(("source", "order"), [("lieeuler:rattle2", 2), ("mujoco:RK4", 4)])
+def test_a_discrete_map_converges_at_its_order(source, order):
+    scene, paths = arm(damping=0.0), ("bodies.b1.mass", "gravity.2", "joints.j1.parent_anchor.2")
+    exact = crosscheck.flow_derivative(scene, 0.4, parameters=paths)
+    errors = []
+    for step in (2e-2, 1e-2):
+        given = crosscheck.flow_derivative(scene, 0.4, source=source, step=step, parameters=paths)
+        errors.append([np.abs(given.matrix - exact.matrix).max(), np.abs(given.parameters - exact.parameters).max()])
+    np.testing.assert_allclose(np.log2(np.divide(*errors)), order, atol=0.25)
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    ({"parameters": ("bodies.b9.mass",)}, "there is no 'b9'"),
+    ({"parameters": ("bodies.b1.mas",)}, 'did you mean "mass"'),
+    ({"parameters": ("bodies.b1",)}, "is no number"), ({"parameters": "gravity.2"}, "give a tuple"),
+    ({"duration": -1.0}, "duration"), ({"source": "lieeuler"}, "name a method too")])
+def test_wrong_arguments(arguments, said):
+    with pytest.raises(crosscheck.ArgumentError, match=said):
+        crosscheck.flow_derivative(arm(), **{"duration": 0.1} | arguments)

@@ -41,7 +41,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "studies": REPORTED,
     "history": REPORTED,
     "sweeps": REPORTED,
-    "cli": REPORTED | {"inspection", "jointspace", "diagnosis", "testing", "studies", "history", "sweeps", "recordings"},
+    "cli": REPORTED | {"inspection", "jointspace", "diagnosis", "testing", "studies", "history", "sweeps",
+                       "recordings"},
     "__main__": {"cli"},
     "lieeuler": set(),
 }

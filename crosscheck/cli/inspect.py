@@ -22,6 +22,8 @@ def inspect(
     states: Annotated[int, typer.Option(help="random admissible states beside the start", min=0, max=1000)] = 3,
     seed: Annotated[int, typer.Option(help="of the random states", min=0)] = 0,
     against: Annotated[str | None, typer.Option(help="another model or scene: as `crosscheck diff`")] = None,
+    torques: Annotated[bool, typer.Option("--torques", help="only what drives have to supply at the start for constant "
+                                                            "rates, by inverse dynamics of truth and engines")] = False,
 ) -> None:
     """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations, reactions.
 
@@ -29,6 +31,8 @@ def inspect(
 
     Exit code 0: all agree with truth; 1: one does not; 2: the check itself failed.
     """
+    if torques:
+        raise typer.Exit(_torques(scene, engine))
     from crosscheck.adapters.base import CHOICES
     from crosscheck.errors import ArgumentError, unknown
     from crosscheck.inspection import inspect as examine
@@ -50,6 +54,35 @@ def inspect(
     if not result.probes:
         raise ArgumentError(f"{scene}: none of the engines asked for can be inspected on this scene")
     raise typer.Exit(0 if result.agree else 1)
+
+
+def _torques(name: str, engines: list[str] | None) -> int:
+    """Print generalized forces coordinate by coordinate; 1 if a source is off by more than 1e-10 of the largest."""
+    from crosscheck.errors import Unsupported
+    from crosscheck.jointspace.inverse import ENGINES, inverse_dynamics
+    from crosscheck.jointspace.motion import JointSpace, positions
+    from crosscheck.scene.file import load_scene
+
+    scene = load_scene(name)
+    q, v = positions(scene), JointSpace(scene).speeds
+    by_source = {"truth": inverse_dynamics(scene, q, v, 0 * v)}
+    skipped = {}
+    for engine in engines or [each for each in ENGINES if each != "truth"]:
+        try:
+            by_source[engine] = inverse_dynamics(scene, q, v, 0 * v, engine=engine)
+        except Unsupported as error:
+            skipped[engine] = str(error)
+    say(f"{scene.name}: what drives supply at the start for constant rates (N m, N)")
+    for k, coordinate in enumerate(scene.coordinates):
+        told = (f"{source} {values[k]:.12g}" for source, values in by_source.items())
+        say(f"{coordinate}: {', '.join(told)}", indent=2)
+    gaps = {source: float(abs(values - by_source["truth"]).max(initial=0.0)) for source, values in by_source.items()}
+    wrong = {source: gap for source, gap in gaps.items() if gap > 1e-10 * max(1.0, *abs(by_source["truth"]))}
+    for source, gap in wrong.items():
+        say(f"✗ {source} differs from truth by {gap:.2g}")
+    for source, reason in skipped.items():
+        say(f"{source} is left out: {reason}")
+    return int(bool(wrong))
 
 
 def _print(result: Inspection) -> None:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import ArgumentError, Unsupported
-from crosscheck.jointspace import sources
 from crosscheck.jointspace.motion import Bodies, JointSpace, TreeSpace, placed
+from crosscheck.jointspace.sources import allowed, condition, taken
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene import file as scene_file
@@ -90,7 +90,15 @@ def derivatives(scene: Scene | str | os.PathLike[str], source: Any = "truth", st
     loaded = at_state(scene_file.as_scene(scene), state)
     if source == "truth":
         return truth(loaded)
-    return sources.of(loaded, source)
+    return of(loaded, source)
+
+
+def of(scene: Scene, source: Any) -> Derivatives:
+    """The derivatives of a source at the start of the scene."""
+    label, blocks = taken(scene, source)
+    size = max(float(np.abs(part).max(initial=1.0)) for part in (blocks.da_dq, blocks.da_dv))
+    claim = allowed(blocks, size, condition(JointSpace(scene).mass))
+    return Derivatives(scene.name, label, scene.coordinates, blocks.da_dq, blocks.da_dv, blocks.da_dtau, claim)
 
 
 def at_state(scene: Scene, state: Any) -> Scene:

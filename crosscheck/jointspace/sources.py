@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from crosscheck.scene.coordinates import accelerations
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-
-if TYPE_CHECKING:
-    from crosscheck.jointspace.derivatives import Derivatives
 
 EPS = 1e-6
 """Step of MuJoCo's finite differences where none is asked for; its own default."""
@@ -50,16 +47,6 @@ class Blocks:
 WAYS: dict[str, tuple[str, ...]] = {"pinocchio": ("aba", "differences"),
                                     "mujoco": ("inverseFD", "transitionFD", "differences")}
 """The ways of engines besides "differences", the first by default. One of MuJoCo may end with "@EPS"."""
-
-
-def of(scene: Scene, source: Any) -> Derivatives:
-    """The derivatives of a source at the start of the scene."""
-    from crosscheck.jointspace.derivatives import Derivatives
-
-    label, blocks = taken(scene, source)
-    size = max(float(np.abs(part).max(initial=1.0)) for part in (blocks.da_dq, blocks.da_dv))
-    claim = allowed(blocks, size, condition(JointSpace(scene).mass))
-    return Derivatives(scene.name, label, scene.coordinates, blocks.da_dq, blocks.da_dv, blocks.da_dtau, claim)
 
 
 def condition(mass: np.ndarray) -> float:

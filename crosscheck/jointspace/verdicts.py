@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import Unsupported
-from crosscheck.jointspace.derivatives import Derivatives, truth
+from crosscheck.jointspace.derivatives import Derivatives, of, truth
 from crosscheck.jointspace.motion import JointSpace
-from crosscheck.jointspace.sources import of
 from crosscheck.scene.coordinates import relative
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene

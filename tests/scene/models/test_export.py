@@ -40,7 +40,7 @@ LOOPS = ("bricard", "double_four_bar", "driven_slider_crank", "four_bar", "paral
 NOT_MJCF = dict.fromkeys(LOOPS, "closes a loop") | {
     "bead_on_line": "joint 'wire' of type point_on_line", "puck_on_plane": "joint 'plane' of type point_on_plane",
     "chaplygin_sleigh": "of type knife_edge", "rolling_ball": "of type rolling_sphere",
-    "rolling_disk": "of type rolling_disk", "wobbling_disk": "of type rolling_disk",
+    "rolling_disk": "of type rolling_disk", "wobbling_disk": "of type rolling_disk", "bicycle": "of type rolling_disk",
     "iftomm_simple_pendulum": "of type distance", "rod_pendulum": "of type distance",
     "driven_cart": "a joint_force", "driven_double_pendulum": "a joint_torque", "loaded_pendulum": "a constant_force"}
 WELDED = {"branching_tree", "fixed_pair"}

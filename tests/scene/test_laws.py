@@ -216,7 +216,7 @@ def test_a_mesh_file_gives_its_corners(tmp_path, written):
 @pytest.mark.parametrize(("element", "kept"), [  # all other laws removed
     ("dry_friction", {"joints.0.limits": GONE}), ("limits", {"joints.0.dry_friction": GONE}),
     ("servo", {"joints.0.dry_friction": GONE, "joints.0.limits": GONE}),
-], ids=str)
+], ids=["dry_friction", "limits", "servo"])
 def test_an_engine_refuses_by_name_what_it_does_not_declare(element, kept, written):
     bare = {"joints": SCENE["joints"][:1], "forces": SCENE["forces"][:1] if element == "servo" else [],
             "bodies": SCENE["bodies"][:1], "shapes": [], "monitors": []}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -113,7 +114,7 @@ def _print_verdict(judged: Judged | None, traj: Trajectory) -> None:
         until = "" if error.judged is None or judged.judged_until is None else (
             f"; up to {judged.judged_until:g} s {error.judged:.1e} {error.unit}")
         say(f"{name} error against truth {error.max:.1e} {error.unit}{until}, {bound}")
-    if judged.energy_error is not None:
+    if judged.energy_error is not None and math.isfinite(judged.energy_error):
         where = "minus the work done, at the output times" if traj.scene.worked_on else "every step"
         start = ("" if judged.energy_error_by_start is None else
                  f" ({judged.energy_error_by_start:.1e} of |E(0)|)")

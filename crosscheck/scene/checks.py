@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from crosscheck.scene import coordinates, joint_options, meshes, touching
+from crosscheck.scene import coordinates, joint_options, touching
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import SIZES, Monitor, Shape
@@ -46,6 +47,8 @@ SMALLEST = 1 / LARGEST
 
 START_TOLERANCE = 1e-8
 """How far a start may be beyond a limit or a monitor, rad or m, relative to its value above 1: that of ten digits."""
+
+_CORNER = re.compile(rb"^\s*(?:vertex|v)\s+(\S+)\s+(\S+)\s+(\S+)", re.MULTILINE)
 
 MOST_SAMPLES = 10**7
 """Largest number of output times; the states of one body then take a gigabyte and a half."""
@@ -348,7 +351,7 @@ def _shape(bodies: Mapping[str, int], entry: str, shape: ShapeEntry, folder: Pat
             raise EntryError(f"{entry}: file", "a mesh has a file or points, one of the two",
                              'write file = "foot.stl", or points')
         if shape.file is not None:
-            points = meshes.points(f"{entry}: file", folder / shape.file)
+            points = _corners(f"{entry}: file", folder / shape.file)
         if np.linalg.matrix_rank(points - points.mean(axis=0)) < 3:
             raise EntryError(f"{entry}: {'points' if shape.file is None else 'file'}", "its points lie in a plane",
                              "give points that enclose a volume")
@@ -356,6 +359,27 @@ def _shape(bodies: Mapping[str, int], entry: str, shape: ShapeEntry, folder: Pat
     attitude = _unit(f"{entry}: attitude", shape.attitude, "write a quaternion w, x, y, z")
     return Shape(shape.name, body, shape.type, tuple(shape.size), tuple(shape.position), tuple(attitude.tolist()),
                  tuple(tuple(point) for point in points.tolist()))
+
+
+def _corners(entry: str, path: Path) -> np.ndarray:
+    """The corners (N, 3) of a mesh, each once; raises `EntryError` that names the entry if there are none."""
+    mend = "give an STL or OBJ file"
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise EntryError(entry, f"{path} cannot be read, {(error.strerror or str(error)).lower()}", mend) from None
+    count = int.from_bytes(content[80:84], "little")
+    if path.suffix.lower() == ".stl" and len(content) == 84 + 50 * count:  # binary: normal, three corners, two bytes
+        rows = np.frombuffer(content, np.uint8, offset=84).reshape(count, 50)[:, 12:48].tobytes()
+        found = np.frombuffer(rows, "<f4").astype(float).reshape(-1, 3)
+    else:
+        try:
+            found = np.array([[float(value) for value in corner] for corner in _CORNER.findall(content)]).reshape(-1, 3)
+        except ValueError:
+            found = np.empty((0, 3))
+    if not len(found) or not np.isfinite(found).all():
+        raise EntryError(entry, f"{path} has no corners of a mesh", mend)
+    return np.unique(found, axis=0)
 
 
 def _monitor(scene: SceneEntry, index: int, monitor: MonitorEntry) -> Monitor:

@@ -113,14 +113,18 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
 def work(scene: Scene, states: Motion) -> np.ndarray:
     """Work of loads, dampers and drives since the first time, (T,) in J: the integral of `power`.
 
-    Its error is that of a spline through the power at the given times: of order eight in their distance, or four where
-    a function of time has breaks, across which no spline is smoother.
+    Its error is that of a spline through the power at the given times: of order eight in their distance, two where the
+    law of a joint changes, or four where a function of time has breaks, across which no spline is smoother. The work of
+    impacts and sampled servos does not follow from the states: NaN.
     """
     if not scene.worked_on or len(states.t) < 2:
         return np.zeros(len(states.t))
+    if (any(servo.period is not None for _, servo in scene.servos.values())
+            or any(each is not None and each.rigid for joint in scene.joints for each in joint.limits)):
+        return np.full(len(states.t), np.nan)
     from scipy.interpolate import make_interp_spline
 
-    degree = min(3 if scene.breaks else 7, len(states.t) - 1)
+    degree = min(1 if scene.has_laws else 3 if scene.breaks else 7, len(states.t) - 1)
     found: np.ndarray = make_interp_spline(states.t, power(scene, states), degree).antiderivative()(states.t)
     return found
 

@@ -255,20 +255,12 @@ class RangeEntry(msgspec.Struct, frozen=True, tag_field="type", tag="range"):
     upper: float | None = None
 
 
-class SpeedEntry(msgspec.Struct, frozen=True, tag_field="type", tag="speed"):
+class SpeedEntry(RangeEntry, frozen=True, tag_field="type", tag="speed"):
     """One of [[monitors]]: the rate of a joint leaves its range."""
 
-    joint: str
-    lower: float | None = None
-    upper: float | None = None
 
-
-class EffortEntry(msgspec.Struct, frozen=True, tag_field="type", tag="effort"):
+class EffortEntry(RangeEntry, frozen=True, tag_field="type", tag="effort"):
     """One of [[monitors]]: what the actuator of a joint gives leaves its range."""
-
-    joint: str
-    lower: float | None = None
-    upper: float | None = None
 
 
 MonitorEntry = TouchEntry | RangeEntry | SpeedEntry | EffortEntry

@@ -232,3 +232,15 @@ def test_events_of_runs_are_found_between_steps_and_from_samples(friction):
     traj = crosscheck.run(parabola, engine="mujoco", method="RK4", step=1e-3)
     assert [event[1:] for event in traj.events][:2] == [("hinge", "unsaturates"), ("hinge", "hits_upper")]
     assert traj.events[0][0] == pytest.approx(np.sqrt(2 * 0.375 * J / 0.5), abs=1e-5)  # at 2 - .5 / .8 rad
+
+
+def test_the_work_of_friction_and_servos_is_the_change_of_the_energy_where_states_tell_it():
+    servo = {"type": "servo", "joint": "hinge", "target": 1.0, "proportional": 5.0, "effort_limit": 0.4}
+    scene = pendulum(2.0, 401, forces=(servo,), dry_friction=0.2)
+    traj = crosscheck.run(scene, engine="mujoco", method="RK4", step=2.5e-4, monitor=False)
+    gap = np.abs(traj.energy - traj.energy[0] - traj.work).max()
+    assert np.ptp(traj.energy) > 0.5
+    assert gap < 2e-3  # J: order 1 of tight friction
+    for changes in ({"forces": ({**servo, "period": 0.01},)}, {"limits": {"lower": -2.0}}):
+        traj = crosscheck.run(pendulum(0.1, 3, **changes), engine="mujoco", method="RK4", step=1e-3)
+        assert np.isnan(traj.work).all()

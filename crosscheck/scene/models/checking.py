@@ -24,8 +24,7 @@ MOST_BODIES = 64
 LOOSEST = 1e-6
 """Largest difference of accelerations, relative to the largest: it leaves room for mass matrices of condition 1e9."""
 
-_CONSTRAINTS = ("limits of", "dry friction", "contacts of", "equality", "mimic of", "actuator", "range of the actuator",
-                "the element <transmission>")
+_CONSTRAINTS = ("limits of", "dry friction", "contacts of", "equality", "mimic of", "actuator", "range of the actuator")
 """Beginnings of what is left out and is also missing in the smooth accelerations of MuJoCo without actuators."""
 
 

@@ -55,13 +55,15 @@ WHOLE: Mapping[str, frozenset[str]] = {
                          "camera", "lengthrange", "actuator", "deformable", "flexcomp", "general", "motor", "position",
                          "velocity", "intvelocity", "orientation", "pid", "damper", "cylinder", "muscle", "adhesion",
                          "dcmotor")),
-    "robot": frozenset(("visual", "collision", "material", "calibration", "safety_controller"))}
-"""Elements known with all that is in them: pictures and sensors, and what the compiled model names by itself."""
+    "robot": frozenset(("visual", "collision", "material", "calibration", "safety_controller", "transmission"))}
+"""Elements known with all that is in them: pictures and sensors, what the compiled model names by itself, and the
+transmissions of a URDF, whose motors have no control: the import states them as such."""
 
 GAZEBO = frozenset(("material", "mu1", "mu2", "kp", "kd", "minDepth", "min_depth", "maxVel", "max_vel", "maxContacts",
                     "selfCollide", "self_collide", "fdir1", "laserRetro", "sensor", "plugin", "visual", "collision",
-                    "provideFeedback", "stopCfm", "stopErp", "disableFixedJointLumping", "preserveFixedJoint"))
-"""Children of <gazebo>, from looks, sensors and contacts, that do not change the motion."""
+                    "provideFeedback", "stopCfm", "stopErp", "implicitSpringDamper", "disableFixedJointLumping",
+                    "preserveFixedJoint"))
+"""Children of <gazebo>, from looks, sensors, contacts and how it integrates, that do not change the motion."""
 
 
 def unknown(model: Source) -> Iterator[str]:

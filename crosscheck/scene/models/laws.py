@@ -29,13 +29,13 @@ Control = float | Table
 
 @dataclasses.dataclass(frozen=True)
 class Wants:
-    """What an import keeps, and the controls of actuators by their names or those of their joints."""
+    """What an import keeps, and the controls of actuators, by their numbers in the model once they are found."""
 
     actuators: str = "keep"
     limits: str = "monitor"
     contacts: str = "monitor"
     friction: str = "keep"
-    controls: Mapping[str, Control] = dataclasses.field(default_factory=dict)
+    controls: Mapping[Any, Control] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for key, allowed in CHOICES.items():
@@ -152,17 +152,11 @@ def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants
 def _actuators(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants, found: Laws) -> None:
     """Actuators as servos. A motor with no control does nothing and is listed as such."""
     m = reading.model
-    controls = dict(wants.controls)
     on: dict[int, list[str]] = {}
-    for a in range(m.nactuator):
+    for a in range(0 if off(reading, "ACTUATION") else m.nactuator):
         if int(m.opt.disableactuator) >> int(m.actuator_group[a]) & 1:
             continue
-        name = str(m.actuator(a).name or "")
-        joint = int(m.actuator_trnid[a, 0]) if int(m.actuator_trntype[a]) in (0, 1) else -1
-        key = next((each for each in (name, label(reading, joint) if joint >= 0 else "") if each in controls), None)
-        control = None if key is None else controls.pop(key)
-        if off(reading, "ACTUATION"):
-            continue
+        name, joint, control = str(m.actuator(a).name or ""), joint_of(m, a), wants.controls.get(a)
         which = f"of joint {label(reading, joint)!r}" if joint >= 0 and not name else repr(name or f"actuator {a}")
         words = f"actuator {which}"
         if wants.actuators == "drop":
@@ -178,10 +172,6 @@ def _actuators(reading: Reading, places: dict[int, tuple[Table, int, float]], wa
         else:
             on.setdefault(joint, []).append(words)
             found.forces.append(servo)
-    if controls:
-        known = [m.actuator(a).name for a in range(m.nactuator) if m.actuator(a).name]
-        raise ArgumentError(unknown("controls", next(iter(controls)), known) if known else
-                            f"controls: no actuator is named {next(iter(controls))!r}, nor its joint")
     for j in range(m.njnt):
         if m.nactuator and m.jnt_actfrclimited[j] and (j in on or not m.jnt_actfrcrange[j, 0] <= 0 <= m.jnt_actfrcrange[
                 j, 1]):
@@ -273,6 +263,26 @@ def _clamp(reading: Reading, j: int, place: tuple[Table, int, float] | None, fou
         reading.lost.append(f"range of the actuator force on joint {label(reading, j)!r}")
         return
     servo["effort_limit"] = ends
+
+
+def joint_of(m: Any, a: int) -> int:
+    """The joint that an actuator acts on, -1 for none."""
+    return int(m.actuator_trnid[a, 0]) if int(m.actuator_trntype[a]) in (0, 1) else -1
+
+
+def controlled(m: Any, d: Any, wants: Wants) -> Wants:
+    """The same with controls by the numbers of their actuators, for which `d` has their values at the start."""
+    found = {}
+    for name, control in wants.controls.items():
+        named = [a for a in range(m.nactuator) if m.actuator(a).name == name] or [
+            a for a in range(m.nactuator) if joint_of(m, a) >= 0 and m.jnt(joint_of(m, a)).name == name]
+        if not named:
+            known = [m.actuator(a).name for a in range(m.nactuator) if m.actuator(a).name]
+            raise ArgumentError(unknown("controls", name, known) if known else
+                                f"controls: no actuator is named {name!r}, nor its joint")
+        found[named[0]] = control
+        d.ctrl[int(m.actuator_ctrladr[named[0]])] = at_start(name, control)
+    return dataclasses.replace(wants, controls=found)
 
 
 def at_start(name: str, control: Any) -> float:

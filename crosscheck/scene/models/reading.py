@@ -52,7 +52,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         if keyframe is not None or qpos is not None:
             raise ArgumentError("start: a keyframe or qpos says where it starts; leave one of the two out")
         _draw(model, m, d, start, wants)
-    _set_controls(m, d, wants)
+    wants = laws.controlled(m, d, wants)
     reading = read(model, m, d)
     reading.lost += lost
     reading.noted += noted
@@ -76,6 +76,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         raise SceneError(f"{model.path}: a scene cannot hold {words}; give --drop (drop=True) to leave all this out")
     left_out = [*reading.lost, *reading.noted]
     third = own.forces or own.monitors or any({"dry_friction", "limits"} & joint.keys() for joint in joints)
+    own.idle += [f"of transmission {each.get('name')!r}" for each in model.root.findall("transmission")]
     idle = [f"motors without a control: {', '.join(own.idle)}"] if own.idle else []
     content: Table = {
         "schema": 3 if third else 2, "name": _name(model),
@@ -108,15 +109,6 @@ def _draw(model: Source, m: Any, d: Any, start: str | int, wants: laws.Wants) ->
             return
     raise SceneError(f"{model.path}: none of {MOST_DRAWS} random starts is free of touching bodies; give qpos, or "
                      'contacts="drop"')
-
-
-def _set_controls(m: Any, d: Any, wants: laws.Wants) -> None:
-    """The controls at the start, where MuJoCo and the scene are compared."""
-    for a in range(m.nactuator):
-        joint = m.jnt(int(m.actuator_trnid[a, 0])).name if int(m.actuator_trntype[a]) in (0, 1) else ""
-        key = next((each for each in (m.actuator(a).name, joint) if each and each in wants.controls), None)
-        if key is not None:
-            d.ctrl[int(m.actuator_ctrladr[a])] = laws.at_start(key, wants.controls[key])
 
 
 def _check_motion(model: Source, reading: Reading, wants: laws.Wants) -> None:

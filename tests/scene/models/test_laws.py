@@ -210,3 +210,12 @@ def test_what_a_robot_has_comes_back_from_its_export(tmp_path):
         crosscheck.export_model(scene, tmp_path / "again.urdf")
     with pytest.raises(SceneError, match="touch of"):
         crosscheck.export_model(crosscheck.import_model(robot(tmp_path)), tmp_path / "again.xml")
+
+
+def test_the_motor_of_a_transmission_has_no_control(tmp_path):
+    from tests.scene.models.test_traps import urdf
+
+    text = urdf(end='<transmission name="t"><mechanicalReduction>9</mechanicalReduction></transmission>')
+    scene = crosscheck.import_model(written(tmp_path, text, "robot.urdf"))
+    assert scene.left_out == ()
+    assert "motors without a control: of transmission 't'" in scene.description

@@ -125,8 +125,6 @@ NAMED = {
                          "<drake:rotor_inertia>"),
     "a loop of Drake": (urdf(end='<drake:ball_constraint/>'), "<drake:ball_constraint>"),
     "a loop of another program": (urdf(end='<loop_joint name="l"/>'), "<loop_joint> 'l' (line 20)"),
-    "a transmission": (urdf(end='<transmission name="t"><mechanicalReduction>9</mechanicalReduction></transmission>'),
-                       "<transmission> 't'"),
     "two roots": (urdf(end='<link name="other"/>'), "2 roots, 'base', 'other'"),
     "limits that leave no room": (urdf(('lower="-1e9" upper="1e9"', 'lower="0" upper="0"')), "limits of joint 'reach'"),
     "limits left out": (urdf(('lower="-1e9" upper="1e9"', "")), "limits of joint 'reach'"),

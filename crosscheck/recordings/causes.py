@@ -278,6 +278,9 @@ def _framed(case: Case, states: States) -> Iterator[Cause]:
 
 def _exchanged(case: Case) -> Iterator[Cause]:
     owners = list(dict.fromkeys(group.owner for group in case.groups))
+    for joint in {group.owner for group in case.groups if group.key.startswith("joint_")}:
+        yield Cause("sign", f"coordinate and rate of {joint} with the other sign", case.left(_with(case, {
+            k: -case.values[k] for k, group in enumerate(case.groups) if group.owner == joint})))
     index = {(g.owner, g.key, g.parts): k for k, g in enumerate(case.groups)}
     for one, other in itertools.combinations(owners, 2):
         changed = {}
@@ -388,12 +391,8 @@ def _samples(case: Case) -> Iterator[Cause]:
         if straight.mean() > 0.4:
             knots = np.concatenate([[0], np.flatnonzero(~straight) + 1, [len(t) - 1]])
             yield Cause("interpolated output", f"straight lines over {len(t) / len(knots):.3g} samples",
-                        case.left([_between(t, knots, g, v) for g, v in zip(case.groups, case.values, strict=True)]))
+                        case.left([_between(t, knots, value) for value in case.values]))
         for m in (2, 3, 4, 5, 7, 9, 10, 15, 20, 25, 50):
-            for k in range(m if m < 6 else 0):
-                knots = np.unique([0, *range(k, len(t), m), len(t) - 1])
-                yield Cause("interpolated output", f"straight lines between every {m}th sample", case.left(
-                    [_between(t, knots, g, v) for g, v in zip(case.groups, case.values, strict=True)]), 1)
             for back in {0, m // 2}:
                 yield Cause("filtered", f"the mean of {m} samples", case.left(
                     [_mean(v, m, back) for v in case.values]), 1)
@@ -410,7 +409,7 @@ def _rotations(values: np.ndarray) -> np.ndarray:
     return np.asarray(U @ Vt)
 
 
-def _between(t: np.ndarray, knots: np.ndarray, group: Any, values: np.ndarray) -> np.ndarray:
+def _between(t: np.ndarray, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
     flat = values.reshape(len(t), -1)
     lines = np.stack([np.interp(t, t[knots], column[knots]) for column in flat.T], axis=1)
     return _rotations(lines.reshape(values.shape))
@@ -447,15 +446,15 @@ def _low_pass(case: Case, interval: float) -> Cause:
 
 
 def _clamped(case: Case) -> Iterator[Cause]:
+    changed, said = {}, []
     for k, group in enumerate(case.groups):
-        if group.key == "attitude":
-            continue
         low, high = group.values.min(axis=0), group.values.max(axis=0)
         at = [(np.abs(group.values - edge) <= 1e-14 * np.abs(edge)).sum(axis=0).max() for edge in (low, high)]
-        if max(at) < 3:
-            continue
-        yield Cause("clamp", f"{group.label} stays within {_numbers(low)} and {_numbers(high)}",
-                    case.left(_with(case, {k: np.clip(case.values[k], low, high)})), 1)
+        if group.key != "attitude" and max(at) > 2:
+            changed[k] = np.clip(case.values[k], low, high)
+            said.append(f"{group.label} stays within {_numbers(low)} and {_numbers(high)}")
+    if changed:
+        yield Cause("clamp", "; ".join(said), case.left(_with(case, changed)), 1)
 
 
 def _rough(case: Case, difference: np.ndarray, given: Sequence[np.ndarray]) -> Iterator[Cause]:

@@ -69,7 +69,6 @@ class Group:
     point: np.ndarray | None = None  # (3,) body axes, where it is not the centre of mass
     wrap: bool = False
     crooked: float = 0.0  # largest distance of the recorded attitudes from rotations
-    digits: str = ""
     unit: str = ""  # SI
     angle: bool = False  # whether values are angles of joints, which go on over full turns
 
@@ -172,9 +171,7 @@ def meaning_of(scene: Scene, text: str) -> Meaning | None:
 
 def _of_body(name: str, part: str) -> Meaning | None:
     if match := re.fullmatch(r"(?:x_)?([xyz])", part):
-        if part != "x":
-            return Meaning("position", name, ("xyz".index(match[1]),), dimension=LENGTH)
-        return Meaning("position", name, (0,), dimension=LENGTH)
+        return Meaning("position", name, ("xyz".index(match[1]),), dimension=LENGTH)
     if match := re.fullmatch(r"([vw])_?([xyz])", part):
         key = VECTORS[match[1]]
         return Meaning(key, name, ("xyz".index(match[2]),), dimension=DIMENSIONS[key])
@@ -286,7 +283,7 @@ class Text(Source):
         return 0
 
     def load(self, names: Sequence[str], progress: Progress | None) -> dict[str, np.ndarray]:
-        """The columns as numbers, read in chunks; memory: 8 bytes a number, and one chunk."""
+        """The columns as numbers, read in chunks; memory: 8 bytes a number, and one chunk at a time."""
         import pandas as pd
 
         parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
@@ -590,7 +587,7 @@ def _grouped(scene: Scene, source: Source, made: Sequence[Use], numbers: Mapping
             order = [0]
         unit = next((name for name, known in _si().items() if known == use.meaning.dimension), "")
         yield Group(key, owner, tuple(order), columns, floor, frame, point,
-                    any(each.wrap for _, each in held.values()), crooked, digits[0].text,
+                    any(each.wrap for _, each in held.values()), crooked,
                     "rad" if key == "attitude" else unit, key == "joint_position" and unit == "rad")
 
 
@@ -629,11 +626,6 @@ class Printed:
             power = np.floor(np.log10(np.abs(values)))
         relative = 0.5 * 10.0 ** (np.where(np.isfinite(power), power, -300.0) + 1 - self.significant)
         return np.asarray(np.maximum(relative, 0.5 * 10.0**-self.decimals))
-
-    @property
-    def text(self) -> str:
-        """In words; "" for all digits of a double."""
-        return "" if self.constant or self.significant >= DOUBLE else f"{self.significant} significant digits"
 
 
 def printed(texts: Sequence[str]) -> Printed:

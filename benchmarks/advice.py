@@ -28,7 +28,7 @@ from crosscheck.document import Advice
 from crosscheck.errors import CrosscheckError
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
-from crosscheck.verification.ladder import Way, ways
+from crosscheck.verification.ladder import GradedWay, ways
 
 ERRORS = (1e-2, 1e-4, 1e-6)
 WITHIN, CLEAR = 1.5, 1.2
@@ -65,7 +65,7 @@ def error_of(scene: Scene, traj: Trajectory) -> float:
     return float(np.abs(traj.x[keep] - truth.states.x[keep]).max())
 
 
-def sizes(scene: Scene, way: Way) -> Iterator[dict[str, float]]:
+def sizes(scene: Scene, way: GradedWay) -> Iterator[dict[str, float]]:
     """Arguments of ever finer runs."""
     if way.adaptive:
         yield from ({"rtol": 10.0 ** (-quarter / 4)} for quarter in range(4, 57))

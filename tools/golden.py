@@ -1,6 +1,6 @@
 """A golden file of results, and the differences between two of them, which show what a change of the code changes.
 
-    python tools/golden.py record FILE [--revision REV] [--scene NAME]    # all scenes take about an hour
+    python tools/golden.py record FILE [--revision REV] [--scene NAME] [--part NAME]    # all take about an hour
     python tools/golden.py compare BEFORE AFTER
 
 What is recorded are the answers of public commands, each with an empty table of rows: `verify --profile smoke` over all
@@ -37,6 +37,8 @@ SWEEP = {"scenes": ["single_pendulum", "heavy_top", "double_pendulum"], "steps":
          "engines": {"lieeuler": ["DAE1L_LSE", "rattle2", "rkmk853"], "mujoco": ["RK4"]}, "duration": 1.0,
          "samples": 11, "perturb": {"angular_velocity": 1e-3, "count": 4}}
 
+PARTS = ("verify", "explain", "sweep", "ladders")
+
 LADDERS = ("single_pendulum", "heavy_top", "four_bar")
 
 SWEPT = """
@@ -66,15 +68,15 @@ def answer(python: str, words: list[str], folder: Path, allowed: tuple[int, ...]
     return done.stdout
 
 
-def record(python: str, scenes: list[str]) -> dict[str, Any]:
-    """All values of a golden file by their paths. `python` is that of the checkout."""
+def record(python: str, scenes: list[str], parts: list[str]) -> dict[str, Any]:
+    """All values of a golden file by their paths. `python` is that of the checkout; no scenes or parts are all."""
     found: dict[str, Any] = {}
     crosscheck = ["-m", "crosscheck"]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         listed = json.loads(answer(python, ["-c", "import json, crosscheck; print(json.dumps([crosscheck.scenes(), "
                                             f"[crosscheck.methods(name) for name in {ENGINES!r}]]))"], folder))
-        chosen = scenes or listed[0]
+        chosen = (scenes or listed[0]) if "verify" in parts else []
         methods = [method for method in METHODS if any(method in each for each in listed[1])]
         for scene in chosen:
             words = [word for option, names in (("--engine", ENGINES), ("--method", methods)) for each in names
@@ -83,11 +85,14 @@ def record(python: str, scenes: list[str]) -> dict[str, Any]:
                                    "--json", "--out", "report", *words], folder)
             found |= flat("verify", json.loads(text))
             print(f"{scene}: {len(found)} values", file=sys.stderr, flush=True)
-        for scene, engine, method in EXPLAINED:
+        for scene, engine, method in EXPLAINED if "explain" in parts else ():
             text = answer(python, [*crosscheck, "explain", scene, "--engine", engine, "--method", method, "--json"],
                           folder)
             found |= flat(f"explain/{scene}/{engine}/{method}", json.loads(text))
-        found |= flat("sweep", json.loads(answer(python, ["-c", SWEPT, json.dumps(SWEEP)], folder)))
+        if "sweep" in parts:
+            found |= flat("sweep", json.loads(answer(python, ["-c", SWEPT, json.dumps(SWEEP)], folder)))
+        if "ladders" not in parts:
+            return found
         answer(python, [*crosscheck, "study", "work-precision", *LADDERS, "--repeats", "1", "--time-limit", "0.1",
                         "--no-bound", *(word for each in ENGINES for word in ("--engine", each)), "--out", "ladders"],
                folder)
@@ -156,7 +161,9 @@ def main() -> int:
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--revision", help="record this commit, in a checkout of its own")
     parser.add_argument("--scene", action="append", default=[], help="only these; default: all")
+    parser.add_argument("--part", action="append", choices=PARTS, help="only these; default: all")
     options = parser.parse_args()
+    parts = options.part or list(PARTS)
     if options.what == "compare":
         before, after = (json.loads(path.read_text()) for path in options.files)
         print("\n".join(lines := compare(before, after)) or f"{len(before)} values, the same bit for bit")
@@ -168,11 +175,11 @@ def main() -> int:
             subprocess.run([*git, "add", "--detach", name, options.revision], check=True)
             try:
                 subprocess.run(["make", "-s", "-C", name, "setup"], check=True)
-                found = record(f"{name}/.venv/bin/python", options.scene)
+                found = record(f"{name}/.venv/bin/python", options.scene, parts)
             finally:
                 subprocess.run([*git, "remove", "--force", name], check=True)
         else:
-            found = record(python, options.scene)
+            found = record(python, options.scene, parts)
     options.files[0].write_text(json.dumps(found, indent=0))
     print(f"{len(found)} values")
     return 0

@@ -10,7 +10,7 @@ import dataclasses
 import math
 import numbers
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import msgspec
 import numpy as np
@@ -101,6 +101,44 @@ def attempt(scene: Scene, engine: str | Engine, method: str, step: float | None 
         return Failed(_wrapped(f"{name} cannot be imported: {error}; {install(name)}", error))
     except Exception as error:
         return Failed(_wrapped(f"{name} {method}: {type(error).__name__}: {error}", error))
+
+
+@dataclasses.dataclass(frozen=True)
+class Way:
+    """One way to run any scene: engine and method, step (s) or rtol, and the options that are not the default."""
+
+    engine: str
+    method: str
+    step: float | None = None
+    rtol: float | None = None
+    options: tuple[tuple[str, Any], ...] = ()
+
+    @classmethod
+    def of(cls, engine: str, method: str, step: float | None = None, rtol: float | None = None, **options: Any) -> Self:
+        """The way with those options that are not None."""
+        return cls(engine, method, step, rtol, tuple((name, value) for name, value in options.items()
+                                                     if value is not None))
+
+    @property
+    def form(self) -> str | None:
+        """The wanted form; None: the engine chooses."""
+        return dict(self.options).get("form")
+
+    @property
+    def coordinate_map(self) -> str | None:
+        """The wanted map; None: the default of the method."""
+        return dict(self.options).get("coordinate_map")
+
+    @property
+    def label(self) -> str:
+        """Engine, method, form and map."""
+        named = ", ".join(filter(None, (self.form, self.coordinate_map)))
+        return f"{self.engine} {self.method}" + (f" ({named})" if named else "")
+
+    def attempt(self, scene: Scene, **more: Any) -> Outcome:
+        """The outcome on a scene; `more` are further arguments, or others than those of this way."""
+        return attempt(scene, self.engine, self.method, **{"step": self.step, "rtol": self.rtol, **dict(self.options),
+                                                           **more})
 
 
 def lasting(outcome: Outcome) -> Outcome:

@@ -21,7 +21,7 @@ from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import attitude_angle
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference
-from crosscheck.running.attempt import Failed, Refused, attempt, lasting
+from crosscheck.running.attempt import Failed, Refused, Way, attempt, lasting
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 
@@ -66,10 +66,8 @@ class Task:
     """One engine and method, in the engine's preferred form, on one scene (a name or a path)."""
 
     scene: str
-    engine: str
-    method: str
+    way: Way
     time_limit: float  # s of one run
-    coordinate_map: str | None = None
     step: float | None = None  # s, the common one; None: one that suits the scene
     duration: float | None = None  # s; None: the scene's
 
@@ -81,7 +79,7 @@ class Task:
     @property
     def key(self) -> str:
         """The name of the task in its row and in the progress bar."""
-        return f"{self.scene} {self.engine} {self.method}"
+        return f"{self.scene} {self.way.engine} {self.way.method}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,16 +178,16 @@ class Search:
 def search(task: Task) -> Row:
     """The row of one task, also if the scene is not supported or no step is usable within the time limit."""
     scene = task.scene_asked()
-    row = Row(scene.name, task.engine, task.method)
+    row = Row(scene.name, task.way.engine, task.way.method)
     common = max(1, math.ceil(scene.duration / (task.step or natural_time(scene) / COMMON)))
-    goal = dataclasses.replace(target(scene, references.truth(scene)), coordinate_map=task.coordinate_map)
+    goal = dataclasses.replace(target(scene, references.truth(scene)), coordinate_map=task.way.coordinate_map)
     common = max(1, round(common * goal.scene.duration / scene.duration))
-    adapter = adapters.get(task.engine)
-    reason = adapter.unsupported(goal.scene, RunSpec(task.method, step=goal.scene.duration / common,
-                                                       coordinate_map=task.coordinate_map))
+    adapter = adapters.get(task.way.engine)
+    reason = adapter.unsupported(goal.scene, RunSpec(task.way.method, step=goal.scene.duration / common,
+                                                       coordinate_map=task.way.coordinate_map))
     if reason is not None:
         return dataclasses.replace(row, outcome="unsupported", reason=reason)
-    hunt = Search(goal, task.engine, task.method, task.time_limit)
+    hunt = Search(goal, task.way.engine, task.way.method, task.time_limit)
     try:
         shared = hunt.run(common)  # first, because it also loads the engine, which must not count in a search
         fewest = hunt.fewest()

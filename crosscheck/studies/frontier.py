@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 
 from crosscheck.scene.model import Scene
-from crosscheck.verification.ladder import Way
+from crosscheck.verification.ladder import GradedWay
 
 LEVELS = tuple(10.0**-power for power in range(2, 12))
 """The errors at which costs are compared."""
@@ -50,7 +50,7 @@ class Rung:
     repeats: int = 0
 
     @classmethod
-    def of(cls, scene: Scene, way: Way, value: float | None, status: str = "success", reason: str = "") -> Rung:
+    def of(cls, scene: Scene, way: GradedWay, value: float | None, status: str = "success", reason: str = "") -> Rung:
         """The rung of a way at `value`: a step (s), or a tolerance if the way is adaptive."""
         return cls(scene.name, way.engine, way.method, way.form, way.label, None if way.adaptive else value,
                    value if way.adaptive else None, status, reason, way.coordinate_map)

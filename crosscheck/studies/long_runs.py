@@ -13,7 +13,7 @@ from crosscheck.errors import ArgumentError, CrosscheckError, said
 from crosscheck.running.run import run
 from crosscheck.scene.model import Scene
 from crosscheck.studies.study import Ask, Work
-from crosscheck.verification.ladder import Way, ways
+from crosscheck.verification.ladder import GradedWay, ways
 
 METHODS = ("rattle2", "rattle4", "DAE1L_LSE", "DAE1H_LSE", "RK4", "RK44", "RKMK4")
 """The default methods: symmetric ones, the two Euler methods that satisfy all levels, and Runge-Kutta of order 4."""
@@ -45,16 +45,16 @@ class TooLong(ArgumentError):
     """A run would take longer than the limit."""
 
 
-def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[Way]:
+def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[GradedWay]:
     """The ways for long runs: every method with a fixed step, in the first form that can model the scene."""
-    found: dict[tuple[str, str], Way] = {}
+    found: dict[tuple[str, str], GradedWay] = {}
     for way in ways(scene, engines, ask.methods or METHODS, asked_map=ask.coordinate_map)[0]:
         if not way.adaptive:
             found.setdefault((way.engine, way.method), way)
     return list(found.values())
 
 
-def begun(kind: type[Row], scene: Scene, way: Way, step: float, **more: Any) -> Row:
+def begun(kind: type[Row], scene: Scene, way: GradedWay, step: float, **more: Any) -> Row:
     """The row of a run over the whole scene, before the run is made."""
     return kind(scene=scene.name, engine=way.engine, method=way.method, form=way.form, label=way.label, step=step,
                 duration=scene.duration, coordinate_map=way.coordinate_map, **more)

@@ -17,6 +17,7 @@ from crosscheck.document import Part
 from crosscheck.jobs.drive import Crash, Limits, run_tasks
 from crosscheck.jobs.table import Session
 from crosscheck.jobs.workers.process import GIGABYTE
+from crosscheck.running.attempt import Way
 from crosscheck.scene.file import load_scene, scene_names
 from crosscheck.studies.bisection import COMMON, USABLE, Row, Task, search
 from crosscheck.studies.study import STAGE, Ask, Progress, StudyDocument, StudyMeta, Work
@@ -113,20 +114,20 @@ class Stability:
     def measure(self, work: Work[StabilityAsk, Row]) -> None:
         """Measure in worker processes."""
         ask = work.ask
-        ways = [Task(scene, engine, method, ask.time_limit, chart, ask.step, ask.duration)
+        tasks = [Task(scene, Way.of(engine, method, coordinate_map=chart), ask.time_limit, ask.step, ask.duration)
                 for scene in ask.scenes or self.scenes() for engine in work.engines
                 for adapter in [all_engines.get(engine)] for chart in [adapter.takes_map(ask.coordinate_map)]
                 for method in adapter.fixed_step_methods if ask.methods is None or method in ask.methods]
-        keys = [work.key(load_scene(way.scene), way.engine, way) for way in ways]
-        found: list[Row | None] = [None] * len(ways)
+        keys = [work.key(load_scene(task.scene), task.way.engine, task) for task in tasks]
+        found: list[Row | None] = [None] * len(tasks)
 
         def kept(index: int, row: Row) -> None:
             found[index] = row
             rows = [each for each in found if each is not None]
             work.keep(rows)
-            work.progress(len(rows), len(ways), ways[index].key)
+            work.progress(len(rows), len(tasks), tasks[index].key)
 
-        _search_all(ways, keys, ask, work.session, kept, work.progress)
+        _search_all(tasks, keys, ask, work.session, kept, work.progress)
 
     def document(self, ask: StabilityAsk, meta: StudyMeta, results: list[Row]) -> StabilityDocument:
         """The document with the map, the largest steps on each scene, and every run."""
@@ -138,56 +139,57 @@ class Stability:
         return document.rows
 
 
-def _search_all(ways: list[Task], keys: list[str], ask: StabilityAsk, session: Session,
+def _search_all(tasks: list[Task], keys: list[str], ask: StabilityAsk, session: Session,
                 keep: Callable[[int, Row], None], progress: Progress) -> None:
-    """Give the row of every way to `keep`. Those in the table are not computed again."""
-    open_ways = []
-    for index in range(len(ways)):
+    """Give the row of every task to `keep`. Those in the table are not computed again."""
+    open_tasks = []
+    for index in range(len(tasks)):
         row = session.get(STAGE, keys[index])
         if row is None:
-            open_ways.append(index)
+            open_tasks.append(index)
         else:
             keep(index, row)
-    untrue = _without_truth(list({ways[index].scene: ways[index] for index in open_ways}.values()), ask.jobs, progress)
-    for index in open_ways:
-        if (reason := untrue.get(ways[index].scene)) is not None:
-            keep(index, _failed(ways[index], reason))
-    open_ways = [index for index in open_ways if ways[index].scene not in untrue]
+    one_each = {tasks[index].scene: tasks[index] for index in open_tasks}
+    untrue = _without_truth(list(one_each.values()), ask.jobs, progress)
+    for index in open_tasks:
+        if (reason := untrue.get(tasks[index].scene)) is not None:
+            keep(index, _failed(tasks[index], reason))
+    open_tasks = [index for index in open_tasks if tasks[index].scene not in untrue]
 
     def done(place: int, row: Any) -> None:
-        way = ways[open_ways[place]]
+        task = tasks[open_tasks[place]]
         if isinstance(row, Crash):  # not kept, because the cause may have been a busy machine
-            keep(open_ways[place], _failed(way, row.message))
+            keep(open_tasks[place], _failed(task, row.message))
         else:
-            keep(open_ways[place], session.put(STAGE, keys[open_ways[place]], row))
+            keep(open_tasks[place], session.put(STAGE, keys[open_tasks[place]], row))
 
-    run_tasks(search, [ways[index] for index in open_ways], ask.jobs, done,
+    run_tasks(search, [tasks[index] for index in open_tasks], ask.jobs, done,
               Limits(max(PATIENCE, WAYS * ask.time_limit), MEMORY))
 
 
-def _failed(way: Task, reason: str) -> Row:
-    return Row(load_scene(way.scene).name, way.engine, way.method, "failed", reason=reason)
+def _failed(task: Task, reason: str) -> Row:
+    return Row(load_scene(task.scene).name, task.way.engine, task.way.method, "failed", reason=reason)
 
 
-def _without_truth(ways: list[Task], jobs: int, progress: Progress) -> dict[str, str]:
+def _without_truth(tasks: list[Task], jobs: int, progress: Progress) -> dict[str, str]:
     """Compute the truth of every scene, so that it is in the cache. Returns the scenes without truth, and why.
 
-    `ways` has one way per scene.
+    `tasks` has one task per scene.
     """
     untrue: dict[str, str] = {}
 
     def done(place: int, result: Any) -> None:
         if isinstance(result, Crash):
-            untrue[ways[place].scene] = result.message
-        progress(place + 1, len(ways), f"truth of {ways[place].scene}")
+            untrue[tasks[place].scene] = result.message
+        progress(place + 1, len(tasks), f"truth of {tasks[place].scene}")
 
-    run_tasks(prepare, ways, jobs, done, Limits(TRUTH_LIMIT, MEMORY))
+    run_tasks(prepare, tasks, jobs, done, Limits(TRUTH_LIMIT, MEMORY))
     return untrue
 
 
-def prepare(way: Task) -> None:
-    """Put the truth of a way's scene into the cache. Raises the errors of `crosscheck.truth`."""
-    references.truth(way.scene_asked())
+def prepare(task: Task) -> None:
+    """Put the truth of a task's scene into the cache. Raises the errors of `crosscheck.truth`."""
+    references.truth(task.scene_asked())
 
 
 def hard_scenes() -> tuple[str, ...]:

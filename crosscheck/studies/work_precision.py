@@ -27,7 +27,7 @@ from crosscheck.scene.model import Scene
 from crosscheck.studies import frontier
 from crosscheck.studies.frontier import BOUND, Rung
 from crosscheck.studies.study import Ask, Progress, StudyDocument, StudyMeta, Work
-from crosscheck.verification.ladder import INTERVALS, Way, ladder, reference, thinned, ways
+from crosscheck.verification.ladder import INTERVALS, GradedWay, ladder, reference, thinned, ways
 from crosscheck.verification.speed import spread, undisturbed
 
 
@@ -61,7 +61,7 @@ MOST_TRIES, PATIENCE = 6, 0.1
 another engine's data, which doubles the time of runs of 50 us."""
 
 
-def measure(scene: Scene, chosen: Sequence[Way], truth: Reference, repeats: int, time_limit: float,
+def measure(scene: Scene, chosen: Sequence[GradedWay], truth: Reference, repeats: int, time_limit: float,
             progress: Progress, keep: Callable[[list[Rung]], None], bound: bool = True) -> list[Rung]:
     """Measure the errors of all rungs of all ways, then their times in interleaved rounds.
 
@@ -98,7 +98,7 @@ def measure(scene: Scene, chosen: Sequence[Way], truth: Reference, repeats: int,
     return rungs
 
 
-def _walk(scene: Scene, way: Way, truth: Reference, time_limit: float) -> list[Rung]:
+def _walk(scene: Scene, way: GradedWay, truth: Reference, time_limit: float) -> list[Rung]:
     """Errors of the rungs of a way from coarse to fine, until round-off dominates or a rung would take too long."""
     rungs: list[Rung] = []
     last, pace = None, 0.0  # the last successful rung, and its prediction for the next: s per step, or s of the run
@@ -260,7 +260,7 @@ class WorkPrecision:
                 work.keep(results)
 
             def measured(found: SceneLadders = found, sampled: Scene = sampled, truth: Reference = truth,
-                         chosen: list[Way] = chosen, kept: Callable[[list[Rung]], None] = kept) -> SceneLadders:
+                         chosen: list[GradedWay] = chosen, kept: Callable[[list[Rung]], None] = kept) -> SceneLadders:
                 measure(sampled, chosen, truth, ask.repeats, ask.time_limit, work.progress, kept, ask.bound)
                 return results[-1]
 

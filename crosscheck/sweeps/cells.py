@@ -19,10 +19,9 @@ from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
 from crosscheck.references.base import TruthError
 from crosscheck.running import versions
-from crosscheck.running.attempt import Failed, Refused, attempt
+from crosscheck.running.attempt import Failed, Refused, Way
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-from crosscheck.sweeps.plan import Way
 
 ERRORS = {"position": "position_error", "attitude": "attitude_error", "velocity": "velocity_error",
           "angular velocity": "angular_velocity_error"}
@@ -46,11 +45,23 @@ class Member:
 
 
 @dataclasses.dataclass(frozen=True)
+class Code:
+    """Versions of all that the cells of a sweep depend on, by name."""
+
+    engines: tuple[tuple[str, str], ...]
+    libraries: tuple[tuple[str, str], ...]  # Python and the code of this project, too
+
+    def engine(self, way: Way) -> str:
+        """The version of a way's engine."""
+        return dict(self.engines)[way.engine]
+
+
+@dataclasses.dataclass(frozen=True)
 class Task:
     """Members that are run one after the other in one worker."""
 
     members: tuple[Member, ...]
-    versions: tuple[tuple[str, str], ...]  # of all that runs depend on; a worker with other versions refuses the task
+    code: Code  # a worker with other versions refuses the task
     timing: bool
 
     @property
@@ -103,9 +114,10 @@ class Done:
     trouble: list[str]  # why there is no truth
 
 
-def key(scene: Scene, way: Way, versions_: tuple[tuple[str, str], ...], timing: bool) -> str:
+def key(scene: Scene, way: Way, code: Code, timing: bool) -> str:
     """The content key of a cell: a digest of all that determines its values, and of nothing else."""
-    content = [scene.hash, way.engine, way.version, way.method, way.step, way.rtol, way.options, versions_, timing]
+    content = [scene.hash, way.engine, code.engine(way), way.method, way.step, way.rtol, way.options, code.libraries,
+               timing]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 
@@ -117,8 +129,8 @@ def run(task: Task) -> Done:
     CrosscheckError
         This worker has other versions than those of the sweep.
     """
-    engines = {way.engine: way.version for member in task.members for way in member.ways}
-    versions.refuse_others(dict(task.versions) | engines, _own_versions(tuple(sorted(engines))), "this worker")
+    engines = {way.engine: task.code.engine(way) for member in task.members for way in member.ways}
+    versions.refuse_others(dict(task.code.libraries) | engines, _own_versions(tuple(sorted(engines))), "this worker")
     rows: list[Row] = []
     checked: list[float] = []
     trouble: list[str] = []
@@ -178,7 +190,7 @@ def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
 
 def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: bool) -> Row:
     """The row of a cell with its values. If there is none, the row has its status and message instead."""
-    outcome = attempt(member.scene, way.engine, way.method, way.step, way.rtol, **dict(way.options))
+    outcome = way.attempt(member.scene)
     if isinstance(outcome, Refused):
         return replace(row, status="unsupported", message=outcome.why)
     if isinstance(outcome, Failed):
@@ -194,6 +206,6 @@ def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: 
 
 def empty_row(member: Member, way: Way, task: Task) -> Row:
     """The row of a cell before it ran."""
-    return Row(cell=key(member.scene, way, task.versions, task.timing), scene=member.name, engine=way.engine,
-               version=way.version, method=way.method, form=way.form or "", step=way.step, rtol=way.rtol,
+    return Row(cell=key(member.scene, way, task.code, task.timing), scene=member.name, engine=way.engine,
+               version=task.code.engine(way), method=way.method, form=way.form or "", step=way.step, rtol=way.rtol,
                member=member.index, parameters=json.dumps(dict(member.parameters)))

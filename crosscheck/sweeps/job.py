@@ -28,7 +28,6 @@ from crosscheck.files import plain, put, replacing
 from crosscheck.jobs.drive import Crash, Limits, Place, drive
 from crosscheck.jobs.table import Session, Table, digest
 from crosscheck.running import cluster, provenance, versions
-from crosscheck.running.run import run
 from crosscheck.scene.model import Scene
 from crosscheck.sweeps import cells, members, plan, summary
 
@@ -112,8 +111,8 @@ def needed() -> None:
 def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progress: Progress, fresh: bool
          ) -> pd.DataFrame:
     engines = tuple(sorted({way.engine for way in asked.ways}))
-    own = tuple(versions.of(()).items())
-    ask = digest(STAGE, asked.source, own, [way.version for way in asked.ways], str(out.resolve()))
+    own = cells.Code(asked.engines, tuple(versions.of(()).items()))
+    ask = digest(STAGE, asked.source, own, str(out.resolve()))
     before = _exported(out)
     with contextlib.ExitStack() as stack:
         far = None if scheduler is None else cluster.connect(scheduler, engines)
@@ -243,7 +242,7 @@ def one(source: Mapping[str, Any] | str | os.PathLike[str], cell: str) -> cells.
         The sweep has no such cell with the installed versions.
     """
     asked = plan.read(source)
-    own = tuple(versions.of(()).items())
+    own = cells.Code(asked.engines, tuple(versions.of(()).items()))
     for start in members.starts(asked):
         for index, scene in enumerate(members.of_start(start, asked.perturbation)):
             for way in asked.ways:
@@ -262,7 +261,7 @@ def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.P
     For the time, one run is made for every scene and method at its coarsest step, and scaled by the number of steps.
     """
     asked = plan.read(source)
-    own = tuple(versions.of(()).items())
+    own = cells.Code(asked.engines, tuple(versions.of(()).items()))
     before = set() if out is None or not (Path(out) / "parts").is_dir() else set(_exported(Path(out))["cell"])
     with contextlib.closing(Table.opened()) as table:
         waiting = list(_Sweep(asked, own, lambda keys: table.missing(STAGE, keys) - before, lambda *_: None,
@@ -279,9 +278,7 @@ def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.P
                 if key not in costs:
                     coarse = max((other.step or 1.0 for other in asked.ways if other.method == way.method), default=1.0)
                     began = time.perf_counter()
-                    with contextlib.suppress(CrosscheckError):  # a failing run takes time, too
-                        run(member.scene, way.engine, way.method, step=coarse if way.step else None, rtol=way.rtol,
-                            **dict(way.options))
+                    way.attempt(member.scene, step=coarse if way.step else None)
                     costs[key] = time.perf_counter() - began, coarse
                 seconds, coarse = costs[key]
                 per_task += seconds * (coarse / way.step if way.step else 1.0)
@@ -291,7 +288,7 @@ def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.P
 class _Sweep:
     """A running sweep: it makes tasks of the missing cells and counts what they give."""
 
-    def __init__(self, asked: plan.Plan, own: tuple[tuple[str, str], ...], missing: Callable[[list[str]], set[str]],
+    def __init__(self, asked: plan.Plan, own: cells.Code, missing: Callable[[list[str]], set[str]],
                  progress: Progress, workers: int) -> None:
         self.asked, self.own, self.progress, self.workers = asked, own, progress, workers
         self.wanted: list[str] = []  # keys of all cells, in order

@@ -18,6 +18,7 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.adapters.base import ENGINE_OPTIONS, Engine
 from crosscheck.errors import ArgumentError, install, unknown
+from crosscheck.running.attempt import Way
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.scene.file import read_scene, scene_from
 from crosscheck.scene.model import Scene
@@ -29,23 +30,6 @@ SAMPLING = ("normal", "latin_hypercube")
 MOST_CELLS = 10_000_000
 Value = float | list[float]
 """The value of a parameter: a number, or a vector in the notation of the scene file."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Way:
-    """A way to run a scene: one engine with one method, its options, and one step (s) or rtol."""
-
-    engine: str
-    version: str
-    method: str
-    step: float | None
-    rtol: float | None
-    options: tuple[tuple[str, Any], ...] = ()
-
-    @property
-    def form(self) -> str | None:
-        """The wanted form; None: the engine chooses."""
-        return dict(self.options).get("form")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,6 +58,7 @@ class Plan:
 
     origins: tuple[Origin, ...]
     ways: tuple[Way, ...]
+    engines: tuple[tuple[str, str], ...]  # with their versions
     parameters: tuple[tuple[str, tuple[Value, ...]], ...]
     perturbation: Perturbation | None
     timing: bool
@@ -143,7 +128,9 @@ def _checked(data: Mapping[str, Any], folder: Path) -> Plan:
     if not isinstance(timing, bool):
         raise ArgumentError(f"timing: true or false is wanted, not {timing!r}")
     parameters = _parameters(data.get("parameters", {}), origins)
-    plan = Plan(origins, _ways(data.get("engines"), steps, rtols), parameters,
+    ways = _ways(data.get("engines"), steps, rtols)
+    engines = tuple((name, engine_version(name)) for name in sorted({way.engine for way in ways}))
+    plan = Plan(origins, ways, engines, parameters,
                 _perturbation(data.get("perturb"), origins, [name for name, _ in parameters]), timing,
                 {**data, "scenes": [origin.path if origin.data and Path(origin.name).suffix else origin.name
                                     for origin in origins]})
@@ -173,8 +160,7 @@ def _ways(engines: Any, steps: Sequence[float], rtols: Sequence[float]) -> tuple
     ways = []
     for engine, methods in engines.items():
         adapter = adapters.get(engine)
-        version = engine_version(engine)
-        if version == NOT_INSTALLED:
+        if engine_version(engine) == NOT_INSTALLED:
             raise ArgumentError(f"engines: {engine} is not installed; {install(engine)}, or leave it out")
         for entry in _several(f"engines.{engine}", methods, "methods"):
             method, options = _method(engine, adapter, entry)
@@ -183,7 +169,7 @@ def _ways(engines: Any, steps: Sequence[float], rtols: Sequence[float]) -> tuple
             if not controls:
                 wanted = "rtols" if method in adapter.adaptive_methods else "steps"
                 raise ArgumentError(f"engines.{engine}: {method} needs {wanted} = [..]")
-            ways += [Way(engine, version, method, step, rtol, options) for step, rtol in controls]
+            ways += [Way(engine, method, step, rtol, options) for step, rtol in controls]
     return tuple(ways)
 
 

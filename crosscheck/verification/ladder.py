@@ -15,6 +15,7 @@ from crosscheck import adapters, references
 from crosscheck.adapters.base import RunSpec
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference
+from crosscheck.running.attempt import Way
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -27,25 +28,16 @@ RTOLS = tuple(10.0**-power for power in range(1, 15))
 
 
 @dataclasses.dataclass(frozen=True)
-class Way:
-    """One way to integrate a scene."""
+class GradedWay(Way):
+    """A way without step or rtol, of which there is a ladder."""
 
-    engine: str
-    method: str
-    form: str | None
-    adaptive: bool
-    order: int | None
-    coordinate_map: str | None = None  # None: the default of the method
-
-    @property
-    def label(self) -> str:
-        """Engine, method, form and map."""
-        named = ", ".join(filter(None, (self.form, self.coordinate_map)))
-        return f"{self.engine} {self.method}" + (f" ({named})" if named else "")
+    adaptive: bool = False
+    order: int | None = None  # documented
 
 
 def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = None,
-         default_form: bool = False, asked_map: str | None = None) -> tuple[list[Way], list[tuple[Way, str]]]:
+         default_form: bool = False, asked_map: str | None = None
+         ) -> tuple[list[GradedWay], list[tuple[GradedWay, str]]]:
     """All ways to integrate the scene, and the unsupported combinations with their reasons.
 
     Parameters
@@ -68,8 +60,9 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
                 spec = RunSpec(method, None if varies else scene.duration / 64, RTOLS[0] if varies else None, form,
                                coordinate_map=chart)
                 reason = adapter.unsupported(scene, spec)
-                way = Way(name, method, form, varies, None if reason else adapter.documented_order(scene, spec),
-                          chart)
+                way = dataclasses.replace(
+                    GradedWay.of(name, method, form=form, coordinate_map=chart), adaptive=varies,
+                    order=None if reason else adapter.documented_order(scene, spec))
                 if reason is None:
                     found.append(way)
                 else:
@@ -77,7 +70,7 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
     return found, missing
 
 
-def ladder(scene: Scene, way: Way) -> Iterator[tuple[int | None, float]]:
+def ladder(scene: Scene, way: GradedWay) -> Iterator[tuple[int | None, float]]:
     """(number of steps, step in s) of a fixed-step way, coarse to fine without end, or (None, rtol) of an adaptive one.
 
     The first step is about four natural times of the scene, and is divided by 3/2 and 4/3 in turn. For methods up to

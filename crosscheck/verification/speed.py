@@ -24,8 +24,7 @@ from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import RTOLS
 from crosscheck.judge.verdict import beyond
-from crosscheck.running.attempt import Ran, attempt, lasting
-from crosscheck.running.run import run
+from crosscheck.running.attempt import Ran, Way, attempt, lasting
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
@@ -60,21 +59,16 @@ WAITED = 0.03
 class Burst:
     """A run to be timed."""
 
-    engine: str
-    method: str
-    form: str | None
-    step: float | None  # s
-    rtol: float | None
+    way: Way
     duration: float | None = None  # s, of an adaptive run: the time of about `STEPS` steps; None: the whole scene
-    coordinate_map: str | None = None
 
     @classmethod
     def of(cls, record: Record) -> Burst:
         """A short version of the main run of a record."""
         share = None if record.rtol is None or not record.steps else STEPS / record.steps
-        return cls(record.engine, record.method, None if record.default_form else record.form, record.step, record.rtol,
-                   None if share is None or record.duration is None else share * record.duration,
-                   record.coordinate_map)
+        return cls(Way.of(record.engine, record.method, record.step, record.rtol, form=None if record.default_form else
+                          record.form, coordinate_map=record.coordinate_map),
+                   None if share is None or record.duration is None else share * record.duration)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,14 +107,16 @@ def time_round(task: Round) -> list[list[tuple[float, float]]]:
 
 def _seconds_per_step(scene: Any, burst: Burst, warming: bool) -> float | None:
     """Seconds per step of an undisturbed run, or with `warming` of any run; None if the run fails."""
-    wanted = burst.duration if burst.step is None else burst.step * max(FEWEST, STEPS // scene.n)
+    wanted = burst.duration if burst.way.step is None else burst.way.step * max(FEWEST, STEPS // scene.n)
     brief = scene.replace(duration=min(scene.duration, wanted or scene.duration), samples=2)
     steps = 1
 
     def once() -> float:
         nonlocal steps
-        traj = run(brief, burst.engine, burst.method, step=burst.step, rtol=burst.rtol, form=burst.form, monitor=False,
-                   coordinate_map=burst.coordinate_map)
+        outcome = burst.way.attempt(brief, monitor=False)
+        if not isinstance(outcome, Ran):
+            raise outcome.error
+        traj = outcome.trajectory
         steps = traj.steps
         return traj.wall_time
 

@@ -27,7 +27,7 @@ from crosscheck.references.base import Reference
 from crosscheck.running import provenance
 from crosscheck.running.attempt import Outcome, Ran, attempt, lasting
 from crosscheck.scene.model import Scene
-from crosscheck.verification.ladder import Way, ways
+from crosscheck.verification.ladder import GradedWay, ways
 
 BUDGET = 30.0
 """Time (s) for all runs of one engine on one scene, by `_Walker._busy`."""
@@ -146,7 +146,7 @@ class _Walker:
         self._busy = time.perf_counter if apart else time.process_time
         self._began = math.inf  # set after the first run, which imports the engine and fills caches
 
-    def go(self, chosen: Sequence[Way]) -> Walk:
+    def go(self, chosen: Sequence[GradedWay]) -> Walk:
         """Run with halved steps, search between them, and measure times."""
         self._run(chosen[0], 1e-1 if chosen[0].adaptive else self._interval)
         self._began = self._busy()
@@ -163,7 +163,7 @@ class _Walker:
     def _left(self, share: float = 1.0) -> float:
         return share * BUDGET - (self._busy() - self._began)
 
-    def _run(self, way: Way, value: float) -> tuple[Step, float]:
+    def _run(self, way: GradedWay, value: float) -> tuple[Step, float]:
         """One run, and what it takes of the budget (s). If it fails, `reason` says why."""
         fixed, varied = (None, value) if way.adaptive else (value, None)
         step = Step(way.method, way.form, way.order, fixed, varied, 0)
@@ -197,7 +197,7 @@ class _Walker:
             if len(costs) == TRIES or sum(costs) > SHORT:
                 return outcome, min(costs)
 
-    def _walk(self, chosen: Sequence[Way]) -> None:
+    def _walk(self, chosen: Sequence[GradedWay]) -> None:
         """Run all ways at halved steps or at tolerances, always the one with the cheapest next run."""
         order = itertools.count()
         heap = [(0.0, next(order), way, iter(
@@ -215,7 +215,7 @@ class _Walker:
                 grown = 1.5 if way.adaptive else 2.0
                 heapq.heappush(heap, (grown * max(taken, 0.5 * last), next(order), way, values, taken))
 
-    def _done(self, way: Way, step: Step) -> bool:
+    def _done(self, way: GradedWay, step: Step) -> bool:
         """Whether finer runs of this way are useless, because of rounding or because another way is much better."""
         own = [each.error for each in self._found.of(way.method) if each.error is not None]
         if len(own) > 1 and own[-2] < ROUND_OFF and own[-1] > GAIN * own[-2]:
@@ -228,7 +228,7 @@ class _Walker:
                    and max(LOST * other.cost, SHORT) < step.cost and other.error < step.error / LOST
                    for other in self._found.steps)
 
-    def _bisect(self, way: Way, level: float) -> None:
+    def _bisect(self, way: GradedWay, level: float) -> None:
         while True:
             steps = self._found.of(way.method)
             good = next((k for k, step in enumerate(steps) if step.error is not None and step.error <= level), None)

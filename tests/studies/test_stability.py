@@ -120,7 +120,7 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
 
     monkeypatch.setattr(stability, "run_tasks", watched)
     document = conduct(Stability(), request, tmp_path, lambda *_: None)
-    assert {way.method for way in asked if isinstance(way, Task)} == {"rattle4"}
+    assert {task.way.method for task in asked if isinstance(task, Task)} == {"rattle4"}
     assert [row.method for row in document.rows] == ["rattle2", "rattle4"]
     assert all(row.outcome == "usable" for row in document.rows)
 

@@ -14,7 +14,7 @@ from crosscheck.errors import ArgumentError, EngineError
 from crosscheck.studies import work_precision
 from crosscheck.studies.study import check_names, conduct
 from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk, measure
-from crosscheck.verification.ladder import INTERVALS, Way, ladder, reference, ways
+from crosscheck.verification.ladder import INTERVALS, GradedWay, ladder, reference, ways
 
 
 def quietly(*_):
@@ -51,7 +51,7 @@ def test_the_command(tmp_path):
 
 def test_errors_fall_with_the_order_of_the_method(swing):
     scene, truth = swing
-    way = Way("lieeuler", "rkmk4", "maximal", adaptive=False, order=4)
+    way = GradedWay("lieeuler", "rkmk4", options=(("form", "maximal"),), order=4)
     rungs = measure(scene, [way], truth, 1, 0.002, quietly, quietly, bound=False)
     by_steps = {rung.steps: rung.end_position for rung in rungs if rung.status == "success"}
     assert by_steps[16] / by_steps[32] == pytest.approx(2**4, rel=0.3)  # +-0.4 in the order: the steps are still long
@@ -68,7 +68,7 @@ def test_heyoka_is_the_bound_and_near_rounding_at_its_tightest(swing):
 
 def test_a_failed_run_is_a_row_and_the_others_go_on(swing, monkeypatch):
     scene, truth = swing
-    way = Way("lieeuler", "rkmk4", "maximal", adaptive=False, order=4)
+    way = GradedWay("lieeuler", "rkmk4", options=(("form", "maximal"),), order=4)
     true_run = work_precision._run
     calls = itertools.count()
 
@@ -96,11 +96,12 @@ def test_a_failed_run_is_a_row_and_the_others_go_on(swing, monkeypatch):
 def test_ladders_meet_the_samples_of_the_truth(swing):
     scene, _ = swing
     for order in (2, 8):
-        way = Way("lieeuler", "any", None, adaptive=False, order=order)
+        way = GradedWay("lieeuler", "any", order=order)
         counts = [count for count, _ in itertools.islice(ladder(scene, way), 9)]
         assert counts == sorted(set(counts))
         assert all(INTERVALS % min(INTERVALS, count & -count) == 0 for count in counts)
-    adaptive = [value for count, value in ladder(scene, Way("lieeuler", "taylor", None, True, None)) if count is None]
+    taylor = GradedWay("lieeuler", "taylor", adaptive=True)
+    adaptive = [value for count, value in ladder(scene, taylor) if count is None]
     assert adaptive == sorted(adaptive, reverse=True)
 
 

@@ -124,7 +124,7 @@ def test_a_worker_with_other_versions_is_refused():
     asked = plan.read(SWEEP)
     member = cells.Member(asked.origins[0].scene, asked.origins[0].scene, "s", 0, (), asked.ways, False)
     with pytest.raises(CrosscheckError, match=r"numpy .* instead of 1\.0"):
-        cells.run(cells.Task((member,), (("numpy", "1.0"),), False))
+        cells.run(cells.Task((member,), cells.Code(asked.engines, (("numpy", "1.0"),)), False))
 
 
 def test_an_estimate_counts_what_is_missing(local, tmp_path):

@@ -1,6 +1,5 @@
 """--map, --step and --duration: what runs takes them, the document keeps them, and the commands repeat them."""
 
-import dataclasses
 import shlex
 
 import pytest
@@ -11,6 +10,7 @@ from crosscheck.cli.app import app
 from crosscheck.document import Asked
 from crosscheck.history.nightly import Wanted
 from crosscheck.judge.plan import Profile
+from crosscheck.running.attempt import Way
 from crosscheck.studies.bisection import Task, search
 from crosscheck.studies.chaos import ChaosAsk
 from crosscheck.studies.drift import DriftAsk
@@ -77,9 +77,9 @@ def test_the_command_of_a_study_asks_for_the_same(study, ask, monkeypatch):
 
 
 def test_a_study_runs_under_the_map():
-    task = Task("single_pendulum", "lieeuler", "DAE1L_LSE", 20.0, "ccsk", step=0.01, duration=0.2)
-    refused, ccsk, exp = (search(dataclasses.replace(task, **more)) for more in (
-        {"method": "rattle4"}, {}, {"coordinate_map": None}))
+    refused, ccsk, exp = (search(Task("single_pendulum", Way.of("lieeuler", method, coordinate_map=chart), 20.0,
+                                      step=0.01, duration=0.2))
+                          for method, chart in (("rattle4", "ccsk"), ("DAE1L_LSE", "ccsk"), ("DAE1L_LSE", None)))
     assert refused.outcome == "unsupported"
     assert ccsk.common_step == exp.common_step == 0.01
     assert ccsk.common_error != exp.common_error

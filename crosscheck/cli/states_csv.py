@@ -11,11 +11,12 @@ from typing import IO, Any
 
 from crosscheck.errors import ArgumentError
 from crosscheck.files import replacing
-from crosscheck.scene.sensors import columns, unit
 
 
 def write_csv(scene: Any, states: Any, target: str) -> None:
     """Write states as CSV, one line per output time, in full precision; `target` is a path, or - for the terminal."""
+    from crosscheck.scene.sensors import columns, unit  # here: `crosscheck --help` does without NumPy
+
     header = ["t [s]"]
     for body in scene.bodies:
         header += [f"{body.name} x_{axis} [m]" for axis in "xyz"]

@@ -18,8 +18,9 @@ _TENDON = f"{_SOFT} limited range frictionloss actuatorfrclimited actuatorfrcran
 
 MJCF: Mapping[str, str | None] = {
     "mujoco": "model", "include": "file", "default": "class", "worldbody": f"{_PLACE} name childclass", "asset": "",
-    "compiler": "alignfree angle assetdir autolimits balanceinertia boundinertia boundmass conflict discardvisual "
-                "eulerseq fitaabb fusestatic inertiafromgeom inertiagrouprange meshdir saveinertial settotalmass "
+    "compiler": "alignfree angle coordinate assetdir autolimits balanceinertia boundinertia boundmass conflict "
+                "discardvisual eulerseq fitaabb fusestatic inertiafromgeom inertiagrouprange meshdir saveinertial "
+                "settotalmass "
                 "savecanonical savecompiled strippath texturedir usethread",
     "option": "timestep integrator cone jacobian solver iterations tolerance ls_iterations ls_tolerance impratio "
               "noslip_iterations noslip_tolerance ccd_iterations ccd_tolerance sdf_iterations sdf_initpoints o_margin "
@@ -55,7 +56,8 @@ WHOLE: Mapping[str, frozenset[str]] = {
                          "camera", "lengthrange", "actuator", "deformable", "flexcomp", "general", "motor", "position",
                          "velocity", "intvelocity", "orientation", "pid", "damper", "cylinder", "muscle", "adhesion",
                          "dcmotor")),
-    "robot": frozenset(("visual", "collision", "material", "calibration", "safety_controller", "transmission"))}
+    "robot": frozenset(("visual", "collision", "contact", "material", "calibration", "safety_controller",
+                        "transmission"))}
 """Elements known with all that is in them: pictures and sensors, what the compiled model names by itself, and the
 transmissions of a URDF, whose motors have no control: the import states them as such."""
 

@@ -1,10 +1,13 @@
 """Attributes of model files that readers lose: each comes in as MuJoCo reads it, or is named."""
 
+import re
+
 import numpy as np
 import pytest
 
 import crosscheck
 from crosscheck.scene.mechanics import index1
+from crosscheck.scene.models import known
 from tests.scene.models.model_files import ARM_URDF
 
 ROUNDING = 1e-9  # relative to the largest acceleration: the mass matrices below have conditions of at most 1e4
@@ -194,6 +197,22 @@ def test_what_is_not_read_is_named(name, tmp_path):
     assert "\n" not in str(caught.value)
     if "give --drop" in str(caught.value):
         assert words in " ".join(crosscheck.import_model(path, drop=True).left_out)
+
+
+def test_the_list_of_known_words_is_that_of_the_schema_of_mujoco():
+    """A word that MuJoCo lacks is a typing error; one that a new release adds has to be read or named."""
+    import mujoco
+
+    schema: dict[str, set[str]] = {}
+    tag = ""
+    for line in mujoco.mj_printSchema(False, False).splitlines():
+        head = re.match(r" *([\w()]+) \([!*?R]\)(.*)", line)
+        tag, words = (head[1], head[2]) if head else (tag, line)
+        schema.setdefault(tag, set()).update(words.split())
+    for tag in ("compiler", "option", "flag", "inertial", "freejoint", "key"):
+        assert set(str(known.MJCF[tag]).split()) - {"passive"} <= schema[tag], tag  # a flag of older releases
+    missing = {tag: schema[tag] - set(str(known.MJCF[tag]).split()) for tag in ("compiler", "option", "flag", "key")}
+    assert missing == {"compiler": {"passthrough"}, "option": set(), "flag": {"sleep"}, "key": {"plastic"}}
 
 
 @pytest.mark.parametrize("name", WELDS)

@@ -111,9 +111,9 @@ def _print_verdict(judged: Judged | None, traj: Trajectory) -> None:
         return
     for name, error in judged.errors.items():
         bound = "no bound at this step" if error.bound is None else f"bound {error.bound:.1e} {error.unit}"
-        until = "" if error.judged is None or judged.judged_until is None else (
-            f"; up to {judged.judged_until:g} s {error.judged:.1e} {error.unit}")
-        say(f"{name} error against truth {error.max:.1e} {error.unit}{until}, {bound}")
+        until = "" if error.judged is None or error.judged == error.max else (
+            f"; as far as truth reaches {error.judged:.1e} {error.unit}")
+        say(f"{name} error against truth {error.max:.1e} {error.unit}, at t = {error.time:.4g} s{until}, {bound}")
     if judged.energy_error is not None and math.isfinite(judged.energy_error):
         where = "minus the work done, at the output times" if traj.scene.worked_on else "every step"
         start = ("" if judged.energy_error_by_start is None else

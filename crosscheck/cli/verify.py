@@ -50,6 +50,7 @@ def verify(
     tol: Annotated[list[str] | None, typer.Option(help="your own bound, as quantity=value; may be repeated")] = None,
     out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
+    strict: Annotated[bool, typer.Option(help="exit code 3 if nothing failed but a run could not be judged")] = False,
     fresh: options.Fresh = "CI" in os.environ,
     drop: Drop = False,
     keyframe: Keyframe = None,
@@ -60,7 +61,7 @@ def verify(
 
     Results that were computed before, by this code and these versions, are taken from the table of rows, also after a
     kill; times are measured anew. Exit code 0: all within tolerance; 1: a verdict
-    failed; 2: the run itself failed.
+    failed; 2: the run itself failed; 3, with --strict: nothing failed, but a run could not be judged.
     """
     from crosscheck.document import Asked
     from crosscheck.jobs.table import Table
@@ -102,7 +103,8 @@ def verify(
     else:
         print_verdicts(results, page)
         _print_published(literature)
-    raise typer.Exit(results.exit_code)
+    unjudged = any(record.outcome == "unjudged" for record in results.records)
+    raise typer.Exit(3 if strict and unjudged and not results.exit_code else results.exit_code)
 
 
 def print_verdicts(document: Document, page: Path) -> None:

@@ -179,6 +179,11 @@ class Finding(Part, frozen=True):
     detail: str = ""  # where and when it happens, or what is known about it
 
     @property
+    def blown(self) -> bool:
+        """Whether the energy of a run is wrong by more than the largest kinetic energy: it shows another motion."""
+        return self.kind == "energy" and self.unit == "1" and self.value is not None and not self.value <= 1.0
+
+    @property
     def severity(self) -> float:
         """log10 of value / bound, infinite if the value is not finite. Of an order: 10 times the lack to its bound."""
         if self.value is None or self.bound is None or not math.isfinite(self.value):

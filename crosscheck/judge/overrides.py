@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from msgspec.structs import replace
@@ -74,8 +74,12 @@ def _bound(where: str, value: Any) -> tuple[float, str]:
     return float(value), why
 
 
-def override(findings: Sequence[Finding], overrides: Overrides) -> list[Finding]:
+def override(findings: Sequence[Finding], overrides: Overrides, whole: Mapping[str, tuple[float, str]] | None = None
+             ) -> list[Finding]:
     """The findings of a run, judged by the user's bounds if there are any.
+
+    `whole` has, by kind of finding, the largest value over all of the time for which there is truth, and where it is: a
+    bound of the user holds there, however far computed bounds reach.
 
     Values without a computed bound are judged, too. If the user set bounds of position and attitude, the finding that
     the step is too coarse for the computed bounds is removed.
@@ -87,7 +91,11 @@ def override(findings: Sequence[Finding], overrides: Overrides) -> list[Finding]
     for finding in findings:
         if finding.kind in bounds and finding.value is not None:
             bound, why = bounds[finding.kind]
-            good = finding.value >= bound if finding.kind.startswith("order") else finding.value <= bound
+            if finding.kind in (whole or {}):
+                most, where = (whole or {})[finding.kind]
+                finding = replace(finding, value=most, detail=where)
+            value = finding.value or 0.0
+            good = value >= bound if finding.kind.startswith("order") else value <= bound
             finding = replace(finding, bound=bound, why=why, status="ok" if good else "fail")
         found.append(finding)
     return found

@@ -65,6 +65,15 @@ AT_REST = 1e-20
 """Share of the kinetic energy of a fall through the scene's length below which a kinetic energy is rounding."""
 
 
+def at_rest(scene: Scene, truth: Reference) -> bool:
+    """Whether nothing moves in the true motion, so that every engine that does nothing is right."""
+    scale = scales(scene, truth)
+    falling = float(scene.masses.sum()) * (scale.length * scale.rate) ** 2
+    kinetic = 0.5 * (np.einsum("i,tik,tik->t", scene.masses, truth.states.v, truth.states.v)
+                     + np.einsum("tik,ikl,til->t", truth.states.w, scene.inertias, truth.states.w))
+    return bool(kinetic.max() <= AT_REST * falling)
+
+
 def scales(scene: Scene, truth: Reference) -> Scales:
     """Lengths, speeds, rates and energies of a scene along its true motion."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]

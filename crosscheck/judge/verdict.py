@@ -19,6 +19,7 @@ from msgspec.structs import replace
 from crosscheck.document import (
     LEVELS,
     QUANTITIES,
+    Errors,
     Finding,
     Judged,
     Measured,
@@ -99,6 +100,14 @@ def too_coarse(claim: Claim, budgeted: bool) -> Finding:
     return Finding("step", "unjudged" if budgeted else "fail", claim.step, None, "s", "the bounds exceed the size of "
                    "the scene, and those of intervals what the motion covers in them, so that they would pass anything",
                    "the plan has none smaller" if budgeted else "choose a smaller step")
+
+
+def judge_rest(scene: Scene, truth: Reference) -> list[Finding]:
+    """The finding on a scene in which nothing moves; none for any other."""
+    if not tolerances.at_rest(scene, truth):
+        return []
+    return [Finding("rest", "unjudged", None, None, "", "nothing moves in this scene, so that an engine which does "
+                    "nothing is right: nothing was judged", "give it a start that moves")]
 
 
 def _arithmetic(scene: Scene, truth: Reference, claim: Claim, steps: int) -> Finding:
@@ -253,7 +262,8 @@ def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:
 
 
 def settle(run: Measured, findings: list[Finding], defects: Sequence[Known], message: str = "",
-           judged_until: float | None = None, why: str = "") -> Judged:
+           judged_until: float | None = None, why: str = "", whole: Mapping[str, tuple[float, str]] | None = None
+           ) -> Judged:
     """The verdict on a run: mark known defects, notice those that no longer show, and determine the outcome.
 
     `defects` are those of the engine that are about this run. Bounds that the user set are not affected by them.
@@ -273,19 +283,31 @@ def settle(run: Measured, findings: list[Finding], defects: Sequence[Known], mes
     if outcome == "pass" and (run.practical or _share(judged_until, run.duration) < 1):
         outcome = "partly"
     if outcome == "unjudged":
-        message = "the step is too coarse for bounds of the motion, and the plan has none smaller"
+        still = next((finding for finding in findings if finding.kind == "rest"), None)
+        message = (f"{still.why}; {still.detail}" if still is not None else
+                   "the step is too coarse for bounds of the motion, and the plan has none smaller")
     judged = {finding.kind: finding for finding in findings}
-    errors = {name: replace(error, judged=judged[name].value, bound=judged[name].bound, why=judged[name].why)
-              if name in judged else error for name, error in run.errors.items()}
+    errors = {name: _headline(error, judged[name], (whole or {}).get(name)) if name in judged else error
+              for name, error in run.errors.items()}
     return extended(Judged, run, findings=findings, outcome=outcome, message=message, judged_until=judged_until,
                     not_judged=why if outcome != "unjudged" else "",
                     errors=errors)
 
 
+def _headline(error: Errors, finding: Finding, whole: tuple[float, str] | None) -> Errors:
+    """The error with the figure that counts: the largest over all of the time for which there is truth.
+
+    The bound beside it is left out where it does not reach as far.
+    """
+    value = finding.value if whole is None else whole[0]
+    reaches = finding.value is not None and value is not None and value <= finding.value * (1 + 1e-12)
+    return replace(error, judged=value, bound=finding.bound if reaches else None, why=finding.why if reaches else "")
+
+
 def outcome_of(findings: Sequence[Finding]) -> Outcome:
     """The outcome that follows from findings."""
     statuses = {finding.status for finding in findings}
-    blind = any(finding.kind == "step" and finding.status == "unjudged" for finding in findings)
+    blind = any(finding.kind in ("step", "rest") and finding.status == "unjudged" for finding in findings)
     return "fail" if "fail" in statuses else "known" if "known" in statuses else "unjudged" if blind else "pass"
 
 
@@ -300,20 +322,25 @@ def beyond(run: J, finding: Finding, message: str = "") -> J:
 
 FIRST = (("run", "step", "vanished"), (*QUANTITIES, "order", "energy"),
          ("momentum", "level", "acceleration", "orthogonality", "limit", "rtol", "sub-steps"))
-"""Kinds of findings, or the first words of their names, in the order of `worst`. All others are plausibility checks,
-which say little about accuracy and come last."""
+"""Kinds of findings, or the first words of their names, in the order in which passing ones are named. All others are
+plausibility checks, which say little about accuracy and come last."""
 
 
 def worst(findings: Sequence[Finding]) -> Finding | None:
     """The finding to name first: a failing one, else a known one, else a passing one.
 
-    Among these the order of kinds in `FIRST` decides, then how far the value is beyond its bound or how close to it.
+    Runs that did not end come first, then those that blew up. Beyond bounds it is how far that decides, within them the
+    order of kinds in `FIRST`.
     """
-    def place(finding: Finding) -> tuple[int, bool, int, float]:
+    def place(finding: Finding) -> tuple[int, bool, bool, bool, float, int, float]:
         group = next((index for index, kinds in enumerate(FIRST)
                       if finding.kind in kinds or finding.kind.partition(" ")[0] in kinds), len(FIRST))
-        says = finding.status != "ok" or math.isfinite(finding.severity)
-        return {"fail": 2, "known": 1, "ok": 0}[finding.status], says, -group, finding.severity
+        bad, severity = finding.status in ("fail", "known"), finding.severity
+        if finding.kind.startswith("order"):
+            severity /= 10.0  # of orders it counts tenths
+        says = bad or math.isfinite(severity)
+        return ({"fail": 2, "known": 1, "ok": 0}[finding.status], says, group == 0, bad and finding.blown,
+                severity if bad else 0.0, -group, severity)
 
     return max((finding for finding in findings if finding.status != "unjudged"), key=place, default=None)
 

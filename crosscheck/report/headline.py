@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 from crosscheck.document import Change, Document, Record, Scene
 
-OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the whole run"),
+OUTCOMES = {"pass": ("✓", "pass", "behaves as documented: every check within its bound, over the whole run"),
             "partly": ("◐", "partly", "every check within its bound, but the motion judged only up to the time it "
                        "names, or not at all: at so coarse a step no bound reaches farther"),
             "known": ("≈", "known", "only defects of the engine that are listed with their reason"),
             "fail": ("✗", "fail", "a figure is beyond its bound"),
             "error": ("‼", "error", "it did not run"),
-            "unjudged": ("?", "unjudged", "no truth: only energy and constraints were judged"),
+            "unjudged": ("?", "unjudged", "not judged: the scene has no truth, or nothing moves in it"),
             "budgeted": ("◷", "budgeted", "the plan has no step that is fine enough for bounds of the motion"),
             "unsupported": ("–", "n/a", "the engine cannot model this scene")}
 """Symbol, word and meaning of each state of a run (see `state`)."""
@@ -66,7 +66,7 @@ def _passing(document: Document) -> str:
                     f"({100 * judged_share(part):.0f} %)")
     if count["budgeted"]:
         said.append(f"{count['budgeted']} at steps too coarse to judge")
-    if count["unjudged"] and whole + len(part):
+    if count["unjudged"]:
         said.append(f"{count['unjudged']} unjudged")
     if count["known"]:
         said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")

@@ -145,7 +145,7 @@ def worst_first(records: Sequence[Record], changes: Sequence[Change] | None = No
 
     worse = {(change.scene, change.engine, change.method) for change in changes or [] if change.bad}
     bad = [(record, record.worst) for record in records if record.outcome in ("fail", "error", "known")]
-    bad.sort(key=lambda pair: -excess(pair[1]))
+    bad.sort(key=lambda pair: (pair[1] is None or not pair[1].blown, -excess(pair[1])))  # what blew up comes first
     groups: dict[tuple[str, str, str], list[tuple[Record, Finding | None]]] = {}
     for record, finding in bad:
         engine = "" if record.outcome == "known" else record.engine

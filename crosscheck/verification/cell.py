@@ -31,6 +31,7 @@ from crosscheck.judge.verdict import (
     judge_invariants,
     judge_levels,
     judge_practical,
+    judge_rest,
     judge_states,
     judge_without_truth,
     settle,
@@ -85,26 +86,27 @@ def run_cell(cell: Cell) -> Judged:
         main = _main_run(Asked(run, scene, traj, {"coordinate_map": run.coordinate_map}), reference, window, held,
                          cell.plan.budgeted)
     if not cell.study:
-        return settled(main.run, override(main.findings, cell.overrides), main.message, main.judged, main.why)
+        return settled(main.run, override(main.findings, cell.overrides, main.whole), main.message,
+                       main.judged, main.why, main.whole)
     brief = windowed(load_scene(cell.scene), cell.plan.window)  # the whole window, even if the main run is shorter
     study = order_study(cell, order, brief, truth(brief), main.findings, isinstance(outcome, Failed))
     measured = replace(main.run, orders=study.orders, ladder=study.ladder, ladder_cut=study.cut)
     if study.refused:
         return extended(Judged, measured, outcome="unsupported", message=study.refused, findings=main.findings,
                         judged_until=main.judged)
-    findings = override([*main.findings, *study.findings], cell.overrides)
+    findings = override([*main.findings, *study.findings], cell.overrides, main.whole)
     return settled(measured, findings, study.message or main.message, main.judged,
-                   main.why)
+                   main.why, main.whole)
 
 
 FIRST = 1.0
 """A single run is judged over this time (s) from its start if no bound reaches over its whole length."""
 
 
-def settled(run: Measured, findings: list[Finding], message: str = "", judged: float | None = None, why: str = ""
-            ) -> Judged:
+def settled(run: Measured, findings: list[Finding], message: str = "", judged: float | None = None, why: str = "",
+            whole: Mapping[str, tuple[float, str]] | None = None) -> Judged:
     """`settle` with the known defects of the engine that are about this run."""
-    return settle(run, findings, adapters.get(run.engine).defects(run), message, judged, why)
+    return settle(run, findings, adapters.get(run.engine).defects(run), message, judged, why, whole)
 
 
 def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST,
@@ -129,7 +131,7 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
     main = _main_run(Asked(run, scene, traj, options), reference, window, held, budgeted=True)
     coarse = any(finding.kind == "step" for finding in main.findings)
     findings = [*main.findings, *([judge_practical(scene, traj, reference)] if coarse else [])]
-    return settled(main.run, findings, main.message, main.judged, main.why)
+    return settled(main.run, findings, main.message, main.judged, main.why, main.whole)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,6 +143,7 @@ class _Main:
     judged: float | None = None  # s
     why: str = ""
     message: str = ""
+    whole: Mapping[str, tuple[float, str]] = dataclasses.field(default_factory=dict)  # see `override`
 
 
 def _refused(run: Run, reason: str) -> Judged:
@@ -219,9 +222,24 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
     levels = judge_levels(scene, traj, reference, bounds, held, traj.maxima, seen.eps,
                           seen.runs[0] if seen.runs else None)
     return _Main(_measured(run, scene, asked.traj, reference, found, held, traj.maxima),
-                 [_ended(traj), *_steps(run, scene, traj), *findings, *levels,
+                 [_ended(traj), *judge_rest(scene, reference), *_steps(run, scene, traj), *findings, *levels,
                   *judge_continuity(scene, traj, reference, seen.eps),
-                  _orthogonality(run, traj, seen.eps, seen.others)], judged, seen.covered.why)
+                  _orthogonality(run, traj, seen.eps, seen.others)], judged, seen.covered.why,
+                 whole=_over_truth(scene, traj, reference))
+
+
+def _over_truth(scene: Scene, traj: Trajectory, reference: Reference) -> dict[str, tuple[float, str]]:
+    """The largest errors over all of the time for which there is truth, and where they are."""
+    until = f"up to {min(reference.horizon, scene.duration):g} s, as far as truth reaches"
+    found = {name: (error.max, f"body {error.body}, t = {error.time:.4g} s, {until}")
+             for name, error in errors(scene, traj, reference.states, reference.horizon).items()}
+    keep = reference.t <= reference.horizon * (1 + 1e-12)
+    for name, own, true, size in (
+            ("energy", traj.energy, mechanics.energy(scene, reference.states),
+             tolerances.scales(scene, reference).kinetic),
+            ("momentum", traj.momentum_vertical, mechanics.momentum_vertical(scene, reference.states), 1.0)):
+        found[name] = float(np.abs(own - true)[keep].max() / size), until
+    return found
 
 
 def _without_truth(run: Run, cell: Cell, scene: Scene, outcome: Ran | Failed,

@@ -236,7 +236,7 @@ def test_severity_ranks_findings(verdict):
     largest = worst(record.findings)
     assert largest.severity == pytest.approx(math.log10(largest.value / largest.bound))
     assert largest.severity == max(finding.severity for finding in record.findings if finding.status == "fail"
-                                   and (finding.kind in (*QUANTITIES, "energy") or finding.kind.startswith("order")))
+                                   and not finding.kind.startswith("order"))
 
 
 def test_timing_gives_stepping_time_and_end_error(monkeypatch):
@@ -292,7 +292,7 @@ def test_one_percent_of_gravity_does_not_pass_unseen(monkeypatch, profile):
         assert kinds(record, "fail") & {"position", "attitude", "order position", "order attitude"}, record.method
 
 
-def test_plausibility_checks_are_named_last():
+def test_the_farthest_beyond_its_bound_is_named_first_and_plausibility_within_bounds_last():
     def found(kind, status, value, bound):
         return Finding(kind, status, value, bound, "m", "why")
 
@@ -303,7 +303,7 @@ def test_plausibility_checks_are_named_last():
     assert worst(near[:2]).kind == "continuity"
     beyond = [found("continuity", "fail", 1e6, 1.0), found("level velocity", "fail", 1e3, 1.0),
               found("energy", "fail", 2.0, 1.0), found("order position", "known", 1.0, 3.9)]
-    assert worst([*near, *beyond]).kind == "energy"
-    assert worst([*near, *beyond[:2]]).kind == "level velocity"
+    assert worst([*near, *beyond]).kind == "continuity"  # by how far it is beyond its bound
+    assert worst([*near, *beyond, Finding("energy", "fail", 3.7e7, 1e6, "1", "why")]).kind == "energy"  # it blew up
     assert worst([*near, *beyond[3:]]).kind == "order position"
     assert worst([*near, *beyond, found("run", "fail", None, None)]).kind == "run"

@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, SceneError, unknown
 from crosscheck.scene.building import scene_from
-from crosscheck.scene.models import checking, compiling, features, known, laws, neutral, source
+from crosscheck.scene.models import checking, compiling, features, known, laws, neutral, source, watched
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.source import Source
 from crosscheck.scene.models.words import quoted, together
@@ -59,6 +59,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
     own = laws.find(reading, joints, wants)
+    sites, sensors = watched.find(reading, joints)
     if model.is_urdf:
         by_name = {each["name"]: each for each in joints}
         for name, mimic in _mimics(model):
@@ -75,7 +76,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         words = "; ".join(together(quoted(model.located(each)) for each in reading.lost))
         raise SceneError(f"{model.path}: a scene cannot hold {words}; give --drop (drop=True) to leave all this out")
     left_out = [*reading.lost, *reading.noted]
-    third = own.forces or own.monitors or any({"dry_friction", "limits"} & joint.keys() for joint in joints)
+    third = own.forces or own.monitors or sites or any({"dry_friction", "limits"} & joint.keys() for joint in joints)
     own.idle += [f"of transmission {each.get('name')!r}" for each in model.root.findall("transmission")]
     idle = [f"motors without a control: {', '.join(own.idle)}"] if own.idle else []
     content: Table = {
@@ -86,7 +87,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         "duration": duration, "samples": samples, "left_out": left_out,
         "bodies": [*map(neutral.body_table, reading.bodies.values()), *reading.light],
         "joints": _distinct([*joints, *further]), "forces": [*forces, *own.forces], "shapes": own.shapes,
-        "monitors": own.monitors}
+        "monitors": own.monitors, "sites": sites, "sensors": sensors}
     return {key: value for key, value in content.items() if value not in ([], "")}
 
 

@@ -64,7 +64,8 @@ class Stats(TypedDict, total=False):
     """
 
     step: float | None  # s, the step used; None if the engine chose its steps
-    energy_error: float  # this and the next four: `crosscheck.scene.monitor.MAXIMA`
+    energy_error: float  # this and the next five: `crosscheck.scene.monitor.MAXIMA`
+    kinetic_energy: float
     constraint_position: float
     constraint_velocity: float
     constraint_acceleration: float

@@ -241,7 +241,7 @@ class LieEuler(Engine):
             newton_iterations=stats.newton_iterations, factorizations=stats.factorizations,
             most_iterations=stats.most_iterations, redundant_rows=stats.redundant_rows,
             reduce=stats.reduce, spin_free=tuple(scene.bodies[body].name for body in stats.spin_free))
-        maxima = {key: value for key, value in stats.maxima.items() if key != "kinetic"}
+        maxima = {"kinetic_energy" if key == "kinetic" else key: value for key, value in stats.maxima.items()}
         return RawRun(
             states=States(*(np.asarray(getattr(solution, field)) for field in fields)),
             wall_time=stats.wall_time, steps=stats.steps, step=stats.step, status=solution.status.value,

@@ -11,8 +11,9 @@ from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
-MAXIMA = ("energy_error", "constraint_position", "constraint_velocity", "constraint_acceleration", "orthogonality")
-"""Keys of the maxima over every step; energy_error is |E - E(0)| over the largest kinetic energy."""
+MAXIMA = ("energy_error", "kinetic_energy", "constraint_position", "constraint_velocity", "constraint_acceleration",
+          "orthogonality")
+"""Keys of the maxima over every step; energy_error is |E - E(0)| over kinetic_energy, the largest one, J."""
 
 
 class Monitor:
@@ -52,7 +53,7 @@ class Monitor:
     def maxima(self) -> dict[str, float]:
         """The maxima so far by the keys of MAXIMA; without `constraint_acceleration` if no accelerations were given."""
         scale = self._kinetic if self._kinetic > 0 else 1.0  # a scene that never moves has its error in J
-        found = {"energy_error": self._gap / scale, **self._maxima}
+        found = {"energy_error": self._gap / scale, "kinetic_energy": scale, **self._maxima}
         return {key: found[key] for key in MAXIMA if key in found}
 
     def _energies(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:

@@ -297,6 +297,12 @@ def _most(series: np.ndarray, every_step: float | None) -> float:
     return max(float(series.max()), every_step or 0.0)
 
 
+def _energy_gap(traj: Trajectory, maxima: Mapping[str, float]) -> float:
+    """The largest |E(t) - E(0)|, J, of samples and every step; maxima are relative to a kinetic energy of their own."""
+    kinetic = maxima.get("kinetic_energy", float(traj.kinetic_energy.max(initial=0.0)) or 1.0)
+    return max(float(np.abs(traj.energy - traj.energy[0]).max()), maxima.get("energy_error", 0.0) * kinetic)
+
+
 def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, size: float,
                   maxima: Mapping[str, float]) -> float:
     """The largest |E(t) - E(0) - work| over `size`: over every step if nothing does work, else at the samples.
@@ -304,7 +310,7 @@ def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, s
     If there is truth, the work is that of the true motion.
     """
     if not scene.worked_on:
-        return max(float(np.abs(traj.energy - traj.energy[0]).max() / size), maxima.get("energy_error", 0.0))
+        return _energy_gap(traj, maxima) / size
     expected = traj.energy[0] + traj.work if reference is None else mechanics.energy(scene, reference.states)
     return float(np.abs(traj.energy - expected).max() / size)
 
@@ -322,9 +328,7 @@ def _measured(run: Run, scene: Scene, traj: Trajectory, reference: Reference | N
     momentum = None if reference is None else float(np.abs(
         traj.momentum_vertical - mechanics.momentum_vertical(scene, reference.states)).max())
     energy_error, start = _energy_error(scene, traj, reference, size, maxima), abs(float(traj.energy[0]))
-    # The maximum over every step is relative to the run's own kinetic energy.
-    gap = energy_error * size if scene.worked_on else max(float(np.abs(traj.energy - traj.energy[0]).max()),
-                                                          maxima.get("energy_error", 0.0) * traj.kinetic_energy.max())
+    gap = energy_error * size if scene.worked_on else _energy_gap(traj, maxima)
     return extended(
         Measured, replace(run, form=traj.form or run.form), status=traj.status, duration=scene.duration,
         errors={name: error.figures for name, error in found.items()}, levels=levels,

@@ -131,10 +131,9 @@ def _attempt(scene: Scene, method: str, coordinate_map: str, step: float, **opti
 def _line(scene: Scene, traj: Trajectory, plain: Trajectory | str, coordinate_map: str,
           exact: np.ndarray | None) -> Line:
     largest = traj.maxima
-    kinetic = float(traj.kinetic_energy.max())
     start = abs(float(traj.energy[0]))
     return Line(
-        traj.method, coordinate_map, "", largest["energy_error"] * kinetic / start if start else None,
+        traj.method, coordinate_map, "", largest["energy_error"] * largest["kinetic_energy"] / start if start else None,
         largest["energy_error"], largest["constraint_position"], largest["constraint_velocity"],
         largest["constraint_acceleration"], largest["orthogonality"],
         float(plain.stats["orthogonality"]) if isinstance(plain, Trajectory) else None,

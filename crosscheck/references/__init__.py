@@ -4,6 +4,9 @@ Nothing here imports `lieeuler` or an adapter. For a free body and a Lagrange to
 Taylor series; for everything else, trees and loops of all joints under all forces, Taylor series in minimal coordinates
 with DOP853 in maximal ones. If these differ by more than the scene's conditioning explains, a third formulation, in
 natural coordinates and extended precision, decides which of them is wrong.
+
+Force laws of joints make a motion smooth only in pieces: `pieces` finds where one ends, `modes` says what may follow,
+and each formulation has its own formulas and solves Gauss' principle by itself.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import Chaotic, Reference, TruthError
-from crosscheck.scene.model import SMOOTH, Scene
+from crosscheck.scene.model import ELEMENTS, Scene
 
 if TYPE_CHECKING:
     import pathlib
@@ -113,9 +116,9 @@ def _refuse(scene: Scene) -> None:
     """Raise `Unsupported` for elements that the references do not model."""
     from crosscheck.references.tree import bound, unfold
 
-    if reason := scene.beyond(SMOOTH) or ("monitors are not built here" if scene.monitors else None):
+    if reason := scene.beyond(ELEMENTS):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
     refused = [joint for joint in scene.joints if bound(scene, joint)]
     if refused and (closing := [joint.name for joint in unfold(scene)[1] if joint in refused]):
-        raise Unsupported(f"truth of {scene.name!r}: armature and mimics of joint {closing[0]!r} are not built where "
-                          "every joint of a loop has some")
+        raise Unsupported(f"truth of {scene.name!r}: armature, mimics and laws of joint {closing[0]!r} are not built "
+                          "where every joint of a loop has some")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +28,7 @@ class Piece:
     rest: float  # what the start has beyond a double
     length: float
     coefficients: np.ndarray  # (dimension, order + 1)
+    mode: np.ndarray | None = None  # numbers of its force laws, if these have modes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +38,28 @@ class End:
     state: np.ndarray
     time: float = 0.0
     rest: float = 0.0
+    mode: Any = ()  # of the force laws
+    events: tuple[tuple[float, str, str], ...] = ()  # until there: (time, joint or monitor, what happened)
+    horizon: float = math.inf  # s; where a unique continuation, or the claim of the scene, ended before
+    cause: str = ""  # why
+
+
+def values_at(pieces: tuple[np.ndarray, ...], t: np.ndarray, derivative: int = 0) -> np.ndarray:
+    """(T, dimension) values of a derivative at times t from starts, their rests, and coefficients of pieces."""
+    starts, rests, coefficients = pieces
+    index = piece_of(starts, t)
+    kind = coefficients.dtype.type
+    tau = ((t.astype(kind) - starts[index].astype(kind)) - rests[index].astype(kind))[:, None]
+    total = np.zeros((len(t), coefficients.shape[1]), kind)
+    for k in range(coefficients.shape[2] - 1, derivative - 1, -1):
+        factor = float(np.prod(np.arange(k - derivative + 1, k + 1)))
+        total = total * tau + factor * coefficients[index, :, k]
+    return total
+
+
+def piece_of(starts: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Index of the piece of each time; at an event, of what follows it."""
+    return np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)
 
 
 def breaks(scene: Scene) -> list[float]:
@@ -61,6 +86,8 @@ class Reference:
     position_derivatives: np.ndarray  # (11,) k-th entry: max over time and bodies of |d^k x / dt^k|, world, SI
     attitude_derivatives: np.ndarray  # (11,) k-th entry: max over time and bodies of |d^k R / dt^k|_F
     outvoted: str = ""  # which formulation two others outvoted, and by how much
+    horizon_cause: str = ""  # why the truth ends at its horizon, if that is before the end
+    events: tuple[tuple[float, str, str], ...] = ()  # (time, joint or monitor, what happened), up to the horizon
 
     @property
     def error(self) -> float:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
 import importlib.metadata
+import json
 import os
 import pathlib
 import tempfile
@@ -18,6 +20,7 @@ import numpy as np
 from crosscheck.files import cache_folder
 from crosscheck.references.base import End, Piece, TruthError
 from crosscheck.references.dense_output import GROWTH_POINTS, STATES, Truth
+from crosscheck.references.modes import Part
 from crosscheck.scene.model import Scene
 
 _DIGEST = "digest"
@@ -85,12 +88,28 @@ def _content(truth: Truth) -> dict[str, np.ndarray]:
         "start": [piece.start for piece in truth.pieces], "rest": [piece.rest for piece in truth.pieces],
         "length": [piece.length for piece in truth.pieces],
         "coefficients": np.array([piece.coefficients for piece in truth.pieces]), "maxima": truth.maxima,
+        "modes": [] if truth.pieces[0].mode is None else np.array([piece.mode for piece in truth.pieces]),
         "growth": truth.growth, "end": truth.end.state, "end_time": [truth.end.time, truth.end.rest],
+        "laws": _written(truth.end), "second_laws": _written(second), "event_error": truth.event_error,
         "second_x": truth.second[0], "second_R": truth.second[1], "second_source": truth.second_source,
         "second_end": second.state, "second_time": [second.time, second.rest],
         "third_x": truth.third[0], "third_R": truth.third[1], "exact_t": exact}
     content |= {f"exact_{name}": np.array([truth.exact[t][k] for t in exact]) for k, name in enumerate(STATES)}
     return {name: np.asarray(value) for name, value in content.items()}
+
+
+def _written(end: End) -> str:
+    """Mode, events and horizon of an end as text."""
+    return json.dumps([[dataclasses.astuple(part) for part in end.mode], end.events, end.horizon, end.cause])
+
+
+def _read_end(state: np.ndarray, times: np.ndarray, text: np.ndarray) -> End:
+    parts, events, horizon, cause = json.loads(str(text))
+    fields = [field.name for field in dataclasses.fields(Part)]
+    values: list[dict[str, Any]] = [{name: tuple(value) if isinstance(value, list) else value
+                                     for name, value in zip(fields, part, strict=True)} for part in parts]
+    return End(state, float(times[0]), float(times[1]), tuple(Part(**each) for each in values),
+               tuple((t, name, what) for t, name, what in events), horizon, cause)
 
 
 def _restored(scene: Scene, portable: bool, content: dict[str, Any]) -> Truth:
@@ -113,14 +132,16 @@ def _restored(scene: Scene, portable: bool, content: dict[str, Any]) -> Truth:
     if not np.allclose(start[1:], start[:-1] + length[:-1], rtol=1e-14, atol=0.0) or start[0] != 0.0 or (
             length <= 0.0).any():
         raise ValueError("its pieces do not follow each other")
-    truth.end = End(content["end"], *content["end_time"].tolist())
+    truth.end = _read_end(content["end"], content["end_time"], content["laws"])
+    modes = content["modes"] if content["modes"].ndim == 2 else [None] * pieces
+    truth.event_error = float(content["event_error"])
     truth.pieces = [Piece(*parts) for parts in zip(start.tolist(), content["rest"].tolist(), length.tolist(),
-                                                   coefficients, strict=True)]
+                                                   coefficients, modes, strict=True)]
     truth.maxima, truth.growth = content["maxima"], content["growth"]
     truth.second, truth.third = ((content[f"{part}_x"], content[f"{part}_R"]) for part in ("second", "third"))
     truth.second_source = str(content["second_source"])
     if len(content["second_end"]):
-        truth.second_end = End(content["second_end"], *content["second_time"].tolist())
+        truth.second_end = _read_end(content["second_end"], content["second_time"], content["second_laws"])
     columns = [content[f"exact_{name}"] for name in STATES]
     truth.exact = {float(t): tuple(column[k] for column in columns) for k, t in enumerate(content["exact_t"])}
     if abs(truth.end.time - truth.reach) > 1e-12 * truth.reach or len(truth.second[0]) != len(truth.compared):

@@ -32,10 +32,12 @@ from crosscheck.references.agreement import (
     difference,
     natural_coordinates,
 )
-from crosscheck.references.base import ORDERS, Chaotic, End, Piece, Reference, TruthError
+from crosscheck.references.base import ORDERS, Chaotic, End, Piece, Reference, TruthError, piece_of, values_at
 from crosscheck.references.conditioning import HORIZON_GROWTH, growth_over, sampled_growth
 from crosscheck.references.natural import Natural
+from crosscheck.references.pieces import disagreement
 from crosscheck.references.taylor import Taylor
+from crosscheck.references.tree import scene_length
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -44,6 +46,7 @@ COMPARED = np.arange(GROWTH_POINTS // 2, GROWTH_POINTS + 1, GROWTH_POINTS // 2)
 """Those of a piece at which two formulations are compared."""
 EXACT_APART = 6
 """A closed form takes 10 ms at a time, and has no error that grows: it is compared at every sixth of these points."""
+GROWN = "a perturbation of 1e-15 has grown to 1e-10"
 STATES = ("x", "R", "v", "w", "a", "alpha")
 CHUNK = 500
 """Pieces whose derivatives are computed at once: a hundred arrays of such a size take 100 MB."""
@@ -62,6 +65,7 @@ class Truth:
     pieces : steps of the series
     maxima : (pieces, 2, ORDERS + 1) largest |d^k x/dt^k| and |d^k R/dt^k|_F of all bodies in each
     growth : growth of the worst perturbation of the start at `times`, until the series ends
+    event_error : times of events by which two formulations differ, times jumps, in |dx| / length and |dR|_F
     second : positions (k, n, 3) and attitudes (k, n, 3, 3) of the second formulation at `compared`
     """
 
@@ -75,19 +79,31 @@ class Truth:
         self.second_source = ""
         self.end: End | None = None
         self.second_end: End | None = None
+        self.event_error = 0.0  # times of events apart, times jumps
         self.exact: dict[float, tuple[np.ndarray, ...]] = {}
 
     @functools.cached_property
     def series(self) -> Taylor | Natural:
         """The formulation whose series are kept."""
+        if self.scene.has_laws or self.scene.monitors:
+            from crosscheck.references.tree_laws import LawfulTaylor
+
+            if self.portable:
+                raise Unsupported(f"truth of {self.scene.name!r}: dry friction, limits, servos and monitors need "
+                                  "heyoka, which is not installed")
+            return LawfulTaylor(self.scene)
         return Natural(self.scene) if self.portable else Taylor(self.scene)
 
     @functools.cached_property
     def _stacked(self) -> tuple[np.ndarray, ...]:
-        """Starts, their rests, lengths and coefficients of all pieces."""
+        """Starts, their rests and coefficients of all pieces."""
         return (np.array([piece.start for piece in self.pieces]), np.array([piece.rest for piece in self.pieces]),
-                np.array([piece.length for piece in self.pieces]),
                 np.array([piece.coefficients for piece in self.pieces]))
+
+    @functools.cached_property
+    def _modes(self) -> np.ndarray | None:
+        """Modes of all pieces, if they have any."""
+        return None if self.pieces[0].mode is None else np.array([piece.mode for piece in self.pieces])
 
     @property
     def reach(self) -> float:
@@ -97,7 +113,7 @@ class Truth:
     @functools.cached_property
     def times(self) -> np.ndarray:
         """0, and GROWTH_POINTS times of each piece."""
-        starts, _, lengths, _ = self._stacked
+        starts, lengths = self._stacked[0], np.array([piece.length for piece in self.pieces])
         inner = starts[:, None] + lengths[:, None] * np.arange(1, GROWTH_POINTS + 1) / GROWTH_POINTS
         return np.concatenate([[0.0], inner.ravel()])
 
@@ -110,9 +126,10 @@ class Truth:
 
     @functools.cached_property
     def _known_until(self) -> float:
-        """The time until which a perturbation of 1e-15 stays below 1e-10, at most `reach`."""
+        """The time until which the claim of the scene holds and a perturbation of 1e-15 stays below 1e-10."""
         over = np.flatnonzero(self.growth >= HORIZON_GROWTH)
-        return float(self.times[max(over[0] - 1, 0)]) if len(over) else self.reach
+        chaos = float(self.times[max(over[0] - 1, 0)]) if len(over) else self.reach
+        return min(chaos, self.reach if self.end is None else self.end.horizon)
 
     @property
     def horizon(self) -> float:
@@ -122,12 +139,14 @@ class Truth:
     @property
     def horizon_cause(self) -> str:
         """Why it ends at its horizon; empty if it does not."""
-        return "a perturbation of 1e-15 has grown to 1e-10" if self.horizon < self.reach else ""
+        if self.horizon >= self.reach or self.end is None:
+            return ""
+        return self.end.cause if self.horizon == self.end.horizon else GROWN
 
-    @functools.cached_property
+    @property
     def events(self) -> tuple[tuple[float, str, str], ...]:
-        """(time, joint or monitor, what happened)."""
-        return ()
+        """(time, joint or monitor, what happened), up to the horizon."""
+        return () if self.end is None else tuple(event for event in self.end.events if event[0] <= self.horizon)
 
     @property
     def error(self) -> float:
@@ -184,10 +203,25 @@ class Truth:
         self.second = (np.concatenate([before.second[0][:known], states.x]),
                        np.concatenate([before.second[1][:known], states.R]))
         self.second_source = other.source
+        self._compare_events()
+
+    def _compare_events(self) -> None:
+        """Raise an error if the two formulations find other events; those beyond the horizon do not count."""
+        one, other = (() if end is None else end.events for end in (self.end, self.second_end))
+        where, apart = disagreement(one, other, self.compared[-1])
+        if where:
+            raise TruthError(f"{self.scene.name!r}: {self.series.source} and {self.second_source} find other events: "
+                             f"{where}")
+        fastest = np.max(self.maxima[:, :, 1], axis=0)  # |dx/dt| and |dR/dt|: no jump of a velocity is twice as large
+        self.event_error = 2.0 * apart * float(max(fastest[0] / scene_length(self.scene), fastest[1]))
 
     @functools.cached_property
     def _other(self) -> Any:
         """The formulation in maximal coordinates."""
+        if self.scene.has_laws:
+            from crosscheck.references.world_laws import LawfulMaximal
+
+            return LawfulMaximal(self.scene)
         from crosscheck.references.maximal import Maximal
 
         return Maximal(self.scene)
@@ -219,19 +253,8 @@ class Truth:
 
     def on_series(self, t: np.ndarray) -> States:
         """States at times within its reach from the series, whether it is right or not."""
-        starts, rests, _, coefficients = self._stacked
-        index = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)
-        kind = coefficients.dtype.type
-        tau = ((t.astype(kind) - starts[index].astype(kind)) - rests[index].astype(kind))[:, None]
-        order = coefficients.shape[2] - 1
-
-        def values(derivative: int) -> np.ndarray:
-            total = np.zeros((len(t), coefficients.shape[1]), kind)
-            for k in range(order, derivative - 1, -1):
-                total = total * tau + float(np.prod(np.arange(k - derivative + 1, k + 1))) * coefficients[index, :, k]
-            return total
-
-        return self.series.dense_states(t, values)
+        modes = None if self._modes is None else self._modes[piece_of(self._stacked[0], t)]
+        return self.series.dense_states(t, functools.partial(values_at, self._stacked, t), modes)
 
     def _motion(self, solved: Solved, t: np.ndarray) -> States:
         """States at times t of the formulation of that name."""
@@ -258,7 +281,7 @@ class Truth:
         """What the conditioning explains of a difference up to a time, and the agreement there."""
         end = min(until, self._known_until)
         count = min(int(np.searchsorted(self.compared, end)) + 1, len(self.compared))
-        allowed = max(FLOOR, ROUNDOFF * self._growth_until(end))
+        allowed = max(FLOOR, ROUNDOFF * self._growth_until(end), self.event_error)
         if (count, allowed) not in self._agreements:
             self._agreements[count, allowed] = self._agree(count, allowed)
         return allowed, self._agreements[count, allowed]
@@ -311,7 +334,8 @@ class Truth:
         if self.prolong(scene.duration):
             self._keep()
         horizon = min(self._known_until, scene.duration)
-        refuse_chaos(scene, horizon)
+        cause = self.horizon_cause if horizon < scene.duration else ""
+        refuse_early(scene, horizon, cause or GROWN)
         third = len(self.third[0])
         allowed, agreed = self._agreed(scene.duration)
         if len(self.third[0]) > third:
@@ -319,7 +343,8 @@ class Truth:
         amplification = self._growth_until(scene.duration)
         position, attitude = self._maxima_until(scene.duration)
         return Reference(self._motion(agreed.chosen, scene.t), agreed.chosen.source, agreed.second.source,
-                         agreed.difference, allowed, amplification, horizon, position, attitude, agreed.outvoted)
+                         agreed.difference, allowed, amplification, horizon, position, attitude, agreed.outvoted,
+                         cause, tuple(event for event in self.events if event[0] <= horizon))
 
     def _growth_until(self, t: float) -> float:
         """The largest growth from the start to a time."""
@@ -347,13 +372,13 @@ def _picked(states: States, index: np.ndarray) -> States:
     return States(states.t[index], *(getattr(states, name)[index] for name in STATES))
 
 
-def refuse_chaos(scene: Scene, horizon: float) -> None:
+def refuse_early(scene: Scene, horizon: float, cause: str) -> None:
     """Raise an error if the truth ends before the first output time after the start."""
     if np.count_nonzero(scene.t <= horizon * (1 + 1e-12)) >= 2:  # the ends of both grids agree to rounding
         return
     if horizon > 0.0:
-        raise Chaotic(f"{scene.name!r}: its truth ends at {horizon:.3g} s, where a perturbation of 1e-15 has grown to "
-                      f"1e-10, and the first output time is {scene.t[1]:.3g} s; ask for a shorter duration or more "
-                      f"samples: {ceil(scene.duration / horizon) + 1} over {scene.duration:g} s, or a duration of "
+        raise Chaotic(f"{scene.name!r}: its truth ends at {horizon:.3g} s, where {cause}, and the first output time is "
+                      f"{scene.t[1]:.3g} s; ask for a shorter duration or more samples: "
+                      f"{ceil(scene.duration / horizon) + 1} over {scene.duration:g} s, or a duration of "
                       f"{horizon:.2g} s", horizon)
     raise TruthError(f"{scene.name!r}: perturbations of 1e-15 are 1e-10 at the start: it has no truth")

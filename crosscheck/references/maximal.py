@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -141,6 +142,7 @@ class Maximal:
             ConstantLoad(force) for force in scene.forces if force.type.startswith("constant")]
         self.loads += [JointLoad(force, scene) for force in scene.forces if force.type.startswith("joint_")]
         self.rotors = rotors(scene)
+        self.before = np.inf  # the end of an interval is before what happens there: a function of time may jump
         self.inverse_inertia = np.linalg.inv(scene.inertias)
         self.root = np.linalg.cholesky(self.inverse_inertia)  # J^-1 = root root^T
         self.force = weight(scene.masses, scene.gravity)
@@ -341,7 +343,7 @@ class Maximal:
     def rates(self, t: float, y: np.ndarray) -> np.ndarray:
         """dy/dt"""
         n = self.scene.n
-        motion, angles = self.motion(y, t)
+        motion, angles = self.motion(y, min(t, self.before))
         a, alpha = self.accelerations(motion, angles)
         q, w = y[3 * n:7 * n].reshape(n, 4), motion.w[:-1]
         rate = np.empty((n, 4))  # dq/dt = q (0, w) / 2
@@ -381,12 +383,13 @@ class Maximal:
         """States at `times`, from an end that is at the first of them, and their end; its `rest` is a step to try."""
         y, rows, step = end.state, [], end.rest or None
         stops = np.union1d(times, [t for t in breaks(self.scene) if times[0] < t < times[-1]])
-        for start, end in itertools.pairwise(stops):
+        for start, stop in itertools.pairwise(stops.tolist()):
             if start in times:
                 rows.append(self._row(y, start))
-            first = None if step is None else min(step, end - start)
+            first = None if step is None else min(step, stop - start)
             kind, rtol = self.integrator
-            solver = kind(self.rates, start, y, end, first_step=first, rtol=max(rtol, 1e-13), atol=ATOL)
+            self.before = math.nextafter(stop, 0.0)
+            solver = kind(self.rates, start, y, stop, first_step=first, rtol=max(rtol, 1e-13), atol=ATOL)
             solver.rtol = rtol  # the constructor refuses so small a tolerance, but the error estimate resolves it
             proposals = []
             while solver.status == "running":
@@ -395,6 +398,7 @@ class Maximal:
                     raise TruthError(f"{self.source}: {self.scene.name!r} at t = {solver.t:.6g} s: {message}")
                 proposals.append(solver.h_abs)
             y, step = solver.y, max(proposals)  # the last step was shortened to the end of the interval
+        self.before = np.inf
         rows.append(self._row(y, times[-1]))
         states = States(times, *(np.array(column) for column in zip(*rows, strict=True)))
         return states, End(y, float(times[-1]), step or 0.0)

@@ -17,6 +17,7 @@ from crosscheck.scene.states import States
 
 if TYPE_CHECKING:
     from crosscheck.references.conditioning import Conditioning
+    from crosscheck.references.taylor import Taylor
 
 SAME_START = 1e-12
 """How far a member's state may differ from its coordinates, relative to the scene's length, and in attitudes."""
@@ -36,10 +37,15 @@ class Members:
     """
 
     def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        if not scene.has_laws:  # their truths are computed one by one: a mode belongs to its own start
+            self._taylor  # noqa: B018  compiled here, so that a structure that cannot be is refused here
+
+    @functools.cached_property
+    def _taylor(self) -> Taylor:
         from crosscheck.references.taylor import Taylor
 
-        self.scene = scene
-        self._taylor = Taylor(scene)
+        return Taylor(self.scene)
 
     def states(self, member: Scene) -> States:
         """Truth of a member at its output times, which are those of the structure.
@@ -49,6 +55,10 @@ class Members:
         TruthError
             The integration ended early.
         """
+        if self.scene.has_laws:
+            from crosscheck.references import compute
+
+            return compute(member).states
         state = self._state(member)
         if state is None:
             from crosscheck.references.taylor import Taylor
@@ -65,9 +75,11 @@ class Members:
         TruthError
             The difference is larger than the conditioning of the structure explains.
         """
-        from crosscheck.references import maximal, taylor
+        from crosscheck.references import compute, maximal, taylor
         from crosscheck.references.agreement import FLOOR, ROUNDOFF, Solved, agree
 
+        if self.scene.has_laws:
+            return compute(member).disagreement
         conditions = self._conditions
         count = int(np.count_nonzero(member.t <= conditions.horizon * (1 + 1e-12)))
         if count < 2:

@@ -262,7 +262,8 @@ class Natural:
             now, state = begin + h, np.concatenate([q.ravel(), rate.ravel(), angles])
         return pieces, End(state, float(now), float(now - LONG(float(now))))
 
-    def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray]) -> States:
+    def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray], modes: np.ndarray | None = None
+                     ) -> States:
         """States at times t from the values of the pieces; `values(k)` are those of the k-th derivative."""
         return _states(t, *(values(k)[:, :12 * (self.n + 1)].reshape(len(t), -1, 4, 3) for k in range(3)))
 

@@ -43,6 +43,8 @@ class Taylor:
     source = SOURCE
 
     def __init__(self, scene: Scene) -> None:
+        if scene.has_laws and type(self) is Taylor:
+            raise Unsupported(f"{SOURCE}: dry friction, limits and servos are not in smooth equations")
         self.scene = scene
         links, closing = unfold(scene)
         self.tree = Tree(scene, links)
@@ -61,6 +63,7 @@ class Taylor:
                           *self.driven.values()]
         self.rank, self.shift = 0, 0.0
         self.ties = [self._tie(joint) for joint in scene.joints if joint.mimic is not None]
+        self.law_units: list[dict[int, list[float]]] = []  # unit efforts of force laws with modes
         self._analyse_loops()
 
     @functools.cached_property
@@ -123,15 +126,19 @@ class Taylor:
         return total
 
     def _set_pieces(self, t: float) -> None:
-        """Set the parameters of `_expression` for times from t on."""
+        """Set the parameters of the compiled equations for times from t on."""
+        if values := self._piece_values(t):
+            self._integrator.pars[:] = values
+
+    def _piece_values(self, t: float) -> list[float]:
+        """The parameters of `_expression` for times from t on."""
         values: list[float] = []
         for function in self.functions:
             piece = max(int(np.searchsorted(function.breaks, t, side="right")) - 1, 0)
             coefficients = function.pieces[piece]
             values += [function.breaks[piece], *coefficients]
             values += [0.0] * (_places(function) - 1 - len(coefficients))
-        if values:
-            self._integrator.pars[:] = values
+        return values
 
     def _columns(self, state: Sequence[Any], value: Callable[[Value], Any]) -> tuple[Any, ...]:
         """Loads, loop rows, and alpha, A and the derivatives of speeds by body and column."""
@@ -140,15 +147,17 @@ class Taylor:
         placed = tree.world(frames) if self.cuts or self.scene.forces else {}
         loads = Loads(tree, frames, placed, value)
         for force in self.scene.forces:
+            if force.type == "servo":
+                continue
             loads.add(force, self._angle(force.joint if force.type == "torsional_spring" else None, state))
         rows = [loops.row(cut, loads) for cut in self.cuts]
         units = [loops.unit_wrenches(found, loads) for found in rows]
         efforts = None
-        if self.ties:
+        if pushes := [*self.ties, *self.law_units]:
             still = {link.body: [0.0] * link.scalars for link in tree.links}
-            efforts = {body: [none] * (1 + len(units)) + [tie.get(body, none) for tie in self.ties]
+            efforts = {body: [none] * (1 + len(units)) + [push.get(body, none) for push in pushes]
                        for body, none in still.items()}
-            units += [{link.body: (ZERO, ZERO) for link in tree.links} for _ in self.ties]
+            units += [{link.body: (ZERO, ZERO) for link in tree.links} for _ in pushes]
         wrenches = {link.body: [loads.wrenches[link.body], *(unit[link.body] for unit in units)]
                     for link in tree.links}
         driven = {body: value(function) for body, function in self.driven.items()}
@@ -159,9 +168,10 @@ class Taylor:
         """Right side and response of the multipliers' equations."""
         free = [-1.0 * (loops.acceleration(found, loads, alpha, A, 0) + found.rest) for found in rows]
         S = loops.response(rows, loads, alpha, A)
-        along = [[sum((factor * rate for body, factors in tie.items()
+        pushes = [*self.ties, *self.law_units]
+        along = [[sum((factor * rate for body, factors in push.items()
                        for factor, rate in zip(factors, speeding[body][k], strict=True)), 0.0)
-                  for k in range(1 + len(rows) + len(self.ties))] for tie in self.ties]
+                  for k in range(1 + len(rows) + len(pushes))] for push in pushes]
         across = [[line[1 + k] for line in along] for k in range(len(rows))]  # S is symmetric
         return (free + [-1.0 * line[0] for line in along],
                 [[*line, *more] for line, more in zip(S, across, strict=True)] + [line[1:] for line in along])
@@ -179,13 +189,17 @@ class Taylor:
         """Loads, and alpha, A and the derivatives of speeds by body, with the loops closed."""
         loads, rows, *columns = self._columns(state, value)
         factors = [1.0]
-        if self.rank:
-            rhs, S = self._loop_terms(loads, rows, *columns)
-            factors += loops.multipliers(S, rhs, self.shift)
+        if self.rank or self.law_units:
+            factors += self._multipliers(state, value, *self._loop_terms(loads, rows, *columns))
         closed = ({body: add([0.0] * len(parts[0]), *(scale(factor, part)
                                                       for factor, part in zip(factors, parts, strict=True)))
                    for body, parts in column.items()} for column in columns)
         return loads, *closed
+
+    def _multipliers(self, state: Sequence[Any], value: Callable[[Value], Any], rhs: list[Any],
+                     S: list[list[Any]]) -> list[Any]:
+        """Multipliers of the rows that close loops and of mimics."""
+        return loops.multipliers(S, rhs, self.shift)
 
     def _rates(self, state: Sequence[Any], value: Callable[[Value], Any]) -> list[Any]:
         """d state / dt; `value` evaluates functions of time."""
@@ -330,7 +344,8 @@ class Taylor:
             w[:, body], spin[:, body] = _stack(frame.w, len(x)), _stack(alpha[body], len(x))
         return States(t, x, attitudes, v, w, a, spin)
 
-    def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray]) -> States:
+    def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray], modes: np.ndarray | None = None
+                     ) -> States:
         """States at times t from the values of the pieces; `values(k)` are those of the k-th derivative."""
         return self.states(values(0), t)
 

@@ -63,8 +63,9 @@ def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
 
 
 def bound(scene: Scene, joint: Joint) -> bool:
-    """Whether the joint has to be one of the tree: its coordinate has inertia, follows another one or leads it."""
-    return (any(joint.armature) or joint.mimic is not None
+    """Whether the joint has to be in the tree: its coordinate has inertia or laws, follows another one or leads it."""
+    return (any(joint.armature) or any(joint.dry_friction) or any(joint.limits) or joint.mimic is not None
+            or any(force.type == "servo" and force.joint == joint.name for force in scene.forces)
             or any(each.mimic is not None and each.mimic.joint == joint.name for each in scene.joints))
 
 

@@ -37,9 +37,10 @@ def test_imports_nothing_under_test(file):
     assert not imported(file) & {"mujoco", "pinocchio", "exudyn", "importlib.import_module"}
 
 
-SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "series"}
+SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "series",
+          "tree_laws", "monitors"}
 CLOSED = {"closed_form"}
-MAXIMAL = {"maximal", "world", "world_rows", "world_loads"}
+MAXIMAL = {"maximal", "world", "world_rows", "world_loads", "world_laws"}
 NATURAL = {"natural", "natural_loads"}
 
 
@@ -51,7 +52,7 @@ def test_the_formulations_share_no_equations():
     for name, others in parts.items():
         modules = {f"crosscheck.references.{other}" for other in others}
         assert not {module for module in imported(FOLDER / f"{name}.py") if belongs(module, modules)}, name
-    frame = {"__init__", "agreement", "base", "cache", "conditioning", "dense_output", "members"}
+    frame = {"__init__", "agreement", "base", "cache", "conditioning", "dense_output", "members", "modes", "pieces"}
     assert {file.stem for file in FOLDER.glob("*.py")} == frame | set(parts)  # a new module has to be placed
 
 

@@ -10,7 +10,7 @@ import pickle
 import numpy as np
 import pytest
 
-from crosscheck.errors import SceneError, Unsupported
+from crosscheck.errors import SceneError
 from crosscheck.references import truth
 from crosscheck.scene import mechanics
 from crosscheck.scene.file import load_scene, scene_names
@@ -230,10 +230,10 @@ def test_an_engine_refuses_by_name_what_it_does_not_declare(element, kept, writt
         assert "no_load_speed" in scene.beyond((*SMOOTH, "servo", "effort_limit"))
 
 
-def test_truth_and_engines_refuse_by_name_until_they_model_it(written):
-    scene = load_scene(written({}))
-    with pytest.raises(Unsupported, match="turn"):
-        truth(scene.replace(monitors=()))
+def test_truth_models_all_of_it_at_once(written):
+    reference = truth(load_scene(written({})).replace(monitors=(), duration=0.5))
+    assert reference.error <= 1e-11
+    assert {event[1] for event in reference.events} <= {"turn", "slide", "both"}
 
 
 def test_the_servo_is_cut_at_its_limit_and_motor_line():

@@ -1,0 +1,440 @@
+"""Modes of the force laws of joints, and which follows which at an event; how a mode moves is left to formulations.
+
+A coordinate is held, by dry friction or at a rigid stop, or it moves. Each formulation has formulas of its own for the
+efforts of a mode, its surfaces, what holds a coordinate, and the response to efforts and impulses, and solves by a
+method of its own the box problem of Gauss' principle: accelerations a = b + S f of coordinates under holding efforts
+lo <= f <= hi, with a = 0 where f is inside, a >= 0 where f = lo and a <= 0 where f = hi. It minimises the convex
+function 1/2 f S f + b f over the box, so its solution is unique.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from crosscheck.errors import Unsupported
+from crosscheck.references.base import TruthError, breaks
+from crosscheck.references.pieces import Event, Label, Values
+from crosscheck.scene.model import Joint, Scene
+
+RESTING = 1e-12
+"""Rates below this part of the largest of the scene (1 at least) are zero at the start and after impacts."""
+SLACK = 1e-11
+"""N m or N: a stop that carries nothing lets go beyond rounding."""
+PILE = 1e-4
+"""Bounces less than this (s) apart pile up."""
+SIDES = {-1: "lower", 1: "upper"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Law:
+    """The laws of one coordinate: of a hinge (`turns`) or a slide; `start` is the coordinate at the start."""
+
+    joint: Joint
+    turns: bool
+    friction: Any  # the records of the scene, or None
+    limits: Any
+    servo: Any
+
+    @property
+    def rigid(self) -> bool:
+        """Whether it has rigid stops."""
+        return self.limits is not None and self.limits.stiffness is None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether a continuous servo is cut."""
+        return self.servo is not None and self.servo.effort_limit is not None and self.servo.period is None
+
+
+def laws_of(scene: Scene) -> list[Law]:
+    """The coordinates of a scene that have laws.
+
+    Raises
+    ------
+    Unsupported
+        A joint has two servos.
+    """
+    found = []
+    for joint in scene.joints:
+        servos = [servo for name, servo in scene.servos if name == joint.name]
+        if len(servos) > 1:
+            raise Unsupported(f"truth of {scene.name!r}: joint {joint.name!r} has {len(servos)} servos; give their sum")
+        kinds = {"revolute": (True,), "prismatic": (False,), "cylindrical": (True, False)}.get(joint.type, ())
+        for k, turns in enumerate(kinds):
+            friction, limits = ((given[k] if k < len(given) else None) for given in (joint.dry_friction, joint.limits))
+            servo = servos[0] if servos and k == 0 else None
+            if friction or limits or servo:
+                found.append(Law(joint, turns, friction, limits, servo))
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """The mode of one coordinate, and the memory of its sampled servo."""
+
+    held: bool = False
+    side: int = 0  # of the rigid stop at which it is held: -1 lower, +1 upper
+    slip: int = 0  # direction in which dry friction slips
+    soft: int = 0  # side of the range beyond which it is
+    pushing: bool = False  # whether the spring and damper there push
+    cut: int = 0  # which limit cuts the servo
+    way: int = 1  # sign of the rate, twice that beyond the no-load speed
+    acting: float = 0.0  # what a sampled servo gives
+    waiting: tuple[float, ...] = ()  # what it will give
+    sample: int = 0  # number of the next sample
+    hit: float = -math.inf  # time of the last bounce
+
+
+Mode = tuple[Part, ...]
+
+
+class Formulation(Protocol):
+    """What a formulation offers: arrays over laws, (L,) at one state, (L, T) over states (T, dimension)."""
+
+    laws: list[Law]
+    scene: Scene
+
+    def moving(self, t: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and rates."""
+        ...
+
+    def wanted(self, i: int, t: Any, q: Any, rate: Any) -> Any:
+        """What a servo would give without its limits."""
+        ...
+
+    def bound(self, i: int, part: Part, side: int, rate: Any) -> Any:
+        """The limit of a servo on one side."""
+        ...
+
+    def push(self, i: int, side: int, q: Any, rate: Any) -> Any:
+        """Size of the force of a soft stop, as if it could pull."""
+        ...
+
+    def efforts(self, mode: Mode, t: Any, q: Any, rate: Any) -> np.ndarray:
+        """All efforts but those that hold."""
+        ...
+
+    def holding(self, mode: Mode, t: np.ndarray, Y: np.ndarray) -> np.ndarray:
+        """Efforts that hold."""
+        ...
+
+    def response(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """b, S: accelerations without any effort of laws, and by unit efforts."""
+        ...
+
+    def choose(self, b: np.ndarray, S: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(f, a) of the box problem."""
+        ...
+
+    def kicked(self, t: float, y: np.ndarray, impulses: np.ndarray) -> np.ndarray:
+        """The state after impulses."""
+        ...
+
+    def settled(self, y: np.ndarray, i: int, q: float | None, rate: float | None) -> np.ndarray:
+        """The state with a coordinate or a rate set to what it is but for rounding."""
+        ...
+
+
+@dataclasses.dataclass
+class Settled:
+    """What follows an event: state, mode, what to list, and why the truth ends there if it does."""
+
+    state: np.ndarray
+    mode: Mode
+    events: list[Event] = dataclasses.field(default_factory=list)
+    cause: str = ""
+
+
+class Machine:
+    """Events of a formulation."""
+
+    def __init__(self, form: Formulation) -> None:
+        self.form, self.laws = form, form.laws
+        self.breaks = breaks(form.scene)
+
+    def next_time(self, t: float, mode: Mode) -> float:
+        """The next time after t at which a function of time breaks or a servo samples."""
+        times = [time for time in self.breaks if time > t]
+        times[1:] = [_sample_time(law.servo, part.sample) for law, part in zip(self.laws, mode, strict=True)
+                     if law.servo is not None and law.servo.period is not None]
+        return min(times, default=math.inf)
+
+    def surfaces(self, mode: Mode, t: np.ndarray, Y: np.ndarray) -> Values:
+        """Values, positive inside the mode, over states (T, dimension)."""
+        q, rate = self.form.moving(t, Y)
+        found: dict[Label, np.ndarray] = {}
+        if any(part.held for part in mode):
+            holding = self.form.holding(mode, t, Y)
+        for i, (law, part) in enumerate(zip(self.laws, mode, strict=True)):
+            if part.held:
+                lo, hi = _box(law, part.side)
+                rooms = (("lo", holding[i] - lo + SLACK), ("hi", hi - holding[i] + SLACK))
+                found |= {(i, name): room for name, room in rooms if np.isfinite(room).all()}
+            elif part.slip:
+                found[i, "rest"] = part.slip * rate[i]
+            if law.limits is not None and not part.held:
+                found |= self._limits(i, law, part, q[i], rate[i])
+            if law.bounded:
+                wanted = self.form.wanted(i, t, q[i], rate[i])
+                upper, lower = (self.form.bound(i, part, side, rate[i]) for side in (1, -1))
+                over, under = wanted - upper, wanted - lower
+                found |= {(i, name): value for name, value in {
+                    0: (("above", -over), ("below", under)), 1: (("back", over),), -1: (("back", -under),)}[part.cut]
+                    if np.isfinite(value).all()}
+                if law.servo.no_load_speed is not None and not part.held:
+                    speed = np.sign(part.way) * rate[i]
+                    top = law.servo.no_load_speed
+                    found |= ({(i, "slow"): speed - top} if abs(part.way) == 2 else
+                              {(i, "way"): speed, (i, "fast"): top - speed})
+        return found
+
+    def _limits(self, i: int, law: Law, part: Part, q: np.ndarray, rate: np.ndarray) -> dict[Label, np.ndarray]:
+        limits = law.limits
+        if part.soft:
+            end = limits.lower if part.soft < 0 else limits.upper
+            push = self.form.push(i, part.soft, q, rate)
+            return {(i, "inside"): part.soft * (q - end), (i, "push"): push if part.pushing else -push}
+        return {(i, side): value for side, value in ((-1, q - limits.lower), (1, limits.upper - q))
+                if np.isfinite(value).all()}
+
+    def begin(self, y: np.ndarray) -> Settled:
+        """The mode at the start; what happens there is no event."""
+        q, rate = (each[:, 0] for each in self.form.moving(np.zeros(1), y[None]))
+        tiny = RESTING * max(1.0, np.abs(rate).max(initial=0.0))
+        parts, fired = [], list[tuple[int, Any]]()
+        for i, law in enumerate(self.laws):
+            part = Part(way=1 if rate[i] >= 0 else -1)
+            if law.friction:
+                part = dataclasses.replace(part, slip=int(np.sign(rate[i])) or 1)
+                fired += [(i, "rest")] if abs(rate[i]) <= tiny else []
+            if law.limits is not None:
+                for side, end in ((-1, law.limits.lower), (1, law.limits.upper)):
+                    beyond = side * (q[i] - end)
+                    if math.isinf(end):
+                        continue
+                    if law.rigid and abs(beyond) <= 1e-12 * max(1.0, abs(end)) and side * rate[i] >= -tiny:
+                        fired.append((i, side))
+                    elif not law.rigid and beyond > 0.0:
+                        pushing = bool(self.form.push(i, side, q[i], rate[i]) > 0.0)
+                        part = dataclasses.replace(part, soft=side, pushing=pushing)
+            if law.servo is not None:
+                part = self._started(i, part, float(q[i]), float(rate[i]))
+            parts.append(part)
+        settled = self.settle(0.0, y, tuple(parts), fired)
+        settled.events = []
+        return settled
+
+    def _started(self, i: int, part: Part, q: float, rate: float) -> Part:
+        servo = self.laws[i].servo
+        if servo.period is not None:
+            held = servo.held or (0.0,) * (servo.delay + 1)
+            return dataclasses.replace(part, acting=held[0], waiting=tuple(held[1:]))
+        if servo.no_load_speed is not None and abs(rate) > servo.no_load_speed:
+            part = dataclasses.replace(part, way=2 * part.way)
+        if servo.effort_limit is None:
+            return part
+        wanted = self.form.wanted(i, 0.0, q, rate)
+        cut = (wanted > self.form.bound(i, part, 1, rate)) - 1 * (wanted < self.form.bound(i, part, -1, rate))
+        return dataclasses.replace(part, cut=int(cut))
+
+    def settle(self, t: float, y: np.ndarray, mode: Mode, fired: Sequence[tuple[int, Any]]) -> Settled:
+        """What follows when these surfaces are reached, or a function of time breaks or a servo samples."""
+        now = _Change(self, t, y, list(mode))
+        for label in fired:
+            now.fire(*label)
+        now.impacts()
+        now.sampling()
+        now.gauss()
+        return Settled(now.y, tuple(now.parts), now.listed(), now.cause)
+
+
+def _sample_time(servo: Any, k: int) -> float:
+    return float(servo.phase + k * servo.period)
+
+
+def _box(law: Law, side: int) -> tuple[float, float]:
+    """Least and greatest effort that can hold a coordinate."""
+    static = law.friction.static if law.friction else 0.0
+    return -math.inf if side > 0 else -static, math.inf if side < 0 else static
+
+
+class _Change:
+    """One event: the mode while it changes."""
+
+    def __init__(self, machine: Machine, t: float, y: np.ndarray, parts: list[Part]) -> None:
+        self.form, self.laws, self.t, self.y, self.parts = machine.form, machine.laws, t, y, parts
+        self.names: dict[str, str] = {}
+        self.resting: dict[int, int] = {}  # coordinates that came to rest, with the direction in which they moved
+        self.hits: dict[int, int] = {}
+        self.freed: set[int] = set()
+        self.cause = ""
+
+    def listed(self) -> list[Event]:
+        return [(self.t, name, what) for name, what in self.names.items() if what]
+
+    def name(self, i: int, what: str) -> None:
+        """List it, unless something is listed for the joint."""
+        self.names.setdefault(self.laws[i].joint.name, what)
+
+    def change(self, i: int, **values: Any) -> None:
+        self.parts[i] = dataclasses.replace(self.parts[i], **values)
+
+    def moving(self) -> tuple[np.ndarray, np.ndarray]:
+        q, rate = self.form.moving(np.array([self.t]), self.y[None])
+        return q[:, 0], rate[:, 0]
+
+    def fire(self, i: int, name: Any) -> None:
+        """One surface is reached."""
+        part, law = self.parts[i], self.laws[i]
+        if name == "rest":
+            self.y = self.form.settled(self.y, i, None, 0.0)
+            self.resting[i] = part.slip
+        elif name in ("lo", "hi"):
+            self.free(i, 1 if name == "lo" else -1)
+        elif name in (-1, 1):
+            if law.rigid:
+                self.hits[i] = name
+            else:
+                self.change(i, soft=name, pushing=True)
+            self.name(i, f"hits_{SIDES[name]}")
+        elif name == "inside":
+            self.name(i, f"leaves_{SIDES[part.soft]}")
+            self.change(i, soft=0, pushing=False)
+        elif name == "push":
+            self.change(i, pushing=not part.pushing)
+        elif name in ("above", "below"):
+            self.change(i, cut=1 if name == "above" else -1)
+            self.name(i, "saturates")
+        elif name == "back":
+            self.change(i, cut=0)
+            self.name(i, "unsaturates")
+        else:
+            sign = int(np.sign(part.way))
+            self.change(i, way={"way": -sign, "fast": 2 * sign, "slow": sign}[name])
+
+    def free(self, i: int, direction: int) -> None:
+        """A held coordinate begins to move."""
+        part = self.parts[i]
+        self.name(i, f"leaves_{SIDES[part.side]}" if part.side else "slips")
+        self.change(i, held=False, side=0, slip=direction if self.laws[i].friction else 0, way=direction)
+        self.freed.add(i)
+
+    def impacts(self) -> None:
+        """Impulses of the rigid stops that are hit."""
+        if not self.hits:
+            return
+        closed = {i: part.side for i, part in enumerate(self.parts) if part.side and part.held}
+        involved = {**closed, **self.hits}
+        _, S = self.form.response(self.t, self.y)
+        _, rate = self.moving()
+        elastic = [i for i in involved if self.laws[i].limits.restitution > 0.0]
+        if len(involved) > 1 and elastic:
+            names = " and ".join(repr(self.laws[i].joint.name) for i in involved)
+            self.cause = f"the stops of {names} act at one instant, and one of them bounces"
+        impulses = np.zeros(len(self.laws))
+        if elastic:
+            for i in self.hits:
+                impulses[i] = -(1.0 + self.laws[i].limits.restitution) * rate[i] / S[i, i]
+        else:
+            K = sorted(involved)
+            lo, hi = (np.array([-np.inf if involved[i] > 0 else 0.0 for i in K]),
+                      np.array([np.inf if involved[i] < 0 else 0.0 for i in K]))
+            impulses[K] = self.form.choose(rate[K], S[np.ix_(K, K)], lo, hi)[0]
+        self.y = self.form.kicked(self.t, self.y, impulses)
+        after = self.moving()[1]
+        tiny = RESTING * max(1.0, np.abs(rate).max())
+        for i, side in involved.items():
+            if abs(after[i]) <= tiny:
+                end = self.laws[i].limits.lower if side < 0 else self.laws[i].limits.upper
+                self.y = self.form.settled(self.y, i, end, 0.0)
+                self.change(i, held=True, side=side, slip=0)
+            elif i in self.hits:
+                self.bounce(i, side)
+        after = self.moving()[1]
+        for i, part in enumerate(self.parts):
+            if (part.held or self.laws[i].friction) and not (part.held and part.side) and abs(after[i]) > tiny:
+                if part.held:
+                    self.name(i, "slips")
+                self.change(i, held=False, side=0, slip=int(np.sign(after[i])) if self.laws[i].friction else 0)
+                self.resting.pop(i, None)
+            if abs(after[i]) > tiny:
+                self.change(i, way=int(np.sign(after[i])) * abs(part.way))
+
+    def bounce(self, i: int, side: int) -> None:
+        """Remember when it bounced; bounces that pile up end the truth and then end."""
+        end = self.laws[i].limits.lower if side < 0 else self.laws[i].limits.upper
+        self.y = self.form.settled(self.y, i, end, None)
+        if self.t - self.parts[i].hit < PILE:
+            self.cause = self.cause or f"bounces of {self.laws[i].joint.name!r} pile up"
+            self.y = self.form.settled(self.y, i, end, 0.0)
+            self.change(i, held=True, side=side, slip=0)
+        self.change(i, hit=self.t)
+
+    def sampling(self) -> None:
+        """Servos that sample at this time."""
+        q, rate = self.moving()
+        for i, law in enumerate(self.laws):
+            servo, part = law.servo, self.parts[i]
+            if servo is None or servo.period is None or _sample_time(servo, part.sample) > self.t:
+                continue
+            way = 1 if rate[i] >= 0.0 else -1
+            if servo.no_load_speed is not None and abs(rate[i]) > servo.no_load_speed:
+                way *= 2
+            there = dataclasses.replace(part, way=way)
+            value = float(self.form.wanted(i, self.t, q[i], rate[i]))
+            if servo.effort_limit is not None:
+                value = min(max(value, float(self.form.bound(i, there, -1, rate[i]))),
+                            float(self.form.bound(i, there, 1, rate[i])))
+            waiting = (*part.waiting, value)
+            self.change(i, acting=waiting[0], waiting=waiting[1:], sample=part.sample + 1)
+
+    def gauss(self) -> None:
+        """Which of the coordinates at rest stay there."""
+        rest = sorted({i for i, part in enumerate(self.parts) if part.held} | set(self.resting))
+        if not rest:
+            return
+        b, S = self.form.response(self.t, self.y)
+        q, rate = self.moving()
+        released: dict[int, int] = {}
+        while True:
+            still = [i for i in rest if i not in released]
+            mode = [dataclasses.replace(part, held=i in still, slip=0 if i in still or not self.laws[i].friction
+                                        else released.get(i, part.slip)) for i, part in enumerate(self.parts)]
+            efforts = self.form.efforts(tuple(mode), self.t, q, rate)
+            free = (b + S @ efforts)[still]
+            boxes = np.array([_box(self.laws[i], self.parts[i].side) for i in still]).reshape(-1, 2)
+            _, a = self.form.choose(free, S[np.ix_(still, still)], boxes[:, 0], boxes[:, 1])
+            size = 1e-11 * np.abs(free).max(initial=0.0)
+            leaving = {i: int(np.sign(a[k])) for k, i in enumerate(still) if abs(a[k]) > max(size, SLACK * S[i, i])}
+            if not leaving:
+                break
+            steep = [i for i in leaving if self.laws[i].friction
+                     and self.laws[i].friction.static > self.laws[i].friction.sliding]
+            if steep and len(leaving) > 1:
+                names = " and ".join(repr(self.laws[i].joint.name) for i in leaving)
+                raise TruthError(f"{self.form.scene.name!r}: {names} release at one instant, t = {self.t:.6g} s, which "
+                                 "has no unique continuation where static friction is above sliding friction")
+            released |= leaving
+        for i in rest:
+            self.rest_or_go(i, released.get(i, 0))
+
+    def rest_or_go(self, i: int, direction: int) -> None:
+        part, law = self.parts[i], self.laws[i]
+        if not direction:
+            if i in self.resting and not part.held and not part.side:
+                self.name(i, "sticks")
+            self.change(i, held=True, slip=0)
+        elif part.held:
+            if i in self.hits:  # it hits a stop from which it goes at once
+                self.change(i, held=False, side=0, slip=direction if law.friction else 0, way=direction)
+            else:
+                self.free(i, direction)
+        else:
+            if direction != self.resting[i]:
+                self.name(i, "reverses")
+            self.change(i, slip=direction, way=direction * max(1, abs(part.way) % 2 or 1))

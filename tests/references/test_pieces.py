@@ -1,0 +1,273 @@
+"""Truth across events: closed forms, agreement of both references with the same events, ends of the truth, mistakes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from crosscheck.errors import Unsupported
+from crosscheck.references import TruthError, compute
+from crosscheck.references.dense_output import Truth
+from crosscheck.references.taylor import Taylor
+from crosscheck.references.tree_laws import LawfulTaylor
+from crosscheck.references.world_laws import LawfulMaximal
+from crosscheck.scene.file import load_scene
+from crosscheck.scene.laws import DryFriction, Limits
+from tests.references.law_scenes import INERTIA, arm, hinge, pendulum, scene, servo, slide, with_laws
+
+EXACT = 1e-12  # (14.1) of docs/theory.md: what a formulation reaches on a well-conditioned scene
+
+
+def times(reference):
+    return np.array([event[0] for event in reference.events])
+
+
+def words(reference):
+    return [event[2] for event in reference.events]
+
+
+def test_a_mass_on_a_spring_with_dry_friction(tmp_path):
+    """Half waves of the free period about +-c / k; each extreme is 2 c / k nearer; at rest within c / k."""
+    k, c = 4.0, 0.3
+    reference = compute(slide(tmp_path, {"position": 1.0, "dry_friction": c, "stiffness": k}, duration=12.0,
+                              samples=61))
+    np.testing.assert_allclose(times(reference), np.pi / 2 * np.arange(1, 8), rtol=0, atol=EXACT)
+    assert words(reference) == ["reverses"] * 6 + ["sticks"]
+    t = reference.t
+    half = np.minimum(np.floor(t / (np.pi / 2)), 7).astype(int)
+    extreme = (-1.0) ** half * (1.0 - 2 * c / k * half)
+    middle = (-1.0) ** half * c / k
+    exact = np.where(half < 7, middle + (extreme - middle) * np.cos(2.0 * (t - np.pi / 2 * half)), extreme)
+    np.testing.assert_allclose(reference.states.x[:, 0, 0], exact, rtol=0, atol=EXACT)
+
+
+def test_a_braked_block(tmp_path):
+    """It stops after v m / c at v^2 m / (2 c), and stays there."""
+    m, v, c = 2.0, 1.5, 4.0
+    reference = compute(slide(tmp_path, {"velocity": v, "dry_friction": c}, m, duration=2.0, samples=9))
+    t = np.minimum(reference.t, v * m / c)
+    np.testing.assert_allclose(times(reference), [v * m / c], rtol=0, atol=EXACT)
+    np.testing.assert_allclose(reference.states.x[:, 0, 0], v * t - c / m * t**2 / 2, rtol=0, atol=EXACT)
+    assert words(reference) == ["sticks"]
+    assert not reference.states.v[-1].any()  # rest is rest
+
+
+def test_a_bouncing_hinge_without_weight(tmp_path):
+    """Between two stops the rate is constant; each impact halves it."""
+    reference = compute(pendulum(tmp_path, {"velocity": 1.0, "limits": {"lower": -0.3, "upper": 0.5,
+                                                                       "restitution": 0.5}},
+                                 duration=6.0).replace(gravity=[0, 0, 0]))
+    np.testing.assert_allclose(times(reference), [0.5, 0.5 + 0.8 * 2, 0.5 + 0.8 * 6], rtol=0, atol=EXACT)
+    assert words(reference) == ["hits_upper", "hits_lower", "hits_upper"]
+    np.testing.assert_allclose(reference.states.w[-1, 0, 1], -0.125, rtol=0, atol=EXACT)
+
+
+def test_a_saturated_double_integrator(tmp_path):
+    """Full force, then the servo's own harmonic motion from the state where it comes off its limit, then braking."""
+    k, limit = 30.0, 2.0
+    reference = compute(slide(tmp_path, forces=[{"type": "servo", "joint": "s", "target": 2.0, "proportional": k,
+                                                 "effort_limit": limit}], duration=2.6, samples=14))
+    off = math.sqrt(2.0 * (2.0 - limit / k) / limit)
+    rate, width = limit * off, limit / k
+    w = math.sqrt(k)
+    # between x = 2 - width and 2 + width: from -width with the rate, to +width, where the speed is the same again
+    inside = (math.pi - 2 * math.atan2(w * width, rate) - (math.pi - 4 * math.atan2(w * width, rate))) / w
+    np.testing.assert_allclose(times(reference)[:2], [off, off + inside], rtol=0, atol=EXACT)
+    assert words(reference)[:2] == ["unsaturates", "saturates"]
+    t = reference.t
+    after = t - off - inside
+    exact = np.where(t < off, limit * t**2 / 2,
+                     np.where(after < 0, 2.0 - width * np.cos(w * (t - off)) + rate / w * np.sin(w * (t - off)),
+                              2.0 + width + rate * after - limit * after**2 / 2))
+    np.testing.assert_allclose(reference.states.x[:, 0, 0], exact, rtol=0, atol=EXACT)
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_sampled_control(tmp_path, delay):
+    """A held force on a mass: exact from sample to sample."""
+    h, kp, kd = 0.05, 30.0, 3.0
+    reference = compute(slide(tmp_path, {"velocity": 1.0}, forces=[servo("s", period=h, delay=delay)], duration=1.0,
+                              samples=21))
+    x, v, waiting, exact = 0.0, 1.0, [0.0] * delay, [0.0]
+    for _ in range(20):
+        waiting.append(kp * (1.0 - x) + kd * (0.0 - v))
+        force = waiting.pop(0)
+        x, v = x + h * v + h**2 / 2 * force, v + h * force
+        exact.append(x)
+    np.testing.assert_allclose(reference.states.x[:, 0, 0], exact, rtol=0, atol=EXACT * max(1.0, np.abs(exact).max()))
+    assert reference.events == ()
+
+
+def test_the_pendulum_of_the_methods(tmp_path):
+    reference = compute(pendulum(tmp_path, {"position": 1.2, "dry_friction": 0.5}, duration=4.0, samples=5))
+    np.testing.assert_allclose(times(reference), [0.7976058331, 1.5708796875, 2.3278585004, 3.0743638557, 3.8150671359],
+                               rtol=0, atol=6e-11)  # the digits given there
+    assert words(reference) == ["reverses"] * 4 + ["sticks"]
+
+
+AGREE = {
+    "two joints stick and slip": lambda f: arm(f, {"position": 1.0, "dry_friction": 1.2},
+                                               {"position": -0.5, "velocity": 2.0, "dry_friction": 0.6}, duration=2.0),
+    "servo saturates on an arm": lambda f: arm(f, forces=[servo("j1", effort_limit=8.0), servo("j2", effort_limit=[
+        -2.0, 3.0])]),
+    "motor line on an arm": lambda f: arm(f, forces=[servo("j1", effort_limit=8.0, no_load_speed=3.0),
+                                                     servo("j2", effort_limit=3.0, no_load_speed=2.0)]),
+    **{f"sampled, delay {d}": lambda f, d=d: arm(f, forces=[servo("j1", period=0.02, delay=d, effort_limit=8.0)],
+                                                 duration=0.3) for d in (0, 1, 2)},
+    "sampled with friction": lambda f: arm(f, {"dry_friction": 0.5}, {"dry_friction": 0.2},
+                                           forces=[servo("j1", period=0.05, effort_limit=8.0)], duration=0.5),
+    "stop that bounces": lambda f: arm(f, {"position": 1.0}, {"limits": {"lower": -0.3, "upper": 0.4,
+                                                                         "restitution": 0.5}}),
+    "stop that does not": lambda f: arm(f, {"position": 1.0}, {"limits": {"lower": -0.3, "upper": 0.4}}, duration=1.5),
+    "two stops that do not": lambda f: arm(f, {"position": 1.0, "limits": {"lower": -0.2}},
+                                           {"limits": {"lower": -0.3, "upper": 0.4}}),
+    "static above sliding": lambda f: arm(f, {"position": 1.0, "dry_friction": {"sliding": 0.5, "static": 0.9}},
+                                          {"dry_friction": {"sliding": 0.3, "static": 0.5}}, duration=1.5),
+    "stop kicks a resting joint": lambda f: arm(f, {"position": 1.0, "limits": {"lower": 0.5, "restitution": 0.3}},
+                                                {"position": -1.0, "dry_friction": 4.0}, duration=0.38),
+    "soft stop with friction": lambda f: pendulum(f, {"position": 1.2, "dry_friction": 0.2, "limits": {
+        "lower": -0.5, "upper": 2.0, "stiffness": 300.0, "damping": 2.0}}, duration=2.0),
+    "soft stop of an arm": lambda f: arm(f, {"position": 1.0}, {"limits": {"lower": -0.3, "upper": 0.4,
+                                                                           "stiffness": 50.0, "damping": 0.3}}),
+    "servo drags friction": lambda f: slide(f, {"dry_friction": {"sliding": 0.5, "static": 0.7}}, forces=[servo(
+        "s", target={"type": "sine", "terms": [[0.15, 3.0, 0.0]]}, proportional=10.0)], duration=2.0),
+    "force that jumps": lambda f: slide(f, {"dry_friction": 0.5}, forces=[{
+        "type": "joint_force", "joint": "s", "force": {"type": "hold", "times": [0.0, 0.5, 1.0, 1.7],
+                                                       "values": [0.3, 1.0, 0.2, -2.0]}}], duration=2.0),
+    "target in lines": lambda f: pendulum(f, {"dry_friction": 0.5}, forces=[servo("h", effort_limit=6.0, target={
+        "type": "linear", "times": [0.0, 0.3, 0.6], "values": [0.0, 1.0, 0.2]})]),
+    "friction in a loop": lambda f: with_laws("four_bar", "crank pivot", 1.2, dry_friction=(DryFriction(2.0, 2.0),)),
+    "stop in a loop": lambda f: with_laws("slider_crank", "guide", 0.1, limits=(Limits(-10.0, 10.0),)),
+    "both of a cylinder": lambda f: with_laws("cylindrical_pendulum", "shaft", 1.0, dry_friction=(
+        DryFriction(0.3, 0.3), DryFriction(2.0, 2.0)), limits=(None, Limits(-0.1, 0.2, 0.5))),
+    "friction before a gear": lambda f: with_laws("geared_arm", "shoulder", 0.5, dry_friction=(DryFriction(0.5, 0.5),)),
+    "a chain of three laws": lambda f: arm(f, {"position": 0.8, "dry_friction": 0.4, "limits": {"lower": -0.6}},
+                                           {"dry_friction": 0.1}, forces=[servo("j2", effort_limit=1.0)]),
+}
+QUICK = ("two joints stick and slip", "motor line on an arm", "stop kicks a resting joint", "static above sliding",
+         "force that jumps", "friction in a loop")
+EVENTS = {"two joints stick and slip": {"sticks", "slips"}, "servo saturates on an arm": {"saturates", "unsaturates"},
+          "stop that bounces": {"hits_upper"}, "two stops that do not": {"hits_upper", "hits_lower", "leaves_lower"},
+          "static above sliding": {"slips", "reverses", "sticks"},
+          "stop kicks a resting joint": {"hits_lower", "slips"},
+          "soft stop with friction": {"hits_lower", "leaves_lower", "reverses"}, "force that jumps": {"slips"},
+          "friction in a loop": {"reverses"}, "both of a cylinder": {"hits_upper", "reverses"}}
+
+
+@pytest.mark.parametrize("case", [pytest.param(case, marks=() if case in QUICK else pytest.mark.slow)
+                                  for case in AGREE])
+def test_both_references_agree_with_the_same_events(tmp_path, case):
+    """Other events would be an error; positions and attitudes agree to 1e-11."""
+    reference = compute(AGREE[case](tmp_path))
+    assert reference.disagreement <= reference.error <= 1e-11
+    assert EVENTS.get(case, set()) <= set(words(reference))
+    assert reference.horizon == reference.t[-1]
+
+
+def test_velocities_and_accelerations_agree_in_every_mode(tmp_path):
+    """Accelerations of a held joint are those of what holds it."""
+    made = AGREE["two joints stick and slip"](tmp_path).replace(samples=21)
+    known, other = Truth(made), LawfulMaximal(made)
+    known.prolong(made.duration)
+    states, again = known.at(made.t), other.advance(other.begin, made.t)[0]
+    for name, scale in (("v", 1.0), ("w", 10.0), ("a", 10.0), ("alpha", 100.0)):
+        np.testing.assert_allclose(getattr(states, name), getattr(again, name), rtol=0, atol=1e-12 * scale)
+
+
+def test_a_bounce_that_piles_up_ends_the_truth(tmp_path):
+    """Flights of 2 sqrt(2 h / g) e^k: all of them end at 3 sqrt(2) s for e = 1/2."""
+    reference = compute(slide(tmp_path, {"position": 1.0, "limits": {"lower": 0.0, "restitution": 0.5}},
+                              gravity=(-1.0, 0, 0), duration=6.0))
+    assert reference.horizon == pytest.approx(3 * math.sqrt(2), abs=2e-4)  # the last flights take that together
+    assert reference.horizon < 3 * math.sqrt(2)
+    assert "'s' pile up" in reference.horizon_cause
+
+
+def test_a_graze_ends_the_truth(tmp_path):
+    """Thrown up to exactly the stop."""
+    stop = {"upper": 0.5}
+    reference = compute(slide(tmp_path, {"velocity": 1.0, "limits": stop}, gravity=(-1.0, 0, 0), duration=2.0))
+    assert reference.horizon == pytest.approx(1.0, abs=1e-6)
+    assert "'s' grazes" in reference.horizon_cause
+    missed = compute(slide(tmp_path, {"velocity": 0.999, "limits": stop}, gravity=(-1.0, 0, 0), duration=2.0))
+    assert missed.horizon == 2.0
+    assert missed.events == ()
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_two_stops_at_once_end_it_unless_neither_bounces(tmp_path, restitution):
+    """Without weight two hinges of their own turn at the same rate and reach their stops together."""
+    keys = {"velocity": 1.0, "limits": {"upper": 0.2, "restitution": restitution}}
+    bodies = [{"name": name, "mass": 1.0, "inertia": INERTIA} for name in "ab"]
+    joints = [hinge(name, "ground", name, [0, 2.0 * k, 0], [0, 0, 0.3], **keys) for k, name in enumerate("ab")]
+    reference = compute(scene(tmp_path, bodies, joints))
+    assert [event[1:] for event in reference.events] == [("a", "hits_upper"), ("b", "hits_upper")]
+    if restitution:
+        assert reference.horizon == pytest.approx(0.2, abs=1e-12)
+        assert "'a' and 'b' act at one instant" in reference.horizon_cause
+    else:
+        assert reference.horizon == 1.0
+        assert not reference.states.v[-1].any()
+
+
+BALL = {"bodies": [{"name": "b", "mass": 1.0, "inertia": [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]],
+                    "position": [0, 0, 1.0], "velocity": [0.3, 0, 0], "angular_velocity": [1, 2, 0.5]}], "joints": []}
+
+
+def test_a_touch_ends_the_claim(tmp_path):
+    pytest.importorskip("coal")
+    falling = scene(tmp_path, **BALL, gravity=(0.0, 0.0, -9.81), shapes=[
+        {"name": "foot", "body": "b", "type": "sphere", "size": [0.1]},
+        {"name": "floor", "body": "ground", "type": "plane", "position": [0, 0, 0.2]}],
+        monitors=[{"type": "touch", "shapes": ["foot", "floor"], "margin": 0.01}])
+    reference = compute(falling)
+    exact = math.sqrt(2 * (1.0 - 0.2 - 0.1 - 0.01) / 9.81)
+    assert reference.horizon == pytest.approx(exact, abs=1e-9)
+    assert reference.horizon_cause == f"foot touches floor at {exact:.4f} s".replace(" 0.", " .")
+    assert reference.events == ((reference.horizon, "foot and floor", "touches"),)
+
+
+@pytest.mark.parametrize("monitor", [{"type": "range", "upper": 0.5}, {"type": "speed", "upper": 1.5},
+                                     {"type": "effort", "upper": 2.25}], ids=lambda monitor: monitor["type"])
+def test_monitors_of_a_joint(tmp_path, monitor):
+    """A mass under the force 2 + 2 t: the ends of the ranges are reached at times that solve polynomials."""
+    made = slide(tmp_path, {"velocity": 1.0 - 0.0625}, forces=[{"type": "joint_force", "joint": "s", "force": {
+        "type": "polynomial", "coefficients": [2.0, 2.0]}}], monitors=[{**monitor, "joint": "s"}])
+    reached = {"range": lambda t: (1 - 0.0625) * t + t**2 + t**3 / 3 - 0.5, "speed": lambda t: 1 - 0.0625 + 2 * t + t**2
+               - 1.5, "effort": lambda t: 2.0 + 2.0 * t - 2.25}[monitor["type"]]
+    found = compute(made)
+    assert reached(found.horizon) == pytest.approx(0.0, abs=1e-12)
+    assert f"{monitor['type']} of s" in found.horizon_cause
+    assert found.events == ()
+
+
+def slower(original, factor):
+    return lambda self, mode, t, q, rate: factor * original(self, mode, t, q, rate)
+
+
+@pytest.mark.parametrize("culprit", [LawfulTaylor, LawfulMaximal])
+def test_a_mistake_in_one_formulation_is_caught(tmp_path, monkeypatch, culprit):
+    """Friction 1e-6 off in one of them moves its events by a part in a million."""
+    made = pendulum(tmp_path, {"position": 1.2, "dry_friction": 0.5}, duration=1.0)
+    if culprit is LawfulMaximal:
+        monkeypatch.setattr(culprit, "efforts", slower(culprit.efforts, 1 + 1e-6))
+    else:
+        original = culprit.table
+        monkeypatch.setattr(culprit, "table", lambda self, mode: original(self, mode) * [1, 1 + 1e-6, 1, 1, 1])
+    with pytest.raises(TruthError, match=r"find other events: at t = 0\.7976"):
+        compute(made)
+
+
+def test_what_is_not_unique_is_refused(tmp_path):
+    """Two joints of one freedom share what holds them."""
+    made = with_laws("four_bar", "crank pivot", 1.0, dry_friction=(DryFriction(1.0, 1.0),))
+    both = made.replace(joints=tuple(with_laws("four_bar", "crank pin", 1.0, dry_friction=(DryFriction(
+        1.0, 1.0),)).joints[k] if k == 1 else joint for k, joint in enumerate(made.joints)))
+    with pytest.raises(Unsupported, match="depend on each other"):
+        compute(both)
+    with pytest.raises(Unsupported, match="need heyoka"):
+        Truth(pendulum(tmp_path, {"dry_friction": 0.5}), portable=True).prolong(0.1)
+
+
+def test_smooth_scenes_take_the_smooth_formulation():
+    assert type(Truth(load_scene("hinge_pendulum")).series) is Taylor

@@ -61,7 +61,7 @@ def laws_of(scene: Scene) -> list[Law]:
     """
     found = []
     for joint in scene.joints:
-        servos = [servo for name, servo in scene.servos if name == joint.name]
+        servos = [servo for name, servo in scene.servos.values() if name == joint.name]
         if len(servos) > 1:
             raise Unsupported(f"truth of {scene.name!r}: joint {joint.name!r} has {len(servos)} servos; give their sum")
         kinds = {"revolute": (True,), "prismatic": (False,), "cylindrical": (True, False)}.get(joint.type, ())

@@ -35,7 +35,7 @@ def slide(folder, joint=(), mass=1.0, **keys):
 
 
 def pendulum(folder, joint=(), **keys):
-    """The hinge pendulum of METHODS section 10: 1 kg at .5 m, .27 kg m^2 about the hinge."""
+    """A hinge pendulum: 1 kg at .5 m, .27 kg m^2 about the hinge."""
     body = {"name": "b", "mass": 1.0, "inertia": (0.02 * np.eye(3)).tolist()}
     return scene(folder, [body], [hinge("h", "ground", "b", [0, 0, 0], [0, 0, 0.5], **dict(joint))],
                  gravity=(0.0, 0.0, -9.81), **keys)

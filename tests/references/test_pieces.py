@@ -98,10 +98,10 @@ def test_sampled_control(tmp_path, delay):
     assert reference.events == ()
 
 
-def test_the_pendulum_of_the_methods(tmp_path):
+def test_the_braked_pendulum(tmp_path):
     reference = compute(pendulum(tmp_path, {"position": 1.2, "dry_friction": 0.5}, duration=4.0, samples=5))
     np.testing.assert_allclose(times(reference), [0.7976058331, 1.5708796875, 2.3278585004, 3.0743638557, 3.8150671359],
-                               rtol=0, atol=6e-11)  # the digits given there
+                               rtol=0, atol=6e-11)  # digits of another integration, with events, at 1e-12
     assert words(reference) == ["reverses"] * 4 + ["sticks"]
 
 

@@ -48,7 +48,7 @@ print(json.dumps(frame.to_dict(orient="records")))
 """
 
 TIMES = re.compile(r"seconds|wall|ratio|speed|us_per|calibration|timing|^time$|repeats|setup|_ms|trust|recommended|best"
-                   r"|command|meta|advice|version|frontier|^cell$|reused|engines|cost|code|elapsed")
+                   r"|command|meta|report|advice|version|frontier|^cell$|reused|engines|cost|code|elapsed")
 """Keys of values that are times, follow from times, or name versions."""
 
 NAMES = ("scene", "label", "name", "engine", "method", "form", "kind", "step", "rtol", "member")

@@ -476,14 +476,14 @@ def _rough(case: Case, difference: np.ndarray, given: Sequence[np.ndarray]) -> I
 # --- another motion ---------------------------------------------------------------------------------------------------
 
 
-def _run(case: Case, scene: Scene | Physics) -> Values | None:
+def _run(case: Case, scene: Scene | Physics, rows: int | None = None) -> Values | None:
     """The values of an altered scene, by lieeuler, or of terms that no scene has; None where it cannot run."""
-    times = np.unique(np.concatenate([[0.0], case.t]))
+    times = np.unique(np.concatenate([[0.0], case.t[:rows]]))
     if isinstance(scene, Physics):
         states = _stepped(case, scene, times)
-        return None if states is None else _shown(case, states)
+        return None if states is None else _shown(case, states, rows)
     try:
-        return _shown(case, motion(scene, "rkmk853", case.step, times))
+        return _shown(case, motion(scene, "rkmk853", case.step, times), rows)
     except (CrosscheckError, np.linalg.LinAlgError):
         return None
 
@@ -516,8 +516,8 @@ def _stepped(case: Case, physics: Physics, times: np.ndarray) -> States | None:
     return States(times, parts[..., :3], parts[..., 3:12].reshape(-1, n, 3, 3), parts[..., 12:15], parts[..., 15:])
 
 
-def _shown(case: Case, states: States) -> Values:
-    values = [value[len(states.t) - len(case.t):] for value in case.shown.of(states)]
+def _shown(case: Case, states: States, rows: int | None) -> Values:
+    values = [value[len(states.t) - len(case.t[:rows]):] for value in case.shown.of(states)]
     return [v + 2 * np.pi * np.round((true[0] - v[0]) / (2 * np.pi)) if g.angle else v
             for g, v, true in zip(case.groups, values, case.values, strict=True)]
 
@@ -529,15 +529,15 @@ def _fitted(case: Case, build: Callable[[np.ndarray], Scene | Physics | None], s
     rows = len(case.t)
     bad = np.full(len(case.residual(case.values)), 1e6)
 
-    def values(theta: np.ndarray) -> Values | None:
+    def values(theta: np.ndarray, part: int | None = None) -> Values | None:
         scene = build(theta)
-        return None if scene is None else _run(case, scene)
+        return None if scene is None else _run(case, scene, part)
 
     for part in (max(8, rows // 6), rows // 2, rows) if len(theta) else ():
         window = slice(0, part)
 
         def residual(theta: np.ndarray, window: slice = window) -> np.ndarray:
-            made = values(theta)
+            made = values(theta, window.stop)
             full = case.residual(case.values, window)
             return bad[:len(full)] if made is None else case.residual(made, window)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, Unsupported, unknown
 from crosscheck.jointspace.motion import JointSpace, placed
-from crosscheck.jointspace.sources import signed
+from crosscheck.jointspace.sources import mujoco_at, pinocchio_at
 from crosscheck.references.base import TruthError
 from crosscheck.scene import file as scene_file
 from crosscheck.scene import mechanics
@@ -120,41 +120,17 @@ def by_pinocchio(scene: Scene, a: np.ndarray) -> np.ndarray:
     """`rnea`, with springs, dampers and loads as torques and wrenches from outside."""
     import pinocchio
 
-    from crosscheck.adapters.pinocchio.dynamics import Dynamics
-    from crosscheck.adapters.pinocchio.models import build
-
-    space, made = JointSpace(scene), build(scene, "tree")
-    dynamics = Dynamics(made)
-    q, v = made.initial_state()
-    count = len(v)
-    states = made.states(np.zeros(count), np.tile(q, (count, 1)), np.eye(count), None)
-    T = signed(space, np.concatenate([states.v, states.w], axis=2).reshape(count, -1).T, "pinocchio")
+    dynamics, q, v, T = pinocchio_at(scene)
     torque, wrenches = dynamics._applied(0.0, q, v)
     external = () if wrenches is None else (wrenches,)
-    return np.asarray(T @ (pinocchio.rnea(made.model, dynamics.data, q, v, T.T @ a, *external) - torque))
+    return np.asarray(T @ (pinocchio.rnea(dynamics.model.model, dynamics.data, q, v, T.T @ a, *external) - torque))
 
 
 def by_mujoco(scene: Scene, a: np.ndarray) -> np.ndarray:
     """`mj_inverse` minus the loads that are actuators here."""
     import mujoco
 
-    from crosscheck.adapters.mujoco import models
-
-    if reason := models.obstacle(scene, "tree"):
-        raise Unsupported(f"mujoco on {scene.name!r}: {reason}")
-    space = JointSpace(scene)
-    model = models.build(scene, "Euler", 1e-3, "tree")
-    data = mujoco.MjData(model)
-    models.set_initial_state(scene, model, data)
-    if control := models.controls(scene):
-        control(model, data)
-    mujoco.mj_forward(model, data)
-    motions = np.zeros((scene.n, 6, model.nv))
-    for k in range(scene.n):
-        body = model.body(str(k)).id
-        mujoco.mj_jacBodyCom(model, data, motions[k, :3], motions[k, 3:], body)
-        motions[k, 3:] = data.xmat[body].reshape(3, 3).T @ motions[k, 3:]
-    T = signed(space, motions.reshape(6 * scene.n, -1), "mujoco")
+    model, data, T = mujoco_at(scene)
     data.qacc[:] = T.T @ a
     mujoco.mj_inverse(model, data)
     return np.asarray(T @ (data.qfrc_inverse - data.qfrc_actuator))

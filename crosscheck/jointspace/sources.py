@@ -112,24 +112,52 @@ def signed(space: JointSpace, motions: np.ndarray, who: str) -> np.ndarray:
     return np.asarray(signs)
 
 
+def pinocchio_at(scene: Scene) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray]:
+    """Its dynamics, q and v at the start, and T of `signed`."""
+    from crosscheck.adapters.pinocchio.dynamics import Dynamics
+    from crosscheck.adapters.pinocchio.models import build
+
+    made = build(scene, "tree")
+    q, v = made.initial_state()
+    count = len(v)
+    unit = made.states(np.zeros(count), np.tile(q, (count, 1)), np.eye(count), None)
+    motions = np.concatenate([unit.v, unit.w], axis=2).reshape(count, -1).T
+    return Dynamics(made), q, v, signed(JointSpace(scene), motions, "pinocchio")
+
+
+def mujoco_at(scene: Scene) -> tuple[Any, Any, np.ndarray]:
+    """Its model and data at the start, after `mj_forward`, and T of `signed`."""
+    import mujoco
+
+    from crosscheck.adapters.mujoco import models
+
+    if reason := models.obstacle(scene, "tree"):
+        raise Unsupported(f"mujoco on {scene.name!r}: {reason}")
+    model = models.build(scene, "Euler", 1e-3, "tree")
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+    data = mujoco.MjData(model)
+    models.set_initial_state(scene, model, data)
+    if control := models.controls(scene):
+        control(model, data)
+    mujoco.mj_forward(model, data)
+    motions = np.zeros((scene.n, 6, model.nv))
+    for k in range(scene.n):
+        body = model.body(str(k)).id
+        mujoco.mj_jacBodyCom(model, data, motions[k, :3], motions[k, 3:], body)
+        motions[k, 3:] = data.xmat[body].reshape(3, 3).T @ motions[k, 3:]
+    return model, data, signed(JointSpace(scene), motions.reshape(6 * scene.n, -1), "mujoco")
+
+
 def pinocchio_aba(scene: Scene) -> Blocks:
     """`computeABADerivatives`. Springs are torques from outside to it, whose derivatives are added by the chain rule;
     dampers are its own `model.damping`.
     """
     import pinocchio
 
-    from crosscheck.adapters.pinocchio.dynamics import Dynamics
-    from crosscheck.adapters.pinocchio.models import build
-
-    space, made = JointSpace(scene), build(scene, "tree")
-    dynamics = Dynamics(made)
-    model, data = made.model, made.model.createData()
+    dynamics, q, v, T = pinocchio_at(scene)
+    model, data = dynamics.model.model, dynamics.data
     if dynamics._forces:
         raise Unsupported(f"pinocchio on {scene.name!r}: derivatives of {dynamics._forces[0].type} are not its own")
-    q, v = made.initial_state()
-    rows = np.eye(model.nv)
-    states = made.states(np.zeros(model.nv), np.tile(q, (model.nv, 1)), rows, None)
-    T = signed(space, np.concatenate([states.v, states.w], axis=2).reshape(model.nv, -1).T, "pinocchio")
     damping, springs = np.zeros(model.nv), np.zeros(model.nv)
     for force, _, at_v, _ in dynamics._turns:
         if force.type == "torsional_spring":
@@ -147,24 +175,8 @@ def mujoco_differences(scene: Scene, way: str, eps: float) -> Blocks:
     """`mjd_inverseFD`, forward differences, or `mjd_transitionFD`, central ones of a step of semi-implicit Euler."""
     import mujoco
 
-    from crosscheck.adapters.mujoco import models
-
-    if reason := models.obstacle(scene, "tree"):
-        raise Unsupported(f"mujoco on {scene.name!r}: {reason}")
-    space, h = JointSpace(scene), 1e-3
-    model = models.build(scene, "Euler", h, "tree")
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
-    data = mujoco.MjData(model)
-    models.set_initial_state(scene, model, data)
-    if control := models.controls(scene):
-        control(model, data)
-    mujoco.mj_forward(model, data)
-    motions = np.zeros((scene.n, 6, model.nv))
-    for k in range(scene.n):
-        body = model.body(str(k)).id
-        mujoco.mj_jacBodyCom(model, data, motions[k, :3], motions[k, 3:], body)
-        motions[k, 3:] = data.xmat[body].reshape(3, 3).T @ motions[k, 3:]
-    T, n = signed(space, motions.reshape(6 * scene.n, -1), "mujoco"), model.nv
+    model, data, T = mujoco_at(scene)
+    n, h = model.nv, model.opt.timestep
     if way == "inverseFD":
         Dq, Dv, Da = np.zeros((3, n, n))
         mujoco.mjd_inverseFD(model, data, eps, 1, Dq, Dv, Da, None, None, None, None)

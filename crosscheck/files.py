@@ -49,6 +49,15 @@ def cell(value: Any) -> Any:
     return f"'{value}" if isinstance(value, str) and value[:1] in tuple("=+-@\t\r") else value
 
 
+_TEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+        **{letter: f"\\{letter}" for letter in "_{}$&#%"}}
+
+
+def tex(text: str) -> str:
+    """A text for LaTeX, in which no letter is a command."""
+    return "".join(_TEX.get(letter, letter) for letter in readable(text))
+
+
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path whose file replaces `path` at the end: readers see the whole old file or the whole new one."""

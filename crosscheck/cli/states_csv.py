@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from crosscheck.errors import ArgumentError
-from crosscheck.files import replacing
+from crosscheck.files import cell, replacing
 
 
 def write_csv(scene: Any, states: Any, target: str) -> None:
@@ -34,7 +34,7 @@ def write_csv(scene: Any, states: Any, target: str) -> None:
                for column, values in columns({name: read[name]}).items()}
     with _stream(target) as stream:
         writer = csv.writer(stream)
-        writer.writerow(header + list(series))
+        writer.writerow([cell(title) for title in (*header, *series)])
         for k, time in enumerate(states.t):
             row = [time]
             for i in range(scene.n):

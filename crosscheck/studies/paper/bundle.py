@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 
 from crosscheck.document import Origin
-from crosscheck.files import plain, put
+from crosscheck.files import cell, plain, put
+from crosscheck.files import tex as encoded
 from crosscheck.running import provenance
 from crosscheck.scene.model import Scene
 from crosscheck.studies import study
@@ -88,7 +89,7 @@ def write(scenes: Sequence[Scene], out: Path, request: Request, formats: Sequenc
         names = [field.name for field in dataclasses.fields(Line)]
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(names)
-        writer.writerows([getattr(line, name) for name in names] for line in shown.lines)
+        writer.writerows([cell(getattr(line, name)) for name in names] for line in shown.lines)
         put(out / "data" / f"{scene.name}-table.csv", text.getvalue())
         put(out / f"{scene.name}-table.tex", _table(shown))
         _write_data(shown, out / "data")
@@ -112,7 +113,7 @@ def _table(shown: Shown) -> str:
     for line in shown.lines:
         cells = [tex(line.method), *([tex(line.coordinate_map)] if several else [])]
         if line.ended:
-            cells.append(rf"\multicolumn{{{len(columns)}}}{{l}}{{{_plain(line.ended)}}}")
+            cells.append(rf"\multicolumn{{{len(columns)}}}{{l}}{{{encoded(line.ended)}}}")
         else:
             cells += [_number(getattr(line, name), name == "order") for name in columns]
         rows.append(" & ".join(cells) + r" \\")
@@ -145,15 +146,15 @@ def _write_data(shown: Shown, folder: Path) -> None:
                     if (values := getattr(traj, f"constraint_{level}")) is not None}
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(columns)
+        writer.writerow([cell(title) for title in columns])
         writer.writerows([repr(float(value)) for value in row] for row in zip(*columns.values(), strict=True))
         put(folder / f"{shown.scene.name}-{method}.csv", text.getvalue())
 
 
 def _section(shown: Shown, drawn: list[tuple[str, str]], request: Request) -> str:
     """The part of the document about one scene."""
-    title = shown.scene.name.replace("_", " ")
-    parts = [rf"\section{{{title[0].upper()}{title[1:]}}}", f"{_plain(shown.scene.description)}.", ""]
+    title = encoded(shown.scene.name.replace("_", " "))
+    parts = [rf"\section{{{title[0].upper()}{title[1:]}}}", f"{encoded(shown.scene.description)}.", ""]
     parts += [r"\begin{table}[htbp]\centering\small",
               rf"\caption{{Largest errors over every step of {tex(shown.scene.name)}: total energy relative to its "
               r"value at the start and to the largest kinetic energy, the three constraint levels, orthogonality "
@@ -170,19 +171,13 @@ def _section(shown: Shown, drawn: list[tuple[str, str]], request: Request) -> st
     return "\n".join(parts)
 
 
-def _plain(text: str) -> str:
-    for mark in "&%$#_":
-        text = text.replace(mark, f"\\{mark}")
-    return text
-
-
 def _origin(origin: Origin) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in origin.packages.items())
     return "\n".join([
         r"\section*{Provenance}",
-        f"Computed {origin.time} with {_plain(versions)}, Python {origin.python}, on "
-        f"{_plain(origin.machine.processor)}, {_plain(origin.machine.system)}"
-        + (f", commit {_plain(origin.commit)}" if origin.commit else "") + ".",
+        f"Computed {origin.time} with {encoded(versions)}, Python {origin.python}, on "
+        f"{encoded(origin.machine.processor)}, {encoded(origin.machine.system)}"
+        + (f", commit {encoded(origin.commit)}" if origin.commit else "") + ".",
         r"The methods are those of \cite{lie_stabilized_2019} and \cite{lie_euler_2018}, reconstructed from their "
         r"prose; the Hamiltonian ones have the form of \cite{bourabee_marsden_2009}. The scenes have parameters of "
         "this project, not of the papers.", r"\bibliographystyle{plain}", r"\bibliography{references}", ""])

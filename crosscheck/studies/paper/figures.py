@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from crosscheck import files
 from crosscheck.report.identity import look
 from crosscheck.studies.paper.runs import Shown, ends
 
@@ -227,4 +228,5 @@ def _caption(shown: Shown) -> str:
 
 
 def tex(name: str) -> str:
-    return r"\texttt{" + name.replace("_", r"\_") + "}"
+    """A name in typewriter type."""
+    return r"\texttt{" + files.tex(name) + "}"

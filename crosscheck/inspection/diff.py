@@ -78,8 +78,8 @@ class Diff:
         motion = "accelerations are not compared: the second cannot take the states of the first" if (
             self.moves is None) else (
                 f"accelerations at {STATES + 1} matched states differ by {self.moves:.1e} of the largest")
-        told = "the same motion" if self.same else f"{len(self.differences)} differences"
-        return (f"{self.a} and {self.b}: {told}; {len(self.pairs)} bodies are matched", *map(str, self.differences),
+        told = "the same motion" if self.same else f"differences: {len(self.differences)}"
+        return (f"{self.a} and {self.b}: {told}; matched bodies: {len(self.pairs)}", *map(str, self.differences),
                 *(f"{name} could be matched otherwise: it has a twin" for name in self.ambiguous), motion)
 
     def __str__(self) -> str:

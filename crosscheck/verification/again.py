@@ -163,7 +163,8 @@ class Asked:
 
         Some engines want joints closed that are open.
         """
-        why, raw = "", begun(self.scene, self.traj, first, last)
+        why, raw = "", begun(self.scene, self.traj, first, last).replace(
+            name="elsewhere", description="", source="", tags=())
         for make in (lambda scene: scene, closed):
             scene = make(raw)
             if scene is None:

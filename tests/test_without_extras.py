@@ -53,6 +53,8 @@ WORK = {  # and what they say
     "--version": "mujoco not installed", "list": "heavy_top", "support": "lieeuler",
     f"run brief.toml {RATTLE} --step 0.01": "verdict: pass", "truth brief.toml": "natural coordinates",
     "inspect brief.toml": "lieeuler-crosscheck[mujoco]", "export brief.toml -o out.xml": "written",
+    "derivatives brief.toml": "lieeuler-crosscheck[pinocchio]", "modes bicycle": "-0.775341882",
+    "reproduce brief.toml --engine mujoco --method RK4 --step 0.01": "import mujoco",
     "sweep sweep.toml -o sweep --dry-run": "1 cell, of which 0 finished in sweep and 1 to be computed",
     f"verify --scene brief.toml {RATTLE} --profile smoke --jobs 1 --out report": "results.json",
     f"nightly --scene brief.toml {RATTLE[:17]} --profile smoke --out nights": "first run, nothing to compare with",
@@ -66,6 +68,8 @@ LACK = {  # and what
     "verify --scene brief.toml --engine mujoco": "mujoco", "verify --engine drake": "drake",
     "verify --scene brief.toml --scheduler tcp://127.0.0.1:9": "cluster",
     "advise brief.toml --engine exudyn --error 1e-2": "exudyn", "explain brief.toml --engine pinocchio": "pinocchio",
+    "judge brief.toml report/results.csv": "data", "law brief.toml --engine mujoco": "mujoco",
+    "diff arm.urdf arm.urdf": "mujoco",
     "inspect arm.urdf": "mujoco", "import arm.urdf -o arm.toml": "mujoco", "export brief.toml -o out.py": "exudyn",
     "report report": "report", "report report --format pdf": "report", "report report --format svg": "report",
     "paper brief.toml": "report", "history page": "report", "sweep sweep.toml -o sweep": "data",
@@ -117,7 +121,11 @@ def test_verify_without_the_report_writes_results_and_says_so(ended):
     assert "lieeuler-crosscheck[report]" in complained
 
 
+FETCHES = ["bisect"]
+"""Commands that make environments from the network."""
+
+
 def test_every_command_is_among_them():
     for name, command in get_command(app).commands.items():
         for full in (f"{name} {part}" for part in getattr(command, "commands", [""])):
-            assert any(f"{tried} ".startswith(full) for tried in [*WORK, *LACK]), full
+            assert any(f"{tried} ".startswith(full) for tried in [*WORK, *LACK, *FETCHES]), full

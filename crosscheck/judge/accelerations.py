@@ -96,10 +96,13 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
 
 
 def _age(runs: Sequence[Defects]) -> np.ndarray:
-    """(I,) s at the ends of the intervals, since the engine was started last; infinite if it forgets its past."""
-    if all(run.forgets for run in runs):
-        return np.full(len(runs[0].flow.tau), np.inf)
-    return np.asarray(np.min([run.flow.since for run in runs], axis=0) + runs[0].flow.tau)
+    """(I,) s at the ends of the intervals, since the engine was started last; infinite if it forgets its past.
+
+    The first step counts all the same: index-3 methods come from a consistent start, and leave half of gamma in it.
+    """
+    age = np.min([run.flow.since for run in runs], axis=0) + runs[0].flow.tau
+    past_first = age > 1.5 * max(run.claim.step or 0.0 for run in runs)
+    return np.where(all(run.forgets for run in runs) & past_first, np.inf, age)
 
 
 def _staying(runs: Sequence[Defects], sizes: Sequence[np.ndarray]) -> np.ndarray:

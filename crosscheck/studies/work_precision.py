@@ -288,6 +288,8 @@ class Bound:
     """Taylor integrators of one scene, one for each tolerance."""
 
     def __init__(self, scene: Scene, truth: Reference) -> None:
+        import heyoka  # noqa: F401, where it is missing the study says so before it runs anything
+
         from crosscheck.references.taylor import Taylor
 
         self._scene, self._truth = scene, truth

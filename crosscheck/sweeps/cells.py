@@ -196,7 +196,7 @@ def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: 
     if isinstance(outcome, Failed):
         return replace(row, status=outcome.status, message=outcome.why)
     traj = outcome.trajectory
-    found = dict(traj.maxima)
+    found = {key: value for key, value in traj.maxima.items() if key in LEVELS}
     if exact is not None:
         states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
         found |= {ERRORS[name]: error.max for name, error in errors(member.scene, states, exact).items()}

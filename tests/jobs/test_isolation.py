@@ -24,7 +24,7 @@ REASONS = {
     "Segfaulting": "SIGSEGV (a crash inside the engine",
     "Hungry": "more memory than the limit of 0.8 GB resident",
     "HungryChild": "more memory than the limit of 0.8 GB resident",
-    "Chatting": "it printed 12 lines, first: Traceback (most recent call last): ??[31m{",
+    "Chatting": "lines, first: Traceback (most recent call last): ??[31m{",  # as often as it is started
     "Exiting": "ended the process (exit code 0)",
     "Odd": "run returned list; it has to return crosscheck.scene.states.States",
     "Raising": "Local: no such luck",

@@ -34,6 +34,6 @@ def test_formulations_agree_on_slides_and_cylinders(name):
 
 
 def test_a_loop_of_rotors_alone_is_refused():
-    words = r"armature and mimics of joint '.*' are not built where every joint"
+    words = r"armature, mimics and laws of joint '.*' are not built where every joint"
     with pytest.raises(crosscheck.Unsupported, match=words):
         crosscheck.truth(geared("four_bar", (0.1, 0.1, 0.1, 0.1)))

@@ -52,10 +52,13 @@ def test_methods_that_refuse_a_map_say_so_and_engines_without_maps_run():
     assert (other.outcome, other.coordinate_map) == ("pass", None)
 
 
-def test_a_step_that_is_too_coarse_for_bounds_is_no_failure_of_the_method():
+def test_a_step_that_is_too_coarse_for_bounds_of_states_is_judged_by_its_intervals():
     run, _ = record("DAE1L_LSE", asked=Asked(step=0.1))
-    assert run.outcome == "unjudged", run.message
-    assert "too coarse" in run.message
+    assert run.outcome == "pass", run.message
+    findings = {finding.kind: finding for finding in run.findings}
+    assert findings["position"].status == "unjudged"
+    assert "exceeds the size" in findings["position"].why
+    assert findings["interval position"].status == findings["order intervals"].status == "ok"
 
 
 def test_a_night_that_asks_for_more_is_told_apart():

@@ -102,6 +102,7 @@ NB_MODULE(_kernel, m) {
       .def(nb::init<System>())
       .def_rw("turns_about_pins", &Plan::turns_about_pins)
       .def_prop_ro("length", [](const Plan& plan) { return plan.system.length; })
+      .def("natural_rate", [](const Plan& plan, double length) { return Scales{length}.natural(plan.system); })
       .def_prop_ro("angles", [](const Plan& plan) { return plan.system.forces.size(); });
   using TableauRows = std::vector<std::vector<double>>;
   nb::class_<Tableau>(m, "Tableau")

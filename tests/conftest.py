@@ -14,6 +14,7 @@ threads.limit()
 # Shared machines stall: an example is never late. CI draws the same examples every time, a developer new ones.
 settings.register_profile("house", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("house")
+os.environ.pop("CI", None)  # under which commands start afresh: a test that wants it says so
 
 # A shell starts background jobs with Ctrl-C ignored, which they pass on: what is to be interrupted would run on.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

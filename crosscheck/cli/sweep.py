@@ -33,8 +33,8 @@ def sweep(
         count, missing, seconds = job.estimate(file, target, workers)
         spoken = (f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min" if seconds < 7200 else
                   f"{seconds / 3600:.1f} h")
-        say(f"{counted(count, 'cell')}, of which {count - missing} finished in {target} and {missing} to be computed, "
-            f"about {spoken} with {counted(workers, 'worker')}")
+        say(f"{counted(count, 'cell')}, of which {count - missing} finished and {missing} to be computed, about "
+            f"{spoken} with {counted(workers, 'worker')}")
         return
     if cell is not None:
         for name, value in msgspec.structs.asdict(job.one(file, cell)).items():

@@ -222,7 +222,7 @@ def test_links_and_menus_lead_through_the_site(watched):
     page.wait_for_url(re.compile(r"scene-double_pendulum\.html\?engine=lieeuler#runs"))
     assert set(column(page, "runs", 0)) == {"lieeuler"}
     page.locator("table[data-filter='runs'] tbody a", has_text="rattle4").click()
-    assert page.locator("#run-lieeuler-rattle4").get_attribute("open") is not None
+    page.locator("#run-lieeuler-rattle4[open]").wait_for()
     assert "crosscheck run double_pendulum" in page.locator("#run-lieeuler-rattle4").inner_text()
     page.locator("header summary", has_text="Engines").click()
     page.locator("header a", has_text="mujoco").click()

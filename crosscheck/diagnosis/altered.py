@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from crosscheck.diagnosis import misreadings
 from crosscheck.diagnosis.physics import Physics, Points, Terms
+from crosscheck.judge.flow import State
+from crosscheck.judge.substeps import TABLEAUX, Stepper, exponential_step, semi_implicit
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
-from crosscheck.scene.vectors import exponential, inverse_tangent
 
 PRECISE = 1e-11
 """rtol of `predict`. A window of one radian takes about ten steps, whose errors add up."""
-
-Alter = Callable[[np.ndarray], np.ndarray]
 
 
 class Model:
@@ -115,60 +114,24 @@ class Joints:
         return found
 
 
-def euler(joints: Joints, Q: np.ndarray, s: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """Semi-implicit Euler in joint coordinates."""
-    s = s + h * joints.rates(Q, s)
-    return Q @ exponential(h * s), s
+def stepped(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, steps: int,
+            of_joints: bool) -> States:
+    """The end of the scene after plain steps of order 1 (semi-implicit) or 4, in coordinates of bodies or of joints."""
+    model, joints = Model(scene, physics), Joints(scene, physics)
 
+    def rates(t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
+        if of_joints:
+            return [v, R, v, joints.rates(R[0], w[0])[None]]
+        a = model.rates(x[0], R[0], v[0], w[0], float(t[0]))[None]
+        return [v, R, a[..., :3], a[..., 3:]]
 
-def runge_kutta(rates: Callable[..., tuple[np.ndarray, ...]], state: tuple[np.ndarray, ...], h: float,
-                ) -> tuple[np.ndarray, ...]:
-    """Kutta's step of order 4 on (attitudes, angular velocities, ...), with attitudes by Munthe-Kaas' method.
-
-    `rates(state)` returns the body angular velocities of the attitudes, then the derivatives of the rest.
-    """
-    Q, *flat = state
-    slopes: list[tuple[np.ndarray, ...]] = []
-    for c in (0.0, 0.5, 0.5, 1.0):
-        change = [c * h * part for part in slopes[-1]] if slopes else [0.0 * flat[0], *(0.0 * part for part in flat)]
-        spin, *rest = rates((Q @ exponential(change[0]), *(p + d for p, d in zip(flat, change[1:], strict=True))))
-        slopes.append((inverse_tangent(change[0], spin), *rest))
-    total = [h / 6 * (one + 2 * two + 2 * three + four) for one, two, three, four in zip(*slopes, strict=True)]
-    return (Q @ exponential(total[0]), *(p + d for p, d in zip(flat, total[1:], strict=True)))
-
-
-def step_joints(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, h: float,
-                steps: int) -> tuple[np.ndarray, ...]:
-    """x, R, v, w after steps in joint coordinates by a method of `order` 1 or 4."""
-    joints = Joints(scene, physics)
-    Q, s = joints.start(R, w)
-    for _ in range(steps):
-        if order == 1:
-            Q, s = euler(joints, Q, s, h)
-        else:
-            Q, s = runge_kutta(lambda state: (state[1], joints.rates(*state)), (Q, s), h)
-    return joints.state(Q, s)
-
-
-def step_bodies(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, h: float,
-                steps: int) -> tuple[np.ndarray, ...]:
-    """x, R, v, w after steps of the bodies' index-1 equations by a method of `order` 1 (semi-implicit) or 4."""
-    model = Model(scene, physics)
     x, v = misreadings.positions(scene, R, w) or (scene.x0, scene.v0)
-
-    def rates(state: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-        R, w, x, v = state
-        a = model.rates(x, R, v, w)
-        return w, a[:, 3:], v, a[:, :3]
-
-    state: tuple[np.ndarray, ...] = (R, w, x, v)
-    for _ in range(steps):
-        if order == 1:
-            R, w, x, v = state
-            a = model.rates(x, R, v, w)
-            w, v = w + h * a[:, 3:], v + h * a[:, :3]
-            state = (R @ exponential(h * w), w, x + h * v, v)
-        else:
-            state = runge_kutta(rates, state, h)
-    R, w, x, v = state
-    return x, R, v, w
+    first = (0.0 * x, *joints.start(R, w)) if of_joints else (x, R, w)
+    state: State = [first[0][None], first[1][None], 0.0 * v[None] if of_joints else v[None], first[2][None]]
+    h = np.array([scene.duration / steps])
+    stages, weights = TABLEAUX[4][0]
+    step: Stepper = semi_implicit if order == 1 else partial(exponential_step, stages=stages, weights=weights)
+    for k in range(steps):
+        state = step(rates, k * h, state, h)
+    x, R, v, w = joints.state(state[1][0], state[3][0]) if of_joints else (part[0] for part in state)
+    return States(scene.t[-1:], x[None], R[None], v[None], w[None])

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
+from crosscheck.judge.vanishing import cancelling
 from crosscheck.references.maximal import Maximal
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import GROUND, Scene
@@ -227,13 +228,7 @@ def convergence(runs: list[np.ndarray]) -> float | None:
 
 def extrapolated(runs: list[np.ndarray], counts: tuple[int, ...], first: int) -> np.ndarray:
     """The value at step zero of the polynomial 1, h^first, h^(first+1), ... through runs at steps 1 / count."""
-    if len(runs) == 1:
-        return runs[0]
-    h = 1.0 / np.array(counts, dtype=float)
-    basis = np.column_stack([np.ones_like(h), *(h ** (first + k) for k in range(len(h) - 1))])
-    weights = np.linalg.inv(basis)[0]
-    found: np.ndarray = np.einsum("k,k...->...", weights, np.array(runs))
-    return found
+    return np.asarray(np.einsum("k,k...->...", cancelling(1.0 / np.array(counts, dtype=float), first), np.array(runs)))
 
 
 def rates(y: np.ndarray, interval: float) -> tuple[np.ndarray, float]:

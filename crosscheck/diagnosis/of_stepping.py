@@ -275,14 +275,10 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
     size = float(np.abs(error).max())
     if size < 1e3 * ROUNDING:
         return
-    steppers = [("bodies", altered.step_bodies)]
-    if altered.Joints.fit(scene):
-        steppers.append(("joints", altered.step_joints))
-    for name, stepper in steppers:
-        def at(k: int, stepper: Callable[..., tuple[np.ndarray, ...]] = stepper) -> np.ndarray:
-            n = asked * k
-            found = stepper(brief, known.physics, *known.start, order, brief.duration / n, n)
-            return _there(scale.flat(States(np.zeros(1), *(part[None] for part in found)))[0], known)
+    for name in ("bodies", "joints") if altered.Joints.fit(scene) else ("bodies",):
+        def at(k: int, name: str = name) -> np.ndarray:
+            end = altered.stepped(brief, known.physics, *known.start, order, asked * k, name == "joints")
+            return _there(scale.flat(end)[0], known)
 
         result.tried += 1
         guess = _fewer(float(np.abs(at(1) - limit).max()), size, order)

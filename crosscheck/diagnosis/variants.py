@@ -21,23 +21,19 @@ TURNS = (0.8, 0.5, 0.2)
 """Angles (rad) by which attitudes are turned; the next one is taken if the joints cannot be closed."""
 
 
-def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """p q of quaternions w, x, y, z, (4,) each."""
-    vector = p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])
-    return np.array([p[0] * q[0] - p[1:] @ q[1:], *vector])
-
-
 def moved(scene: Scene, scale: Scale, seed: int) -> Scene | None:
     """The scene from another start with closed joints: turned, and with other speeds. None if they cannot be closed."""
+    from scipy.spatial.transform import Rotation
+
     for turn in TURNS:
         rng = np.random.default_rng([SEED, seed])
         bodies = []
         for body in scene.bodies:
             vector = rng.normal(size=3)
-            vector *= 0.5 * turn / np.linalg.norm(vector)
-            step = np.array([np.cos(np.linalg.norm(vector)), *(np.sinc(np.linalg.norm(vector) / np.pi) * vector)])
+            turned = Rotation.from_quat(body.attitude, scalar_first=True) * Rotation.from_rotvec(
+                turn * vector / np.linalg.norm(vector))
             speed = body.angular_velocity + 0.5 * scale.rate * rng.uniform(-1, 1, 3)
-            bodies.append(dataclasses.replace(body, attitude=quaternion_product(body.attitude, step),
+            bodies.append(dataclasses.replace(body, attitude=turned.as_quat(scalar_first=True),
                                               angular_velocity=speed))
         closed = close(scene.replace(bodies=tuple(bodies)))
         if closed is not None:

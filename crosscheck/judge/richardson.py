@@ -12,6 +12,7 @@ from crosscheck.errors import ArgumentError
 from crosscheck.judge import known, tolerances
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.tolerances import Tol
+from crosscheck.judge.vanishing import cancelling
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -25,8 +26,8 @@ def extrapolated(coarse: States, fine: States, ratio: float, order: int) -> Stat
 
     Attitudes are extrapolated entry by entry, which leaves them as orthogonal as the extrapolation is exact.
     """
-    weight = 1.0 / (ratio**order - 1.0)
-    parts = [getattr(fine, name) + weight * (getattr(fine, name) - getattr(coarse, name)) for name in "xRvw"]
+    one, other = cancelling(np.array([1.0, ratio]), order)
+    parts = [one * getattr(fine, name) + other * getattr(coarse, name) for name in "xRvw"]
     return States(fine.t, *parts)
 
 

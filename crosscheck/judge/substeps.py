@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,9 @@ h W, which the next term of the error has, and if it takes less than DEAREST ste
 SEEN = 1e-10
 """Errors of y below this are not compared."""
 
-Stepper = Callable[[Scene, np.ndarray, State, np.ndarray], State]
+Rates = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], State]
+"""(t, x, R, v, w) -> [dx/dt, ., dv/dt, dw/dt]."""
+Stepper = Callable[[Rates, np.ndarray, State, np.ndarray], State]
 
 
 def judge_substeps(scene: Scene, traj: Any, truth: Reference, order: int, asked: int) -> list[Finding]:
@@ -98,7 +101,7 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
         def at(parts: int, stepper: Stepper = stepper) -> np.ndarray:
             h, state = tau / (per * parts), start
             for k in range(per * parts):
-                state = stepper(scene, k * h, state, h)
+                state = stepper(partial(index1_rates, scene), k * h, state, h)
             return gap(state, true)
 
         plain = at(1)
@@ -123,27 +126,25 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
 def _plain(order: int) -> Iterator[Stepper]:
     """Plain methods of an order: with exponentials, and with matrices that are made rotations after every step."""
     for stages, weights in TABLEAUX.get(order, ()):
-        for turned in (_exponential, _additive):
-            def step(scene: Scene, t: np.ndarray, state: State, h: np.ndarray,
-                     stages: Any = stages, weights: Any = weights, turned: Any = turned) -> State:
-                found: State = turned(scene, t, state, h.reshape(-1, 1, 1), stages, weights)
-                return found
-            yield step
+        for turned in (exponential_step, _additive):
+            yield partial(turned, stages=stages, weights=weights)
     if order == 1:
-        yield _semi_implicit
+        yield semi_implicit
 
 
-def _semi_implicit(scene: Scene, t: np.ndarray, state: State, h: np.ndarray) -> State:
+def semi_implicit(rates: Rates, t: np.ndarray, state: State, h: np.ndarray) -> State:
+    """Semi-implicit Euler."""
     x, R, v, w = state
     h = h.reshape(-1, 1, 1)
-    a, alpha = index1_rates(scene, t, *state)[2:]
+    a, alpha = rates(t, *state)[2:]
     v, w = v + h * a, w + h * alpha
     return [x + h * v, R @ exponential(h * w), v, w]
 
 
-def _exponential(scene: Scene, t: np.ndarray, state: State, h: np.ndarray, stages: Any, weights: Any) -> State:
+def exponential_step(rates: Rates, t: np.ndarray, state: State, h: np.ndarray, stages: Any, weights: Any) -> State:
     """Runge-Kutta-Munthe-Kaas: integrates the rotation vector since the start of the step, with the rate dexp^-1 w."""
     x, R, v, w = state
+    h = h.reshape(-1, 1, 1)
     found: list[State] = []
 
     def moved(row: Any) -> tuple[State, np.ndarray]:
@@ -153,12 +154,13 @@ def _exponential(scene: Scene, t: np.ndarray, state: State, h: np.ndarray, stage
 
     for row in stages:
         here, turned = moved(row)
-        a, alpha = index1_rates(scene, t + sum(row) * h[:, 0, 0], *here)[2:]
+        a, alpha = rates(t + sum(row) * h[:, 0, 0], *here)[2:]
         found.append([here[2], inverse_tangent(turned, here[3]), a, alpha])
     return moved(weights)[0]
 
 
-def _additive(scene: Scene, t: np.ndarray, state: State, h: np.ndarray, stages: Any, weights: Any) -> State:
+def _additive(rates: Rates, t: np.ndarray, state: State, h: np.ndarray, stages: Any, weights: Any) -> State:
+    h = h.reshape(-1, 1, 1)
     found: list[State] = []
 
     def moved(row: Any) -> State:
@@ -166,7 +168,7 @@ def _additive(scene: Scene, t: np.ndarray, state: State, h: np.ndarray, stages: 
                 * h.reshape((-1,) + (1,) * (part.ndim - 1)) for k, part in enumerate(state)]
 
     for row in stages:
-        found.append(index1_rates(scene, t + sum(row) * h[:, 0, 0], *moved(row)))
+        found.append(rates(t + sum(row) * h[:, 0, 0], *moved(row)))
     x, R, v, w = moved(weights)
     U, _, V = np.linalg.svd(R)
     return [x, U @ V, v, w]

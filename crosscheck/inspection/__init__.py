@@ -10,20 +10,21 @@ import importlib
 import importlib.util
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
+from crosscheck import adapters
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import RunSpec
 from crosscheck.errors import EngineError, Unsupported, install
+from crosscheck.inspection import admissible, native
 from crosscheck.inspection.base import Deviation, Inspection, Probe
+from crosscheck.inspection.diff import Diff
+from crosscheck.inspection.diff import diff as compared
+from crosscheck.inspection.reference import deviations, reference
 from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.models import is_model
 from crosscheck.scene.states import States
-
-if TYPE_CHECKING:
-    from crosscheck.inspection.diff import Diff
-    from crosscheck.inspection.native import NativeInspection
 
 __all__ = ["Deviation", "Inspection", "Probe", "inspect", "probe"]
 
@@ -41,12 +42,12 @@ def inspect(scene: Scene, engines: Sequence[Any] | None = None, form: str | None
 @overload
 def inspect(scene: str | os.PathLike[str], engines: Sequence[Any] | None = None, form: str | None = None,
             count: int = RANDOM_STATES, seed: int = 0,
-            against: str | os.PathLike[str] | None = None) -> Inspection | NativeInspection | Diff: ...
+            against: str | os.PathLike[str] | None = None) -> Inspection | native.NativeInspection | Diff: ...
 
 
 def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None = None, form: str | None = None,
             count: int = RANDOM_STATES, seed: int = 0,
-            against: str | os.PathLike[str] | None = None) -> Inspection | NativeInspection | Diff:
+            against: str | os.PathLike[str] | None = None) -> Inspection | native.NativeInspection | Diff:
     """Probe engines at the start of a scene and at `count` random admissible states, and compare them with truth.
 
     For a model file (.xml, .urdf) this is the native check: every engine loads the file itself and is compared with the
@@ -67,23 +68,16 @@ def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None
         An engine is unknown, or the scene cannot be read. An engine that fails is named in `skipped` instead.
     """
     if against is not None:
-        from crosscheck.inspection.diff import diff
-
-        return diff(scene, against)
+        return compared(scene, against)
     if not isinstance(scene, Scene):
         if is_model(scene):
-            from crosscheck.inspection import native
-
             return native.inspect(scene, engines, count, seed)
         scene = as_scene(scene)
-    from crosscheck.inspection import admissible
-    from crosscheck.inspection.reference import deviations, reference
-
     at = admissible.states(scene, count, seed)
     truth = reference(scene, at)
     probes, skipped = [], {}
     for engine in _BUILT_IN if engines is None else engines:
-        adapter = _adapter(engine)
+        adapter = adapters.get(engine) if isinstance(engine, str) else engine
         forms = (form,) if form is not None else adapter.forms or (None,)
         for one in forms:
             try:
@@ -115,9 +109,3 @@ def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Pr
         raise EngineError(f"{adapter.name} cannot be imported: {error}; {install(adapter.name)}") from error
     except Exception as error:
         raise EngineError(f"{adapter.name}: {type(error).__name__}: {error}") from error
-
-
-def _adapter(engine: Any) -> Any:
-    from crosscheck import adapters
-
-    return adapters.get(engine) if isinstance(engine, str) else engine

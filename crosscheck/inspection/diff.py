@@ -21,7 +21,6 @@ from crosscheck.inspection import admissible
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import at_start, relative_pose
 from crosscheck.scene.file import as_scene
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import index1, torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.models import import_model, is_model
@@ -118,7 +117,7 @@ class _Tree:
         self.joint: dict[int, Joint | None] = {}
         self.loops: list[Joint] = []
         for joint in scene.joints:
-            if joint.child in self.joint or joint.type == "distance" or JOINT_TYPES[joint.type].slips:
+            if joint.child in self.joint or joint.kind.length or joint.kind.slips:
                 self.loops.append(joint)
             else:
                 self.joint[joint.child] = joint
@@ -154,7 +153,7 @@ class _Tree:
         if joint is None or start:
             return scene.x0[body], scene.R0[body]
         inner = (np.zeros(3), np.eye(3)) if joint.parent == GROUND else (scene.x0[joint.parent], scene.R0[joint.parent])
-        kind = JOINT_TYPES[joint.type]
+        kind = joint.kind
         turn = inner[1].T @ scene.R0[body]
         d = inner[1].T @ (scene.x0[body] + scene.R0[body] @ joint.child_anchor - inner[0]) - joint.parent_anchor
         if kind.is_elastic:
@@ -165,14 +164,14 @@ class _Tree:
 
     def springs(self, joint: Joint) -> dict[str, tuple[float, ...]]:
         """Damping, stiffness and rest position of a joint, those of torsional springs included."""
-        count = JOINT_TYPES[joint.type].positions
+        count = joint.kind.positions
         damping, stiffness, rest = (np.array(values or (0.0,) * count) for values in (
             joint.damping, joint.stiffness, joint.rest_position))
         pull = stiffness * rest
         for force in self.scene.forces:
-            if force.type == "torsional_spring" and force.joint == joint.name and not force.of_joint and (
+            if force.is_spring and force.joint == joint.name and not force.of_joint and (
                     not force.functions):
-                k = JOINT_TYPES[joint.type].coordinates.index("turn")
+                k = joint.kind.coordinates.index("turn")
                 zero = float(torsion_angles(self.scene, self.scene.R0[None])[joint.name][0]) - float(
                     at_start(self.scene)[joint.name][0][k])
                 damping[k] += force.parameters["damping"]
@@ -317,11 +316,11 @@ class _Comparison:
         at = Qp.T @ b.parent_anchor - a.parent_anchor - shift
         turn = self.one.R[a.parent].T @ self.one.R[k]
         along = turn @ own  # both anchors may lie elsewhere along the axis of a hinge, and anywhere in a slide
-        if a.type in ("revolute", "cylindrical"):
+        if a.kind.has_angle:
             along = (along @ a.parent_axis) * a.parent_axis
-        if a.type in ("revolute", "cylindrical", "prismatic", "fixed") and _alike(at, along, self.size):
+        if (a.kind.is_elastic or not a.kind.motion) and _alike(at, along, self.size):
             at, own = np.zeros(3), own - turn.T @ along
-        if a.type == "planar":  # its slides count from anywhere in the plane
+        if "slide n1" in a.kind.coordinates:  # its slides count from anywhere in the plane
             at = (at @ a.parent_axis) * a.parent_axis
         if np.abs(own).max() > TOLERANCE * self.size:
             self._tell(name, "centre of mass", np.zeros(3), -own)
@@ -381,7 +380,7 @@ class _Comparison:
     def _forces(self) -> None:
         """Loads, servos and springs between points, each matched with the most similar of its type and ends."""
         mine, theirs = ([force for force in tree.scene.forces if not force.of_joint and (
-            force.type != "torsional_spring" or force.functions)] for tree in (self.one, self.other))
+            not (force.is_spring and force.joint) or force.functions)] for tree in (self.one, self.other))
         for a in mine:
             fits = [(len(wrong), index, wrong) for index, b in enumerate(theirs)
                     if (wrong := self._unlike(a, b)) is not None]
@@ -472,7 +471,7 @@ def _rates(scene: Scene, state: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.
 def _merged(scene: Scene) -> Scene:
     """The scene with every body that a fixed joint holds made one with the body, or the ground, that it is held to."""
     hung = {joint.child: joint for joint in reversed(scene.joints)}
-    held = {k: joint for k, joint in hung.items() if joint.type == "fixed"}
+    held = {k: joint for k, joint in hung.items() if not joint.kind.motion}
 
     def root(body: int) -> int:
         for _ in range(scene.n):

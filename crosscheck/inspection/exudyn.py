@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.adapters.exudyn import kinematic_tree, models, solving
 from crosscheck.inspection.admissible import posed
 from crosscheck.inspection.base import Probe, stacked
 from crosscheck.scene.model import Scene
@@ -42,8 +43,6 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
 
 
 def _pivot(scene: Scene) -> Probe:
-    from crosscheck.adapters.exudyn import models
-
     model = models.pivot(scene)
     matrix, right, _ = _assembled(model.system, "RK44")
     rate = np.linalg.solve(matrix[3:, 3:], right[3:])  # the node's position is held by coordinate constraints
@@ -53,8 +52,6 @@ def _pivot(scene: Scene) -> Probe:
 
 
 def _maximal(scene: Scene) -> Probe:
-    from crosscheck.adapters.exudyn import models
-
     model = models.maximal(scene)
     matrix, right, speeds = _assembled(model.system, "GeneralizedAlpha")
     data = [np.array([model.system.GetSensorValues(sensor)]) for sensor in model.sensors]
@@ -80,8 +77,6 @@ def _maximal(scene: Scene) -> Probe:
 
 
 def _tree(scene: Scene) -> Probe:
-    from crosscheck.adapters.exudyn import kinematic_tree
-
     closed = bool(kinematic_tree.spanned(scene)[1]) or any(joint.mimic is not None for joint in scene.joints)
     method = "GeneralizedAlpha" if closed else "RK44"  # explicit solvers refuse constraints
 
@@ -126,8 +121,6 @@ def _weight(scene: Scene, build: Any, method: str) -> np.ndarray:
 
 def _assembled(system: Any, method: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(mass matrix, right-hand side, velocities) of the second-order coordinates at the initial state."""
-    from crosscheck.adapters.exudyn import solving
-
     exudyn = solving.load()
     implicit = method in solving.IMPLICIT
     solver = exudyn.MainSolverImplicitSecondOrder() if implicit else exudyn.MainSolverExplicit()

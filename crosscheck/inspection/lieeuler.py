@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from crosscheck.adapters.lieeuler import build_problem, start
 from crosscheck.inspection.admissible import posed
 from crosscheck.inspection.base import Probe
 from crosscheck.scene.constraints import Constraints
@@ -13,8 +14,6 @@ from crosscheck.scene.states import States
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """Probe the kernel's `Problem` in maximal coordinates. Each state is the start of a run of one step."""
-    from crosscheck.adapters.lieeuler import build_problem, start
-
     starts = []
     for k in range(len(states.t)):
         problem = build_problem(posed(scene, states, k))

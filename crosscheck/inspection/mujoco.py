@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.adapters import get
+from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.mujoco import models
 from crosscheck.inspection.admissible import posed
 from crosscheck.inspection.base import Probe, stacked
 from crosscheck.scene.model import Scene
@@ -17,9 +20,6 @@ SOFT = "equality constraints are soft: MuJoCo solves a regularised problem, not 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """Probe the MuJoCo model in form "tree" or "maximal"."""
-    from crosscheck.adapters import get
-    from crosscheck.adapters.base import RunSpec
-
     chosen = form or get("mujoco").form(scene, RunSpec("Euler"))  # type: ignore[attr-defined]
     return stacked([_at(posed(scene, states, k), chosen) for k in range(len(states.t))])
 
@@ -27,8 +27,6 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
 def _at(scene: Scene, form: str) -> Probe:
     """The model at the initial state of `scene`."""
     import mujoco
-
-    from crosscheck.adapters.mujoco import models
 
     model = models.build(scene, "Euler", 1e-3, form)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
@@ -57,7 +55,7 @@ def _at(scene: Scene, form: str) -> Probe:
     else:
         found.a, found.alpha = rates[None, :, 3:], np.einsum("nji,nj->ni", R, rates[:, :3])[None]
         found.reactions = _reactions(scene, model, data, bodies)
-    if any(force.type == "torsional_spring" and force.functions for force in scene.forces):
+    if any(force.is_spring and force.functions for force in scene.forces):
         found.potential, found.notes["potential energy"] = None, MOVED
     if form == "maximal":
         found.applied_force = data.qfrc_smooth[None].copy()

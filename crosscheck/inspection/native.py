@@ -20,7 +20,6 @@ from crosscheck.scene.armature import rotors
 from crosscheck.scene.checks import Draft, Start
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import zero_attitude
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import Scene, quaternion_from_rotation
 from crosscheck.scene.models import apart, import_model
@@ -119,7 +118,7 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
         scene = import_model(path, drop=True)
     except SceneError as error:
         no_scene = error
-    joints = [joint for joint in (scene.joints if scene else ()) if JOINT_TYPES[joint.type].positions == 1]
+    joints = [joint for joint in (scene.joints if scene else ()) if joint.kind.positions == 1]
     rng = np.random.default_rng(seed)
     size = (1 + count, len(joints))
     states = JointStates(tuple(joint.name for joint in joints), rng.uniform(-0.6, 0.6, size),

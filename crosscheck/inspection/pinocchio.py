@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from crosscheck.adapters.pinocchio import models
+from crosscheck.adapters.pinocchio.dynamics import Dynamics
 from crosscheck.inspection.admissible import posed
 from crosscheck.inspection.base import Probe, stacked
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
-
-if TYPE_CHECKING:
-    from crosscheck.adapters.pinocchio.dynamics import Dynamics
 
 SPRINGS = "Pinocchio has no springs: the adapter applies them as forces, so that Pinocchio does not know their energy"
 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """Probe the Pinocchio model in form "tree" or "maximal"."""
-    from crosscheck.adapters.pinocchio import models
-    from crosscheck.adapters.pinocchio.dynamics import Dynamics
-
     chosen = form or "tree"
     dynamics = Dynamics(models.build(scene, chosen))
     found = stacked([_at(dynamics, chosen, posed(scene, states, k)) for k in range(len(states.t))])
@@ -37,7 +33,7 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     if dynamics.model.mimics is not None:
         found.notes |= dict.fromkeys(("kinetic energy", "potential energy"),
                                      "Pinocchio does not compute energies of models with mimic joints")
-    if any(force.type.endswith("spring") for force in scene.forces):
+    if any(force.is_spring for force in scene.forces):
         found.potential, found.notes["potential energy"] = None, SPRINGS
     return found
 

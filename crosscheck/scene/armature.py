@@ -10,7 +10,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Joint, Scene
 from crosscheck.scene.vectors import cross
 
@@ -20,7 +19,7 @@ Rotor = tuple[float, np.ndarray, np.ndarray]
 def rotors(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> Iterator[Rotor]:
     """(I, S (T, 6n), s (T,)) of every coordinate with armature; states as in `crosscheck.scene.mechanics`."""
     for joint in scene.joints:
-        for value, word in zip(joint.armature, JOINT_TYPES[joint.type].coordinates, strict=False):
+        for value, word in zip(joint.armature, joint.kind.coordinates, strict=False):
             if value:
                 yield value, *rate_row(joint, word, scene, x, R, v, w)
 

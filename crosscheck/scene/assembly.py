@@ -14,7 +14,6 @@ import numpy as np
 from crosscheck.scene import joint_options, starts
 from crosscheck.scene.checks import Draft
 from crosscheck.scene.constraints import Constraints
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import RANK_TOLERANCE
 from crosscheck.scene.model import GROUND, Scene, quaternion_from_turn, quaternion_product
 from crosscheck.scene.schema import EntryError
@@ -54,7 +53,7 @@ def completed(draft: Draft) -> Scene:
     scene = scene.replace(bodies=bodies_at(scene, state))
     draft = dataclasses.replace(draft, scene=scene)
     for index, joint in enumerate(scene.joints):
-        if joint.type == "rolling_disk" and abs(
+        if joint.radius is not None and joint.child_axis is not None and abs(
                 joint.parent_axis @ scene.R0[joint.child] @ joint.child_axis) > _UPRIGHT:
             raise EntryError(f'joints[{index}] "{joint.name}"', "the disk lies flat on its plane, so that no point of "
                              "its rim is the lowest", f'tilt the attitude of "{scene.bodies[joint.child].name}"')
@@ -74,7 +73,7 @@ def completed(draft: Draft) -> Scene:
     R = np.concatenate([state.R, np.eye(3)[None]])
     for index, joint in enumerate(scene.joints):
         # Opposite axes satisfy the rows of a joint too, but its angle then has the opposite sense for the child.
-        if JOINT_TYPES[joint.type].axes == "parallel" and (
+        if joint.kind.axes == "parallel" and (
                 (R[joint.parent] @ joint.parent_axis) @ (R[joint.child] @ joint.child_axis) < 0):
             raise EntryError(f'joints[{index}] "{joint.name}": child_axis',
                              "points opposite to parent_axis in the world", "reverse one of the two, or correct the "
@@ -96,7 +95,7 @@ def projected(scene: Scene, moved: Scene) -> Scene:
     EntryError
         The joints cannot be closed from there.
     """
-    hung = {joint.child for joint in scene.joints if JOINT_TYPES[joint.type].anchors_coincide}
+    hung = {joint.child for joint in scene.joints if joint.kind.anchors_coincide}
     given = tuple(k not in hung for k in range(scene.n))
     state = Configuration(moved.x0, np.array([body.attitude for body in moved.bodies]), moved.v0, moved.w0)
     constraints = Constraints(scene)  # prismatic and fixed joints keep the relative attitude of the scene
@@ -117,7 +116,7 @@ def _tree(scene: Scene, given: Sequence[bool]) -> list[Branch]:
     Joints whose anchors coincide are used first, the others only if none of these reaches a further body.
     """
     roots = [body for body in range(scene.n) if given[body]]
-    return spanning_tree(scene, lambda joint: int(JOINT_TYPES[joint.type].anchors_coincide), roots)[0]
+    return spanning_tree(scene, lambda joint: int(joint.kind.anchors_coincide), roots)[0]
 
 
 def _tree_positions(draft: Draft, state: Configuration, shifts: Mapping[str, np.ndarray]) -> Configuration:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from crosscheck.scene.contacts import CONTACTS, KnifeEdge
-from crosscheck.scene.joints import JOINT_TYPES, Row
+from crosscheck.scene.joints import Row
 from crosscheck.scene.model import Joint, rotation_from_quaternion
 from crosscheck.scene.vectors import cross, dot, normal_references, shortest_rotation
 
@@ -204,7 +204,7 @@ def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray
     d = Separation(BodyVector(joint.parent, joint.parent_anchor), BodyVector(joint.child, joint.child_anchor))
     relative = child_attitude.T @ parent_attitude
 
-    if JOINT_TYPES[joint.type].slips:
+    if joint.kind.slips:
         return [CONTACTS[joint.type].of(joint)]
     inner = dict(zip(("e1", "e2", "e3"), np.eye(3), strict=True))
     outer = dict(zip(("f1", "f2", "f3"), relative.T, strict=True))
@@ -227,7 +227,7 @@ def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray
             case _:
                 return Basic(BodyVector(joint.parent, inner[row.parent]), d)
 
-    found: list[AnyBasic] = [basic(row) for row in JOINT_TYPES[joint.type].rows]
+    found: list[AnyBasic] = [basic(row) for row in joint.kind.rows]
     if joint.drive is not None or joint.mimic is not None:
         found.append(coordinate(joint))
     return found
@@ -235,7 +235,7 @@ def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray
 
 def coordinate(joint: Joint) -> Basic | Angle:
     """The angle of a revolute joint, or the slide of a prismatic one."""
-    if joint.type == "prismatic":
+    if joint.kind.slides:
         d = Separation(BodyVector(joint.parent, joint.parent_anchor), BodyVector(joint.child, joint.child_anchor))
         return Basic(BodyVector(joint.parent, joint.parent_axis), d)
     n1, _ = normal_references(joint.parent_axis)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck.scene import coordinates, joint_options, touching
 from crosscheck.scene.functions import TimeFunction
-from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.joints import joint_types
 from crosscheck.scene.laws import SIZES, Monitor, Shape
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Published, Scene
 from crosscheck.scene.schema import (
@@ -31,8 +31,10 @@ from crosscheck.scene.schema import (
     ShapeEntry,
     TorsionalSpringEntry,
     TouchEntry,
+    check_named,
+    check_not_negative,
+    check_positive,
     listed,
-    nearest,
 )
 from crosscheck.scene.sensors import sensors_of, sites_of
 
@@ -84,16 +86,16 @@ def _published(where: str, entry: PublishedEntry, bodies: Mapping[str, int], sce
     """A checked entry of [[published]]."""
     value = tuple(entry.value) if isinstance(entry.value, list) else (entry.value,)
     kind, count = entry.quantity, _OF_BODIES.get(entry.quantity, 1)
-    if kind in _OF_BODIES and entry.body not in bodies:
-        raise EntryError(f"{where}: body", f'no body is named "{entry.body}"', f"write one of {listed(bodies)}")
+    if kind in _OF_BODIES:
+        check_named(f"{where}: body", "body", entry.body, bodies)
     if kind.startswith("joint_"):
         joint = next((joint for joint in scene.joints if joint.name == entry.joint), None)
-        if joint is None or not JOINT_TYPES[joint.type].coordinates:
-            names = [joint.name for joint in scene.joints if JOINT_TYPES[joint.type].coordinates]
+        if joint is None or not joint.kind.coordinates:
+            names = [joint.name for joint in scene.joints if joint.kind.coordinates]
             raise EntryError(f"{where}: joint", f'no joint with coordinates is named "{entry.joint}"',
                              f"write one of {listed(names)}")
-        ball = JOINT_TYPES[joint.type].positions == 4
-        count = JOINT_TYPES[joint.type].positions - (ball and kind == "joint_velocity")
+        ball = joint.kind.positions == 4
+        count = joint.kind.positions - (ball and kind == "joint_velocity")
     if kind == "eigenvalue":
         count = len(value) if len(value) <= 2 else 2
     elif entry.time is None or not 0 <= entry.time <= scene.duration:
@@ -135,7 +137,7 @@ def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
     starts = (Start(i, *joint_options.start(f'joints[{i}] "{joint.name}"', joint, entry.joints, entry.duration))
               for i, joint in enumerate(entry.joints))
     held = {i for i, joint in enumerate(entry.joints)
-            if joint.reference_attitude is not None and JOINT_TYPES[joint.type].keeps_attitude}
+            if joint.reference_attitude is not None and joint.kind.keeps_attitude}
     given = {key: tuple(getattr(body, key) is not None for body in entry.bodies)
              for key in ("position", "velocity", "attitude", "angular_velocity")}
     return Draft(scene, given["position"], given["velocity"], entry.assemble,
@@ -149,10 +151,7 @@ def _check_run(entry: SceneEntry) -> None:
     if set(entry.name) & set("/\\") or not entry.name.isprintable() or not entry.name.strip("."):
         raise EntryError("name", f"{entry.name!r} cannot be part of a file's name, as reports need it",
                          "leave out slashes, backslashes and control characters, and add a letter")
-    if entry.duration <= 0:
-        raise EntryError("duration", f"{entry.duration:g} s is not positive", "write a number of seconds > 0")
-    if entry.duration < SMALLEST:
-        raise EntryError("duration", f"{entry.duration:g} s is out of range", f"write a number above {SMALLEST:g}")
+    check_positive("duration", entry.duration, "s", SMALLEST)
     if entry.samples < 2:
         raise EntryError("samples", f"{entry.samples} is too few, start and end are two", "write a whole number >= 2")
     if entry.samples > MOST_SAMPLES:
@@ -174,10 +173,7 @@ def _check_names(group: str, names: Sequence[str]) -> None:
 
 
 def _body(entry: str, body: BodyEntry) -> Body:
-    if body.mass <= 0:
-        raise EntryError(f"{entry}: mass", f"{body.mass:g} kg is not positive", "write a number of kg > 0")
-    if body.mass < SMALLEST:
-        raise EntryError(f"{entry}: mass", f"{body.mass:g} kg is out of range", f"write a number above {SMALLEST:g}")
+    check_positive(f"{entry}: mass", body.mass, "kg", SMALLEST)
     inertia = _inertia(f"{entry}: inertia", np.array(body.inertia))
     attitude = _unit(f"{entry}: attitude", body.attitude or IDENTITY,
                      "write a quaternion w, x, y, z, say [1.0, 0.0, 0.0, 0.0]")
@@ -218,15 +214,11 @@ def _unit(entry: str, vector: Sequence[float], mend: str) -> np.ndarray:
 
 
 def _body_index(entry: str, bodies: Mapping[str, int], name: str, ground: bool) -> int:
-    if name == "ground" and ground:
-        return GROUND
-    if name not in bodies:
-        known = ["ground", *bodies] if ground else list(bodies)
-        if name == "ground":
-            raise EntryError(entry, "the ground cannot be the child", f"swap parent and child, or name a body: "
-                             f"{listed(bodies)}")
-        raise EntryError(entry, f'no body is named "{name}"', f"{nearest(name, known)}write one of {listed(known)}")
-    return bodies[name]
+    if name == "ground" and not ground:
+        raise EntryError(entry, "the ground cannot be the child", f"swap parent and child, or name a body: "
+                         f"{listed(bodies)}")
+    check_named(entry, "body", name, ["ground", *bodies] if ground else list(bodies))
+    return bodies.get(name, GROUND)
 
 
 def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: JointEntry) -> Joint:
@@ -235,7 +227,7 @@ def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: Join
     child = _body_index(f"{entry}: child", bodies, joint.child, ground=False)
     if parent == child:
         raise EntryError(f"{entry}: child", f'joins the body "{joint.child}" to itself', "name two different bodies")
-    for key, needed in JOINT_TYPES[joint.type].needs.items():
+    for key, needed in joint.kind.needs.items():
         value = getattr(joint, key)
         example = "1.0 (m)" if key in ("length", "radius") else "[0.0, 0.0, 1.0]"
         if needed and value is None:
@@ -243,12 +235,9 @@ def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: Join
         if not needed and value is not None:
             raise EntryError(f"{entry}: {key}", f"a {joint.type} joint has none", "remove it, or change the type")
     for key, instead in (("length", ", or use a spherical joint"), ("radius", "")):
-        size = getattr(joint, key)
-        if size is not None and size <= 0:
-            raise EntryError(f"{entry}: {key}", f"{size:g} m is not positive", f"write a number of m > 0{instead}")
-        if size is not None and size < SMALLEST:
-            raise EntryError(f"{entry}: {key}", f"{size:g} m is out of range", f"write a number above {SMALLEST:g}")
-    if JOINT_TYPES[joint.type].slips and parent != GROUND:
+        if (size := getattr(joint, key)) is not None:
+            check_positive(f"{entry}: {key}", size, "m", SMALLEST, instead)
+    if joint.kind.slips and parent != GROUND:
         raise EntryError(f"{entry}: parent", f'the plane of a {joint.type} lies in the ground, not in "{joint.parent}"',
                          'write parent = "ground"')
     parent_axis, child_axis = (None if axis is None else _unit(f"{entry}: {key}", axis, "write the axis's direction")
@@ -274,8 +263,7 @@ def _forces(bodies: Mapping[str, int], types: Mapping[str, str], index: int, for
     kind = str(force.__struct_config__.tag)
     entry = f"forces[{index}] ({kind})"
     for key in ("stiffness", "damping", "free_length"):
-        if values.get(key, 0.0) < 0:
-            raise EntryError(f"{entry}: {key}", f"{values[key]:g} is negative", "write a number >= 0")
+        check_not_negative(f"{entry}: {key}", values.get(key, 0.0))
     parent = child = joint = None
     if isinstance(force, TorsionalSpringEntry | JointTorqueEntry | JointForceEntry):
         joint = _axial_joint(f"{entry}: joint", types, values.pop("joint"), isinstance(force, JointForceEntry))
@@ -311,11 +299,9 @@ def _servo(scene: SceneEntry, index: int, force: ServoEntry) -> list[Force]:
     values = {key: joint_options.function(f"{entry}: {key}", value, scene.duration)
               for key, value in msgspec.structs.asdict(force).items() if key != "joint" and value is not None}
     for key in ("proportional", "derivative", "delay"):
-        if values[key] < 0:
-            raise EntryError(f"{entry}: {key}", f"{values[key]:g} is negative", f"write {_WANTED[key]} >= 0")
+        check_not_negative(f"{entry}: {key}", values[key], number="a whole number" if key == "delay" else "a number")
     for key in ("period", "no_load_speed"):
-        if values.get(key, 1.0) <= 0:
-            raise EntryError(f"{entry}: {key}", f"{values[key]:g} is not positive", "write a number > 0")
+        check_positive(f"{entry}: {key}", values.get(key, 1.0))
     if force.delay and force.period is None:
         raise EntryError(f"{entry}: delay", "counts periods, and there is no period", "add period, a number of s > 0")
     if force.no_load_speed is not None and force.effort_limit is None:
@@ -323,8 +309,7 @@ def _servo(scene: SceneEntry, index: int, force: ServoEntry) -> list[Force]:
     if force.target_velocity is None and isinstance(values["target"], TimeFunction):
         values["target_velocity"] = values["target"].derivative(1)
     if isinstance(limit := force.effort_limit, float):
-        if limit <= 0:
-            raise EntryError(f"{entry}: effort_limit", f"{limit:g} is not positive", "write a number > 0")
+        check_positive(f"{entry}: effort_limit", limit)
         values["effort_limit"] = (-limit, limit)
     elif limit is not None and limit[0] >= limit[1]:
         raise EntryError(f"{entry}: effort_limit", f"lower {limit[0]:g} is not below upper {limit[1]:g}",
@@ -332,16 +317,12 @@ def _servo(scene: SceneEntry, index: int, force: ServoEntry) -> list[Force]:
     return [Force("servo", None, None, joint.name, values)]
 
 
-_WANTED = {"proportional": "a number", "derivative": "a number", "delay": "a whole number"}
-
-
 def _shape(bodies: Mapping[str, int], entry: str, shape: ShapeEntry, folder: Path) -> Shape:
     words = SIZES[shape.type]
     if len(shape.size) != len(words):
         raise EntryError(f"{entry}: size", f"{len(shape.size)} given, a {shape.type} has {len(words)}",
                          f"write [{', '.join(words)}] in m" if words else "remove it")
-    if any(value <= 0 for value in shape.size):
-        raise EntryError(f"{entry}: size", f"{min(shape.size):g} m is not positive", "write numbers of m > 0")
+    check_positive(f"{entry}: size", min(shape.size, default=1.0), "m")
     points = np.array(shape.points).reshape(-1, 3)
     for key, given in (("file", shape.file is not None), ("points", bool(shape.points))):
         if given and shape.type != "mesh":
@@ -395,11 +376,8 @@ def _monitor(scene: SceneEntry, index: int, monitor: MonitorEntry) -> Monitor:
         return Monitor(kind, joint=joint.name, lower=lower, upper=upper)
     shapes = {shape.name: shape for shape in scene.shapes}
     for name in monitor.shapes:
-        if name not in shapes:
-            raise EntryError(f"{entry}: shapes", f'no shape is named "{name}"', f"{nearest(name, shapes)}write two of "
-                             f"{listed(shapes) or '(the scene has no shapes)'}")
-    if monitor.margin < 0:
-        raise EntryError(f"{entry}: margin", f"{monitor.margin:g} m is negative", "write a number of m >= 0")
+        check_named(f"{entry}: shapes", "shape", name, shapes)
+    check_not_negative(f"{entry}: margin", monitor.margin, "m")
     first, second = (shapes[name] for name in monitor.shapes)
     if first.body == second.body:
         raise EntryError(f"{entry}: shapes", f'both are of "{first.body}" and never move against each other',
@@ -407,19 +385,13 @@ def _monitor(scene: SceneEntry, index: int, monitor: MonitorEntry) -> Monitor:
     return Monitor(kind, monitor.shapes, monitor.margin)
 
 
-def _known_joint(entry: str, types: Container[str], names: Sequence[str], name: str) -> None:
-    if name not in types:
-        raise EntryError(entry, f'no joint is named "{name}"',
-                         f"{nearest(name, names)}write one of {listed(names) or '(the scene has no joints)'}")
-
-
 def _single_joint(entry: str, scene: SceneEntry, name: str) -> JointEntry:
     """The joint with this name, checked to be a hinge or a slide."""
     joints = {joint.name: joint for joint in scene.joints}
-    _known_joint(entry, joints, list(joints), name)
-    if joints[name].type not in ("revolute", "prismatic"):
+    check_named(entry, "joint", name, joints)
+    if not joints[name].kind.has_one:
         raise EntryError(entry, f'"{name}" is a {joints[name].type} joint, not one with a single angle or slide',
-                         'name a joint of type "revolute", "prismatic"')
+                         f"name a joint of type {listed(joint_types('has_one'))}")
     return joints[name]
 
 
@@ -458,9 +430,8 @@ def check_touching(scene: Scene) -> None:
 
 def _axial_joint(entry: str, types: Mapping[str, str], name: str, slides: bool) -> str:
     """The name, checked to be that of a joint with an angle, or of a slide."""
-    _known_joint(entry, types, list(types), name)
-    fitting = [kind for kind, known in JOINT_TYPES.items()
-               if (known.coordinates == ("slide",) if slides else known.has_angle)]
+    check_named(entry, "joint", name, types)
+    fitting = joint_types("slides" if slides else "has_angle")
     if types[name] not in fitting:
         raise EntryError(entry, f'"{name}" is a {types[name]} joint, it has no {"slide" if slides else "angle"}',
                          f"name a joint of type {listed(fitting)}")

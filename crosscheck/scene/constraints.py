@@ -90,9 +90,9 @@ class Constraints:
             if joint.mimic is not None:
                 leader = named[joint.mimic.joint]
                 self.followers.append(Follower(self.rows[joint.name].stop - 1, self.m + len(self.followers),
-                                               joint.type == "revolute", joint.mimic, leader))
+                                               not joint.kind.slides, joint.mimic, leader))
                 place(coordinate(leader), self.followers[-1].leader)
-        self.drives = [(rows.stop - 1, joint.drive, joint.type == "revolute") for joint, rows in
+        self.drives = [(rows.stop - 1, joint.drive, not joint.kind.slides) for joint, rows in
                         zip(scene.joints, self.rows.values(), strict=True) if joint.drive is not None]
         self._basics: list[tuple[np.ndarray, AnyBasic]] = [  # rows (K, rows of each)
             (np.array(starts)[:, None] + np.arange(alike[0].rows), stacked(alike)) for alike, starts in kinds.values()]
@@ -138,7 +138,7 @@ class Constraints:
         values = self._evaluated("value", x, R)[:, self.m:]
         rates = None if v is None or w is None or t is None else self._evaluated("rate", x, R, v, w)[:, self.m:]
         for k, follower in enumerate(self.followers):
-            if follower.joint.type == "revolute":
+            if not follower.joint.kind.slides:
                 start = follower.joint.start
                 begin = before[k] if before is not None else None if start is None else start[0]
                 values[:, k] = continuous(values[:, k], begin, None if rates is None else rates[:, k], t)

@@ -19,7 +19,6 @@ import math
 
 import numpy as np
 
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.states import Motion, States
 from crosscheck.scene.vectors import continuous, cross, normal_references, shortest_rotation, slide_direction
@@ -37,7 +36,7 @@ def zero_attitude(joint: Joint) -> np.ndarray:
     """Q0, (3, 3): the joint's reference attitude, or the default of its type."""
     if joint.reference is not None:
         return rotation_from_quaternion(joint.reference)
-    axes = JOINT_TYPES[joint.type].axes
+    axes = joint.kind.axes
     if axes == "parallel":
         return shortest_rotation(joint.child_axis, joint.parent_axis)
     if axes == "perpendicular":
@@ -58,7 +57,7 @@ def turned(axis: np.ndarray, angle: float) -> np.ndarray:
 def relative_pose(joint: Joint, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(R_rel (3, 3), d (3,) in the parent's axes) at the joint's coordinates."""
     attitude, d = zero_attitude(joint), np.zeros(3)
-    words = JOINT_TYPES[joint.type].coordinates
+    words = joint.kind.coordinates
     if words == ("ball",):
         return attitude @ rotation_from_quaternion(position / np.linalg.norm(position)), d
     for word, value in zip(words, position, strict=False):
@@ -74,7 +73,7 @@ def relative_pose(joint: Joint, position: np.ndarray) -> tuple[np.ndarray, np.nd
 def relative_rates(joint: Joint, position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(relative angular velocity, d' as seen from the parent), (3,) each, in the parent's axes."""
     w, speed = np.zeros(3), np.zeros(3)
-    words = JOINT_TYPES[joint.type].coordinates
+    words = joint.kind.coordinates
     if words == ("ball",):
         return relative_pose(joint, position)[0] @ velocity, speed
     for k, (word, rate) in enumerate(zip(words, velocity, strict=False)):
@@ -90,7 +89,7 @@ def relative_rates(joint: Joint, position: np.ndarray, velocity: np.ndarray) -> 
 def histories(scene: Scene, states: Motion) -> dict[str, JointHistory]:
     """Coordinates of every joint that has them, over the times of `states`."""
     return {joint.name: history(joint, states) for joint in scene.joints
-            if JOINT_TYPES[joint.type].coordinates}
+            if joint.kind.coordinates}
 
 
 def offset_from_half_turn(scene: Scene, joint: Joint) -> float:
@@ -98,7 +97,7 @@ def offset_from_half_turn(scene: Scene, joint: Joint) -> float:
     assert joint.mimic is not None
     position, _ = at_start(scene)[joint.mimic.joint]
     leader = next(each for each in scene.joints if each.name == joint.mimic.joint)
-    turns = round(float(position[0]) / math.tau) if leader.type == "revolute" else 0
+    turns = round(float(position[0]) / math.tau) if not leader.kind.slides else 0
     return joint.mimic.offset + joint.mimic.ratio * math.tau * turns
 
 
@@ -154,18 +153,18 @@ def accelerations(joint: Joint, states: States) -> np.ndarray:
     moved = relative(joint, states, accelerated=True)
     assert moved.spinning is not None
     assert moved.speeding is not None
-    if JOINT_TYPES[joint.type].coordinates == ("ball",):
+    if joint.kind.coordinates == ("ball",):
         found: np.ndarray = np.einsum("tji,tj->ti", moved.turn, moved.spinning)
         return found
     columns = [_coordinate(word, joint, moved.turn, moved.spinning, moved.d, moved.speeding)[1]
-               for word in JOINT_TYPES[joint.type].coordinates]
+               for word in joint.kind.coordinates]
     return np.stack(columns, axis=1) if len(columns) > 1 else columns[0]
 
 
 def history(joint: Joint, states: Motion) -> JointHistory:
     """Coordinates of one joint that has them, over the times of `states`."""
     moved = relative(joint, states)
-    words = JOINT_TYPES[joint.type].coordinates
+    words = joint.kind.coordinates
     if words == ("ball",):
         position, velocity = quaternion_from_rotation(zero_attitude(joint).T @ moved.turn), np.einsum(
             "tji,tj->ti", moved.turn, moved.w)

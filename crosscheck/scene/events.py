@@ -10,7 +10,6 @@ import numpy as np
 
 from crosscheck.scene import touching
 from crosscheck.scene.coordinates import histories
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import Motion
@@ -33,7 +32,7 @@ def events(scene: Scene, states: Motion, shapes: bool = True) -> tuple[Event, ..
     for joint in scene.joints:
         if joint.name not in coordinates:
             continue
-        count = len(JOINT_TYPES[joint.type].coordinates)
+        count = len(joint.kind.coordinates)
         position, rate = (values.reshape(len(t), -1) for values in (coordinates[joint.name].position,
                                                                      coordinates[joint.name].velocity))
         for k in range(count if joint.dry_friction or joint.limits else 0):

@@ -15,7 +15,7 @@ from typing import Any
 
 from crosscheck.scene import functions
 from crosscheck.scene.coordinates import at_start
-from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.joints import joint_types
 from crosscheck.scene.laws import DryFriction, Limits
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import Force, Joint, Mimic, Scene
@@ -29,6 +29,7 @@ from crosscheck.scene.schema import (
     PolynomialEntry,
     SineEntry,
     SplineEntry,
+    check_not_negative,
     listed,
     nearest,
 )
@@ -51,7 +52,7 @@ def start(entry: str, joint: JointEntry, joints: Sequence[JointEntry],
         if given is None:
             found.append(None)
             continue
-        count = JOINT_TYPES[joint.type].positions
+        count = joint.kind.positions
         if count == 4 and key == "velocity":
             count = 3
         if count == 0:
@@ -76,13 +77,12 @@ def elastic(entry: str, joint: JointEntry, key: str) -> tuple[float, ...]:
     given: Values = getattr(joint, key)
     if given is None:
         return ()
-    if not JOINT_TYPES[joint.type].is_elastic:
-        elastic = listed(name for name, kind in JOINT_TYPES.items() if kind.is_elastic)
+    if not joint.kind.is_elastic:
         raise EntryError(f"{entry}: {key}", f"a {joint.type} joint cannot have it",
-                         f"remove it, or use a joint of type {elastic}")
-    values = _many(f"{entry}: {key}", given, JOINT_TYPES[joint.type].positions)
-    if key != "rest_position" and min(values) < 0:
-        raise EntryError(f"{entry}: {key}", f"{min(values):g} is negative", "write a number >= 0")
+                         f"remove it, or use a joint of type {listed(joint_types('is_elastic'))}")
+    values = _many(f"{entry}: {key}", given, joint.kind.positions)
+    if key != "rest_position":
+        check_not_negative(f"{entry}: {key}", min(values))
     return values
 
 
@@ -90,7 +90,7 @@ def mimic(entry: str, joint: JointEntry, joints: Sequence[JointEntry]) -> Mimic 
     """The joint whose coordinate this one follows."""
     if joint.mimic is None:
         return None
-    one = {each.name: each.type for each in joints if JOINT_TYPES[each.type].positions == 1}
+    one = {each.name: each.type for each in joints if each.kind.positions == 1}
     if joint.name not in one:
         raise EntryError(f"{entry}: mimic", f"a {joint.type} joint cannot have it", "use a revolute or prismatic joint")
     motor = joint.mimic.joint
@@ -114,7 +114,7 @@ def drive(entry: str, joint: JointEntry, duration: float) -> functions.TimeFunct
     """The coordinate of a joint as a function of time."""
     if joint.drive is None:
         return None
-    if joint.type not in ("revolute", "prismatic"):
+    if not joint.kind.has_one:
         raise EntryError(f"{entry}: drive", f"a {joint.type} joint cannot have it", "use a revolute or prismatic joint")
     for key in ("position", "velocity", "mimic", "armature"):
         if getattr(joint, key) is not None:
@@ -133,8 +133,7 @@ def dry_friction(entry: str, joint: JointEntry) -> tuple[DryFriction | None, ...
     for place, each in given:
         sliding, static = (each.sliding, each.static) if isinstance(each, DryFrictionEntry) else (each, None)
         static = sliding if static is None else static
-        if sliding < 0:
-            raise EntryError(place, f"{sliding:g} is negative", "write a number >= 0")
+        check_not_negative(place, sliding)
         if static < sliding:
             raise EntryError(place, f"static {static:g} is below sliding {sliding:g}",
                              "write a static value that is not smaller")
@@ -158,8 +157,7 @@ def limits(entry: str, joint: JointEntry) -> tuple[Limits | None, ...]:
             raise EntryError(f"{place}: stiffness", "missing, beside damping" if each.stiffness is None else
                              "a stop of stiffness 0 holds nothing", "write a number > 0")
         for key in ("stiffness", "damping"):
-            if (getattr(each, key) or 0.0) < 0:
-                raise EntryError(f"{place}: {key}", f"{getattr(each, key):g} is negative", "write a number >= 0")
+            check_not_negative(f"{place}: {key}", getattr(each, key) or 0.0)
         if not 0.0 <= (each.restitution or 0.0) <= 1.0:
             raise EntryError(f"{place}: restitution", f"{each.restitution:g} is not between 0 and 1",
                              "write a number from 0 to 1")
@@ -182,12 +180,12 @@ def _of_coordinates(entry: str, joint: JointEntry, key: str) -> list[tuple[str, 
     if given is None:
         return []
     entry = f"{entry}: {key}"
-    if not JOINT_TYPES[joint.type].is_elastic or JOINT_TYPES[joint.type].positions > 2:
+    if not joint.kind.is_elastic:
         raise EntryError(entry, f"a {joint.type} joint cannot have it",
-                         'remove it, or use a joint of type "revolute", "prismatic", "cylindrical"')
+                         f"remove it, or use a joint of type {listed(joint_types('is_elastic'))}")
     if joint.drive is not None:
         raise EntryError(entry, "the drive of the joint says all of its motion", "remove it")
-    values, count = given if isinstance(given, list) else [given], JOINT_TYPES[joint.type].positions
+    values, count = given if isinstance(given, list) else [given], joint.kind.positions
     if len(values) != count:
         raise EntryError(entry, f"{len(values)} given", "write one" if count == 1 else f"write a list of {count}")
     return [(entry if count == 1 else f"{entry}[{k}]", value) for k, value in enumerate(values)]
@@ -232,7 +230,7 @@ def with_forces(scene: Scene) -> Scene:
 def _forces(scene: Scene, joint: Joint) -> list[Force]:
     position, velocity = at_start(scene)[joint.name]
     found = []
-    words = JOINT_TYPES[joint.type].coordinates
+    words = joint.kind.coordinates
     for k, word in enumerate(words):
         stiffness, damping, rest = ((values or (0.0,) * len(words))[k]
                                     for values in (joint.stiffness, joint.damping, joint.rest_position))
@@ -257,6 +255,6 @@ def _forces(scene: Scene, joint: Joint) -> list[Force]:
 
 def check_types(entry: str, joint: JointEntry) -> None:
     """Refuse a reference attitude for a joint whose coordinates and rows do not use one."""
-    kind = JOINT_TYPES[joint.type]
+    kind = joint.kind
     if joint.reference_attitude is not None and not (kind.coordinates or kind.keeps_attitude):
         raise EntryError(f"{entry}: reference_attitude", f"a {joint.type} joint has none", "remove it")

@@ -69,6 +69,16 @@ class JointType:
         return bool(self.coordinates) and {"turn", "slide"}.issuperset(self.coordinates)
 
     @property
+    def slides(self) -> bool:
+        """Whether it has one coordinate, a slide."""
+        return self.coordinates == ("slide",)
+
+    @property
+    def has_one(self) -> bool:
+        """Whether it has one coordinate, an angle or a slide along an axis that is fixed in both bodies."""
+        return self.slides or self.coordinates == ("turn",)
+
+    @property
     def anchors_coincide(self) -> bool:
         """Whether it holds the two anchors together."""
         return self.rows[0].kind == "point"
@@ -115,3 +125,8 @@ JOINT_TYPES: dict[str, JointType] = {
     "rolling_sphere": JointType(_ROLLING, (*_PLANE, "ball"), axes="parent", radius=True),
 }
 """The types by their names in scene files, in the order in which messages list them."""
+
+
+def joint_types(trait: str) -> tuple[str, ...]:
+    """Names of the types that have a property of `JointType`."""
+    return tuple(name for name, kind in JOINT_TYPES.items() if getattr(kind, trait))

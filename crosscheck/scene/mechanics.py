@@ -16,7 +16,6 @@ from crosscheck.scene.armature import rotors
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import history
 from crosscheck.scene.functions import at
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
@@ -54,10 +53,10 @@ def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[st
     energy = -np.einsum("n,k,tnk->t", scene.masses, scene.gravity, x)
     for force in scene.forces:
         p = force.parameters
-        if force.type == "linear_spring":
+        if force.is_spring and force.joint is None:
             d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
             energy = energy + 0.5 * p["stiffness"] * (np.linalg.norm(d, axis=-1) - p["free_length"]) ** 2
-        elif force.type == "torsional_spring":
+        elif force.is_spring:
             energy = energy + 0.5 * p["stiffness"] * (angles[force.joint] - at(p["rest_angle"], t)) ** 2
     for joint, k, limits in _soft_limits(scene):
         energy = energy + limits.energy(_position(scene, joint, k, x, R, angles))
@@ -87,10 +86,10 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
 
     for force in scene.forces:
         p = force.parameters
-        if force.type.endswith("spring"):
+        if force.is_spring:
             undamped = dataclasses.replace(force, parameters={**p, "damping": 0.0})
             total += pushed(force) - pushed(undamped)
-            if force.type == "torsional_spring":
+            if force.joint is not None:
                 total -= p["stiffness"] * (angles[force.joint] - at(p["rest_angle"], states.t)) * at(
                     p["rest_angle"], states.t, 1)
         else:
@@ -155,9 +154,9 @@ def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: 
     first angle lies in (-pi, pi], or is unwrapped from `previous`, the last angles of the previous batch.
     """
     angles = {}
-    sprung = {force.joint for force in scene.forces if force.type in ("torsional_spring", "servo")}
+    sprung = {force.joint for force in scene.forces if force.is_spring or force.type == "servo"}
     sprung |= {joint.name for joint in scene.joints if any(joint.limits)}
-    for joint in (joint for joint in scene.joints if joint.name in sprung and JOINT_TYPES[joint.type].has_angle):
+    for joint in (joint for joint in scene.joints if joint.name in sprung and joint.kind.has_angle):
         rate = None if w is None else _torsion_rate(joint, R, w)
         angles[joint.name] = continuous(_torsion(joint, R), None if previous is None else previous[joint.name], rate, t)
     return angles
@@ -212,7 +211,7 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
     p = force.parameters
     factor = np.broadcast_to(at(p.get("factor", 1.0), t), len(x))[:, None]
     joint = next((joint for joint in scene.joints if joint.name == force.joint), None)
-    if force.type == "linear_spring":
+    if force.is_spring and joint is None:
         d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
         length = np.linalg.norm(d, axis=-1)
         direction = d / np.where(length > 0, length, 1.0)[:, None]  # zero at zero length
@@ -222,7 +221,7 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
         _add_force(f, R, force.child, p["child_point"], -pull)
         _add_force(f, R, force.parent, p["parent_point"], pull)
     elif joint is not None:
-        turn = JOINT_TYPES[joint.type].coordinates.index("slide" if joint.type == "prismatic" else "turn")
+        turn = joint.kind.coordinates.index("slide" if joint.kind.slides else "turn")
         if force.type == "servo":
             servo = Servo(**p)
             size = np.full(len(x), np.nan) if servo.period is not None else servo.effort(
@@ -232,7 +231,7 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
         else:
             size = -(p["stiffness"] * (angles[joint.name] - at(p["rest_angle"], t))
                      + p["damping"] * _torsion_rate(joint, R, w))
-        _add_along(f, R, joint, force.type == "joint_force" or joint.type == "prismatic", size)
+        _add_along(f, R, joint, force.type == "joint_force" or joint.kind.slides, size)
     elif force.type == "constant_force":
         push = factor * _in_world(p["force"], p["frame"], R[:, force.child])
         _add_force(f, R, force.child, p["child_point"], push)
@@ -242,7 +241,7 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
 
 def _slides(joint: Joint, k: int) -> bool:
     """Whether coordinate k of a joint is a slide."""
-    return JOINT_TYPES[joint.type].coordinates[k] == "slide"
+    return joint.kind.coordinates[k] == "slide"
 
 
 def _add_along(f: np.ndarray, R: np.ndarray, joint: Joint, slides: bool, size: np.ndarray) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.scene.functions import TimeFunction, at
-from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.joints import JOINT_TYPES, JointType
 from crosscheck.scene.laws import DryFriction, Limits, Monitor, Servo, Shape
 
 GROUND = -1
@@ -133,6 +133,11 @@ class Joint(_Record):
     dry_friction: tuple[DryFriction | None, ...] = ()  # per coordinate, as the next
     limits: tuple[Limits | None, ...] = ()
 
+    @property
+    def kind(self) -> JointType:
+        """Its entry in the table of types."""
+        return JOINT_TYPES[self.type]
+
     def __post_init__(self) -> None:
         for field in ("parent_anchor", "child_anchor", "parent_axis", "child_axis"):
             if getattr(self, field) is not None:
@@ -158,6 +163,11 @@ class Force(_Record):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", types.MappingProxyType(dict(self.parameters)))
+
+    @property
+    def is_spring(self) -> bool:
+        """Whether it is a spring-damper: between two points, or with a joint about its axis."""
+        return self.type.endswith("spring")
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
@@ -293,7 +303,7 @@ class Scene(_Record):
                      "limits with stiffness and damping")):
                 if there and element not in known:
                     return f"joint {joint.name!r} has {what}, which {why(element)}"
-            if JOINT_TYPES[joint.type].slips and "slip" not in known:
+            if joint.kind.slips and "slip" not in known:
                 return (f"joint {joint.name!r} is a {joint.type}, whose rows against slip hold velocities alone; "
                         "such rows are not built here")
         for index, force in enumerate(self.forces):
@@ -335,7 +345,7 @@ class Scene(_Record):
         found = [f"{body.name}.{part}" for k, body in enumerate(self.bodies) if k not in carried
                  for part in ("x", "y", "z", "rx", "ry", "rz")]
         for joint in self.joints:
-            words = JOINT_TYPES[joint.type].coordinates
+            words = joint.kind.coordinates
             parts = ("rx", "ry", "rz") if words == ("ball",) else tuple(COORDINATE_NAMES[word] for word in words)
             found += [joint.name] if len(parts) == 1 else [f"{joint.name}.{part}" for part in parts]
         return tuple(found)
@@ -360,7 +370,7 @@ class Scene(_Record):
     def worked_on(self) -> bool:
         """Whether loads, dampers or functions of time may do work, so that the energy is not conserved."""
         return self.timed or self.has_laws or any(
-            not force.type.endswith("spring") or force.parameters["damping"] > 0 for force in self.forces)
+            not force.is_spring or force.parameters["damping"] > 0 for force in self.forces)
 
     def delayed(self, by: float) -> Scene:
         """The scene with its functions of time delayed by this many seconds."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Literal, get_args
 
 import msgspec
 
-from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.joints import JOINT_TYPES, JointType, joint_types
 from crosscheck.scene.laws import SIZES
 
 VERSIONS = (1, 2, 3)
@@ -24,7 +24,7 @@ KEYS: dict[int, dict[str, tuple[str, ...]]] = {
 
 TYPES: dict[int, dict[str, tuple[str, ...]]] = {
     2: {"forces": ("joint_torque", "joint_force"),
-        "joints": tuple(name for name, kind in JOINT_TYPES.items() if kind.slips)},
+        "joints": joint_types("slips")},
     3: {"forces": ("servo",)}}
 """Types that each later version brought, by table."""
 
@@ -153,6 +153,11 @@ class JointEntry(msgspec.Struct, frozen=True):
     drive: FunctionEntry | None = None
     dry_friction: float | DryFrictionEntry | list[float | DryFrictionEntry] | None = None
     limits: LimitsEntry | list[LimitsEntry] | None = None
+
+    @property
+    def kind(self) -> JointType:
+        """Its entry in the table of types."""
+        return JOINT_TYPES[self.type]
 
 
 class LinearSpringEntry(msgspec.Struct, frozen=True, tag_field="type", tag="linear_spring"):
@@ -375,6 +380,29 @@ def listed(names: Iterable[str]) -> str:
     names = list(names)
     more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
     return ", ".join(f'"{name}"' for name in names[:MOST_LISTED]) + more
+
+
+def check_named(entry: str, what: str, name: str | None, known: Collection[str]) -> None:
+    """Raise `EntryError` unless the scene has a body, joint, site or shape of this name."""
+    if name not in known:
+        raise EntryError(entry, f'no {what} is named "{name}"', f"{nearest(str(name), known)}write one of "
+                         f"{listed(known) or '(the scene has none)'}")
+
+
+def check_not_negative(entry: str, value: float, unit: str = "", number: str = "a number") -> None:
+    """Raise `EntryError` for a value below 0."""
+    if value < 0:
+        raise EntryError(entry, f"{value:g}{unit and ' ' + unit} is negative",
+                         f"write {number}{unit and ' of ' + unit} >= 0")
+
+
+def check_positive(entry: str, value: float, unit: str = "", smallest: float = 0.0, instead: str = "") -> None:
+    """Raise `EntryError` for a value that is not above 0, or below `smallest`."""
+    if value <= 0:
+        raise EntryError(entry, f"{value:g}{unit and ' ' + unit} is not positive",
+                         f"write a number{unit and ' of ' + unit} > 0{instead}")
+    if value < smallest:
+        raise EntryError(entry, f"{value:g} {unit} is out of range", f"write a number above {smallest:g}")
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

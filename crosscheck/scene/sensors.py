@@ -14,7 +14,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,7 @@ from crosscheck.scene.model import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
-from crosscheck.scene.schema import EntryError, SensorEntry, SiteEntry, listed, nearest
+from crosscheck.scene.schema import EntryError, SensorEntry, SiteEntry, check_named, listed, nearest
 from crosscheck.scene.states import States
 from crosscheck.scene.vectors import cross
 
@@ -100,7 +99,7 @@ class Reader:
         """Coordinates along which the state does not tell what acts, each with the row S (T, 6n) of its rate."""
         s = self.states
         return [(joint, rate_row(joint, word, self.scene, s.x, s.R, s.v, s.w)[0]) for joint in self.scene.joints
-                for k, word in enumerate(JOINT_TYPES[joint.type].coordinates)
+                for k, word in enumerate(joint.kind.coordinates)
                 if joint.name in self.sampled or any(laws[k:k + 1] != (None,) and laws[k:k + 1] for laws in (
                     joint.dry_friction, joint.limits))]
 
@@ -177,7 +176,7 @@ class Reader:
         """(T,) in N m or N, or (T, 1 + k) as in `wrench`."""
         total = np.zeros(len(self.states.t))
         for force in self._known.forces:
-            if force.joint == joint.name and force.type != "torsional_spring":
+            if force.joint == joint.name and not force.is_spring:
                 total = total + self._given(joint, force)
         if joint.drive is None and joint.name not in self.sampled:
             return total
@@ -194,8 +193,7 @@ class Reader:
         """The value over time, (T,), of a joint_torque, a joint_force or a continuous servo."""
         t = self.states.t
         if force.type != "servo":
-            key = "torque" if force.type == "joint_torque" else "force"
-            return np.broadcast_to(at(force.parameters[key], t), len(t))
+            return np.broadcast_to(at(force.parameters[force.type.removeprefix("joint_")], t), len(t))
         position, rate = (values if values.ndim == 1 else values[:, 0] for values in (
             self.histories[joint.name].position, self.histories[joint.name].velocity))
         return np.asarray(Servo(**force.parameters).effort(t, position, rate))
@@ -386,10 +384,7 @@ def sites_of(entries: Sequence[SiteEntry], bodies: Mapping[str, int]) -> tuple[S
     made = []
     for index, entry in enumerate(entries):
         where = f'sites[{index}] "{entry.name}"'
-        if entry.body not in bodies and entry.body != "ground":
-            known = ["ground", *bodies]
-            raise EntryError(f"{where}: body", f'no body is named "{entry.body}"',
-                             f"{nearest(entry.body, known)}write one of {listed(known)}")
+        check_named(f"{where}: body", "body", entry.body, ["ground", *bodies])
         size = float(np.linalg.norm(entry.attitude))
         if not size > 0:
             raise EntryError(f"{where}: attitude", "all its numbers are zero", "write a quaternion w, x, y, z")
@@ -408,23 +403,22 @@ def _sensor(where: str, entry: SensorEntry, scene: Scene) -> Sensor:
         raise EntryError(f"{where}: type", f'unknown type "{entry.type}"',
                          f"{nearest(entry.type, SENSOR_TYPES)}write one of {listed(SENSOR_TYPES)}")
     kind = SENSOR_TYPES[entry.type]
-    named: dict[str, Sequence[Any]] = {"site": scene.sites, "joint": scene.joints}
-    for key, records in named.items():
-        name, names = getattr(entry, key), [record.name for record in records]
+    joints = {joint.name: joint for joint in scene.joints}
+    for key, name, names in (("site", entry.site, [site.name for site in scene.sites]),
+                             ("joint", entry.joint, list(joints))):
         if key in kind.needs and name is None:
             raise EntryError(f"{where}: {key}", f"missing, the type {entry.type} needs it",
                              f"write one of {listed(names) or f'[[{key}s]], of which the scene has none'}")
         if key not in kind.needs and name is not None:
             raise EntryError(f"{where}: {key}", f"the type {entry.type} has none", "remove it, or change the type")
-        if name is not None and name not in names:
-            raise EntryError(f"{where}: {key}", f'no {key} is named "{name}"', f"{nearest(name, names)}write one of "
-                             f"{listed(names) or f'[[{key}s]], of which the scene has none'}")
+        if name is not None:
+            check_named(f"{where}: {key}", key, name, names)
     if entry.frame is not None and not kind.axes:
         raise EntryError(f"{where}: frame", f"the type {entry.type} has no axes", "remove it")
-    joint = next((joint for joint in scene.joints if joint.name == entry.joint), None)
+    joint = joints.get(entry.joint or "")
     if joint is not None and kind.needs == _JOINT:
-        count = len(JOINT_TYPES[joint.type].coordinates)
-        if not count or (kind.size == 0 and not JOINT_TYPES[joint.type].is_elastic):
+        count = len(joint.kind.coordinates)
+        if not count or (kind.size == 0 and not joint.kind.is_elastic):
             raise EntryError(f"{where}: joint", f'"{joint.name}" is a {joint.type} joint, which has no '
                              f"{'drive' if count else 'coordinates'}", "name another joint")
     return Sensor(entry.name, entry.type, entry.site, entry.joint, entry.frame or kind.axes)

@@ -13,7 +13,6 @@ import numpy as np
 from crosscheck.scene import coordinates, mechanics
 from crosscheck.scene.checks import Draft, Start
 from crosscheck.scene.functions import TimeFunction
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Body, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.schema import EntryError
 from crosscheck.scene.states import Motion
@@ -111,7 +110,7 @@ def attitudes(draft: Draft, state: Configuration) -> tuple[Configuration, dict[s
     for start in _outwards(draft, (each for each in draft.starts
                                    if each.position or scene.joints[each.joint].reference is not None)):
         joint = scene.joints[start.joint]
-        if start.position is None and not JOINT_TYPES[joint.type].keeps_attitude:
+        if start.position is None and not joint.kind.keeps_attitude:
             continue
         relative, shift = coordinates.relative_pose(joint, np.array(start.position or (0.0,)))
         attitude = R[joint.parent] @ relative
@@ -166,7 +165,7 @@ def check(draft: Draft, scene: Scene) -> None:
     for start in draft.starts:
         joint = scene.joints[start.joint]
         for k, (key, given, unit) in enumerate((("position", start.position, ""), ("velocity", start.velocity, "/s"))):
-            if given is None or JOINT_TYPES[joint.type].positions == 4:  # its attitude has been compared already
+            if given is None or joint.kind.positions == 4:  # its attitude has been compared already
                 continue
             gap = float(np.abs(found[joint.name][k] - np.array(given)).max())
             if gap > ALLOWED_VIOLATION * max(1.0, L, *(abs(value) for value in given)):

@@ -35,6 +35,8 @@ def test_imports_nothing_under_test(file):
     ours = {name for name in imported(file) if name.split(".")[0] in {"crosscheck", "lieeuler"}}
     assert not {name for name in ours if not belongs(name, OWN | {"crosscheck.references"})}
     assert not imported(file) & {"mujoco", "pinocchio", "exudyn", "importlib.import_module"}
+    nodes = ast.walk(ast.parse(file.read_text()))
+    assert not [node.lineno for node in nodes if isinstance(node, ast.Attribute) and node.attr == "kind"]  # of a joint
 
 
 SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "series",

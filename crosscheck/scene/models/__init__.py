@@ -116,7 +116,7 @@ def apart(function: Callable[[Any], T], task: Any, path: str) -> T:
 
 def _read(task: tuple[str, str, dict[str, Any]]) -> dict[str, Any]:
     """The content of a scene file for (working folder, path, options)."""
-    from crosscheck.scene.models import reading
+    from crosscheck.scene.models import reading  # needs msgspec
 
     folder, path, options = task
     os.chdir(folder)

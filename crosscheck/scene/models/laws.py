@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from crosscheck.errors import ArgumentError, unknown
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import quaternion_from_rotation
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.schema import Content as Table
@@ -89,7 +90,7 @@ def _places(reading: Reading, joints: list[Table]) -> dict[int, tuple[Table, int
         ids = range(int(m.body_jntadr[group]), int(m.body_jntadr[group]) + int(m.body_jntnum[group]))
         if ids and ids[0] in found:
             continue
-        if table is None or table["type"] not in ("revolute", "prismatic", "cylindrical"):
+        if table is None or not JOINT_TYPES[table["type"]].is_elastic:
             continue
         for j in ids:
             k = int(len(ids) == 2 and m.jnt_type[j] == 2)  # the slide of a cylindrical joint comes second
@@ -100,7 +101,7 @@ def _places(reading: Reading, joints: list[Table]) -> dict[int, tuple[Table, int
 
 def _given(table: Table, key: str, k: int, value: Any, other: Any) -> None:
     """Set a key of a joint for one coordinate; `other` is what the other coordinate of a cylindrical joint has."""
-    if table["type"] == "cylindrical":
+    if not JOINT_TYPES[table["type"]].has_one:
         values = table.setdefault(key, [other, other])
         values[k] = value
     else:
@@ -134,7 +135,7 @@ def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants
             reading.noted.append(words)
             continue
         table, k, sign = places.get(j, ({}, 0, 1.0))
-        if not table or (wants.limits == "monitor" and table["type"] == "cylindrical"):
+        if not table or (wants.limits == "monitor" and not JOINT_TYPES[table["type"]].has_one):
             reading.lost.append(words)
             continue
         lower, upper = sorted(sign * m.jnt_range[j])
@@ -218,7 +219,7 @@ def _servo(reading: Reading, a: int, place: tuple[Table, int, float] | None, con
              and mujoco.mjtBias(m.actuator_biastype[a]) in (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
              and m.actuator_ctrlnum[a] == 1 and not any(
                  np.any(getattr(m, field)[a]) for field in PASSIVE if hasattr(m, field)))
-    if not plain or place is None or place[0]["type"] == "cylindrical" or "mimic" in place[0]:
+    if not plain or place is None or not JOINT_TYPES[place[0]["type"]].has_one or "mimic" in place[0]:
         return None
     b0, b1, b2 = (m.actuator_biasprm[a, :3].tolist() if m.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE else
                   [0.0] * 3)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import quaternion_from_rotation
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.schema import Content as Table
@@ -54,9 +55,9 @@ def _sensor(reading: Reading, sites: dict[str, Table], joints: list[Table], k: i
     thing, index = int(m.sensor_objtype[k]), int(m.sensor_objid[k])
     if kind in OF_JOINT:
         name = m.jnt(index).name
-        known = {joint["name"]: joint["type"] for joint in joints}
-        wanted = ("spherical",) if kind.startswith("BALL") else ("revolute", "prismatic")
-        return {"type": OF_JOINT[kind], "joint": name} if known.get(name) in wanted else None
+        read = next((JOINT_TYPES[joint["type"]] for joint in joints if joint["name"] == name), None)
+        fits = read is not None and (read.coordinates == ("ball",) if kind.startswith("BALL") else read.has_one)
+        return {"type": OF_JOINT[kind], "joint": name} if fits else None
     if kind in OF_FRAME and int(m.sensor_reftype[k]) == int(mujoco.mjtObj.mjOBJ_UNKNOWN):
         site = _frame(reading, sites, thing, index)
         axes = {} if kind == "FRAMEQUAT" else {"frame": "world"}

@@ -11,7 +11,6 @@ import numpy as np
 
 from crosscheck.errors import SceneError
 from crosscheck.scene.coordinates import at_start, zero_attitude
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation
 from crosscheck.scene.vectors import slide_direction
@@ -105,7 +104,7 @@ def _mjcf_joints(scene: Scene, element: Element, body: int, joint: Joint | None)
     if joint is None:
         SubElement(element, "freejoint", name=f"{scene.bodies[body].name} free")
         return ([*scene.x0[body], *scene.bodies[body].attitude], [*scene.v0[body], *scene.w0[body]])
-    kind = JOINT_TYPES[joint.type]
+    kind = joint.kind
     if kind.motion and not kind.coordinates:
         raise _refused(scene, "MJCF", f"joint {joint.name!r} of type {joint.type}")
     if not kind.motion:
@@ -292,7 +291,7 @@ def _grown(scene: Scene, form: str) -> tuple[list[tuple[int, Joint | None]], lis
     hung: dict[int, Joint] = {}
     loops = []
     for joint in scene.joints:
-        if joint.child in hung or joint.type == "distance":
+        if joint.child in hung or joint.kind.length:
             loops.append(joint)
         else:
             hung[joint.child] = joint

@@ -9,7 +9,7 @@ import dataclasses
 import math
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,9 @@ from crosscheck.recordings.comparing import (
     RATES,
     UNITS,
     Differences,
+    Shown,
     compare,
-    determined,
+    gaps,
     intervals,
     invariants,
     norms,
@@ -165,7 +166,7 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
         return verdict
     seen = compare(system, kept[0], truth, since)
     verdict.differences, verdict.until, verdict.errors = seen, float(kept[0].t[-1]), seen.errors
-    verdict.floors = {key: seen.worst(key)[3] for key in fine.keys}
+    verdict.floors = {key: float(seen.floor[k][at]) for key in fine.keys for k, at in [seen.worst(key)]}
     if verdict.until < fine.t[-1]:
         notes.append(f"judged up to {verdict.until:g} s" + (f": {truth.horizon_cause}" if truth.horizon_cause else
                                                             ", where truth ends"))
@@ -202,50 +203,37 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
 
 def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Scene, Any, float, list[str]]:
     """(scene as it starts, truth, time of the recording at which it starts, what to say)."""
-    truth = dense(scene)
+    truth = _prolonged(scene, float(recording.t[-1]))
     notes: list[str] = []
-    truth.at(np.array([min(float(recording.t[-1]), BEYOND * scene.duration)]))  # prolongs it: now it has a horizon
     first = part_of(recording, slice(0, 5))
-    since = 0.0
     if first.t[0] > truth.horizon:
         return scene, truth, 0.0, notes
     first = part_of(first, first.t <= truth.horizon)
-    seen = compare(scene, first, truth)
     if start == "recorded":
-        base = truth.at(first.t)
-        base = States(base.t, base.x, base.R, base.v, base.w)
-        if not determined(scene, first, base):
+        states = restored(scene, first, truth.at(first.t))
+        if states is None:
             raise ArgumentError(f"{recording.name}: start: the first row does not determine the poses of all bodies; "
                                 "record more, or judge it from the scene's start")
-        states = restored(scene, first, base)
-        begun = restarted(scene, states, 0, max(float(recording.t[-1] - first.t[0]), 1e-9), scene.samples)
-        shown = compare(scene, first, _Fixed(states, truth.error))
+        moved = {group.key: norms(gaps(group, group.values, value, True))[0] for group, value in
+                 zip(first.groups, Shown(scene, first.groups).of(states), strict=True)}
         notes.append("truth starts from the recorded state, " + ", ".join(
-            f"{key.replace('_', ' ')} moved by {float(norms(gap)[0]):.1e}" for key, gap in
-            {group.key: gap for group, gap in zip(first.groups, shown.gap, strict=True)}.items()) + " onto the joints")
-        truth = dense(begun)
-        truth.at(np.array([min(float(recording.t[-1] - first.t[0]), BEYOND * scene.duration)]))
-        return begun, truth, float(first.t[0]), notes
-    for group, gap, floor in zip(first.groups, seen.gap, seen.floor, strict=True):
-        size = float(norms(gap)[0])
-        if size > 3 * float(floor[0]) + SAME_START * max(1.0, float(np.abs(group.values[0]).max())):
+            f"{key.replace('_', ' ')} moved by {size:.1e}" for key, size in moved.items()) + " onto the joints")
+        length = float(recording.t[-1] - first.t[0])
+        begun = restarted(scene, states, 0, max(length, 1e-9), scene.samples)
+        return begun, _prolonged(begun, length), float(first.t[0]), notes
+    seen = compare(scene, first, truth)
+    for group, sizes, floor in zip(first.groups, seen.sizes, seen.floor, strict=True):
+        if sizes[0] > 3 * floor[0] + SAME_START * max(1.0, float(np.abs(group.values[0]).max())):
             where = "the scene's start" if recording.t[0] == 0 else f"truth at {recording.t[0]:g} s"
-            notes.append(f"{group.label} starts {size:.3g} {group.unit} from {where}")
-    return scene, truth, since, notes
+            notes.append(f"{group.label} starts {sizes[0]:.3g} {group.unit} from {where}")
+    return scene, truth, 0.0, notes
 
 
-class _Fixed:
-    """A motion at given times alone."""
-
-    horizon, horizon_cause = math.inf, ""
-
-    def __init__(self, states: States, error: float) -> None:
-        self.states, self.error = states, error
-
-    def at(self, t: np.ndarray) -> States:
-        """The states at the nearest of the given times."""
-        index = np.clip(np.searchsorted(self.states.t, t - 1e-12), 0, len(self.states.t) - 1)
-        return States(t, *(getattr(self.states, name)[index] for name in ("x", "R", "v", "w")))
+def _prolonged(scene: Scene, until: float) -> Any:
+    """Truth up to a time (s), so that its horizon is known."""
+    truth = dense(scene)
+    truth.at(np.array([min(until, BEYOND * scene.duration)]))
+    return truth
 
 
 def _judged_part(recording: Recording, truth: Any, since: float, scene: Scene) -> Recording:
@@ -259,13 +247,13 @@ def _sizes(seen: Differences, allowed: Mapping[str, float], lines: list[str]) ->
     """Errors beyond their tolerances; all of them into `lines`."""
     failed = []
     for key in seen.recording.keys:
-        group, time, error, floor = seen.worst(key)
+        which, at = seen.worst(key)
+        group, sizes, floors, t = seen.recording.groups[which], seen.sizes[which], seen.floor[which], seen.recording.t
+        error, floor = float(sizes[at]), float(floors[at])
         digits = f", of which printed digits leave open {floor:.1e}" if floor > 1e-3 * error and floor > 1e-12 else ""
-        said = f"{group.label}: off by up to {error:.3g} {group.unit} (t = {time:.6g} s){digits}"
+        said = f"{group.label}: off by up to {error:.3g} {group.unit} (t = {t[at]:.6g} s){digits}"
         if key in allowed and error > allowed[key] + floor:
-            sizes = next(norms(gap) - f for g, gap, f in zip(seen.recording.groups, seen.gap, seen.floor, strict=True)
-                         if g is group)
-            since = float(seen.recording.t[int(np.argmax(sizes > allowed[key]))])
+            since = float(t[int(np.argmax(sizes - floors > allowed[key]))])
             failed.append(f"{said}; {allowed[key]:g} is allowed, exceeded since t = {since:.6g} s")
         else:
             lines.append(said + (f"; {allowed[key]:g} is allowed" if key in allowed else ""))
@@ -310,24 +298,23 @@ def _defects(scene: Scene, seen: Differences, since: float, allowed: Mapping[str
     """Intervals that miss the true motion from their own start; the frame of all into the verdict."""
     import pandas as pd
 
-    found = intervals(scene, seen, since)
-    if found is None:
+    missed = intervals(scene, seen, since)
+    if missed is None:
         notes.append("not judged: single intervals, because the columns do not determine the state of all bodies"
                      if len(seen.recording.t) > 3 else "not judged: single intervals, of fewer than four rows")
         return []
-    verdict.defects = pd.DataFrame({"t": found.t, **found.sizes})
+    t, defects = missed
+    verdict.defects = pd.DataFrame({"t": t, **{key: defect.sizes for key, defect in defects.items()}})
     failed = []
-    for key, sizes in found.sizes.items():
-        beyond = np.maximum(sizes - found.floor[key], 0.0)
+    for key, defect in defects.items():
+        beyond = np.maximum(defect.sizes - defect.floor, 0.0)
         at = int(np.argmax(beyond))
-        usual = float(np.median(sizes))
-        where = f"between t = {found.t[at]:.6g} s and the next row"
-        if beyond[at] > max(JUMP * found.step[key], STANDING_OUT * usual):
-            failed.append(f"{key.replace('_', ' ')} jumps by {sizes[at]:.3g} {where}; intervals usually miss "
-                          f"{usual:.1e}")
+        size, usual, name = defect.sizes[at], float(np.median(defect.sizes)), key.replace("_", " ")
+        where = f"by {size:.3g} between t = {t[at]:.6g} s and the next row"
+        if beyond[at] > max(JUMP * defect.step, STANDING_OUT * usual):
+            failed.append(f"{name} jumps {where}; intervals usually miss {usual:.1e}")
         elif key in allowed and beyond[at] > allowed[key]:
-            failed.append(f"{key.replace('_', ' ')} misses the true motion from the recorded state by {sizes[at]:.3g} "
-                          f"{where}; {allowed[key]:g} is allowed")
+            failed.append(f"{name} misses the true motion from the recorded state {where}; {allowed[key]:g} is allowed")
     return failed
 
 
@@ -388,8 +375,7 @@ def _orders(runs: list[Differences], steps: list[float], order: int | None, verd
     ), failed
 
 
-@dataclasses.dataclass(frozen=True)
-class _Vanishing:
+class _Limit(NamedTuple):
     """What runs at several steps tell of the limit for vanishing ones."""
 
     order: float | None
@@ -398,24 +384,24 @@ class _Vanishing:
     converges: bool  # whether the errors against truth fall as one power of the step
 
 
-def _vanishing(errors: list[np.ndarray], steps: list[float], floor: float, claimed: int | None) -> _Vanishing:
+def _vanishing(errors: list[np.ndarray], steps: list[float], floor: float, claimed: int | None) -> _Limit:
     """Errors of runs against truth, the finest first: their order if they vanish, or what they tend to."""
     sizes = [float(np.abs(each).max()) for each in errors]
     ratio = steps[1] / steps[0]
     change = errors[1] - errors[0]
     most = float(np.abs(change).max())
     if max(sizes) <= EXACT * floor + 1e-300:
-        return _Vanishing(None, 0.0, floor, True)
+        return _Limit(None, 0.0, floor, True)
     factor = float(errors[1] @ errors[0] / max(float(errors[0] @ errors[0]), 1e-300))
     parallel = float(np.linalg.norm(errors[1] - factor * errors[0])) <= ALIKE * float(np.linalg.norm(errors[1]))
     if sizes[0] <= EXACT * floor and sizes[1] > 4 * sizes[0]:  # the finest is exact: what is seen is a lower bound
-        return _Vanishing(math.log(sizes[1] / sizes[0]) / math.log(ratio), 0.0, EXACT * floor, True)
+        return _Limit(math.log(sizes[1] / sizes[0]) / math.log(ratio), 0.0, EXACT * floor, True)
     against = math.log(factor) / math.log(ratio) if factor > 0 else 0.0
     if parallel and against > LEAST:
         if len(sizes) > 2:
             against = float(np.polyfit(np.log(steps), np.log(sizes), 1)[0])
         gain = 1.0 / (factor - 1.0)
-        return _Vanishing(against, gain, float(np.abs(errors[0] - gain * change).max()) + floor, True)
+        return _Limit(against, gain, float(np.abs(errors[0] - gain * change).max()) + floor, True)
     order = None
     if len(errors) > 2:  # the differences of three runs show the order whatever the limit is
         grown = float(np.linalg.norm(errors[2] - errors[1])) / max(float(np.linalg.norm(change)), 1e-300)
@@ -426,7 +412,7 @@ def _vanishing(errors: list[np.ndarray], steps: list[float], floor: float, claim
     used = order or float(claimed or 1)
     gain = 1.0 / (ratio**used - 1.0)
     spread = max(abs(1.0 / (ratio**power - 1.0) - gain) for power in ((used - 0.3, used + 0.3) if order else (1, 2)))
-    return _Vanishing(order, gain, spread * most + (1 + 2 * gain) * floor, False)
+    return _Limit(order, gain, spread * most + (1 + 2 * gain) * floor, False)
 
 
 def _cause(scene: Scene, seen: Differences, until: float, limit: bool) -> tuple[str | None, list[str]]:

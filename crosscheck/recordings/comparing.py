@@ -7,8 +7,9 @@ States that restart an interval come the other way: the least change of the true
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 import numpy as np
 
@@ -22,11 +23,12 @@ from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
 from crosscheck.scene.monitor import level_norms
 from crosscheck.scene.sensors import readings
-from crosscheck.scene.states import States
+from crosscheck.scene.states import Motion, States
 from crosscheck.scene.vectors import cross, exponential
 
 FILL = 0.05
-"""Longest time (s) between two instants at which an angle is followed over full turns."""
+"""Longest time (s) between two instants at which an angle is followed over full turns, unless the scene's are closer.
+"""
 
 CHUNK = 50_000
 """Instants of truth that are in memory at a time."""
@@ -50,23 +52,26 @@ class Shown:
 
     def __init__(self, scene: Scene, groups: Sequence[Group]) -> None:
         self.scene, self.groups = scene, groups
+        self.fill = min(FILL, scene.duration / max(1, scene.samples - 1))
         self.body = {body.name: k for k, body in enumerate(scene.bodies)}
         turning = {joint.name for joint in scene.joints
                    if any(word.startswith("turn") for word in JOINT_TYPES[joint.type].coordinates)}
         self.followed = any(group.key == "joint_position" and group.owner in turning for group in groups)
 
-    def of(self, states: States) -> list[np.ndarray]:
+    def of(self, states: Motion) -> list[np.ndarray]:
         """The values of every group, in its shape."""
         joints = histories(self.scene, states) if any(g.key.startswith("joint_") for g in self.groups) else {}
         return [self._one(group, states, joints) for group in self.groups]
 
-    def _one(self, group: Group, states: States, joints: Any) -> np.ndarray:
+    def _one(self, group: Group, states: Motion, joints: Any) -> np.ndarray:
         if group.key.startswith("joint_"):
             history = joints[group.owner]
             values = history.position if group.key == "joint_position" else history.velocity
             return np.asarray(values.reshape(len(states.t), -1)[:, list(group.parts)])
+        if group.key == "energy":
+            return mechanics.energy(self.scene, states)[:, None]
         if group.key not in UNITS:
-            given = readings(self.scene, states)[group.owner]
+            given = readings(self.scene, cast(States, states))[group.owner]
             return np.asarray(given.reshape(len(states.t), -1)[:, list(group.parts)])
         k = self.body[group.owner]
         R = states.R[:, k]
@@ -86,7 +91,7 @@ class Shown:
         grid, places = t, np.arange(len(t))
         if self.followed:
             knots = np.unique(np.concatenate([[0.0], t]))
-            counts = np.ceil(np.diff(knots) / FILL).astype(int)
+            counts = np.ceil(np.diff(knots) / self.fill).astype(int)
             more = [np.linspace(a, b, count + 1)[1:-1] for a, b, count in zip(knots, knots[1:], counts, strict=False)
                     if count > 1]
             grid = np.unique(np.concatenate([knots, *more]))
@@ -125,21 +130,22 @@ class Differences:
     gap: list[np.ndarray]
     floor: list[np.ndarray]  # (T,)
 
+    @functools.cached_property
+    def sizes(self) -> list[np.ndarray]:
+        """(T,) per group."""
+        return [norms(gap) for gap in self.gap]
+
     @property
     def errors(self) -> dict[str, float]:
         """The largest difference per quantity."""
-        return {key: max(float(norms(gap).max()) for group, gap in zip(self.recording.groups, self.gap, strict=True)
+        return {key: max(float(sizes.max()) for group, sizes in zip(self.recording.groups, self.sizes, strict=True)
                          if group.key == key) for key in self.recording.keys}
 
-    def worst(self, key: str) -> tuple[Group, float, float, float]:
-        """(group, time, error, floor) of the largest difference beyond the floor of one quantity."""
-        found = []
-        for group, gap, floor in zip(self.recording.groups, self.gap, self.floor, strict=True):
-            if group.key == key:
-                sizes = norms(gap)
-                at = int(np.argmax(sizes - floor))
-                found.append((group, float(self.recording.t[at]), float(sizes[at]), float(floor[at])))
-        return max(found, key=lambda each: each[2] - each[3])
+    def worst(self, key: str) -> tuple[int, int]:
+        """(group, row) of the largest difference beyond the floor of one quantity."""
+        beyond = {k: self.sizes[k] - self.floor[k] for k, group in enumerate(self.recording.groups) if group.key == key}
+        which = max(beyond, key=lambda k: float(beyond[k].max()))
+        return which, int(np.argmax(beyond[which]))
 
 
 def part_of(recording: Recording, index: Any) -> Recording:
@@ -178,86 +184,77 @@ def _speed(group: Group, values: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(rates, axis=1) / (np.sqrt(2.0) if group.key == "attitude" else 1.0))
 
 
-def moved(states: States, change: np.ndarray) -> States:
+def _moved(states: States, change: np.ndarray) -> States:
     """States with poses changed by (T, 6 n): displacements in world axes and rotation vectors in body axes."""
     steps = change.reshape(*states.x.shape[:2], 6)
     return dataclasses.replace(states, x=states.x + steps[..., :3], R=states.R @ exponential(np.array(steps[..., 3:])))
 
 
-def _joined(groups: Sequence[Group], one: Sequence[np.ndarray], other: Sequence[np.ndarray], count: int) -> np.ndarray:
-    """All gaps of some groups side by side, (T, k)."""
-    parts = [gaps(g, a, b, True) for g, a, b in zip(groups, one, other, strict=True)]
-    return np.concatenate([np.zeros((count, 0)), *parts], axis=1)
+def _spun(states: States, u: np.ndarray) -> States:
+    """States with velocities (T, 6 n): linear in world axes, angular in body axes."""
+    both = u.reshape(*states.x.shape[:2], 6)
+    return dataclasses.replace(states, v=both[..., :3], w=both[..., 3:])
 
 
-def _slopes(shown: Shown, states: States) -> np.ndarray:
-    """(T, k, 6 n): derivatives of recorded poses by displacements and turns of the bodies."""
-    count, size = len(states.t), 6 * shown.scene.n
+def _step(shown: Shown, states: States, at: Callable[[np.ndarray], States], off: np.ndarray, width: float
+          ) -> tuple[np.ndarray, np.ndarray]:
+    """(least change (T, 6 n) after which all groups show what is recorded and joints are closed, slopes of all).
+
+    `at` gives the states after a change, `off` (T, m) what the joints lack; `width` is that of difference quotients.
+    """
+    count, size, groups = len(states.t), 6 * shown.scene.n, shown.groups
+
+    def apart(one: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> np.ndarray:
+        parts = [gaps(g, a, b, True) for g, a, b in zip(groups, one, other, strict=True)]
+        return np.concatenate([np.zeros((count, 0)), *parts], axis=1)
+
     columns = []
-    for unit in np.eye(size) * STEP:
-        ahead, behind = (shown.of(moved(states, np.broadcast_to(s * unit, (count, size)))) for s in (1, -1))
-        columns.append(_joined(shown.groups, ahead, behind, count) / (2 * STEP))
-    return np.stack(columns, axis=2)
+    for unit in np.eye(size) * width:
+        ahead, behind = (shown.of(at(np.broadcast_to(sign * unit, (count, size)))) for sign in (1, -1))
+        columns.append(apart(ahead, behind) / (2 * width))
+    G = Constraints(shown.scene).jacobian(states.x, states.R)
+    A = np.concatenate([np.stack(columns, axis=2), G], axis=1)
+    left = apart([g.values for g in groups], shown.of(states))
+    return (np.linalg.pinv(A, rcond=1e-7) @ np.concatenate([left, -off], axis=1)[..., None])[..., 0], A
 
 
-def restored(scene: Scene, recording: Recording, base: States) -> States:
-    """The states that show what was recorded and satisfy the joints, next to `base`, which supplies what is not seen.
+def restored(scene: Scene, recording: Recording, base: Motion) -> States | None:
+    """The states that show what was recorded and satisfy the joints, next to `base`; None if they are not determined.
 
     Velocities that are not recorded are those of `base` plus the rate at which the poses leave it.
     """
-    count, size, constraints = len(base.t), 6 * scene.n, Constraints(scene)
+    constraints = Constraints(scene)
     poses, rates = ([g for g in recording.groups if g.key in keys] for keys in (POSES, RATES))
-    shown, states = Shown(scene, poses), base
-    total = np.zeros((count, size))
+    shown, states = Shown(scene, poses), States(base.t, base.x, base.R, base.v, base.w)
+    total = np.zeros((len(base.t), 6 * scene.n))
     for _ in range(5):
-        left = _joined(poses, [g.values for g in poses], shown.of(states), count)
-        A = np.concatenate([_slopes(shown, states), constraints.jacobian(states.x, states.R)], axis=1)
-        b = np.concatenate([left, -constraints.position(states.x, states.R, states.t)], axis=1)
-        change = (np.linalg.pinv(A, rcond=1e-7) @ b[..., None])[..., 0]
-        states, total = moved(states, change), total + change
+        change, A = _step(shown, states, functools.partial(_moved, states),
+                          constraints.position(states.x, states.R, states.t), STEP)
+        if not poses or np.linalg.matrix_rank(A[0], tol=1e-6) < total.shape[1]:
+            return None
+        states, total = _moved(states, change), total + change
         if np.abs(change).max(initial=0.0) < 1e-12:
             break
-    u = np.concatenate([base.v, base.w], axis=2).reshape(count, size)
-    if not rates and count > 2:
+    u = np.concatenate([base.v, base.w], axis=2).reshape(total.shape)
+    if not rates and len(total) > 2:
         u = u + np.gradient(total, base.t, axis=0, edge_order=2)
-    shown = Shown(scene, rates)
-
-    def spun(u: np.ndarray) -> States:
-        both = u.reshape(count, scene.n, 6)
-        return dataclasses.replace(states, v=both[..., :3], w=both[..., 3:])
-
-    zero = shown.of(spun(0 * u))  # rates are linear in velocities
-    columns = [_joined(rates, shown.of(spun(np.broadcast_to(unit, u.shape))), zero, count) for unit in np.eye(size)]
-    A = np.concatenate([np.stack(columns, axis=2), constraints.jacobian(states.x, states.R)], axis=1)
-    now = spun(u)
-    b = np.concatenate([_joined(rates, [g.values for g in rates], shown.of(now), count),
-                        -constraints.velocity(now.x, now.R, now.v, now.w, now.t)], axis=1)
-    return spun(u + (np.linalg.pinv(A, rcond=1e-7) @ b[..., None])[..., 0])
-
-
-def determined(scene: Scene, recording: Recording, base: States) -> bool:
-    """Whether the recorded poses determine those of all bodies."""
-    one = States(base.t[:1], base.x[:1], base.R[:1], base.v[:1], base.w[:1])
-    poses = [g for g in recording.groups if g.key in POSES]
-    if not poses:
-        return False
-    A = np.concatenate([_slopes(Shown(scene, poses), one)[0], Constraints(scene).jacobian(one.x, one.R)[0]])
-    return bool(np.linalg.matrix_rank(A, tol=1e-6) == 6 * scene.n)
+    now = _spun(states, u)
+    change, _ = _step(Shown(scene, rates), now, lambda more: _spun(states, u + more),
+                      constraints.velocity(now.x, now.R, now.v, now.w, now.t), 1.0)  # linear
+    return _spun(states, u + change)
 
 
 @dataclasses.dataclass
-class Intervals:
-    """What the recording misses in each interval, started from the recorded state."""
+class Defect:
+    """What a quantity misses in every interval, started from the recorded state."""
 
-    index: np.ndarray  # (I,) rows at which they begin
-    t: np.ndarray  # (I,) s, of the recording
-    sizes: dict[str, np.ndarray]  # (I,) by quantity
-    floor: dict[str, np.ndarray]  # (I,)
-    step: dict[str, float]  # the largest change of the quantity over one interval
+    sizes: np.ndarray  # (I,)
+    floor: np.ndarray  # (I,) what printed digits leave open
+    step: float  # the largest change of the quantity over one interval
 
 
-def intervals(scene: Scene, seen: Differences, since: float) -> Intervals | None:
-    """The defects of the intervals; None where the recording does not determine the state."""
+def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray, dict[str, Defect]] | None:
+    """(times at which intervals begin, defects by quantity); None where the recording does not determine the state."""
     groups = [k for k, group in enumerate(seen.recording.groups) if group.key in POSES + RATES]
     recording = dataclasses.replace(seen.recording, groups=[seen.recording.groups[k] for k in groups])
     if len(recording.t) < 4 or pieced(scene):
@@ -267,10 +264,9 @@ def intervals(scene: Scene, seen: Differences, since: float) -> Intervals | None
         firsts = np.linspace(0, len(rows) - 9, MOST_INTERVALS // 8).astype(int)
         rows = np.unique((firsts[:, None] + np.arange(9)).ravel())
     piece = part_of(recording, rows)
-    base = seen.truth.at(piece.t - since)
-    if not determined(scene, piece, base):
+    states = restored(scene, piece, seen.truth.at(piece.t - since))
+    if states is None:
         return None
-    states = restored(scene, piece, States(base.t, base.x, base.R, base.v, base.w))
     keep = np.flatnonzero(np.diff(rows) == 1)
     tau = np.diff(states.t)[keep]
     begin = States(*(getattr(states, name)[keep] for name in ("t", "x", "R", "v", "w")))
@@ -282,15 +278,15 @@ def intervals(scene: Scene, seen: Differences, since: float) -> Intervals | None
     known = any(group.key in RATES for group in recording.groups)
     noise = np.max([each if group.key in RATES else each * (rate if known else 1.0) / (1.0 if known else tau)
                     for group, each in zip(recording.groups, floors, strict=True)], axis=0)
-    found = Intervals(rows[keep], piece.t[keep], {}, {}, {})
+    defects: dict[str, Defect] = {}
     for group, value, floor in zip(piece.groups, now, floors, strict=True):
         gap = norms(gaps(group, group.values[keep + 1], value, True))
         change = norms(gaps(group, group.values[keep + 1], group.values[keep], True))
         allowed = 2 * floor + 4 * noise * (1.0 if group.key in RATES else np.maximum(tau, 1 / rate if known else 0.0))
-        found.sizes[group.key] = np.maximum(found.sizes.get(group.key, 0.0), gap)
-        found.floor[group.key] = np.maximum(found.floor.get(group.key, 0.0), allowed)
-        found.step[group.key] = max(found.step.get(group.key, 0.0), float(change.max()))
-    return found
+        other = defects.get(group.key, Defect(gap, allowed, 0.0))
+        defects[group.key] = Defect(np.maximum(other.sizes, gap), np.maximum(other.floor, allowed),
+                                    max(other.step, float(change.max())))
+    return piece.t[keep], defects
 
 
 def pieced(scene: Scene) -> bool:

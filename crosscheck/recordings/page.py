@@ -11,12 +11,10 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, missing
 from crosscheck.files import put
-from crosscheck.recordings.comparing import Differences, determined, norms, part_of, restored
+from crosscheck.recordings.comparing import Differences, part_of, restored
 from crosscheck.report import pages
 from crosscheck.report.standalone import write_page as standalone
-from crosscheck.scene.model import quaternion_from_rotation
-from crosscheck.scene.states import States
-from crosscheck.verification.curves import drawing
+from crosscheck.verification.curves import drawing, quaternions
 
 Verdict = Any
 """A `crosscheck.recordings.Verdict`; not imported, because its module imports this one."""
@@ -54,8 +52,8 @@ def _curves(verdict: Verdict, seen: Differences) -> dict[str, Any]:
     rows = np.unique(np.linspace(0, len(seen.t) - 1, POINTS).astype(int))
     t = _plain(seen.recording.t[rows])
     errors, values = [], {}
-    for group, gap, true in zip(seen.recording.groups, seen.gap, seen.values, strict=True):
-        largest = np.maximum.reduceat(norms(gap), rows)
+    for group, sizes, true in zip(seen.recording.groups, seen.sizes, seen.values, strict=True):
+        largest = np.maximum.reduceat(sizes, rows)
         errors.append({"x": t, "y": _plain(np.where(largest > 0, largest, np.nan)), "name": group.label})
         if group.key != "attitude":
             values[group.label] = [
@@ -73,16 +71,12 @@ def _drawn(verdict: Verdict, seen: Differences) -> dict[str, Any] | None:
     rows = np.unique(np.linspace(0, len(seen.t) - 1, PICTURES).astype(int))
     scene, piece = seen.shown.scene, part_of(seen.recording, rows)
     exact = seen.truth.at(seen.t[rows])
-    exact = States(exact.t, exact.x, exact.R, exact.v, exact.w)
-    if not determined(scene, piece, exact):
+    recorded = restored(scene, piece, exact)
+    if recorded is None:
         return None
-    actors = []
-    for label, states in (("truth", exact), ("recording", restored(scene, piece, exact))):
-        q = quaternion_from_rotation(states.R.reshape(-1, 3, 3)).reshape(len(rows), scene.n, 4)
-        flips = np.cumprod(np.where(np.einsum("tnk,tnk->tn", q[1:], q[:-1]) < 0, -1.0, 1.0), axis=0)
-        q[1:] *= flips[..., None]
-        actors.append({"label": label, "x": _plain(np.moveaxis(states.x, 0, -1)), "q": _plain(np.moveaxis(q, 0, -1)),
-                       "dx": None if label == "truth" else _plain(np.moveaxis(states.x - exact.x, 0, -1))})
+    actors = [{"label": label, "x": _plain(np.moveaxis(states.x, 0, -1)), "q": _plain(quaternions(states.R)),
+               "dx": None if label == "truth" else _plain(np.moveaxis(states.x - exact.x, 0, -1))}
+              for label, states in (("truth", exact), ("recording", recorded))]
     return {"t": _plain(seen.t[rows]), "drawing": msgspec.to_builtins(drawing(scene)), "actors": actors}
 
 

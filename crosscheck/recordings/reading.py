@@ -6,14 +6,17 @@ Values become SI units; what a scene would have shown in their place is computed
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import functools
+import itertools
 import math
 import os
 import re
 import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +28,9 @@ from crosscheck.scene.model import Scene, rotation_from_quaternion
 
 Progress = Callable[[int, int | None, str], None]
 
+Powers = tuple[int, ...]
 LENGTH, ANGLE, TIME, FORCE, NUMBER = (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1), (0, 0, 0, 0)
-UNITS: dict[str, tuple[tuple[int, ...], float]] = {
+UNITS: dict[str, tuple[Powers, float]] = {
     "m": (LENGTH, 1.0), "mm": (LENGTH, 1e-3), "cm": (LENGTH, 1e-2), "km": (LENGTH, 1e3), "in": (LENGTH, 0.0254),
     "ft": (LENGTH, 0.3048), "rad": (ANGLE, 1.0), "mrad": (ANGLE, 1e-3), "deg": (ANGLE, math.pi / 180),
     "rev": (ANGLE, math.tau), "s": (TIME, 1.0), "ms": (TIME, 1e-3), "us": (TIME, 1e-6), "min": (TIME, 60.0),
@@ -34,13 +38,10 @@ UNITS: dict[str, tuple[tuple[int, ...], float]] = {
     "g": ((1, 0, -2, 0), 9.80665), "rpm": ((0, 1, -1, 0), math.tau / 60)}
 """Units: the powers of length, angle, time and force, and the factor to SI."""
 
-VECTORS = {"x": "position", "v": "velocity", "w": "angular_velocity"}
-DIMENSIONS = {"position": LENGTH, "velocity": (1, 0, -1, 0), "angular_velocity": (0, 1, -1, 0), "attitude": NUMBER,
-              "t": TIME}
-GROUPS = {"position": ("position", 3), "x": ("position", 3), "velocity": ("velocity", 3), "v": ("velocity", 3),
-          "angular_velocity": ("angular_velocity", 3), "w": ("angular_velocity", 3), "q": ("attitude", 4),
-          "attitude": ("attitude", 4), "R": ("attitude", 9)}
-"""What stands behind the name of a body for a whole group of columns: the quantity and the number of columns."""
+SI: dict[Powers, str] = {LENGTH: "m", ANGLE: "rad", TIME: "s", (1, 0, -1, 0): "m/s", (0, 1, -1, 0): "rad/s", FORCE: "N"}
+VECTORS = (("", "x", "position", LENGTH), ("v", "v", "velocity", (1, 0, -1, 0)),
+           ("w", "w", "angular_velocity", (0, 1, -1, 0)))
+"""Vectors of a body: letter of a component, of all three, quantity and dimension."""
 
 ROWS = ("is", "unit", "scale", "offset", "columns", "order", "frame", "point", "wrap")
 SHOWN = 2000
@@ -95,22 +96,15 @@ class Recording:
 
 
 @dataclasses.dataclass(frozen=True)
-class Meaning:
-    """What a column or a group of columns is."""
+class Column:
+    """A column or a group of columns: what it is, and what becomes of its numbers."""
 
     key: str
     owner: str
-    parts: tuple[int, ...]
+    parts: tuple[int, ...]  # components; (): as many as there are columns
+    dimension: Powers | None = None  # None: any
     form: str = ""  # of an attitude: "q" or "R"
-    dimension: tuple[int, ...] | None = None  # None: any
-
-
-@dataclasses.dataclass(frozen=True)
-class Use:
-    """Columns of the file, and what becomes of them."""
-
-    columns: tuple[str, ...]
-    meaning: Meaning
+    names: tuple[str, ...] = ()  # in the file
     scale: float = 1.0
     offset: float = 0.0  # in the unit of the column
     factor: float = 1.0  # of the unit
@@ -118,8 +112,12 @@ class Use:
     point: np.ndarray | None = None
     wrap: bool = False
 
+    def scaled(self, values: np.ndarray) -> np.ndarray:
+        """Recorded numbers in SI units."""
+        return np.asarray((self.scale * values + self.offset) * self.factor)
 
-def factor_of(unit: str, dimension: tuple[int, ...] | None, where: str) -> float:
+
+def factor_of(unit: str, dimension: Powers | None, where: str) -> float:
     """The factor of a unit to SI. Raises `ArgumentError` if it is unknown or of another kind."""
     text = unit.strip().replace("°", "deg").replace("·", " ").replace("Nm", "N m")
     top, _, below = text.partition("/")
@@ -134,57 +132,40 @@ def factor_of(unit: str, dimension: tuple[int, ...] | None, where: str) -> float
         factor /= size**count
     if dimension is not None and powers != dimension:
         raise ArgumentError(f"{where}: the unit {unit!r} is of another kind; SI here is "
-                            f"{next((name for name, known in _si().items() if known == dimension), 'a number')}")
+                            f"{SI.get(dimension, 'a number')}")
     return factor
 
 
-def _si() -> dict[str, tuple[int, ...]]:
-    return {"m": LENGTH, "rad": ANGLE, "s": TIME, "m/s": (1, 0, -1, 0), "rad/s": (0, 1, -1, 0), "N": FORCE}
-
-
-def meaning_of(scene: Scene, text: str) -> Meaning | None:
-    """What a name stands for, or None if it is none of a recording."""
-    if text in ("t", "time"):
-        return Meaning("t", "", (0,), dimension=TIME)
+def meanings(scene: Scene) -> dict[str, Column]:
+    """All names that mean something in a recording of a scene; "upper v_x" and "R_11" are those of our own exports."""
+    known = {name: Column("t", "", (0,), TIME) for name in ("t", "time")}
     for sensor in scene.sensors:
         axes = "wxyz" if sensor.type == "attitude" else "xyz"
-        if text == sensor.name:
-            return Meaning(sensor.name, sensor.name, ())
-        if text.startswith(f"{sensor.name}.") and text[len(sensor.name) + 1:] in tuple(axes):
-            return Meaning(sensor.name, sensor.name, (axes.index(text[-1]),))
-    for joint in scene.joints:
-        match = re.fullmatch(re.escape(joint.name) + r"[. ](position|velocity)(?:[.\[]?(\d)\]?)?", text)
-        words = JOINT_TYPES[joint.type].coordinates
-        if match and words:
-            k, rate = int(match[2] or 0), match[1] == "velocity"
+        known[sensor.name] = Column(sensor.name, sensor.name, ())
+        known |= {f"{sensor.name}.{axis}": Column(sensor.name, sensor.name, (k,)) for k, axis in enumerate(axes)}
+    for body, dot in itertools.product((body.name for body in scene.bodies), ". "):
+        for letter, short, key, dimension in VECTORS:
+            whole = Column(key, body, (0, 1, 2), dimension)
+            known |= {f"{body}{dot}{short}": whole, f"{body}{dot}{key}": whole}
+            for (k, axis), name in itertools.product(enumerate("xyz"), (f"{letter}{{}}", f"{short}_{{}}")):
+                known[f"{body}{dot}{name.format(axis)}"] = Column(key, body, (k,), dimension)
+        entries = [(f"R{i}{j}", f"R_{i + 1}{j + 1}") for i, j in itertools.product(range(3), range(3))]
+        for form, names in (("R", entries), ("q", [(f"q{axis}", f"q_{axis}") for axis in "wxyz"])):
+            whole = Column("attitude", body, tuple(range(len(names))), NUMBER, form)
+            known |= {f"{body}{dot}{name}": whole for name in (form, "attitude")}
+            known |= {f"{body}{dot}{name}": dataclasses.replace(whole, parts=(k,))
+                      for k, pair in enumerate(names) for name in pair}
+    for joint, rate in itertools.product(scene.joints, (0, 1)):
+        words, key = JOINT_TYPES[joint.type].coordinates, ("position", "velocity")[rate]
+        count = (3 if rate else 4) if words == ("ball",) else len(words)
+        for k in range(count):
             word = words[min(k, len(words) - 1)]
             base = NUMBER if word == "ball" and not rate else LENGTH if word.startswith("slide") else ANGLE
-            count = (3 if rate else 4) if words == ("ball",) else len(words)
-            parts = (k,) if match[2] or count == 1 else tuple(range(count))
-            return Meaning(f"joint_{match[1]}", joint.name, parts,
-                           dimension=tuple(a - rate * b for a, b in zip(base, TIME, strict=True)))
-    for body in scene.bodies:
-        if text.startswith((f"{body.name}.", f"{body.name} ")):
-            return _of_body(body.name, text[len(body.name) + 1:])
-    return None
-
-
-def _of_body(name: str, part: str) -> Meaning | None:
-    if match := re.fullmatch(r"(?:x_)?([xyz])", part):
-        return Meaning("position", name, ("xyz".index(match[1]),), dimension=LENGTH)
-    if match := re.fullmatch(r"([vw])_?([xyz])", part):
-        key = VECTORS[match[1]]
-        return Meaning(key, name, ("xyz".index(match[2]),), dimension=DIMENSIONS[key])
-    if match := re.fullmatch(r"q_?([wxyz])", part):
-        return Meaning("attitude", name, ("wxyz".index(match[1]),), "q", NUMBER)
-    if match := re.fullmatch(r"R([012])([012])|R_([123])([123])", part):
-        i, j = (int(match[1]), int(match[2])) if match[1] else (int(match[3]) - 1, int(match[4]) - 1)
-        return Meaning("attitude", name, (3 * i + j,), "R", NUMBER)
-    if part in GROUPS:
-        key, count = GROUPS[part]
-        return Meaning(key, name, tuple(range(count)), "" if key != "attitude" else "R" if count == 9 else "q",
-                       DIMENSIONS[key])
-    return None
+            one = Column(f"joint_{key}", joint.name, (k,), tuple(a - rate * b for a, b in zip(base, TIME, strict=True)))
+            for dot, end in itertools.product(". ", (f"{k}", f".{k}", f"[{k}]")):
+                known[f"{joint.name}{dot}{key}{end}"] = one
+                known.setdefault(f"{joint.name}{dot}{key}", dataclasses.replace(one, parts=tuple(range(count))))
+    return known
 
 
 def split_unit(header: str) -> tuple[str, str, bool]:
@@ -197,7 +178,7 @@ def split_unit(header: str) -> tuple[str, str, bool]:
 
 
 class Source:
-    """A table of columns; subclasses know where a row stands in the file."""
+    """A table of columns; a text file knows besides where a row stands and how its numbers are printed."""
 
     def __init__(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
         self.name, self.arrays = name, dict(arrays)
@@ -216,12 +197,11 @@ class Source:
                                     ) from None
         return numbers
 
-    def texts(self, name: str, values: np.ndarray) -> Sequence[str]:
-        """Some values as they are written."""
-        shown = values[:SHOWN]
-        if np.array_equal(shown, shown.astype(np.float32)):  # the shortest digits that give the same number
-            return [str(value) for value in shown.astype(np.float32)]
-        return [repr(float(value)) for value in shown]
+    def texts(self, name: str) -> Sequence[str]:
+        """The first values as they are written: the shortest digits that give the same number."""
+        shown = np.asarray(self.arrays[name][:SHOWN], dtype=float)
+        single = shown.astype(np.float32)
+        return [str(value) for value in single] if np.array_equal(shown, single) else [repr(float(v)) for v in shown]
 
     def place(self, row: int) -> str:
         """Where a row of data stands, in words."""
@@ -235,104 +215,91 @@ class Text(Source):
         self.name, self.path = str(path), path
         try:
             with open(path, encoding="utf-8-sig") as stream:
-                head = [line for _, line in zip(range(400), stream, strict=False)]
+                head = list(itertools.islice(stream, 400))
         except UnicodeDecodeError as error:
             raise ArgumentError(f"{path}: byte {error.start} is not UTF-8; save it as UTF-8 text") from None
         marks = [line[:1] for line in head if line[:1] in "#%"]
         self.comment = marks[0] if marks else None
-        lines = [line.rstrip("\n") for line in head if line.strip() and line[:1] != self.comment]
+        lines = [(k, line.strip("\n")) for k, line in enumerate(head) if self._counts(line)]
         if not lines:
             raise ArgumentError(f"{path}: no rows; a header and rows of numbers are wanted")
-        self.separator = _separator(lines)
-        self.decimal = "," if self.separator == ";" and re.search(r"\d,\d", "".join(lines[1:9])) else "."
-        first = self._cells(lines[0])
-        headless = all(_is_number(cell) for cell in first)
-        comments = [line[1:].strip() for line in head if line[:1] == self.comment]
-        if headless and comments and len(self._cells(comments[-1])) == len(first):
-            self.columns = self._cells(comments[-1])  # as numpy.savetxt writes it
-        else:
-            self.columns = [str(k) for k in range(len(first))] if headless else first
+        self.separator = _separator([line for _, line in lines])
+        self.decimal = "," if self.separator == ";" and re.search(r"\d,\d", "".join(x for _, x in lines[1:9])) else "."
+        first = self._cells(lines[0][1])
+        self.header = not all(_is_number(cell) for cell in first)
+        comments = [self._cells(line[1:]) for line in head if line[:1] == self.comment]
+        named = comments and len(comments[-1]) == len(first)  # as numpy.savetxt writes them
+        self.columns = first if self.header else comments[-1] if named else [str(k) for k in range(len(first))]
         twice = next((name for name in self.columns if self.columns.count(name) > 1), None)
         if twice is not None:
             raise ArgumentError(f"{path}: two columns are called {twice!r}; give each a name of its own")
-        self.header = not headless
         if len(lines) < 2 and self.header:
             raise ArgumentError(f"{path}: a header, but no rows of numbers below it")
+        self.skipped = lines[0][0] + 1 if self.header else 0
+
+    def _counts(self, line: str) -> bool:
+        """Whether a line is no comment and not blank."""
+        return bool(line.strip()) and line[:1] != self.comment
 
     def _cells(self, line: str) -> list[str]:
-        import csv
+        return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=self.separator,
+                                                         skipinitialspace=True))]
 
-        if self.separator == " ":
-            return line.split()
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=self.separator))]
-
-    def _frames(self, **options: Any) -> Any:
+    def _frames(self, names: Sequence[str], **options: Any) -> Any:
         import pandas as pd
 
         return pd.read_csv(self.path, sep=r"\s+" if self.separator == " " else self.separator, comment=self.comment,
-                           header=None, names=self.columns, skiprows=self._skipped() if self.header else None,
-                           decimal=self.decimal, encoding="utf-8-sig", index_col=False,
-                           skipinitialspace=True, **options)
-
-    def _skipped(self) -> int:
-        """Number of lines up to the header, with it."""
-        with open(self.path, encoding="utf-8-sig") as stream:
-            for k, line in enumerate(stream, 1):
-                if line.strip() and line[:1] != self.comment:
-                    return k
-        return 0
+                           header=None, names=self.columns, skiprows=self.skipped, decimal=self.decimal,
+                           encoding="utf-8-sig", index_col=False, skipinitialspace=True,
+                           dtype=dict.fromkeys(names, options.pop("kind")), **options)
 
     def load(self, names: Sequence[str], progress: Progress | None) -> dict[str, np.ndarray]:
         """The columns as numbers, read in chunks; memory: 8 bytes a number, and one chunk at a time."""
         import pandas as pd
 
-        parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
+        parts: dict[str, list[np.ndarray]] = {name: [np.zeros(0)] for name in names}
         rows = 0
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error", pd.errors.ParserWarning)  # a row of more cells than the header
-                for frame in self._frames(dtype=dict.fromkeys(names, float), chunksize=CHUNK):
+                for frame in self._frames(names, kind=float, chunksize=CHUNK):
                     for name in names:
                         parts[name].append(frame[name].to_numpy())
                     rows += len(frame)
                     if progress is not None:
                         progress(rows, None, f"reading {self.path.name}")
         except (ValueError, pd.errors.ParserError, pd.errors.ParserWarning) as error:
-            raise self._wrong(names, error) from None
-        return {name: np.concatenate(chunks) if chunks else np.zeros(0) for name, chunks in parts.items()}
+            raise ArgumentError(f"{self.name}: {self._wrong(names, error)}") from None
+        return {name: np.concatenate(chunks) for name, chunks in parts.items()}
 
-    def _wrong(self, names: Sequence[str], error: Exception) -> ArgumentError:
-        """The error that names the first cell that is no number."""
+    def _wrong(self, names: Sequence[str], error: Exception) -> str:
+        """The first cell that is no number, in words."""
         import pandas as pd
 
         try:
-            for frame in self._frames(dtype=str, chunksize=CHUNK, keep_default_na=False):
-                frame = frame[list(names)]
-                plain = frame.apply(lambda column: column.str.replace(self.decimal, ".", regex=False))
-                bad = plain.apply(pd.to_numeric, errors="coerce").isna()
-                if bad.to_numpy().any():
-                    at, column = np.argwhere(bad.to_numpy())[0]
-                    return ArgumentError(f"{self.name}: {self.place(int(frame.index[at]))}, column "
-                                         f"{frame.columns[column]!r}: {frame.iloc[at, column]!r} is no number")
+            for frame in self._frames(names, kind=str, chunksize=CHUNK, keep_default_na=False):
+                bad = ~frame[list(names)].map(lambda cell: _is_number(cell.replace(self.decimal, "."))).to_numpy()
+                if bad.any():
+                    at, column = np.argwhere(bad)[0]
+                    return (f"{self.place(int(frame.index[at]))}, column {names[column]!r}: "
+                            f"{frame[names[column]].iloc[at]!r} is no number")
         except (ValueError, pd.errors.ParserError) as other:
             error = other
-        return ArgumentError(f"{self.name}: cannot be read as columns of numbers ({' '.join(str(error).split())})")
+        return f"cannot be read as columns of numbers ({' '.join(str(error).split())})"
 
-    def texts(self, name: str, values: np.ndarray) -> Sequence[str]:
+    @functools.cached_property
+    def _shown(self) -> Any:
+        return self._frames(self.columns, kind=str, nrows=SHOWN)
+
+    def texts(self, name: str) -> Sequence[str]:
         """The first values as they are printed."""
-        column = self._frames(dtype=str, nrows=SHOWN)[name]
-        return [str(cell).replace(self.decimal, ".") for cell in column]
+        return [str(cell).replace(self.decimal, ".") for cell in self._shown[name]]
 
     def place(self, row: int) -> str:
         """The row of data, and its line in the file."""
-        left = row + self.header
         with open(self.path, encoding="utf-8-sig", errors="replace") as stream:
-            for k, line in enumerate(stream, 1):
-                if line.strip() and line[:1] != self.comment:
-                    if left == 0:
-                        return f"row {row + 1} (line {k})"
-                    left -= 1
-        return f"row {row + 1}"
+            numbers = (k for k, line in enumerate(stream, 1) if self._counts(line))
+            return f"row {row + 1} (line {next(itertools.islice(numbers, row + self.header, None), '?')})"
 
 
 def _separator(lines: Sequence[str]) -> str:
@@ -393,21 +360,20 @@ def _of_arrays(arrays: Mapping[str, Any], scene: Scene, where: str) -> dict[str,
     columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         array = np.asarray(array)
-        if array.ndim == 1:
-            columns[name] = array
-        elif array.ndim == 2:
-            columns |= {f"{name}[{k}]": array[:, k] for k in range(array.shape[1])}
-        elif array.ndim > 2 and array.shape[1] == scene.n and name in GROUPS:
-            flat = array.reshape(len(array), scene.n, -1)
-            columns |= {f"{body.name}.{name}[{k}]": flat[:, b, k]
-                        for b, body in enumerate(scene.bodies) for k in range(flat.shape[2])}
+        if array.ndim > 2 and array.shape[1] == scene.n:
+            owned = {f"{body.name}.{name}": array[:, b] for b, body in enumerate(scene.bodies)}
+        else:
+            owned = {name: array}
+        for title, part in owned.items():
+            flat = part.reshape(len(part), -1)
+            columns |= {title: part} if part.ndim == 1 else {f"{title}[{k}]": one for k, one in enumerate(flat.T)}
     counts = {len(column) for column in columns.values()}
     if len(counts) > 1:
         raise ArgumentError(f"{where}: the arrays have different lengths, {sorted(counts)}; one row a time is wanted")
     return columns
 
 
-def mapping_of(columns: Any) -> dict[str, Any]:
+def mapping_of(columns: Any) -> dict[str, dict[str, Any]]:
     """The rows of a mapping: of a TOML file, or of a dict with the same content."""
     if columns is None:
         return {}
@@ -419,100 +385,90 @@ def mapping_of(columns: Any) -> dict[str, Any]:
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise ArgumentError(f"{where}: cannot be read as a mapping ({error})") from None
     if not isinstance(columns, Mapping):
-        raise ArgumentError(f"columns: a TOML file or a dict is wanted, not {type(columns).__name__}")
-    rows = columns.get("columns", columns)
-    for key, row in rows.items():
-        if isinstance(row, str):
-            continue
+        raise ArgumentError(f"{where}: a TOML file or a dict is wanted, not {type(columns).__name__}")
+    rows = {}
+    for key, given in columns.get("columns", columns).items():
+        row = {"is": given} if isinstance(given, str) else given
         if not isinstance(row, Mapping) or "is" not in row:
             raise ArgumentError(f'{where}: column {key!r}: write {{ is = "upper.x" }}')
         for entry in row:
             if entry not in ROWS:
                 raise ArgumentError(f"{where}: column {key!r}: {unknown('key', entry, ROWS)}")
-    return {key: {"is": row} if isinstance(row, str) else dict(row) for key, row in rows.items()}
+        rows[key] = dict(row)
+    return rows
 
 
-def uses(scene: Scene, source: Source, rows: Mapping[str, Any]) -> tuple[list[Use], tuple[str, ...]]:
+def assigned(scene: Scene, source: Source, rows: Mapping[str, Mapping[str, Any]]) -> tuple[list[Column], list[str]]:
     """What the columns are, by the mapping and by their headers, and the names of the others."""
-    made, taken = [], set()
+    known, made = meanings(scene), []
+    left = list(source.columns)
+
+    def take(key: str, row: Mapping[str, Any]) -> None:
+        made.append(_mapped(known, scene, source, key, row))
+        left[:] = [name for name in left if name not in made[-1].names]
+
     for key, row in rows.items():
-        use = _mapped(scene, source, key, row)
-        taken |= set(use.columns)
-        made.append(use)
-    wholes: dict[str, list[str]] = {}
-    for column in source.columns:
-        if column in taken:
-            continue
+        take(key, row)
+    for column in list(left):
         name, unit, wrap = split_unit(column)
-        if (match := re.fullmatch(r"(.*)\[\d+\]", column)) and (meaning_of(scene, match[1]) is not None):
-            wholes.setdefault(match[1], []).append(column)
-            continue
-        meaning = meaning_of(scene, name)
-        if meaning is None:
-            continue
-        where = f"{source.name}: column {column!r}"
-        taken.add(column)
-        made.append(Use((column,), dataclasses.replace(meaning, parts=meaning.parts[:1] or (0,)),
-                        factor=factor_of(unit, meaning.dimension, where) if unit else 1.0, wrap=wrap))
-    for name, columns in wholes.items():
-        meaning = meaning_of(scene, name)
-        if meaning is not None and len(meaning.parts) in (0, len(columns)):
-            parts = meaning.parts or tuple(range(len(columns)))
-            made.append(Use(tuple(columns), dataclasses.replace(meaning, parts=parts)))
-            taken |= set(columns)
-    if not any(use.meaning.key == "t" for use in made):
-        raise ArgumentError(f"{source.name}: no column t; name the column of times t, or map it "
-                            f'("Time [s]" = {{ is = "t" }}). Its columns: {", ".join(source.columns[:20])}')
-    if all(use.meaning.key == "t" for use in made):
-        names = [f"{body.name}.x" for body in scene.bodies] + [f"{joint.name}.position" for joint in scene.joints]
-        raise ArgumentError(f"{source.name}: no column is one of scene {scene.name!r}, such as {', '.join(names[:8])}; "
-                            "name them so, or give a mapping (--suggest writes one). Its columns: "
-                            f"{', '.join(source.columns[:20])}")
-    return made, tuple(column for column in source.columns if column not in taken)
+        whole = re.sub(r"\[\d+\]$", "", column)
+        if column in left and name in known:
+            take(column, {"is": name, "unit": unit, "wrap": wrap})
+        elif column in left and whole in known:
+            take(whole, {"is": whole})
+    for wanted, text in ((True, 'no column t; name the column of times t, or map it ("Time [s]" = { is = "t" })'),
+                         (False, f"no column is one of scene {scene.name!r}, such as {', '.join(_examples(scene))}; "
+                          "name them so, or give a mapping (--suggest writes one)")):
+        if not any((column.key == "t") is wanted for column in made):
+            raise ArgumentError(f"{source.name}: {text}. Its columns: {', '.join(source.columns[:20])}")
+    return made, left
 
 
-def _mapped(scene: Scene, source: Source, key: str, row: Mapping[str, Any]) -> Use:
+def _examples(scene: Scene) -> list[str]:
+    return [*(f"{body.name}.x" for body in scene.bodies), *(f"{joint.name}.position" for joint in scene.joints)][:8]
+
+
+def _mapped(known: Mapping[str, Column], scene: Scene, source: Source, key: str, row: Mapping[str, Any]) -> Column:
     where = f"{source.name}: column {key!r}"
-    meaning = meaning_of(scene, str(row["is"]))
+    meaning = known.get(str(row["is"]))
     if meaning is None:
         names = [body.name for body in scene.bodies] + [joint.name for joint in scene.joints]
         raise ArgumentError(f"{where}: {row['is']!r} is nothing of scene {scene.name!r}, whose bodies and joints are "
                             f"{', '.join(names)}; write one of them with .x .y .z .q .R .v .w, .position or .velocity")
-    columns = [str(name) for name in row.get("columns", ())]
-    if not columns:
+    names = [str(name) for name in row.get("columns", ())]
+    if not names:
         whole = [name for name in source.columns if re.fullmatch(re.escape(key) + r"(\[\d+\]|[._][wxyz])", name)]
-        columns = [key] if key in source.columns or not whole else whole
-    for name in columns:
+        names = [key] if key in source.columns or not whole else whole
+    for name in names:
         if name not in source.columns:
             raise ArgumentError(f"{where}: {unknown('column of the file', name, source.columns)}")
-    parts, form = meaning.parts, meaning.form
-    if str(row["is"]).endswith(".x") and len(columns) == 3:
+    parts, form = meaning.parts or tuple(range(len(names))), meaning.form
+    if meaning.key == "position" and parts == (0,) and len(names) == 3:
         parts = (0, 1, 2)
-    if form and len(parts) > 1 and len(columns) in (4, 9):  # "attitude" is both
-        form, parts = ("q", (0, 1, 2, 3)) if len(columns) == 4 else ("R", tuple(range(9)))
-    if not parts:
-        parts = tuple(range(len(columns)))
-    if len(parts) != len(columns):
-        raise ArgumentError(f"{where}: {row['is']} has {len(parts)} numbers, and {len(columns)} columns are named; "
+    if form and len(parts) > 1 and len(names) in (4, 9):  # "attitude" is both
+        form, parts = ("q", (0, 1, 2, 3)) if len(names) == 4 else ("R", tuple(range(9)))
+    if len(parts) != len(names):
+        raise ArgumentError(f"{where}: {row['is']} has {len(parts)} numbers, and {len(names)} columns are named; "
                             'list them: columns = ["q1", "q2", "q3", "q4"]')
-    order = row.get("order")
+    order, frame, point = row.get("order"), row.get("frame", ""), row.get("point")
+    scale, offset = row.get("scale", 1.0), row.get("offset", 0.0)
+    for good, text in (
+            (order is None or (form == "q" and order in ("wxyz", "xyzw")),
+             f'order: "wxyz" or "xyzw" of a quaternion is wanted, not {order!r}'),
+            (frame in ("", "world", "body"), f'frame: "world" or "body" is wanted, not {frame!r}'),
+            (point is None or np.shape(point) == (3,), f"point: three numbers in m, body axes, are wanted, not "
+             f"{point!r}"),
+            (isinstance(scale, int | float) and isinstance(offset, int | float), "scale and offset: numbers are wanted",
+             )):
+        if not good:
+            raise ArgumentError(f"{where}: {text}")
     if order is not None:
-        if form != "q" or order not in ("wxyz", "xyzw"):
-            raise ArgumentError(f'{where}: order: "wxyz" or "xyzw" of a quaternion is wanted, not {order!r}')
         parts = tuple("wxyz".index(letter) for letter in order)
-    frame = row.get("frame", "")
-    if frame not in ("", "world", "body"):
-        raise ArgumentError(f'{where}: frame: "world" or "body" is wanted, not {frame!r}')
-    point = row.get("point")
-    if point is not None and np.shape(point) != (3,):
-        raise ArgumentError(f"{where}: point: three numbers in m, body axes, are wanted, not {point!r}")
-    numbers = [row.get("scale", 1.0), row.get("offset", 0.0)]
-    if not all(isinstance(value, int | float) for value in numbers):
-        raise ArgumentError(f"{where}: scale and offset: numbers are wanted")
-    unit = row.get("unit") or (split_unit(columns[0])[1] if len(columns) == 1 else "")
-    return Use(tuple(columns), dataclasses.replace(meaning, parts=parts, form=form), float(numbers[0]),
-               float(numbers[1]), factor_of(unit, meaning.dimension, where) if unit else 1.0, frame,
-               None if point is None else np.array(point, dtype=float), bool(row.get("wrap", False)))
+    unit = row.get("unit") or (split_unit(names[0])[1] if len(names) == 1 else "")
+    return dataclasses.replace(meaning, names=tuple(names), parts=parts, form=form, scale=scale, offset=offset,
+                               factor=factor_of(unit, meaning.dimension, where) if unit else 1.0, frame=frame,
+                               point=None if point is None else np.array(point, dtype=float),
+                               wrap=bool(row.get("wrap", False)))
 
 
 def read(data: Any, scene: Scene, columns: Any = None, progress: Progress | None = None) -> Recording:
@@ -530,65 +486,55 @@ def read(data: Any, scene: Scene, columns: Any = None, progress: Progress | None
         message names file, row and column.
     """
     source = opened(data, scene)
-    made, ignored = uses(scene, source, mapping_of(columns))
-    names = list(dict.fromkeys(name for use in made for name in use.columns))
-    numbers = source.load(names, progress)
-    rows = min(map(len, numbers.values()))
-    if rows == 0:
+    made, ignored = assigned(scene, source, mapping_of(columns))
+    numbers = source.load(list(dict.fromkeys(name for column in made for name in column.names)), progress)
+    if min(map(len, numbers.values())) == 0:
         raise ArgumentError(f"{source.name}: no rows")
     for name, values in numbers.items():
         if not np.isfinite(values).all():
             at = int(np.argmin(np.isfinite(values)))
             raise ArgumentError(f"{source.name}: {source.place(at)}, column {name!r}: "
                                 f"{'empty or NaN' if np.isnan(values[at]) else 'infinite'}; a number is wanted")
-    times = [use for use in made if use.meaning.key == "t"]
+    times = [column for column in made if column.key == "t"]
     if len(times) > 1:
-        raise ArgumentError(f"{source.name}: columns {times[0].columns[0]!r} and {times[1].columns[0]!r} are both t")
-    t = _scaled(times[0], numbers[times[0].columns[0]])
-    if rows > 1 and np.diff(t).min() <= 0:
-        at = int(np.argmin(np.diff(t) > 0)) + 1
-        raise ArgumentError(f"{source.name}: {source.place(at)}, column {times[0].columns[0]!r}: time {t[at]:.9g} s "
-                            f"does not follow {t[at - 1]:.9g} s; times have to increase")
-    if t[0] < 0:
-        raise ArgumentError(f"{source.name}: {source.place(0)}, column {times[0].columns[0]!r}: time {t[0]:.9g} s is "
-                            "before the scene's start at 0; subtract it (offset)")
-    groups = list(_grouped(scene, source, [use for use in made if use.meaning.key != "t"], numbers))
-    return Recording(source.name, t, groups, ignored, _blur(source, times[0], t))
+        raise ArgumentError(f"{source.name}: columns {times[0].names[0]!r} and {times[1].names[0]!r} are both t")
+    name = times[0].names[0]
+    t = times[0].scaled(numbers[name])
+    later = np.diff(t, prepend=-np.inf) > 0
+    if not later.all() or t[0] < 0:
+        at = int(np.argmin(later))
+        raise ArgumentError(f"{source.name}: {source.place(at)}, column {name!r}: time {t[at]:.9g} s " + (
+            f"does not follow {t[at - 1]:.9g} s; times have to increase" if at else
+            "is before the scene's start at 0; subtract it (offset)"))
+    groups = list(_grouped(source, [column for column in made if column.key != "t"], numbers))
+    return Recording(source.name, t, groups, tuple(ignored), _blur(source, times[0], t))
 
 
-def _scaled(use: Use, values: np.ndarray) -> np.ndarray:
-    return np.asarray((use.scale * values + use.offset) * use.factor)
-
-
-def _grouped(scene: Scene, source: Source, made: Sequence[Use], numbers: Mapping[str, np.ndarray]) -> Iterator[Group]:
-    parts: dict[tuple[str, str], dict[int, tuple[str, Use]]] = {}
-    for use in made:
-        held = parts.setdefault((use.meaning.key, use.meaning.owner), {})
-        for part, column in zip(use.meaning.parts, use.columns, strict=True):
+def _grouped(source: Source, made: Sequence[Column], numbers: Mapping[str, np.ndarray]) -> Iterator[Group]:
+    parts: dict[tuple[str, str], dict[int, tuple[str, Column]]] = {}
+    for column in made:
+        held = parts.setdefault((column.key, column.owner), {})
+        for part, name in zip(column.parts, column.names, strict=True):
             if part in held:
-                raise ArgumentError(f"{source.name}: columns {held[part][0]!r} and {column!r} are both component "
-                                    f"{part} of {use.meaning.owner}, {use.meaning.key}; leave one out")
-            held[part] = column, use
+                raise ArgumentError(f"{source.name}: columns {held[part][0]!r} and {name!r} are both component "
+                                    f"{part} of {column.owner}, {column.key}; leave one out")
+            held[part] = name, column
     for (key, owner), held in parts.items():
-        order = sorted(held)
-        use = held[order[0]][1]
-        columns = np.stack([_scaled(held[k][1], numbers[held[k][0]]) for k in order], axis=1)
-        digits = [printed(source.texts(held[k][0], numbers[held[k][0]])) for k in order]
-        floor = np.sqrt(sum((one.floor(numbers[held[k][0]]) * held[k][1].scale * held[k][1].factor) ** 2
-                            for k, one in zip(order, digits, strict=True)))
-        frame, point, crooked = use.frame, use.point, 0.0
+        order = tuple(sorted(held))
+        first = held[order[0]][1]
+        values = np.stack([held[k][1].scaled(numbers[held[k][0]]) for k in order], axis=1)
+        floor = np.sqrt(sum((held[k][1].scale * held[k][1].factor * rounding(source.texts(held[k][0]),
+                                                                             numbers[held[k][0]])) ** 2 for k in order))
+        unit, crooked = SI.get(first.dimension or (), ""), 0.0
         if key == "attitude":
-            wanted = 4 if use.meaning.form == "q" else 9
+            wanted = 4 if first.form == "q" else 9
             if len(order) != wanted:
                 raise ArgumentError(f"{source.name}: the attitude of {owner!r} has {len(order)} of {wanted} columns; "
                                     "give all of them")
-            columns, crooked = _attitudes(source, columns, owner)
-            floor = floor * (2.0 if wanted == 4 else 1.0)
-            order = [0]
-        unit = next((name for name, known in _si().items() if known == use.meaning.dimension), "")
-        yield Group(key, owner, tuple(order), columns, floor, frame, point,
-                    any(each.wrap for _, each in held.values()), crooked,
-                    "rad" if key == "attitude" else unit, key == "joint_position" and unit == "rad")
+            values, crooked = _attitudes(source, values, owner)
+            floor, order, unit = floor * (2.0 if wanted == 4 else 1.0), (0,), "rad"
+        yield Group(key, owner, order, values, floor, first.frame, first.point, any(each.wrap for _, each in
+                    held.values()), crooked, unit, key == "joint_position" and unit == "rad")
 
 
 def _attitudes(source: Source, columns: np.ndarray, owner: str) -> tuple[np.ndarray, float]:
@@ -610,61 +556,49 @@ def _attitudes(source: Source, columns: np.ndarray, owner: str) -> tuple[np.ndar
     return R, float(off.max())
 
 
-@dataclasses.dataclass(frozen=True)
-class Printed:
-    """The digits to which numbers are printed."""
-
-    decimals: int
-    significant: int
-    constant: bool = False
-
-    def floor(self, values: np.ndarray) -> np.ndarray:
-        """The rounding that these digits leave, per value."""
-        if self.constant or self.significant >= DOUBLE:
-            return np.asarray(np.abs(values) * 2.0**-52)
-        with np.errstate(divide="ignore"):
-            power = np.floor(np.log10(np.abs(values)))
-        relative = 0.5 * 10.0 ** (np.where(np.isfinite(power), power, -300.0) + 1 - self.significant)
-        return np.asarray(np.maximum(relative, 0.5 * 10.0**-self.decimals))
+def digits(texts: Sequence[str]) -> tuple[int, int]:
+    """(decimals, significant digits) to which numbers are printed; those of a constant are exact."""
+    numbers = [number for text in texts if _is_number(text) and (number := Decimal(text.strip())).is_finite()]
+    if len(set(numbers)) < 2:
+        return 0, DOUBLE
+    parts = [number.as_tuple() for number in numbers]
+    return (max(0, *(-int(part.exponent) for part in parts)),
+            max(len(part.digits) for part in parts if any(part.digits)))
 
 
-def printed(texts: Sequence[str]) -> Printed:
-    """The digits of numbers as they are written: of fixed decimals, or of significant digits."""
-    decimals, significant, different = 0, 0, set()
-    for text in texts:
-        try:
-            number = Decimal(text.strip())
-        except InvalidOperation:
-            continue
-        _, digits, exponent = number.as_tuple()
-        if isinstance(exponent, int):
-            different.add(number)
-            decimals = max(decimals, -exponent)
-            significant = max(significant, len(digits) if any(digits) else 0)
-    return Printed(decimals, significant, len(different) < 2)
+def rounding(texts: Sequence[str], values: np.ndarray) -> np.ndarray:
+    """What printed digits, of fixed decimals or of significant digits, leave open in each value."""
+    decimals, significant = digits(texts)
+    if significant >= DOUBLE:
+        return np.asarray(np.abs(values) * 2.0**-52)
+    with np.errstate(divide="ignore"):
+        power = np.floor(np.log10(np.abs(values)))
+    relative = 0.5 * 10.0 ** (np.where(np.isfinite(power), power, -300.0) + 1 - significant)
+    return np.asarray(np.maximum(relative, 0.5 * 10.0**-decimals))
 
 
-def _blur(source: Source, use: Use, t: np.ndarray) -> float:
+def _blur(source: Source, column: Column, t: np.ndarray) -> float:
     """What the printed digits of times leave open, s. Times of an even grid that the digits hold are exact."""
-    digits = printed(source.texts(use.columns[0], t / (use.scale * use.factor)))
-    if digits.significant >= DOUBLE or len(t) < 3:
+    decimals, significant = digits(source.texts(column.names[0]))
+    if significant >= DOUBLE or len(t) < 3:
         return 0.0
-    last = 10.0**-digits.decimals * abs(use.scale * use.factor)
+    last = 10.0**-decimals * abs(column.scale * column.factor)
     jitter = float(np.abs(t - np.linspace(t[0], t[-1], len(t))).max())
     return 0.0 if jitter <= 1e-3 * last else min(jitter, 0.5 * last)
 
 
-WORDS = {"position": ("pos", "position", "angle", "theta", "q", "displacement", "slide"),
-         "velocity": ("vel", "velocity", "rate", "speed", "qd", "omega")}
+WORDS = {"velocity": ("vel", "velocity", "rate", "speed", "qd"), "omega": ("omega", "gyro", "angvel", "angular", "w"),
+         "position": ("pos", "position", "angle", "theta", "q", "displacement", "slide")}
+"""Words of foreign names, by what they say."""
 
 
 def suggest(data: Any, scene: Scene) -> str:
     """A mapping, as the text of a TOML file, of the columns whose names and units are recognised; others as comments.
     """
-    source, lines = opened(data, scene), ["[columns]"]
+    source, lines, known = opened(data, scene), ["[columns]"], meanings(scene)
     for column in source.columns:
         name, unit, _ = split_unit(column)
-        target = _guess(scene, name)
+        target = ("t" if name == "time" else name) if name in known else _guess(scene, name)
         row = f'{{ is = "{target}"{f", unit = {chr(34)}{unit}{chr(34)}" if unit and unit != "1" else ""} }}'
         quoted = column.replace("\\", "\\\\").replace('"', '\\"')
         lines.append(f'"{quoted}" = {row}' if target else f'# "{quoted}" = {{ is = "..." }}')
@@ -673,26 +607,18 @@ def suggest(data: Any, scene: Scene) -> str:
 
 def _guess(scene: Scene, name: str) -> str:
     """What a foreign name probably is, "" if that is not clear."""
-    if meaning_of(scene, name) is not None:
-        return "t" if name == "time" else name
     words = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
-    if words and words[0] in ("t", "time", "timestamp", "sec", "seconds"):
+    if not words:
+        return ""
+    if words[0] in ("t", "time", "timestamp", "sec", "seconds"):
         return "t"
-    def spoken(owner: str) -> bool:
-        return re.sub(r"[^a-z0-9]", "", owner.lower()) in "".join(words)
-    joints = [joint.name for joint in scene.joints if spoken(joint.name) and JOINT_TYPES[joint.type].coordinates]
-    bodies = [body.name for body in scene.bodies if spoken(body.name)]
-    tail = words[-1] if words else ""
-    if (len(joints) == 1 and not bodies) or (len(joints) == 1 and tail not in tuple("xyz")):
-        for part, known in WORDS.items():
-            if any(word in known for word in words):
-                return f"{joints[0]}.{part}"
-        return f"{joints[0]}.position" if not bodies else ""
-    if len(bodies) == 1 and (match := re.fullmatch(r"(q[wxyz]|[vw]?[xyz])", tail)):
-        if len(match[1]) == 1:
-            if any(word in ("vel", "velocity", "linvel", "v") for word in words):
-                return f"{bodies[0]}.v{tail}"
-            if any(word in ("omega", "gyro", "angvel", "w", "rate", "angular") for word in words):
-                return f"{bodies[0]}.w{tail}"
-        return f"{bodies[0]}.{tail}"
+    joints, bodies = ([each.name for each in owners if re.sub(r"[^a-z0-9]", "", each.name.lower()) in "".join(words)]
+                      for owners in ([j for j in scene.joints if JOINT_TYPES[j.type].coordinates], scene.bodies))
+    says = [meaning for meaning, spelled in WORDS.items() if any(word in spelled for word in words)]
+    axis = re.fullmatch(r"(q[wxyz]|[vw]?[xyz])", words[-1])
+    if len(joints) == 1 and (not bodies or (says and not axis)):
+        return f"{joints[0]}.{'velocity' if says and says[0] != 'position' else 'position'}"
+    if len(bodies) == 1 and axis:
+        letter = {"velocity": "v", "omega": "w"}.get(says[0], "") if says and len(axis[1]) == 1 else ""
+        return f"{bodies[0]}.{letter}{axis[1]}"
     return ""

@@ -133,7 +133,7 @@ class _Motion:
            true: _Motion | None = None) -> _Motion:
         """The curves of these states; signs of quaternions are those of the true ones."""
         kinetic, total = mechanics.kinetic_energy(scene, states), mechanics.energy(scene, states)
-        q = _quaternions(states.R, None if true is None else true.arrays["q"])
+        q = quaternions(states.R, None if true is None else true.arrays["q"])
         # A torque below 1e-12 of the force is rounding: the joint carries none.
         carried = {joint: {"force": force.T} | ({"torque": torque.T} if np.abs(torque).max(initial=0.0) > 1e-12
                                                  * np.abs(force).max(initial=0.0) else {})
@@ -167,7 +167,7 @@ def _true_motion(scene: Scene, reference: Reference) -> _Motion:
     return _Motion.of(scene, s, constraints.reactions(s.x, s.R, lam))
 
 
-def _quaternions(R: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+def quaternions(R: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
     """Quaternions w, x, y, z, (n, 4, T), of attitudes (T, n, 3, 3), with signs such that they do not jump.
 
     `near` (n, 4, T) are the quaternions of truth. They determine the signs at the start.

@@ -110,6 +110,6 @@ def test_a_run_that_left_the_group_has_gaps_and_not_an_error(spinning):
     _, traj, _ = spinning
     R = traj.R.copy()
     R[10], R[11] = np.nan, -np.eye(3)
-    found = curves._quaternions(R)
+    found = curves.quaternions(R)
     assert np.isnan(found[0, :, 10:12]).all()
     assert np.isfinite(found[0, :, :10]).all()

@@ -25,7 +25,7 @@ from lieeuler.joints import (
 from lieeuler.laws import Law, Servo, Stops
 from lieeuler.methods import COORDINATE_MAPS, EULER_METHODS, METHODS, Method
 from lieeuler.problem import Body, Problem
-from lieeuler.solution import Solution, Stats, Status
+from lieeuler.solution import Sensitivity, Solution, Stats, Status
 
 __all__ = [
     "COORDINATE_MAPS",
@@ -50,6 +50,7 @@ __all__ = [
     "PreparedRun",
     "Problem",
     "Rotor",
+    "Sensitivity",
     "Servo",
     "SlideForce",
     "Solution",

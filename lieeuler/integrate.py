@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 import logging
 import operator
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from lieeuler.methods import COORDINATE_MAPS, CORRECTIONS, METHODS, Method
 from lieeuler.pieces import Pieces
 from lieeuler.problem import Problem
 from lieeuler.reduction import nodes, reductions, take_multipliers
+from lieeuler.sensitivities import RTOL, Changed, differentiated
 from lieeuler.solution import STATUSES, Solution, Stats, Status
 from lieeuler.spin_free import spin_free_frames, symmetric_bodies
 from lieeuler.types import ArrayLike
@@ -42,7 +44,8 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
               rtol: float | None = None, coordinate_map: str = "exp", alpha: float | None = None,
               beta: float | None = None, spectral_radius: float | None = None, correction: str = "mass",
               spin_free: bool | None = None, reduce: str | None = None, conserve: bool = False, polish: bool = True,
-              monitor: bool = True, events: bool | None = None) -> Solution:
+              monitor: bool = True, events: bool | None = None,
+              sensitivities: Sequence[str] | Mapping[str, Changed] = ()) -> Solution:
     """Integrate a problem with a fixed step, or with steps that follow a tolerance.
 
     One line of level INFO goes to the logger "lieeuler".
@@ -85,6 +88,14 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     events : bool, optional
         For problems with laws: whether the times at which friction, servos and stops change are solved for. Otherwise
         changes are taken at ends of steps, those at stops excepted. Default: not by the Euler methods.
+    sensitivities : tuple of str, or mapping of names to functions, optional
+        What the solution is to be differentiated by: numbers of the problem by their paths, such as "bodies.0.mass",
+        "bodies.0.inertia.0.0", "joints.1.child_anchor.2", "forces.0.stiffness", "gravity.2" or
+        "laws.0.servos.0.proportional"; "start", the directions that the joints admit; or functions that return the
+        problem for a change s (for an axis, which is in several places). A start that a change opens is projected.
+        They are the derivatives of the method's discrete map, with `rtol` those of the motion, by differences of whole
+        runs: eight a direction and step, mostly eight or sixteen (`Sensitivity.runs`). With laws events have to be
+        located, in the same order.
 
     Returns
     -------
@@ -102,9 +113,23 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
         raise ArgumentError(f"events must be True or False, not {events!r}")
     arguments = (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction, spin_free,
                  reduce, conserve, polish, monitor)
-    if isinstance(problem, Problem) and problem.laws:
-        return _by_pieces(problem, arguments, events)
-    return _kept(problem, arguments)()
+    laws = isinstance(problem, Problem) and problem.laws
+    solution = _by_pieces(problem, arguments, events) if laws else _kept(problem, arguments)()
+    if sensitivities:
+        if laws and not _located(method, events):
+            raise ArgumentError("sensitivities: steps over events have no derivative; give events=True")
+        rest = (RTOL if step is None else None, *arguments[4:-1], False)
+
+        def solve(changed: Problem, whole: bool) -> Solution:
+            how = (method, step, t_eval, *rest[:6], *((False, "off") if whole else rest[6:8]), *rest[8:])
+            return _by_pieces(changed, how, events) if laws else PreparedRun(changed, how).unjudged()
+
+        solution.sensitivities = differentiated(problem, sensitivities, solve)
+    return solution
+
+
+def _located(method: str, events: bool | None) -> bool:
+    return METHODS[method].order != 1 if events is None else events
 
 
 def _by_pieces(problem: Problem, arguments: tuple[Any, ...], events: bool | None) -> Solution:
@@ -121,8 +146,7 @@ def _by_pieces(problem: Problem, arguments: tuple[Any, ...], events: bool | None
         return PreparedRun(piece, ("INDEX1_LE", size, times, None, "exp", None, None, None, "mass", None, "off", False,
                                    True, False)).unjudged()
 
-    located = METHODS[method].order != 1 if events is None else events
-    solution = Pieces(problem, solve, start, np.asarray(t, dtype=float), step, located).integrate()
+    solution = Pieces(problem, solve, start, np.asarray(t, dtype=float), step, _located(method, events)).integrate()
     return without.ended(solution)
 
 

@@ -12,6 +12,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -651,8 +652,8 @@ class Pieces:
         assert stats is not None
         stats.wall_time = time.perf_counter() - begun
         stats.maxima.pop("energy_error", None)  # laws do work
-        arrays = {name: np.array([getattr(s, name)[row] for s, row in self.rows])
-                  for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam")}
+        arrays: dict[str, Any] = {name: np.array([getattr(s, name)[row] for s, row in self.rows])
+                                  for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam")}
         return Solution(**arrays, status=status, stats=stats, method=last.method, t_end=float(arrays["t"][-1]),
                         events=tuple(self.events))
 

@@ -60,7 +60,7 @@ class Bodies:
 
     @functools.cached_property
     def M(self):
-        M = np.zeros((6 * self.n, 6 * self.n))
+        M = np.zeros((6 * self.n, 6 * self.n), dtype=np.result_type(*self.masses, *self.inertias))
         for b, (mass, J) in enumerate(zip(self.masses, self.inertias, strict=True)):
             M[6 * b:6 * b + 3, 6 * b:6 * b + 3], M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = mass * np.eye(3), J
         return M
@@ -69,7 +69,7 @@ class Bodies:
         return np.concatenate([np.r_[mass * self.gravity, 0, 0, 0] for mass in self.masses])
 
     def force(self, u):
-        f = self.applied()
+        f = self.applied() + 0 * u  # which may be complex, as everything here
         for b, J in enumerate(self.inertias):
             w = u[6 * b + 3:6 * b + 6]
             f[6 * b + 3:6 * b + 6] -= hat(w) @ J @ w
@@ -114,7 +114,7 @@ class Chain(Bodies):
         return np.concatenate(rows) if rows else np.zeros(0)
 
     def G(self, q):
-        G = np.zeros((self.m, 6 * self.n))
+        G = np.zeros((self.m, 6 * self.n), dtype=q[1].dtype)
         for k, joint in enumerate(self.joints):
             for b, sign, s in self._ends(joint):
                 G[3 * k:3 * k + 3, 6 * b:6 * b + 3] = sign * np.eye(3)
@@ -122,7 +122,7 @@ class Chain(Bodies):
         return G
 
     def gamma(self, q, u):
-        gamma = np.zeros(self.m)
+        gamma = np.zeros(self.m, dtype=q[1].dtype)
         for k, joint in enumerate(self.joints):
             for b, sign, s in self._ends(joint):
                 w = u[6 * b + 3:6 * b + 6]
@@ -145,7 +145,8 @@ def newton(residual, z):
         for _ in range(8):
             dz = np.linalg.solve(A, residual(z))
             z = z - dz
-            if np.abs(dz).max() < 1e-13 * max(1, np.abs(z).max()):
+            if np.abs(dz.real).max() < 1e-13 * max(1, np.abs(z.real).max()) and (
+                    np.abs(dz.imag).max() <= 1e-12 * np.abs(z.imag).max()):
                 return z
     return z
 

@@ -7,18 +7,19 @@ generator of its linearised flow on the tangent space of its constraints.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-import functools
 import os
 from typing import Any
 
 import numpy as np
 
 from crosscheck.errors import ArgumentError, Unsupported
-from crosscheck.jointspace.motion import Bodies, JointSpace, TreeSpace, placed
+from crosscheck.jointspace.motion import JointSpace, TreeSpace, placed
 from crosscheck.jointspace.sources import allowed, condition, taken
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
+from crosscheck.references.world import Motion
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
 from crosscheck.scene.vectors import exponential
@@ -120,11 +121,8 @@ def truth(scene: Scene) -> Derivatives:
     """See `derivatives`."""
     matrix, basis, gap = generator(scene)
     da_dq = da_dv = da_dtau = None
-    try:
+    with contextlib.suppress(Unsupported):
         space = JointSpace(scene)
-    except Unsupported:
-        pass
-    else:
         da_dq, da_dv = space.derivative(space.accelerations)
         da_dtau = np.linalg.inv(space.mass)
     if not gap <= AGREED:
@@ -156,18 +154,21 @@ def linearised(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     A change has shifts in the world, small turns in body axes, then the changes of v and w, per body.
     """
     n, w, R = space.scene.n, np.real(space.start.w), np.real(space.start.R)
-    parts: dict[str, np.ndarray] = {}
-    for name in ("x", "R", "v", "w", "a", "alpha", "values", "slopes"):
-        parts[name] = np.concatenate(space.derivative(functools.partial(_part, space, name)), axis=1)
-    turns = np.einsum("nji,njkm->nikm", R, parts["R"].reshape(n, 3, 3, -1))
+    names = ("x", "R", "v", "w", "a", "alpha", "values", "slopes")
+
+    def states(change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+        bodies = space.bodies(change, speeds)
+        return np.concatenate([np.ravel(getattr(bodies, name)) for name in names])
+
+    ends = np.cumsum([getattr(space.start, name).size for name in names])[:-1]
+    *parts, values, slopes = np.split(np.concatenate(space.derivative(states), axis=1), ends)
+    x, turned, v, dw, a, alpha = (part.reshape(n, len(part) // n, -1) for part in parts)
+    turns = np.einsum("nji,njkm->nikm", R, turned.reshape(n, 3, 3, -1))
     turn = np.stack([turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]], axis=1)
-    x, v, dw, a, alpha = (parts[name].reshape(n, 3, -1) for name in ("x", "v", "w", "a", "alpha"))
     spread = np.einsum("nij,njm->nim", -np.cross(w[:, None], np.eye(3)).transpose(0, 2, 1), turn)  # -w x turn
-    changes = np.concatenate([np.concatenate([x, turn], axis=1).reshape(6 * n, -1),
-                              np.concatenate([v, dw], axis=1).reshape(6 * n, -1)])
-    rates = np.concatenate([np.concatenate([v, dw + spread], axis=1).reshape(6 * n, -1),
-                            np.concatenate([a, alpha], axis=1).reshape(6 * n, -1)])
-    rows = np.concatenate([parts["values"], parts["slopes"], _ties(space)])
+    changes, rates = (np.concatenate([np.concatenate(pair, axis=1).reshape(6 * n, -1) for pair in pairs])
+                      for pairs in (((x, turn), (v, dw)), ((v, dw + spread), (a, alpha))))
+    rows = np.concatenate([values, slopes, _ties(space)])
     free = np.eye(2 * space.size)
     if len(rows):
         _, sizes, V = np.linalg.svd(rows)
@@ -175,24 +176,14 @@ def linearised(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return changes @ free, rates @ free, free
 
 
-def _part(space: TreeSpace, name: str, change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-    found: Bodies = space.bodies(change, speeds)
-    return np.ravel(getattr(found, name))
-
-
 def _ties(space: TreeSpace) -> np.ndarray:
     """Rows of what keeps coordinates of the tree together, and of driven ones, which do not change."""
-    rows = []
-    for tie in space.equations.ties:
-        row = np.zeros(space.size)
+    ties = [*space.equations.ties, *({body: [1.0]} for body in space.equations.driven)]
+    rows = np.zeros((len(ties), space.size))
+    for row, tie in zip(rows, ties, strict=True):
         for body, factors in tie.items():
             row[space.slots[body]] = factors
-        rows.append(row)
-    for body in space.equations.driven:
-        row = np.zeros(space.size)
-        row[space.slots[body]] = 1.0
-        rows.append(row)
-    return np.kron(np.eye(2), np.array(rows).reshape(-1, space.size))
+    return np.kron(np.eye(2), rows)
 
 
 def differences(scene: Scene, directions: np.ndarray) -> np.ndarray:
@@ -202,35 +193,24 @@ def differences(scene: Scene, directions: np.ndarray) -> np.ndarray:
     has no first derivative.
     """
     n, equations = scene.n, Maximal(scene)
-    count = directions.shape[1]
-    if not count:
-        return np.zeros((12 * n, 0))
-    total = np.zeros((12 * n, count))
+    total = np.zeros(directions.shape)
     for k, weight in WEIGHTS:
-        for sign in (1.0, -1.0):
+        for sign in (1.0, -1.0) if total.size else ():
             total += sign * weight / DIFFERENCE * np.stack([
                 _rates(equations, scene, sign * k * DIFFERENCE * each) for each in directions.T], axis=1)
-    w = scene.w0
     turn = directions.reshape(2, n, 6, -1)[0, :, 3:]
-    total.reshape(2, n, 6, -1)[0, :, 3:] -= np.cross(w[:, :, None], turn, axis=1)
+    total.reshape(2, n, 6, -1)[0, :, 3:] -= np.cross(scene.w0[:, :, None], turn, axis=1)
     return total
 
 
 def _rates(equations: Maximal, scene: Scene, step: np.ndarray) -> np.ndarray:
     """(v, w, a, alpha) of a changed state, (12n,)."""
-    from crosscheck.references.world import Motion
-
     n = scene.n
     pose, speed = step.reshape(2, n, 6)
-    x, v, w = (np.concatenate([values, np.zeros((1, 3))]) for values in (
-        scene.x0 + pose[:, :3], scene.v0 + speed[:, :3], scene.w0 + speed[:, 3:]))
+    x, v, w, turn = (np.concatenate([values, np.zeros((1, 3))]) for values in (
+        scene.x0 + pose[:, :3], scene.v0 + speed[:, :3], scene.w0 + speed[:, 3:], pose[:, 3:]))
     R = np.concatenate([scene.R0 @ exponential(pose[:, 3:]), np.eye(3)[None]])
-    y = equations.initial()
-    start, angles = equations.motion(y)
-    spins = [spring.rate(Motion(start.x, R, v * 0, np.concatenate([pose[:, 3:], np.zeros((1, 3))])))
-             for spring in equations.torsions]
-    hinges = start.hinges
-    motion = Motion(x, R, v, w, hinges)
-    a, alpha = equations.accelerations(motion, angles + np.array(spins).reshape(angles.shape))
-    return np.concatenate([np.concatenate([v[:n], w[:n]], axis=1).ravel(),
-                           np.concatenate([a, alpha], axis=1).ravel()])
+    start, angles = equations.motion(equations.initial())
+    spins = [spring.rate(Motion(start.x, R, v * 0, turn)) for spring in equations.torsions]
+    a, alpha = equations.accelerations(Motion(x, R, v, w, start.hinges), angles + np.reshape(spins, angles.shape))
+    return np.concatenate([np.concatenate(pair, axis=1).ravel() for pair in ((v[:n], w[:n]), (a, alpha))])

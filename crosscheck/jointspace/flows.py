@@ -17,16 +17,13 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jointspace.derivatives import WEIGHTS
-from crosscheck.jointspace.motion import JointSpace
+from crosscheck.jointspace.motion import JointSpace, between, coordinates, posed
 from crosscheck.jointspace.parameters import altered, value_of
-from crosscheck.jointspace.sources import moved
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene import file as scene_file
-from crosscheck.scene.coordinates import history, relative
-from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import Scene, quaternion_from_rotation
+from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 AGREED = 1e-7
@@ -96,7 +93,7 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
         end, weights = _exact(loaded), WEIGHTS
         matrix = jet(space)
         direction = np.random.default_rng(1).normal(size=2 * space.size)
-        other = _difference(lambda s: end(moved(space, *np.split(s * direction, 2))), end(loaded), loaded, weights)
+        other = _difference(lambda s: end(space.moved(*np.split(s * direction, 2))), end(loaded), loaded, weights)
         scale = float(np.abs(matrix).max() * np.linalg.norm(direction))
         error = max(float(np.abs(matrix @ direction - other).max()) / scale, 1e-13)
         if not error <= AGREED:
@@ -106,7 +103,7 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
         base = end(loaded)
 
         def along(row: np.ndarray) -> np.ndarray:
-            return _difference(lambda s: end(moved(space, *np.split(s * row, 2))), base, loaded, weights)
+            return _difference(lambda s: end(space.moved(*np.split(s * row, 2))), base, loaded, weights)
 
         matrix = np.stack([along(row) for row in np.eye(2 * space.size)], axis=1)
     columns = [_by_number(loaded, path, end, weights) for path in parameters]
@@ -132,21 +129,9 @@ def jet(space: JointSpace) -> np.ndarray:
     state = np.array(integrator.state)
     slices = [integrator.get_vslice(order=1, component=k) for k in range(size)]
     first = np.array([state[each] for each in slices])
-    last = _at(scene, state[:size], equations)
-    into, out = _tangent(space), _tangent(last)
+    last = posed(scene, space.at(state[:size].tolist()))
+    into, out = _tangent(space), _tangent(JointSpace(last))
     return np.asarray(np.linalg.pinv(out) @ first @ into)
-
-
-def _at(scene: Scene, state: np.ndarray, equations: Any) -> JointSpace:
-    """The joint space of the scene with its start at a state vector of the formulation."""
-    from crosscheck.jointspace.motion import TreeSpace
-
-    tree = TreeSpace(scene)
-    tree.equations.initial[:] = state
-    found = tree.bodies(np.zeros(tree.size), tree.speeds)
-    return JointSpace(scene.replace(bodies=tuple(dataclasses.replace(
-        body, position=np.real(found.x[k]), velocity=np.real(found.v[k]), angular_velocity=np.real(found.w[k]),
-        attitude=quaternion_from_rotation(np.real(found.R[k]))) for k, body in enumerate(scene.bodies))))
 
 
 def _tangent(space: JointSpace) -> np.ndarray:
@@ -186,31 +171,7 @@ def _difference(end: Callable[[float], States], base: States, scene: Scene, weig
 
 def change(scene: Scene, base: States, other: States) -> np.ndarray:
     """(q, v) of the last states of a run, minus those of another one, (2n,)."""
-    from scipy.spatial.transform import Rotation
-
-    def last(states: States) -> States:
-        return States(*(np.asarray(getattr(states, name))[-1:] for name in ("t", "x", "R", "v", "w")))
-
-    one, two = last(base), last(other)
-    carried = {joint.child for joint in scene.joints}
-    q: list[np.ndarray] = []
-    v: list[np.ndarray] = []
-    for k in range(scene.n):
-        if k not in carried:
-            turn = Rotation.from_matrix(one.R[0, k].T @ two.R[0, k]).as_rotvec()
-            q.append(np.concatenate([two.x[0, k] - one.x[0, k], turn]))
-            v.append(np.concatenate([two.v[0, k] - one.v[0, k], two.w[0, k] - one.w[0, k]]))
-    for joint in scene.joints:
-        words = JOINT_TYPES[joint.type].coordinates
-        if not words:
-            continue
-        first, second = history(joint, one), history(joint, two)
-        v.append(np.atleast_1d(second.velocity[0] - first.velocity[0]))
-        if words == ("ball",):
-            turn = relative(joint, one).turn[0].T @ relative(joint, two).turn[0]
-            q.append(Rotation.from_matrix(turn).as_rotvec())
-        else:
-            step = np.atleast_1d(second.position[0] - first.position[0])
-            turns = np.array([word.startswith("turn") for word in words])
-            q.append(np.where(turns, np.remainder(step + np.pi, 2 * np.pi) - np.pi, step))
-    return np.concatenate([*q, *v])
+    both = States(np.zeros(2), *(np.stack([one[-1], two[-1]]) for one, two in (
+        (base.x, other.x), (base.R, other.R), (base.v, other.v), (base.w, other.w))))
+    q, v = coordinates(scene, both)
+    return np.concatenate([between(scene, *q), v[1] - v[0]])

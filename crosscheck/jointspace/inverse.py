@@ -82,14 +82,11 @@ def frictionless(scene: Scene) -> Scene:
 
 def friction(scene: Scene, v: np.ndarray) -> np.ndarray:
     """What drives have to supply against dry friction, (n,); none at rest, where it may be anything up to its limit."""
-    force, names = np.zeros(len(v)), list(scene.coordinates)
+    force, places = np.zeros(len(v)), JointSpace(frictionless(scene)).of_joint
     for joint in scene.joints:
-        words = JOINT_TYPES[joint.type].coordinates
-        for k, each in enumerate(joint.dry_friction):
+        for k, each in enumerate(joint.dry_friction, places[joint.name].start):
             if each is not None:
-                first = names.index(joint.name) if len(words) == 1 else next(
-                    i for i, name in enumerate(names) if name.startswith(f"{joint.name}."))
-                force[first + k] = -each.force(v[first + k])
+                force[k] = -each.force(v[k])
     return force
 
 
@@ -99,10 +96,9 @@ def exact(scene: Scene, a: np.ndarray) -> np.ndarray:
     free = np.real(space.accelerations(np.zeros(space.size), space.speeds))
     force = space.mass @ (a - free)
     bodies = np.real(np.concatenate([space.start.a, space.start.alpha], axis=1)).ravel() + space.motions @ (a - free)
-    inertia = np.zeros(6 * scene.n)
-    for k in range(scene.n):
-        inertia[6 * k:6 * k + 3] = scene.masses[k] * bodies[6 * k:6 * k + 3]
-        inertia[6 * k + 3:6 * k + 6] = scene.inertias[k] @ bodies[6 * k + 3:6 * k + 6]
+    pulls, turns = np.split(bodies.reshape(-1, 6), 2, axis=1)
+    inertia = np.concatenate([scene.masses[:, None] * pulls, np.einsum("nij,nj->ni", scene.inertias, turns)],
+                             axis=1).ravel()
     state = scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]
     applied = mechanics.applied_forces(scene, *state)[0]
     other = space.motions.T @ (inertia - applied)

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from crosscheck.errors import Unsupported, install
 from crosscheck.references import loops
@@ -32,10 +33,12 @@ from crosscheck.references.joint_motion import STILL, Frame
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree import FREE, Link
 from crosscheck.references.tree_loads import angle_rate
-from crosscheck.scene.coordinates import at_start, relative_pose, relative_rates
+from crosscheck.scene.coordinates import histories
 from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import GROUND, SMOOTH, Joint, Scene, quaternion_from_rotation, quaternion_from_turn
+from crosscheck.scene.model import GROUND, SMOOTH, Scene, quaternion_from_rotation, quaternion_from_turn
+from crosscheck.scene.starts import Configuration, bodies_at
+from crosscheck.scene.states import Motion, States
 from crosscheck.scene.vectors import slide_direction
 
 STEP = 1e-30
@@ -68,6 +71,12 @@ class _Equations(Taylor):
         return None
 
 
+def slices(links: Sequence[Link]) -> dict[int, slice]:
+    """The places of the coordinates of links in this order, by their bodies."""
+    ends = np.cumsum([0, *(link.turn + len(link.directions) + 3 * (link.shift == "free") for link in links)]).tolist()
+    return {link.body: slice(*ends[k:k + 2]) for k, link in enumerate(links)}
+
+
 class TreeSpace:
     """A scene at its start, in the coordinates of its spanning tree.
 
@@ -94,11 +103,8 @@ class TreeSpace:
         if rods:
             name = scene.bodies[rods[0].body].name
             raise Unsupported(f"derivatives of {scene.name!r}: the distance of body {name!r} has no joint coordinates")
-        sizes = [link.turn + len(link.directions) + (3 if link.shift == "free" else 0) for link in self.links]
-        ends = np.cumsum([0, *sizes])
-        self.slots = {link.body: slice(int(a), int(b)) for link, a, b in zip(self.links, ends[:-1], ends[1:],
-                                                                             strict=True)}
-        self.size = int(ends[-1])
+        self.slots = slices(self.links)
+        self.size = max((each.stop for each in self.slots.values()), default=0)
 
     @functools.cached_property
     def speeds(self) -> np.ndarray:
@@ -138,9 +144,10 @@ class TreeSpace:
 
     def bodies(self, change: np.ndarray, speeds: np.ndarray) -> Bodies:
         """What follows from a change of position and from speeds, which may be complex."""
-        return self._from(self.state(change, speeds))
+        return self.at(self.state(change, speeds))
 
-    def _from(self, state: list[Any]) -> Bodies:
+    def at(self, state: list[Any]) -> Bodies:
+        """What follows from a state vector of the formulation."""
         equations, n = self.equations, self.scene.n
         loads, alpha, A, speeding = equations._solved(state, functools.partial(at, t=0.0))
         placed = loads.placed or equations.tree.world(loads.frames)
@@ -184,34 +191,31 @@ class JointSpace(TreeSpace):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        names = {link.joint.name for link in self.links if link.joint is not None}
+        links = {link.joint.name: link for link in self.links if link.joint is not None}
         for joint in scene.joints:
-            reason = ("closes a loop" if joint.name not in names else "follows another one" if joint.mimic is not None
+            reason = ("closes a loop" if joint.name not in links else "follows another one" if joint.mimic is not None
                       else "is driven" if joint.drive is not None
                       else "has no coordinates" if not JOINT_TYPES[joint.type].coordinates and joint.type != "fixed"
-                      else "leads from its child to its parent" if joint.type == "planar" and self._reversed(joint)
+                      else "leads from its child to its parent" if (joint.type, links[joint.name].body) == (
+                          "planar", joint.parent)
                       else "")
             if reason:
                 raise Unsupported(f"{scene.name!r} in joint coordinates: joint {joint.name!r} {reason}")
-        free = [link for link in self.links if link.joint is None]
-        of_joint = {link.joint.name: link for link in self.links if link.joint is not None}
-        order = [*free, *(of_joint[joint.name] for joint in scene.joints)]
+        order = [*(link for link in self.links if link.joint is None), *(links[joint.name] for joint in scene.joints)]
         sizes = [self.slots[link.body].stop - self.slots[link.body].start for link in order]
         ends = np.cumsum([0, *sizes])
         self.own = {link.body: slice(int(a), int(b)) for link, a, b in zip(order, ends[:-1], ends[1:], strict=True)}
 
-    def _reversed(self, joint: Joint) -> bool:
-        return any(link.joint is joint and link.body == joint.parent for link in self.links)
+        self.of_joint = {link.joint.name: self.own[link.body] for link in self.links if link.joint is not None}
 
     @functools.cached_property
     def speeds(self) -> np.ndarray:
         """(size,) the rates at the start, in the order of `scene.coordinates`."""
-        tree, made = self.equations.tree, np.zeros(self.size)
-        frames = tree.frames(self.equations.initial.tolist())
-        for link in self.links:
-            speed = self.equations.initial[tree.speeds[link.body]]
-            made[self.own[link.body]] = self._outward(link, frames, [*speed], frames[link.body].w)
-        return made
+        return np.asarray(coordinates(self.scene)[1][0])
+
+    def moved(self, q: np.ndarray, v: np.ndarray) -> Scene:
+        """The scene with its start changed by q in position and by v in rates, in the order of its coordinates."""
+        return posed(self.scene, self.bodies(q, self.speeds + v))
 
     def _outward(self, link: Link, frames: dict[int, Frame], rates: list[Any], w: Vector) -> Vector:
         """Rates of the scene's coordinates from those of a link."""
@@ -319,68 +323,57 @@ def _turn(vector: Vector) -> Vector:
     return made
 
 
+def coordinates(scene: Scene, states: Motion | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """q and v, (T, n) each, in the order of `scene.coordinates`, as `placed` takes them. Default: one time, the start.
+    """
+    states = states or starting(scene)
+    carried, count = {joint.child for joint in scene.joints}, len(states.t)
+    q, v = [np.zeros((count, 0))], [np.zeros((count, 0))]
+    for k in sorted(set(range(scene.n)) - carried):
+        q += [states.x[:, k], Rotation.from_matrix(states.R[:, k]).as_rotvec()]
+        v += [states.v[:, k], states.w[:, k]]
+    for each in histories(scene, states).values():
+        ball = each.position.shape[1:] == (4,)
+        position = Rotation.from_quat(each.position, scalar_first=True).as_rotvec() if ball else each.position
+        q.append(position.reshape(count, -1))
+        v.append(each.velocity.reshape(count, -1))
+    return np.concatenate(q, axis=1), np.concatenate(v, axis=1)
+
+
+def positions(scene: Scene) -> np.ndarray:
+    """q (n,) at the start; see `placed`."""
+    return np.asarray(coordinates(scene)[0][0])
+
+
+def starting(scene: Scene) -> States:
+    """The start as the states of one time."""
+    return States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+
+
+def between(scene: Scene, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The change from positions p to q, (n,): of balls and free bodies the small turn in their own axes."""
+    change, names = q - p, scene.coordinates
+    for k in range(len(names) - 2):
+        body = names[k].removesuffix(".rx")
+        if names[k:k + 3] == (f"{body}.rx", f"{body}.ry", f"{body}.rz"):
+            first, last = (Rotation.from_rotvec(each[k:k + 3]) for each in (p, q))
+            change[k:k + 3] = (first.inv() * last).as_rotvec()
+    return np.asarray(change)
+
+
 def placed(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
     """The scene with its start at joint coordinates q and rates v, (n,) each, in the order of `scene.coordinates`.
 
     Of a ball q is a rotation vector: the child is turned by it, in its own axes, from the attitude at zero coordinates.
     Of a free body it is the position, and such a vector for the attitude.
     """
-    from scipy.spatial.transform import Rotation
-
     space = JointSpace(scene)
-    x, R, u, w = (np.array(values) for values in (scene.x0, scene.R0, scene.v0, scene.w0))
-    ground = (np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
-    for link in space.equations.tree.links:
-        own, body, joint = space.own[link.body], link.body, link.joint
-        at_q, at_v = q[own], v[own]
-        if joint is None:
-            x[body], R[body] = at_q[:3], Rotation.from_rotvec(at_q[3:]).as_matrix()
-            u[body], w[body] = at_v[:3], at_v[3:]
-            continue
-        position = at_q
-        if JOINT_TYPES[joint.type].coordinates == ("ball",):
-            position = quaternion_from_rotation(Rotation.from_rotvec(at_q).as_matrix())
-        relative, d = relative_pose(joint, position)
-        spin, speed = relative_rates(joint, position, at_v)
-        if JOINT_TYPES[joint.type].keeps_attitude and joint.reference is None:
-            relative = (np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]).T @ scene.R0[joint.child]
-        parent = ground if joint.parent == GROUND else tuple(
-            values[joint.parent] for values in (x, R, u, w))
-        if body == joint.child:
-            xp, Rp, up, wp = parent
-            reach = Rp @ (joint.parent_anchor + d)
-            turning = Rp @ wp
-            R[body] = Rp @ relative
-            outer = turning + Rp @ spin
-            w[body] = R[body].T @ outer
-            arm = R[body] @ joint.child_anchor
-            x[body] = xp + reach - arm
-            u[body] = up + np.cross(turning, reach) + Rp @ speed - np.cross(outer, arm)
-        else:
-            xc, Rc, uc, wc = (values[joint.child] for values in (x, R, u, w))
-            R[body] = Rc @ relative.T
-            outer = Rc @ wc
-            turning = outer - R[body] @ spin
-            w[body] = R[body].T @ turning
-            reach, arm = R[body] @ (joint.parent_anchor + d), Rc @ joint.child_anchor
-            x[body] = xc + arm - reach
-            u[body] = uc + np.cross(outer, arm) - np.cross(turning, reach) - R[body] @ speed
-    bodies = tuple(dataclasses.replace(each, position=x[k], attitude=quaternion_from_rotation(R[k]), velocity=u[k],
-                                       angular_velocity=w[k]) for k, each in enumerate(scene.bodies))
-    joints = tuple(joint if joint.start is None else dataclasses.replace(
-        joint, start=tuple(q[space.own[next(link.body for link in space.links if link.joint is joint)]]))
-        if JOINT_TYPES[joint.type].coordinates != ("ball",) else joint for joint in scene.joints)
-    return scene.replace(bodies=bodies, joints=joints)
+    return space.moved(between(scene, positions(scene), q), v - space.speeds).replace(joints=tuple(
+        joint if joint.start is None or joint.type == "spherical" else
+        dataclasses.replace(joint, start=tuple(q[space.of_joint[joint.name]])) for joint in scene.joints))
 
 
-def positions(scene: Scene) -> np.ndarray:
-    """q (n,) at the start; see `placed`."""
-    from scipy.spatial.transform import Rotation
-
-    carried = {joint.child for joint in scene.joints}
-    found = [np.concatenate([body.position, Rotation.from_quat(body.attitude, scalar_first=True).as_rotvec()])
-             for k, body in enumerate(scene.bodies) if k not in carried]
-    for position, _ in at_start(scene).values():
-        ball = len(position) == 4
-        found.append(Rotation.from_quat(position, scalar_first=True).as_rotvec() if ball else position)
-    return np.concatenate(found)
+def posed(scene: Scene, found: Bodies) -> Scene:
+    """The scene with its start in the states of bodies."""
+    x, R, v, w = (np.real(each) for each in (found.x, found.R, found.v, found.w))
+    return scene.replace(bodies=bodies_at(scene, Configuration(x, quaternion_from_rotation(R), v, w)))

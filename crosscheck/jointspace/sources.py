@@ -11,7 +11,7 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
 from crosscheck.inspection import probe
-from crosscheck.jointspace.motion import JointSpace, positions
+from crosscheck.jointspace.motion import JointSpace, positions, starting
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.coordinates import accelerations
 from crosscheck.scene.joints import JOINT_TYPES
@@ -199,9 +199,9 @@ def differences(scene: Scene, engine: Any, method: str | None = None) -> Blocks:
     zero = np.zeros(space.size)
 
     def accelerated(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        changed = moved(space, q, v)
+        changed = space.moved(q, v)
         if known:  # what its model says at a state, without a step
-            start = States(np.zeros(1), changed.x0[None], changed.R0[None], changed.v0[None], changed.w0[None])
+            start = starting(changed)
             said = probe(engine, changed, start)
             if said.a is not None and said.alpha is not None:
                 return coordinate_accelerations(changed, dataclasses.replace(start, a=said.a, alpha=said.alpha))
@@ -230,20 +230,6 @@ def _noise(accelerated: Callable[[np.ndarray, np.ndarray], np.ndarray], size: in
         ends = [accelerated(sign * NEAR * row, zero) for sign in (1.0, -1.0)]
         noise = max(noise, float(np.abs(ends[0] - 2.0 * begin + ends[1]).max()) / 2.0)
     return noise / max(1.0, float(np.abs(begin).max()))
-
-
-def moved(space: JointSpace, q: np.ndarray, v: np.ndarray) -> Scene:
-    """The scene with its start changed by q in position and by v in rates, in the order of its coordinates."""
-    from crosscheck.scene.model import quaternion_from_rotation
-
-    found = space.bodies(q, space.speeds + v)
-    bodies = []
-    for k, body in enumerate(space.scene.bodies):
-        R = np.real(found.R[k])
-        bodies.append(dataclasses.replace(
-            body, position=np.real(found.x[k]), velocity=np.real(found.v[k]), angular_velocity=np.real(found.w[k]),
-            attitude=quaternion_from_rotation(R)))
-    return space.scene.replace(bodies=tuple(bodies))
 
 
 def coordinate_accelerations(scene: Scene, states: States) -> np.ndarray:

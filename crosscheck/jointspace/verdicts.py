@@ -14,11 +14,10 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.jointspace.derivatives import Derivatives, of, truth
-from crosscheck.jointspace.motion import JointSpace
+from crosscheck.jointspace.motion import JointSpace, starting
 from crosscheck.scene.coordinates import relative
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
 
 EXPLAINED = 0.02
 """Part of a difference that may be left of it once the cause is in the truth, besides the bound."""
@@ -110,8 +109,7 @@ def _without(scene: Scene, key: str) -> Scene:
 
 def _bases(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Turns of the coordinates of balls from child to parent axes, and their rates as matrices w x (.)."""
-    space = JointSpace(scene)
-    start = States(np.zeros(1), *(values[None] for values in (scene.x0, scene.R0, scene.v0, scene.w0)))
+    space, start = JointSpace(scene), starting(scene)
     turns, spins = np.eye(space.size), np.zeros((space.size, space.size))
     for link in space.links:
         own = space.own[link.body]

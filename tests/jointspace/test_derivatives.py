@@ -13,7 +13,7 @@ import crosscheck
 from crosscheck.cli.app import app
 from crosscheck.jointspace.derivatives import WEIGHTS, truth
 from crosscheck.jointspace.motion import JointSpace, placed, positions
-from crosscheck.jointspace.sources import Blocks, coordinate_accelerations, moved
+from crosscheck.jointspace.sources import Blocks, coordinate_accelerations
 from crosscheck.jointspace.verdicts import judge
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
@@ -41,7 +41,7 @@ def test_truth_of_trees_against_differences_of_the_index_1_equations(name):
     assert exact.error < 1e-10
     for block, part in ((exact.da_dq, 0), (exact.da_dv, 1)):
         for k, row in enumerate(np.eye(space.size)):
-            column = sum(sign * weight / h * accelerations(moved(space, *(
+            column = sum(sign * weight / h * accelerations(space.moved(*(
                 sign * j * h * row if side == part else 0 * row for side in range(2))))
                 for j, weight in WEIGHTS for sign in (1, -1))
             np.testing.assert_allclose(block[:, k], column, rtol=0, atol=1e-9 * max(1.0, np.abs(block).max()))

@@ -90,7 +90,15 @@ def row(*cells: object) -> str:
     return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in cells) + " |\n"
 
 
-MADE = {"commands": commands, "bounds": tolerances}
+def pictures() -> str:
+    """All built-in scenes."""
+    sys.path.insert(0, str(DOCS))  # beside this file
+    from gallery import gallery
+
+    return gallery()
+
+
+MADE = {"commands": commands, "bounds": tolerances, "scenes": pictures}
 """What is added to a page when the site is built."""
 
 TAG = re.compile(r"\\tag\{([^}]*)\}")

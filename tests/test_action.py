@@ -97,7 +97,8 @@ def test_nights_are_compared_and_what_became_worse_is_annotated(tmp_path):
 def test_workflows_use_what_is_there():
     for workflow in WORKFLOWS.values():
         for job in workflow["jobs"].values():
-            for each in job["steps"]:
+            assert (ROOT / job["uses"]).is_file() if "uses" in job else job["steps"]
+            for each in job.get("steps", ()):
                 if each.get("uses") == "./":
                     assert set(each.get("with", {})) <= set(ACTION["inputs"])
                 if each.get("run", "").startswith(".ci/"):

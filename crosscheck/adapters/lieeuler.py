@@ -179,6 +179,7 @@ class LieEuler(Engine):
     forms = ("maximal",)
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
     fixed_step_methods = tuple(name for name, method in lieeuler.METHODS.items() if "step" in method.controls)
+    correcting_methods = tuple(name for name, method in lieeuler.METHODS.items() if method.corrects)
     options = frozenset({"form", "coordinate_map", "events", "spin_free", "reduce", "polish", "alpha", "beta",
                          "spectral_radius", "correction", "conserve"})
     on_group = True

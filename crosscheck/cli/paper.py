@@ -16,9 +16,12 @@ from crosscheck.errors import ArgumentError, unknown
 def paper(
     scene: Annotated[list[str], typer.Argument(help="names or paths")],
     out: Annotated[Path, typer.Option("--out", "-o", help="folder of figures, tables, data")] = Path("reports/paper"),
-    method: Annotated[list[str] | None, options.methods("the eight Euler methods")] = None,
+    engine: Annotated[str, typer.Option(help="whose methods")] = "lieeuler",
+    method: Annotated[list[str] | None, options.methods("of fixed step; of lieeuler the eight Euler methods")] = None,
     coordinate_map: options.CoordinateMaps = None,
-    shown: Annotated[str, typer.Option("--show", help="the method in figures of a single method")] = "DAE1L_LSE",
+    correction: Annotated[list[str] | None, typer.Option(
+        help="mass or plain: weight of the correction of stabilised methods; may be repeated; default: both")] = None,
+    shown: Annotated[str | None, typer.Option("--show", help="the method in figures of a single method")] = None,
     step: options.Step = None,
     duration: options.Duration = None,
     formats: Annotated[list[str] | None, typer.Option("--format", help="pdf or svg; may be repeated; default: both")
@@ -26,22 +29,26 @@ def paper(
 ) -> None:
     """Write figures and tables like those in the papers for any scenes: vector graphics, LaTeX, BibTeX and the data."""
     from crosscheck import adapters
+    from crosscheck.adapters.base import CHOICES
+    from crosscheck.document import EULER
     from crosscheck.scene.file import load_scene
     from crosscheck.studies.paper import bundle
     from crosscheck.studies.paper.figures import FORMATS
-    from crosscheck.studies.paper.runs import Request, chosen
+    from crosscheck.studies.paper.runs import Request
 
-    methods, maps, kinds = chosen(method), tuple(coordinate_map or ("exp",)), tuple(formats or FORMATS)
-    known = adapters.get("lieeuler").methods
-    for option, names, allowed in (("--method", methods, known), ("--show", (shown,), known),
-                                   ("--format", kinds, FORMATS)):
+    known = adapters.get(engine).fixed_step_methods
+    methods = tuple(dict.fromkeys(method or (EULER if engine == "lieeuler" else known)))
+    maps, kinds = tuple(coordinate_map or ("exp",)), tuple(formats or FORMATS)
+    corrections = tuple(correction or CHOICES["correction"])
+    for option, names, allowed in (("--method", methods, known), ("--show", (shown,) if shown else (), known),
+                                   ("--format", kinds, FORMATS), ("--correction", corrections, CHOICES["correction"])):
         for name in names:
             if name not in allowed:
                 raise ArgumentError(unknown(option, name, allowed))
     scenes = [load_scene(name) for name in scene]
     importlib.import_module("matplotlib")  # where it is not installed, all runs would be for nothing
     with progress_bar() as progress:
-        document = bundle.write(scenes, out, Request(methods, maps, shown, step, duration), kinds,
-                                lambda what: progress(0, None, what))
+        request = Request(methods, maps, shown or "DAE1L_LSE", step, duration, engine, corrections)
+        document = bundle.write(scenes, out, request, kinds, lambda what: progress(0, None, what))
     typer.echo(f"document: {document}")
     typer.echo(f"tables: {', '.join(f'{each.name}-table.tex' for each in scenes)}; figures and data beside them")

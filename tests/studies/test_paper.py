@@ -19,6 +19,7 @@ from crosscheck.document import EULER, Run
 from crosscheck.studies import study
 from crosscheck.studies.paper import bundle, runs
 from crosscheck.verification.cell import judge_run
+from lieeuler import METHODS
 
 FIGURES = ("path", "path-methods", "energy", "levels", "rotation-pendulum", "orthogonality")
 
@@ -34,7 +35,8 @@ def folder(tmp_path_factory):
 
 def lines(folder):
     with (folder / "data" / "single_pendulum-table.csv").open(encoding="utf-8") as file:
-        return {(line["method"], line["coordinate_map"]): line for line in csv.DictReader(file)}
+        return {(line["method"], line["coordinate_map"]): line for line in csv.DictReader(file)
+                if line["correction"] != "plain"}
 
 
 def test_figures_are_vector_graphics_and_all_in_the_document(folder):
@@ -93,7 +95,30 @@ def test_table_has_every_method_with_every_map(folder):
     table = lines(folder)
     assert set(table) == {(method, name) for method in EULER for name in ("exp", "ccsk")}
     tex = (folder / "single_pendulum-table.tex").read_text("utf-8")
-    assert tex.count(r"\\") == len(table) + 1
+    plain = tex.count(r"\texttt{plain}")
+    assert plain == tex.count(r"\texttt{mass}") == 2 * sum(METHODS[method].corrects for method in EULER) > 0
+    assert tex.count(r"\\") == len(table) + plain + 1
+
+
+def test_both_corrections_are_compared(folder):
+    """One body on a ball: the weights differ, and both close the positions that index 2 leaves open."""
+    with (folder / "data" / "single_pendulum-table.csv").open(encoding="utf-8") as file:
+        pair = {line["correction"]: line for line in csv.DictReader(file)
+                if line["method"] == "DAE2L_LSE" and line["coordinate_map"] == "exp"}
+    assert pair["mass"]["error"] != pair["plain"]["error"]
+    for line in pair.values():
+        assert float(line["position"]) < 1e-12  # roundings of a metre, and what Newton leaves
+        assert float(line["order"]) == pytest.approx(1, abs=0.1)
+
+
+def test_the_methods_of_any_engine(tmp_path):
+    done = CliRunner().invoke(app, ["paper", "single_pendulum", "--engine", "mujoco", "--step", "0.01", "--duration",
+                                    "0.2", "--format", "svg", "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert {method for method, _ in lines(tmp_path / "out")} == set(crosscheck.methods("mujoco"))
+    text = (tmp_path / "out" / "paper.tex").read_text("utf-8")
+    assert "of the methods of mujoco" in text
+    assert "reconstructed" not in text
 
 
 def test_table_says_what_the_runs_say(folder):

@@ -96,28 +96,29 @@ def write(scenes: Sequence[Scene], out: Path, request: Request, formats: Sequenc
         parts.append(_section(shown, drawn, request))
         records.append({"scene": scene.name, "hash": scene.hash, "step": shown.step, "duration": shown.scene.duration,
                         "truth": shown.truth, "lines": shown.lines})
-    origin = msgspec.convert(provenance.describe(["lieeuler"]), Origin)
+    origin = msgspec.convert(provenance.describe([request.engine]), Origin)
     put(out / "references.bib", BIBLIOGRAPHY)
     put(out / MARK, json.dumps(plain({"provenance": origin, "request": request, "scenes": records}), indent=1))
     document = out / "paper.tex"
-    put(document, PREAMBLE + "\n".join(parts) + _origin(origin) + "\\end{document}\n")
+    put(document, PREAMBLE + "\n".join(parts) + _origin(origin, request.engine) + "\\end{document}\n")
     return document
 
 
 def _table(shown: Shown) -> str:
-    """Tables 1 and 2 of [P1], with one line per method and map."""
-    several = len({line.coordinate_map for line in shown.lines}) > 1
+    """Tables 1 and 2 of [P1], with one line per method, map and correction."""
+    options = [(title, name) for title, name in (("map", "coordinate_map"), ("correction", "correction"))
+               if len({getattr(line, name) for line in shown.lines} - {""}) > 1]
     columns = COLUMNS | (TRUTH if any(line.error is not None for line in shown.lines) else {})
-    head = ["method", *(["map"] if several else []), *columns.values()]
+    head = ["method", *(title for title, _ in options), *columns.values()]
     rows = []
     for line in shown.lines:
-        cells = [tex(line.method), *([tex(line.coordinate_map)] if several else [])]
+        cells = [tex(line.method), *(tex(getattr(line, name)) if getattr(line, name) else "" for _, name in options)]
         if line.ended:
             cells.append(rf"\multicolumn{{{len(columns)}}}{{l}}{{{encoded(line.ended)}}}")
         else:
             cells += [_number(getattr(line, name), name == "order") for name in columns]
         rows.append(" & ".join(cells) + r" \\")
-    return "\n".join([rf"\begin{{tabular}}{{l{'l' * several}{'r' * len(columns)}}}", r"\toprule",
+    return "\n".join([rf"\begin{{tabular}}{{l{'l' * len(options)}{'r' * len(columns)}}}", r"\toprule",
                       " & ".join(head) + r" \\", r"\midrule", *rows, r"\bottomrule", r"\end{tabular}", ""])
 
 
@@ -171,13 +172,16 @@ def _section(shown: Shown, drawn: list[tuple[str, str]], request: Request) -> st
     return "\n".join(parts)
 
 
-def _origin(origin: Origin) -> str:
+def _origin(origin: Origin, engine: str) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in origin.packages.items())
     return "\n".join([
         r"\section*{Provenance}",
         f"Computed {origin.time} with {encoded(versions)}, Python {origin.python}, on "
         f"{encoded(origin.machine.processor)}, {encoded(origin.machine.system)}"
         + (f", commit {encoded(origin.commit)}" if origin.commit else "") + ".",
-        r"The methods are those of \cite{lie_stabilized_2019} and \cite{lie_euler_2018}, reconstructed from their "
-        r"prose; the Hamiltonian ones have the form of \cite{bourabee_marsden_2009}. The scenes have parameters of "
-        "this project, not of the papers.", r"\bibliographystyle{plain}", r"\bibliography{references}", ""])
+        ("The figures are like those of" if engine != "lieeuler" else "The methods are those of")
+        + r" \cite{lie_stabilized_2019} and \cite{lie_euler_2018}"
+        + (f", of the methods of {encoded(engine)}." if engine != "lieeuler" else
+           r", reconstructed from their prose; the Hamiltonian ones have the form of \cite{bourabee_marsden_2009}.")
+        + " The scenes have parameters of this project, not of the papers.",
+        r"\bibliographystyle{plain}", r"\bibliography{references}", ""])

@@ -223,8 +223,8 @@ def _orthogonality(shown: Shown) -> Drawing:
 
 
 def _caption(shown: Shown) -> str:
-    return (f"Scene {tex(shown.scene.name)}, step {1e3 * shown.step:g}\\,ms, {shown.scene.duration:g}\\,s, "
-            f"map {tex(shown.lines[0].coordinate_map)}.")
+    return (f"Scene {tex(shown.scene.name)}, step {1e3 * shown.step:g}\\,ms, {shown.scene.duration:g}\\,s"
+            + (f", map {tex(shown.lines[0].coordinate_map)}." if shown.lines[0].coordinate_map else "."))
 
 
 def tex(name: str) -> str:

@@ -1,20 +1,21 @@
-"""The runs for figures and tables: every method with every coordinate map on one scene."""
+"""The runs for figures and tables: every method with every coordinate map and weight of the correction on one scene."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from crosscheck import references
+from crosscheck.adapters.lieeuler import IntegrationError, LieEuler
 from crosscheck.document import EULER
 from crosscheck.errors import CrosscheckError
 from crosscheck.judge.plan import natural_time
 from crosscheck.references import TruthError
-from crosscheck.running.run import run
+from crosscheck.running.attempt import Ran, Way
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 
@@ -33,13 +34,25 @@ ORDER_WINDOW = 3.0
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What to show. `step` and `duration` are in s. None: a suitable step, and the duration of the scene."""
+    """What to show. `step` and `duration` are in s. None: a suitable step, and the duration of the scene.
+
+    Maps and corrections are options of `lieeuler`; each method is shown in those that it has.
+    """
 
     methods: tuple[str, ...] = EULER
     maps: tuple[str, ...] = ("exp",)
     shown: str = "DAE1L_LSE"
     step: float | None = None
     duration: float | None = None
+    engine: str = "lieeuler"
+    corrections: tuple[str, ...] = ("mass",)
+
+    def variants(self, method: str) -> list[tuple[str, str]]:
+        """The pairs (map, correction) in which a method is shown; "" for an option that it does not have."""
+        if self.engine != "lieeuler":
+            return [("", "")]
+        corrections = self.corrections if method in LieEuler.correcting_methods else ("",)
+        return [(coordinate_map, correction) for coordinate_map in self.maps for correction in corrections]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,6 +66,7 @@ class Line:
 
     method: str
     coordinate_map: str
+    correction: str
     ended: str  # "" if the run reached its end; else what ended it, and when
     energy_by_start: float | None = None
     energy_by_kinetic: float | None = None
@@ -72,7 +86,7 @@ class Shown:
     scene: Scene
     step: float  # s
     lines: tuple[Line, ...]
-    runs: dict[str, Trajectory]  # of the first map, by method
+    runs: dict[str, Trajectory]  # of the first map and correction, by method
     unpolished: dict[str, np.ndarray]  # orthogonality (T,) of the group update alone, by method
     truth: str  # sources of the truth, or why there is none
 
@@ -94,18 +108,19 @@ def measure(scene: Scene, request: Request, progress: Callable[[str], None]) -> 
     exact, source = _truth(scene)
     lines, runs, unpolished = [], {}, {}
     for method in request.methods:
-        for coordinate_map in request.maps:
-            progress(f"{scene.name}: {method} ({coordinate_map})")
-            traj = _attempt(scene, method, coordinate_map, step)
+        for variant in request.variants(method):
+            progress(f"{scene.name}: {method} {' '.join(variant)}")
+            traj = _attempt(scene, request.engine, method, variant, step)
             if isinstance(traj, str):
-                lines.append(Line(method, coordinate_map, traj))
+                lines.append(Line(method, *variant, traj))
                 continue
-            plain = _attempt(scene, method, coordinate_map, step, polish=False)
-            if coordinate_map == request.maps[0]:
+            plain = (_attempt(scene, request.engine, method, variant, step, polish=False)
+                     if request.engine == "lieeuler" else None)
+            if method not in runs:
                 runs[method] = traj
                 if isinstance(plain, Trajectory):
                     unpolished[method] = plain.orthogonality
-            lines.append(_line(scene, traj, plain, coordinate_map, exact))
+            lines.append(_line(scene, request.engine, traj, plain, variant, exact))
     return Shown(scene, step, tuple(lines), runs, unpolished, source)
 
 
@@ -118,37 +133,40 @@ def _truth(scene: Scene) -> tuple[np.ndarray | None, str]:
     return reference.states.x[-1], f"{reference.source}; {reference.second_source}"
 
 
-def _attempt(scene: Scene, method: str, coordinate_map: str, step: float, **options: bool) -> Trajectory | str:
+def _attempt(scene: Scene, engine: str, method: str, variant: tuple[str, str], step: float, **options: bool
+             ) -> Trajectory | str:
     """A run, or in a few words what ended it early."""
-    from crosscheck.adapters.lieeuler import IntegrationError
+    coordinate_map, correction = (name or None for name in variant)
+    way = Way.of(engine, method, step, coordinate_map=coordinate_map, correction=correction, **options)
+    outcome = way.attempt(scene)
+    if isinstance(outcome, Ran):
+        return outcome.trajectory
+    if isinstance(outcome.error, IntegrationError):
+        return f"{outcome.error.status.value} at {outcome.error.solution.t_end:.4g} s"
+    return outcome.why
 
-    try:
-        return run(scene, "lieeuler", method, step=step, coordinate_map=coordinate_map, **options)
-    except IntegrationError as error:
-        return f"{error.status.value} at {error.solution.t_end:.4g} s"
 
-
-def _line(scene: Scene, traj: Trajectory, plain: Trajectory | str, coordinate_map: str,
+def _line(scene: Scene, engine: str, traj: Trajectory, plain: Trajectory | str | None, variant: tuple[str, str],
           exact: np.ndarray | None) -> Line:
     largest = traj.maxima
     start = abs(float(traj.energy[0]))
     return Line(
-        traj.method, coordinate_map, "", largest["energy_error"] * largest["kinetic_energy"] / start if start else None,
+        traj.method, *variant, "", largest["energy_error"] * largest["kinetic_energy"] / start if start else None,
         largest["energy_error"], largest["constraint_position"], largest["constraint_velocity"],
-        largest["constraint_acceleration"], largest["orthogonality"],
+        largest.get("constraint_acceleration"), largest["orthogonality"],
         float(plain.stats["orthogonality"]) if isinstance(plain, Trajectory) else None,
-        None if exact is None else _error(traj, exact), _order(scene, traj.method, coordinate_map))
+        None if exact is None else _error(traj, exact), _order(scene, engine, traj.method, variant))
 
 
 def _error(traj: Trajectory, exact: np.ndarray) -> float:
     return float(np.linalg.norm(traj.x[-1] - exact, axis=-1).max())
 
 
-def _order(scene: Scene, method: str, coordinate_map: str) -> float | None:
+def _order(scene: Scene, engine: str, method: str, variant: tuple[str, str]) -> float | None:
     """The observed order of the end error of a brief run; None without truth, or if a run ends early."""
     brief = scene.replace(samples=2, duration=min(scene.duration, ORDER_WINDOW * natural_time(scene)))
     exact, _ = _truth(brief)
-    runs = [_attempt(brief, method, coordinate_map, factor * suitable_step(scene)) for factor in ORDER_STEPS]
+    runs = [_attempt(brief, engine, method, variant, factor * suitable_step(scene)) for factor in ORDER_STEPS]
     errors = [_error(each, exact) for each in runs if isinstance(each, Trajectory) and exact is not None]
     if len(errors) < len(runs) or min(errors) == 0:
         return None
@@ -160,8 +178,3 @@ def ends(scene: Scene) -> dict[int, np.ndarray]:
     joined = Counter(body for joint in scene.joints for body in (joint.parent, joint.child))
     return {joint.child: -np.asarray(joint.child_anchor) for joint in scene.joints
             if joined[joint.child] == 1 and np.any(joint.child_anchor)}
-
-
-def chosen(names: Sequence[str] | None) -> tuple[str, ...]:
-    """The methods of a request. Without names: the eight Lie group Euler methods."""
-    return tuple(dict.fromkeys(names)) if names else EULER

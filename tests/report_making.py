@@ -1,8 +1,9 @@
 """A small report of real runs, made in this process, for the tests of the report and its pages."""
 
 import msgspec
+from msgspec.structs import replace
 
-from crosscheck.document import Advice, Change, Machine, Meta, SceneTruth, Support, Timed, extended
+from crosscheck.document import Advice, Change, Machine, Meta, SceneTruth, Support, Way
 from crosscheck.judge.plan import Profile
 from crosscheck.running import provenance
 from crosscheck.verification import job
@@ -33,7 +34,7 @@ def document(truths, judged, engines, profile="default"):
     """The document of these verdicts."""
     meta = provenance.describe(engines) | {"profile": profile, "jobs": 1, "seconds": 1.0,
                                            "command": f"crosscheck verify --profile {profile}"}
-    records = [extended(Timed, each, label=label) for each, label in zip(judged, job.labels(judged), strict=True)]
+    records = [replace(each, label=label) for each, label in zip(judged, job.labels(judged), strict=True)]
     return job.document(msgspec.convert(meta, Meta), truths, records)
 
 
@@ -42,7 +43,7 @@ def small_results():
     truths, judged = [], []
     for name, runs in RUNS.items():
         truths.append(prepare_truth((name, False, Profile.most_steps)))
-        judged += [run_cell(Cell(name, engine, method, None, truths[-1].plan, rungs=3, whole=False))
+        judged += [run_cell(Cell(name, Way(engine, method), truths[-1].plan, rungs=3, whole=False))
                    for engine, method in runs]
     return document(truths, judged, list(dict.fromkeys(each.engine for each in judged)), "smoke")
 

@@ -29,7 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "document": {"errors"},
     "references": BASE | {"scene"},
     "adapters": BASE | {"scene", "jobs", "document", "lieeuler"},
-    "running": BASE | {"scene", "jobs", "references", "adapters"},
+    "running": DATA | {"references", "adapters"},
     "judge": BASE | {"scene", "document", "references"},
     "inspection": RUNS,
     "jointspace": RUNS | {"inspection"},

@@ -7,16 +7,13 @@ An engine is given by its name, by a class of the user ("module:Class", "path/fi
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 import importlib.metadata
 from collections.abc import Iterator
-from typing import Any
 
 from crosscheck.adapters import built_in
-from crosscheck.adapters.base import Engine, RawRun, RunSpec, StandIn
+from crosscheck.adapters.base import Engine
 from crosscheck.errors import ArgumentError, unknown
-from crosscheck.scene.model import Scene
 
 _GROUP = "crosscheck.engines"
 
@@ -54,27 +51,14 @@ def get(engine: str | Engine) -> Engine:
     return engine if ours else own.completed(engine, type(engine).__name__, "not stated")
 
 
-class _Optioned(StandIn):
-    """An engine that always runs with the same options."""
-
-    def __init__(self, engine: Engine, options: dict[str, Any]) -> None:
-        super().__init__(engine)
-        self._always = options
-
-    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
-        """The engine's run."""
-        found: RawRun = self._engine.run(scene, dataclasses.replace(spec, **self._always))
-        return found
-
-
 _LENT: dict[str, Engine] = {}
 
 
 @contextlib.contextmanager
-def lent(engine: Engine, **options: Any) -> Iterator[str]:
-    """A temporary name, valid within the context, for an engine object that always runs with the same options."""
+def lent(engine: Engine) -> Iterator[str]:
+    """A temporary name, valid within the context, for an engine object."""
     name = f"{engine.name} {id(engine)}"
-    _LENT[name] = _Optioned(engine, options) if options else engine
+    _LENT[name] = engine
     try:
         yield name
     finally:

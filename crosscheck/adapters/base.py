@@ -20,7 +20,7 @@ from crosscheck.scene.states import States
 
 if TYPE_CHECKING:
     from crosscheck.adapters.common.native import JointStates, Native
-    from crosscheck.document import Run
+    from crosscheck.document import Record
     from crosscheck.document.known import Known
 
 
@@ -209,7 +209,7 @@ class Engine:
         raise Unsupported(f"the adapter of {self.name} has no method probe(scene, states, form)")
 
     @final
-    def defects(self, run: Run) -> tuple[Known, ...]:
+    def defects(self, run: Record) -> tuple[Known, ...]:
         """The known defects that are about this run."""
         return tuple(
             entry for entry in self.known_defects

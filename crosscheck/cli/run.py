@@ -26,7 +26,7 @@ from crosscheck.cli.options import (
     loaded,
 )
 from crosscheck.cli.states_csv import write_csv
-from crosscheck.document import PASSING, Judged, Run
+from crosscheck.document import PASSING, Record, Way, extended
 from crosscheck.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def run(
 
 
 def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: float | None,
-            options: Mapping[str, Any]) -> Judged | None:
+            options: Mapping[str, Any]) -> Record | None:
     """The verdict; None if there is neither a step nor a tolerance by which to judge."""
     from crosscheck import adapters
     from crosscheck.adapters.base import RunSpec
@@ -97,13 +97,14 @@ def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: 
     order = adapter.documented_order(traj.scene, spec)
     if rtol is None and (order is None or used is None):
         return None
-    asked = Run(scene=name, engine=engine, version=engine_version(engine), method=traj.method, form=traj.form,
-                step=used if rtol is None else None, rtol=rtol, documented_order=order if rtol is None else None)
-    more = {key: value for key, value in options.items() if key not in ("form", "samples", "duration")}
-    return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec), **more)
+    more = {key: value for key, value in options.items() if key not in ("samples", "duration")}
+    way = Way.of(engine, traj.method, used if rtol is None else None, rtol, **(more | {"form": traj.form}))
+    asked = extended(Record, way, scene=name, version=engine_version(engine),
+                     documented_order=order if rtol is None else None)
+    return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec))
 
 
-def _print_verdict(judged: Judged | None, traj: Trajectory) -> None:
+def _print_verdict(judged: Record | None, traj: Trajectory) -> None:
     from crosscheck.judge.verdict import word, worst
 
     if judged is None:

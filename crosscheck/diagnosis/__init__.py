@@ -32,6 +32,7 @@ from crosscheck.diagnosis.observe import Observation, Subject
 from crosscheck.diagnosis.of_output import Noise
 from crosscheck.diagnosis.physics import of_scene
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
+from crosscheck.document import Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
 from crosscheck.running.arguments import engine_options
 from crosscheck.running.methods import best_method
@@ -79,13 +80,13 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     subject = _subject(loaded, engine, method, form, options)
     reason = subject.unsupported(loaded, None if subject.order(loaded) is None else step or 1e-3)
     if reason is not None:
-        raise Unsupported(f"{subject.engine.name} {subject.method} on scene {loaded.name!r}: {reason}")
+        raise Unsupported(f"{subject.engine.name} {subject.way.method} on scene {loaded.name!r}: {reason}")
     scale = observe.scale_of(loaded)
     noise = of_output.floor(subject, observe.window(loaded, scale), scale)
     try:
         first = observe.first_look(subject, loaded, scale, noise.size if noise else 0.0)
     except observe.Silent as error:
-        raise EngineError(f"{subject.engine.name} {subject.method} on scene {loaded.name!r}: {error}") from error
+        raise EngineError(f"{subject.engine.name} {subject.way.method} on scene {loaded.name!r}: {error}") from error
     answer = _judged(subject, first, noise)
     if answer.outcome == "agrees":
         _looked_through(subject, first, loaded, step, answer)
@@ -101,7 +102,8 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
     chosen = best_method(adapter, scene) if method is None else method
     if chosen not in adapter.methods:
         raise ArgumentError(unknown(f"method of {adapter.name}", chosen, adapter.methods))
-    return Subject(adapter, chosen, form, tuple(engine_options(adapter.name, adapter, chosen, options).items()))
+    return Subject(adapter, Way.of(adapter.name, chosen, form=form, **engine_options(
+        adapter.name, adapter, chosen, options)))
 
 
 def _looked_through(subject: Subject, first: Observation, scene: Scene, step: float | None,
@@ -130,8 +132,8 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
     """Compare the limit with truth, look for causes of a difference, and compare the motion of the altered model."""
     scene, scale = first.scene, first.scale
     deviation = float(np.abs(first.y - scale.flat(observe.true_motion(scene))).max())
-    answer = Explanation(scene.name, subject.engine.name, subject.method, subject.form, "agrees", "", [], [], [],
-                         scene.duration, deviation, first.noise, documented_order=subject.order(scene))
+    answer = Explanation(scene.name, subject.engine.name, subject.way.method, subject.way.form, "agrees", "", [], [],
+                         [], scene.duration, deviation, first.noise, documented_order=subject.order(scene))
     if noise is not None:
         answer.causes += [noise.cause] if noise.cause else []
         name, text = ("precision floor", f"{noise.size:.1e}, as declared") if noise.cause is None else (

@@ -87,9 +87,7 @@ class Way:
 class LawAnswers:
     """The three answers for one engine and method."""
 
-    scene: str
-    engine: str
-    method: str
+    title: str  # scene, engine and method
     way: Way
     apart: Gap | None  # of the scene's law and the engine's own
     nearest: Way | None  # the setting that comes nearest to the scene's law
@@ -97,7 +95,7 @@ class LawAnswers:
 
     def __str__(self) -> str:
         way = self.way
-        lines = [f"{self.scene}, {self.engine} {self.method}, {way.setting}, steps {way.steps[0]:g} to "
+        lines = [f"{self.title}, {way.setting}, steps {way.steps[0]:g} to "
                  f"{way.steps[-1]:g} s"]
         changes = ", ".join(f"{change:.1e}" for change in way.changes)
         lines.append(f"does it converge: {'yes' if way.converges else 'no'}; halving the step changes joints by "
@@ -148,7 +146,7 @@ def which_law(scene: Scene, engine: str, method: str | None = None, step: float 
     way = _walk(scene, engine, spec, exact, own)
     apart = None if own is None or exact is None else gap(scene, own, exact)
     other = adapter.nearest_law(scene, spec)
-    return LawAnswers(scene.name, engine, method, way, apart,
+    return LawAnswers(f"{scene.name}, {engine} {method}", way, apart,
                       None if other is None else _walk(scene, engine, other, exact, None), without)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
+from crosscheck.document import Way
 from crosscheck.judge.vanishing import cancelling
 from crosscheck.references.maximal import Maximal
 from crosscheck.running.attempt import Ran, attempt
@@ -131,16 +132,14 @@ class Observation:
 
 @dataclasses.dataclass(frozen=True)
 class Subject:
-    """The engine to be explained, with one method, form and options."""
+    """The engine to be explained, and the way in which it runs, without step and tolerance."""
 
     engine: Engine
-    method: str
-    form: str | None = None
-    options: tuple[tuple[str, Any], ...] = ()  # of `RunSpec`
+    way: Way
 
     def spec(self, step: float | None = 1e-3, rtol: float | None = None) -> RunSpec:
         """The request for one run."""
-        return RunSpec(self.method, step, rtol, self.form, monitor=False, **dict(self.options))
+        return RunSpec(self.way.method, step, rtol, monitor=False, **self.way.arguments)
 
     def order(self, scene: Scene) -> int | None:
         """Documented order; None for adaptive methods."""
@@ -157,8 +156,7 @@ class Subject:
     def run(self, scene: Scene, step: float | None = None, rtol: float | None = None) -> RawRun:
         """A raw run. Raises `Silent` with the reason if there is none."""
         with np.errstate(all="ignore"):  # steps that are too coarse overflow, which is an outcome
-            outcome = attempt(scene, self.engine, self.method, step, rtol, form=self.form, monitor=False,
-                              **dict(self.options))
+            outcome = attempt(scene, self.way, self.engine, step=step, rtol=rtol, monitor=False)
         if not isinstance(outcome, Ran):
             raise Silent(outcome.why) from outcome.error
         return outcome.raw

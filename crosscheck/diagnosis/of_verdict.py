@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 
+from msgspec.structs import replace
+
 from crosscheck import adapters
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
-from crosscheck.document import Finding, Judged, Run, extended
+from crosscheck.document import Finding, Record, extended
 from crosscheck.errors import Unsupported
 from crosscheck.judge.plan import PLANS, PROFILES, plan_without_truth
 from crosscheck.judge.verdict import word, worst
@@ -24,16 +26,15 @@ MOST_SECONDS = 20.0
 """Limit of processor time (s) of the order study, as in the profile with every scene."""
 
 
-def judged(subject: Subject, scene: Scene, step: float | None) -> Judged:
+def judged(subject: Subject, scene: Scene, step: float | None) -> Record:
     """The verdict of `crosscheck verify` on a method and a scene, at this step (s); None: that of the plan."""
-    own = not subject.options and subject.engine.name in adapters.names() and (
+    own = subject.engine.name in adapters.names() and (
         adapters.get(subject.engine.name) is subject.engine)
-    lent = adapters.lent(subject.engine, **dict(subject.options))
-    with contextlib.nullcontext(subject.engine.name) if own else lent as name:
+    with contextlib.nullcontext(subject.engine.name) if own else adapters.lent(subject.engine) as name:
         return _judged(subject, scene, step, name)
 
 
-def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Judged:
+def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Record:
     built_in = scene.name in scene_names() and load_scene(scene.name).hash == scene.hash
     try:
         plan, known = plan_within(scene, scene.name if built_in else "", PROFILES["default"].most_steps), True
@@ -42,18 +43,18 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Ju
     order = subject.order(scene)
     size = None if order is None else step or plan.step(order)
     rtol = plan.rtol if order is None else None
-    run = Run(scene=scene.name, engine=name, version=subject.engine.version(), method=subject.method,
-              form=subject.form, step=size, rtol=rtol, documented_order=order)
+    way = replace(subject.way, engine=name, step=size, rtol=rtol)
+    run = extended(Record, way, scene=scene.name, version=subject.engine.version(), documented_order=order)
     whole = scene.replace(duration=min(plan.duration or scene.duration, scene.duration), samples=plan.samples)
-    outcome = attempt(whole, name, subject.method, size, rtol, form=subject.form)
+    outcome = attempt(whole, way)
     if not isinstance(outcome, Ran):
         reason = outcome.why.replace(name, subject.engine.name)
-        return extended(Judged, run, outcome="unsupported" if isinstance(outcome, Refused) else "fail", message=reason,
-                        findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", reason)])
+        return replace(run, outcome="unsupported" if isinstance(outcome, Refused) else "fail", message=reason,
+                       findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", reason)])
     main = judge_run(run, whole, outcome.trajectory, subject.held(scene), plan.window)
     if not known or main.outcome == "fail":
         return main
-    cell = Cell(scene.name, name, subject.method, subject.form, plan, most_seconds=MOST_SECONDS)
+    cell = Cell(scene.name, way, plan, most_seconds=MOST_SECONDS)
     short = windowed(scene, plan.window)
     study = order_study(cell, order, short, truth(short), main.findings, False)
     orders = settled(main, study.findings)

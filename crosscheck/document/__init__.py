@@ -1,8 +1,7 @@
 """The types of the results: the table of rows, results.json and the pages all use them.
 
-A run passes through four stages: `Run`, `Measured`, `Judged`, `Timed`. Each returns a new value of its own type, with
-all fields of the stage before. `Document` is the content of results.json, and its JSON Schema is made from these types
-(`crosscheck.report.schema`). Units are SI, angles are in rad, and None means that there is no value.
+`Document` is the content of results.json, and its JSON Schema is made from these types (`crosscheck.report.schema`).
+Units are SI, angles are in rad, and None means that there is no value.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from crosscheck.document.origin import Machine as Machine
 from crosscheck.document.origin import Meta as Meta
 from crosscheck.document.origin import Origin as Origin
 from crosscheck.document.part import Part as Part
+from crosscheck.document.part import Way as Way
 from crosscheck.document.part import extended as extended
 
 SCHEMA = 1
@@ -268,25 +268,15 @@ class Speed(Part, frozen=True, kw_only=True):
     calibration: float  # us
 
 
-class Run(Part, frozen=True, kw_only=True):
-    """The identity of a run: scene, engine, method and options."""
+class Record(Way, frozen=True, kw_only=True):
+    """A run: what was asked, what was measured of it, and its verdict. What is not known yet has its default."""
 
     scene: str
-    engine: str
     version: str
-    method: str
-    form: str | None
-    step: float | None = None  # s
-    rtol: float | None = None
     documented_order: int | None = None
-    coordinate_map: str | None = None  # None: the default of the method
     command: str = ""  # reproduces the run
     practical: bool = False  # at a step too coarse for bounds of states, see `crosscheck.judge.verdict.judge_practical`
     own_environment: bool = False  # another version in its own environment, so that its times are not comparable
-
-
-class Measured(Run, frozen=True, kw_only=True):
-    """A run and what was measured of it."""
 
     status: str = ""  # as the engine says
     duration: float | None = None  # s, of the main run
@@ -305,25 +295,11 @@ class Measured(Run, frozen=True, kw_only=True):
     ladder_cut: str = ""  # why the order study has fewer steps than planned, if its time limit cut it
     curves: RunCurves = RunCurves()
 
-    @property
-    def judged_error(self) -> float:
-        """The largest position error (m) over the judged time; infinite if it was not judged."""
-        error = self.errors.get("position")
-        return math.inf if error is None or error.judged is None else error.judged
-
-
-class Judged(Measured, frozen=True, kw_only=True):
-    """A run and its verdict."""
-
     outcome: Outcome = "error"
     message: str = ""
     findings: list[Finding] = []
     judged_until: float | None = None  # s, how much of the run's time its motion was judged over
     not_judged: str = ""  # why it was not judged over the rest
-
-
-class Timed(Judged, frozen=True, kw_only=True):
-    """A judged run with its label and its times."""
 
     label: str = ""  # engine and method, and the form if the method ran in more than one
     default_form: bool = True  # whether the engine, not the plan, chose the form
@@ -334,8 +310,11 @@ class Timed(Judged, frozen=True, kw_only=True):
     partly: bool = False  # only the beginning of the motion could be judged
     worst: Finding | None = None  # the most important finding, see `crosscheck.judge.verdict.worst`
 
-
-Record = Timed
+    @property
+    def judged_error(self) -> float:
+        """The largest position error (m) over the judged time; infinite if it was not judged."""
+        error = self.errors.get("position")
+        return math.inf if error is None or error.judged is None else error.judged
 
 
 class Change(Part, frozen=True, kw_only=True):

@@ -1,8 +1,8 @@
-"""What all types of the document have in common."""
+"""What all types of the document have in common, and the way of a run, which many of them have."""
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import msgspec
 
@@ -15,5 +15,37 @@ P = TypeVar("P", bound=Part)
 
 
 def extended(kind: type[P], part: Part, **more: Any) -> P:
-    """A value of the next stage's type, with the fields of `part` and `more`."""
-    return kind(**{**msgspec.structs.asdict(part), **more})
+    """A value of another type, with those fields of `part` that it has and with `more`."""
+    shared = set(kind.__struct_fields__).intersection(part.__struct_fields__)
+    return kind(**{name: getattr(part, name) for name in shared} | more)
+
+
+class Way(Part, frozen=True):
+    """One way to run any scene: engine and method, step or rtol, and the options that are not the default."""
+
+    engine: str
+    method: str
+    step: float | None = None  # s
+    rtol: float | None = None
+    form: str | None = None  # None: the engine chooses
+    coordinate_map: str | None = None  # None: the default of the method
+    options: tuple[tuple[str, Any], ...] = ()  # all others, by their names in `crosscheck.run`
+
+    @classmethod
+    def of(cls, engine: str, method: str, step: float | None = None, rtol: float | None = None, form: str | None = None,
+           coordinate_map: str | None = None, **options: Any) -> Self:
+        """The way with those options that are not None."""
+        return cls(engine, method, step, rtol, form, coordinate_map, tuple(
+            (name, value) for name, value in options.items() if value is not None))
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of `crosscheck.run` after the method: step or rtol, and the options."""
+        named = {name: getattr(self, name) for name in ("step", "rtol", "form", "coordinate_map")}
+        return {name: value for name, value in named.items() if value is not None} | dict(self.options)
+
+    @property
+    def label(self) -> str:
+        """Engine, method, form and map."""
+        named = ", ".join(filter(None, (self.form, self.coordinate_map)))
+        return f"{self.engine} {self.method}" + (f" ({named})" if named else "")

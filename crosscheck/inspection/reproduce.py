@@ -100,7 +100,6 @@ class Reproduction:
     scene: Scene
     title: str
     source: str  # of the expected positions
-    method: str
     step: float  # s
     expected: np.ndarray  # (times, bodies, 3)
 
@@ -143,7 +142,7 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
         off=(*OFF, *(OFF_IN_MODELS if held.left_out else ())), end=float(held.t[every * intervals]),
         expected=np.array2string(expected.ravel(), separator=", ", threshold=10**9, max_line_width=118,
                                  formatter={"float_kind": lambda value: repr(float(value))}),
-        tolerance=SOLVER_TOLERANCE, tight=TIGHT, halvings=HALVINGS), held, title, origin, method, step, expected)
+        tolerance=SOLVER_TOLERANCE, tight=TIGHT, halvings=HALVINGS), held, title, origin, step, expected)
 
 
 def _written(scene: Scene) -> str:

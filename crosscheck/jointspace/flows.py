@@ -21,7 +21,7 @@ from crosscheck.jointspace.motion import JointSpace, between, coordinates, posed
 from crosscheck.jointspace.parameters import altered, value_of
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
-from crosscheck.running.attempt import Ran, attempt
+from crosscheck.running.attempt import Ran, Way, attempt
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -149,7 +149,7 @@ def _engine(source: str, step: float | None, options: dict[str, Any]) -> Callabl
         raise ArgumentError(f"source: {source!r}: name a method too, as in \"lieeuler:rattle2\"")
 
     def end(scene: Scene) -> States:
-        outcome = attempt(scene, name, method, step, monitor=False, **options)
+        outcome = attempt(scene, Way.of(name, method, step, **options), monitor=False)
         if isinstance(outcome, Ran):
             return outcome.raw.states
         raise outcome.error

@@ -12,7 +12,7 @@ from crosscheck import adapters
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
 from crosscheck.inspection import probe
 from crosscheck.jointspace.motion import JointSpace, positions, starting
-from crosscheck.running.attempt import Ran, attempt
+from crosscheck.running.attempt import Ran, Way, attempt
 from crosscheck.scene.coordinates import accelerations
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
@@ -207,7 +207,7 @@ def differences(scene: Scene, engine: Any, method: str | None = None) -> Blocks:
                 return coordinate_accelerations(changed, dataclasses.replace(start, a=said.a, alpha=said.alpha))
         h = 1e-6
         for name in names:
-            outcome = attempt(changed.replace(duration=h, samples=2), engine, name, step=h, monitor=False)
+            outcome = attempt(changed.replace(duration=h, samples=2), Way(engine.name, name, h), engine, monitor=False)
             if isinstance(outcome, Ran):
                 s = outcome.raw.states
                 if s.a is not None and s.alpha is not None:

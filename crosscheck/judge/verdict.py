@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -21,13 +21,11 @@ from crosscheck.document import (
     QUANTITIES,
     Errors,
     Finding,
-    Judged,
-    Measured,
     Order,
     Outcome,
+    Record,
     Rung,
     Status,
-    extended,
 )
 from crosscheck.document.known import Known
 from crosscheck.judge import known, tolerances
@@ -261,9 +259,9 @@ def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:
     return any(not orders[quantity].settled and not orders[quantity].exhausted for quantity in low)
 
 
-def settle(run: Measured, findings: list[Finding], defects: Sequence[Known], message: str = "",
+def settle(run: Record, findings: list[Finding], defects: Sequence[Known], message: str = "",
            judged_until: float | None = None, why: str = "", whole: Mapping[str, tuple[float, str]] | None = None
-           ) -> Judged:
+           ) -> Record:
     """The verdict on a run: mark known defects, notice those that no longer show, and determine the outcome.
 
     `defects` are those of the engine that are about this run. Bounds that the user set are not affected by them.
@@ -289,9 +287,8 @@ def settle(run: Measured, findings: list[Finding], defects: Sequence[Known], mes
     judged = {finding.kind: finding for finding in findings}
     errors = {name: _headline(error, judged[name], (whole or {}).get(name)) if name in judged else error
               for name, error in run.errors.items()}
-    return extended(Judged, run, findings=findings, outcome=outcome, message=message, judged_until=judged_until,
-                    not_judged=why if outcome != "unjudged" else "",
-                    errors=errors)
+    return replace(run, findings=findings, outcome=outcome, message=message, judged_until=judged_until,
+                   not_judged=why if outcome != "unjudged" else "", errors=errors)
 
 
 def _headline(error: Errors, finding: Finding, whole: tuple[float, str] | None) -> Errors:
@@ -311,10 +308,7 @@ def outcome_of(findings: Sequence[Finding]) -> Outcome:
     return "fail" if "fail" in statuses else "known" if "known" in statuses else "unjudged" if blind else "pass"
 
 
-J = TypeVar("J", bound=Judged)
-
-
-def beyond(run: J, finding: Finding, message: str = "") -> J:
+def beyond(run: Record, finding: Finding, message: str = "") -> Record:
     """The run with one more finding, which fails."""
     return replace(run, findings=[*run.findings, finding], outcome="fail",
                    message="; ".join(filter(None, (run.message, message))))
@@ -345,7 +339,7 @@ def worst(findings: Sequence[Finding]) -> Finding | None:
     return max((finding for finding in findings if finding.status != "unjudged"), key=place, default=None)
 
 
-def partly(run: Judged) -> bool:
+def partly(run: Record) -> bool:
     """Whether the motion could be judged over a part of the run only."""
     return _share(run.judged_until, run.duration) < 1
 
@@ -355,7 +349,7 @@ def _share(judged: float | None, duration: float | None) -> float:
     return 1.0 if judged is None or not duration or judged >= duration * (1 - 1e-9) else judged / duration
 
 
-def word(run: Judged) -> str:
+def word(run: Record) -> str:
     """The outcome in words, with the share of the run over which its motion was judged if that is not all of it."""
     if run.outcome in ("pass", "partly") and run.practical:
         return "stable"

@@ -67,11 +67,12 @@ def read_document(path: Path) -> Document:
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of results.json, without the curves, which are in other files."""
     (document,), definitions = msgspec.json.schema_components([Document], ref_template="#/$defs/{name}")
-    for name in ("Scene", "Timed"):
+    for name in ("Scene", "Record"):
         definitions[name]["properties"].pop("curves")
     for name, kind in vars(curves).items():
         if isinstance(kind, type) and kind.__module__ == curves.__name__:
             definitions.pop(name, None)
     definitions["Document"]["properties"]["schema"] = {"const": SCHEMA}
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "results.json of crosscheck verify",
-            **document, "$defs": definitions}
+    whole = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "results.json of crosscheck verify",
+             **document, "$defs": definitions}
+    return dict(json.loads(json.dumps(whole)))  # defaults are tuples

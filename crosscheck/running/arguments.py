@@ -16,14 +16,13 @@ from crosscheck.scene.checks import MOST_SAMPLES
 from crosscheck.scene.model import Scene
 
 SCENE_OPTIONS = ("samples", "duration")
-OPTIONS = (*SCENE_OPTIONS, "monitor", *ENGINE_OPTIONS)
+OPTIONS = ("step", "rtol", *SCENE_OPTIONS, "monitor", *ENGINE_OPTIONS)
 
 MOST_STEPS = 1e10
 """Most steps of one run. The fastest engine needs an hour for as many, so that more are taken for a mistyped step."""
 
 
-def request(engine: str, adapter: Engine, method: str, step: float | None, rtol: float | None,
-            options: Mapping[str, Any]) -> RunSpec:
+def request(engine: str, adapter: Engine, method: str, options: Mapping[str, Any]) -> RunSpec:
     """The request of one run from the arguments of `crosscheck.run`; raises `ArgumentError` or `Unsupported`."""
     if not isinstance(method, str):
         raise ArgumentError(f"method: a name is wanted, not {type(method).__name__}; allowed: "
@@ -33,6 +32,7 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
     for name in options:
         if name not in OPTIONS:
             raise ArgumentError(unknown("option", name, OPTIONS))
+    step, rtol = options.get("step"), options.get("rtol")
     if step is not None and rtol is not None:
         raise ArgumentError("step and rtol: only one of them can be given")
     given = engine_options(engine, adapter, method, {name: options.get(name) for name in ENGINE_OPTIONS})

@@ -10,13 +10,14 @@ import dataclasses
 import math
 import numbers
 from collections.abc import Mapping
-from typing import Any, Self, cast
+from typing import Any, cast
 
 import msgspec
 import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, Stats, plain_events
+from crosscheck.document import Way as Way
 from crosscheck.errors import CrosscheckError, EngineDied, EngineError, Unsupported, install, said
 from crosscheck.files import plain, readable
 from crosscheck.running import arguments
@@ -78,15 +79,21 @@ class Failed:
 Outcome = Ran | Refused | Failed
 
 
-def attempt(scene: Scene, engine: str | Engine, method: str, step: float | None = None, rtol: float | None = None,
-            **options: Any) -> Outcome:
-    """Run one method of one engine on `scene`; the arguments are those of `crosscheck.run`. Raises no `Exception`."""
-    name = label = engine if isinstance(engine, str) else str(getattr(engine, "name", type(engine).__name__))
+def attempt(scene: Scene, way: Way, engine: Engine | None = None, **more: Any) -> Outcome:
+    """The outcome of a way on a scene. Raises no `Exception`.
+
+    Parameters
+    ----------
+    engine : an object that runs instead of the engine that the way names
+    more : arguments of `crosscheck.run` beside those of the way, or instead of them
+    """
+    asked, method = way.arguments | more, way.method
+    name = label = way.engine
     try:
-        adapter = adapters.get(engine)
+        adapter = adapters.get(label if engine is None else engine)
         name = adapter.name
-        spec = arguments.request(label, adapter, method, step, rtol, options)
-        scene = arguments.overridden(scene, options)
+        spec = arguments.request(label, adapter, method, asked)
+        scene = arguments.overridden(scene, asked)
         arguments.check_length(scene, spec)
         reason = adapter.unsupported(scene, spec)
         if reason is not None:
@@ -101,44 +108,6 @@ def attempt(scene: Scene, engine: str | Engine, method: str, step: float | None 
         return Failed(_wrapped(f"{name} cannot be imported: {error}; {install(name)}", error))
     except Exception as error:
         return Failed(_wrapped(f"{name} {method}: {type(error).__name__}: {error}", error))
-
-
-@dataclasses.dataclass(frozen=True)
-class Way:
-    """One way to run any scene: engine and method, step (s) or rtol, and the options that are not the default."""
-
-    engine: str
-    method: str
-    step: float | None = None
-    rtol: float | None = None
-    options: tuple[tuple[str, Any], ...] = ()
-
-    @classmethod
-    def of(cls, engine: str, method: str, step: float | None = None, rtol: float | None = None, **options: Any) -> Self:
-        """The way with those options that are not None."""
-        return cls(engine, method, step, rtol, tuple((name, value) for name, value in options.items()
-                                                     if value is not None))
-
-    @property
-    def form(self) -> str | None:
-        """The wanted form; None: the engine chooses."""
-        return dict(self.options).get("form")
-
-    @property
-    def coordinate_map(self) -> str | None:
-        """The wanted map; None: the default of the method."""
-        return dict(self.options).get("coordinate_map")
-
-    @property
-    def label(self) -> str:
-        """Engine, method, form and map."""
-        named = ", ".join(filter(None, (self.form, self.coordinate_map)))
-        return f"{self.engine} {self.method}" + (f" ({named})" if named else "")
-
-    def attempt(self, scene: Scene, **more: Any) -> Outcome:
-        """The outcome on a scene; `more` are further arguments, or others than those of this way."""
-        return attempt(scene, self.engine, self.method, **{"step": self.step, "rtol": self.rtol, **dict(self.options),
-                                                           **more})
 
 
 def lasting(outcome: Outcome) -> Outcome:

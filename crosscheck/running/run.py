@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import Any, cast
 
 from crosscheck import references
 from crosscheck.adapters.base import Engine
+from crosscheck.document import Way
 from crosscheck.references.base import Reference
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.running.trajectory import Trajectory
@@ -53,7 +54,11 @@ def run(scene: Scene | str | os.PathLike[str], engine: str | Engine, method: str
     lieeuler.IntegrationError
         A run of lieeuler ended early. The error holds the status, some advice and the trajectory so far.
     """
-    outcome = attempt(scene_file.as_scene(scene), engine, method, step, rtol, **options)
+    name: Any = engine  # None is told as wrong there
+    if not isinstance(engine, str | None):
+        name = str(getattr(engine, "name", type(engine).__name__))
+    outcome = attempt(scene_file.as_scene(scene), Way(name, method, step, rtol),
+                      None if name is engine else cast(Engine, engine), **options)
     if isinstance(outcome, Ran):
         return outcome.trajectory
     raise outcome.error

@@ -13,15 +13,17 @@ import math
 import time
 
 import numpy as np
+from msgspec.structs import replace
 
 from crosscheck import adapters, references
 from crosscheck.adapters.base import RunSpec
+from crosscheck.document import Way, extended
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import attitude_angle
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference
-from crosscheck.running.attempt import Failed, Refused, Way, attempt, lasting
+from crosscheck.running.attempt import Failed, Refused, attempt, lasting
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 
@@ -58,7 +60,6 @@ class Target:
     R: np.ndarray  # (n, 3, 3) true attitudes at the end
     moved: float  # m, largest distance of a body from its start; position errors are divided by it
     attitudes: bool  # whether positions do not depend on attitudes, so that attitude errors count, too
-    coordinate_map: str | None = None  # of the runs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,13 +83,10 @@ class Task:
         return f"{self.scene} {self.way.engine} {self.way.method}"
 
 
-@dataclasses.dataclass(frozen=True)
-class Row:
+class Row(Way, frozen=True, kw_only=True):
     """The result of one task. `outcome` is "usable", "none within the limit", "unsupported" or "failed"."""
 
     scene: str
-    engine: str
-    method: str
     outcome: str = ""
     h_max: float | None = None  # s
     steps: int | None = None
@@ -114,14 +112,13 @@ def target(scene: Scene, truth: Reference) -> Target:
     return Target(short, truth.states.x[last], truth.states.R[last], moved, not tied)
 
 
-def tried(goal: Target, engine: str, method: str, steps: int) -> Attempt:
+def tried(goal: Target, way: Way, steps: int) -> Attempt:
     """Run with `steps` equal steps. A failure of the run is an outcome, too.
 
     Raises `Unsupported` if the engine cannot run the scene with this method.
     """
     began = time.perf_counter()
-    outcome = lasting(attempt(goal.scene, engine, method, goal.scene.duration / steps, monitor=False,
-                      coordinate_map=goal.coordinate_map))
+    outcome = lasting(attempt(goal.scene, way, step=goal.scene.duration / steps, monitor=False))
     if isinstance(outcome, Refused) or (isinstance(outcome, Failed) and isinstance(outcome.error, ArgumentError)):
         raise outcome.error
     if isinstance(outcome, Failed):
@@ -142,16 +139,16 @@ def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
 
 
 class Search:
-    """The bisection for one engine and method. It keeps every run."""
+    """The bisection for one way. It keeps every run."""
 
-    def __init__(self, goal: Target, engine: str, method: str, time_limit: float) -> None:
-        self._goal, self._engine, self._method, self._time_limit = goal, engine, method, time_limit
+    def __init__(self, goal: Target, way: Way, time_limit: float) -> None:
+        self._goal, self._way, self._time_limit = goal, way, time_limit
         self.runs: dict[int, Attempt] = {}
 
     def run(self, steps: int) -> Attempt:
         """The run with this number of steps. It is made only once."""
         if steps not in self.runs:
-            self.runs[steps] = tried(self._goal, self._engine, self._method, steps)
+            self.runs[steps] = tried(self._goal, self._way, steps)
         return self.runs[steps]
 
     def usable(self, steps: int) -> bool:
@@ -164,7 +161,7 @@ class Search:
         while not self.usable(steps):
             # Would twice as many steps take longer than the limit? Timed twice, as the machine may have been busy.
             if 2 * self.runs[steps].wall_time > self._time_limit:
-                again = tried(self._goal, self._engine, self._method, steps)
+                again = tried(self._goal, self._way, steps)
                 if 2 * min(again.wall_time, self.runs[steps].wall_time) > self._time_limit:
                     return None
             steps *= 2
@@ -178,30 +175,30 @@ class Search:
 def search(task: Task) -> Row:
     """The row of one task, also if the scene is not supported or no step is usable within the time limit."""
     scene = task.scene_asked()
-    row = Row(scene.name, task.way.engine, task.way.method)
+    row = extended(Row, task.way, scene=scene.name)
     common = max(1, math.ceil(scene.duration / (task.step or natural_time(scene) / COMMON)))
-    goal = dataclasses.replace(target(scene, references.truth(scene)), coordinate_map=task.way.coordinate_map)
+    goal = target(scene, references.truth(scene))
     common = max(1, round(common * goal.scene.duration / scene.duration))
     adapter = adapters.get(task.way.engine)
     reason = adapter.unsupported(goal.scene, RunSpec(task.way.method, step=goal.scene.duration / common,
                                                        coordinate_map=task.way.coordinate_map))
     if reason is not None:
-        return dataclasses.replace(row, outcome="unsupported", reason=reason)
-    hunt = Search(goal, task.way.engine, task.way.method, task.time_limit)
+        return replace(row, outcome="unsupported", reason=reason)
+    hunt = Search(goal, task.way, task.time_limit)
     try:
         shared = hunt.run(common)  # first, because it also loads the engine, which must not count in a search
         fewest = hunt.fewest()
     except Unsupported as error:  # some adapters notice it only when they build the model
-        return dataclasses.replace(row, outcome="unsupported", reason=str(error))
+        return replace(row, outcome="unsupported", reason=str(error))
     failures = collections.Counter(run.outcome for run in hunt.runs.values() if run.outcome != "usable")
     worst = next((run.message for run in hunt.runs.values() if run.message), "")
-    row = dataclasses.replace(
+    row = replace(
         row, common_step=goal.scene.duration / common, common_outcome=shared.outcome, common_error=shared.error,
         failures=", ".join(f"{name} {count}" for name, count in sorted(failures.items())), reason=worst,
         runs=tuple(hunt.runs[steps] for steps in sorted(hunt.runs)))
     if fewest is None:
-        return dataclasses.replace(row, outcome="none within the limit", reason=(
+        return replace(row, outcome="none within the limit", reason=(
             f"finer runs would take more than {task.time_limit:g} s; {worst}".rstrip("; ")))
     best = hunt.runs[fewest]
-    return dataclasses.replace(row, outcome="usable", h_max=goal.scene.duration / fewest, steps=fewest,
+    return replace(row, outcome="usable", h_max=goal.scene.duration / fewest, steps=fewest,
                                error=best.error, milliseconds=1e3 * best.wall_time)

@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
+from crosscheck.document import Way, extended
 from crosscheck.scene.model import Scene
 from crosscheck.verification.ladder import GradedWay
 
@@ -19,23 +20,16 @@ IN_HOUSE, BOUND = "lieeuler", "heyoka"
 """The engine that is compared with all others, and the one that only shows what is possible."""
 
 
-@dataclasses.dataclass
-class Rung:
+class Rung(Way, frozen=True, kw_only=True):
     """One run of a way. Errors are in m and rad, the largest over the bodies. Times are of stepping alone.
 
     `setup_ms` is the other time of a run: building the engine's model and converting its two samples.
     """
 
     scene: str
-    engine: str
-    method: str
-    form: str | None
     label: str
-    step: float | None  # s
-    rtol: float | None
     status: str = "success"  # or "error", "skipped"
     reason: str = ""
-    coordinate_map: str | None = None
     steps: int | None = None
     rejected_steps: int | None = None
     force_evaluations: int | None = None  # if the engine counts them
@@ -49,11 +43,11 @@ class Rung:
     setup_ms: float | None = None
     repeats: int = 0
 
-    @classmethod
-    def of(cls, scene: Scene, way: GradedWay, value: float | None, status: str = "success", reason: str = "") -> Rung:
-        """The rung of a way at `value`: a step (s), or a tolerance if the way is adaptive."""
-        return cls(scene.name, way.engine, way.method, way.form, way.label, None if way.adaptive else value,
-                   value if way.adaptive else None, status, reason, way.coordinate_map)
+
+def rung_of(scene: Scene, way: GradedWay, value: float | None, status: str = "success", reason: str = "") -> Rung:
+    """The rung of a way at `value`: a step (s), or a tolerance if the way is adaptive."""
+    return extended(Rung, way, scene=scene.name, label=way.label, status=status, reason=reason, **{
+        "rtol" if way.adaptive else "step": value})
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,9 +8,10 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from crosscheck.document import Part
+from crosscheck.document import Way, extended
 from crosscheck.errors import ArgumentError, CrosscheckError, said
-from crosscheck.running.run import run
+from crosscheck.running.attempt import Ran, attempt
+from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 from crosscheck.studies.study import Ask, Work
 from crosscheck.verification.ladder import GradedWay, ways
@@ -22,19 +23,14 @@ PROBE = 2000
 """Steps of a short run, from which the time of the long run is estimated."""
 
 
-class LongRun(Part, frozen=True, kw_only=True):
+class LongRun(Way, frozen=True, kw_only=True):
     """One long run of an engine and method."""
 
     scene: str
-    engine: str
-    method: str
-    form: str | None
     label: str
-    step: float  # s
     duration: float  # s
     status: str = "success"  # or "error", "skipped"
     reason: str = ""
-    coordinate_map: str | None = None  # None: the default of the method
     wall_time: float | None = None  # s
 
 
@@ -56,8 +52,7 @@ def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[GradedWay]
 
 def begun(kind: type[Row], scene: Scene, way: GradedWay, step: float, **more: Any) -> Row:
     """The row of a run over the whole scene, before the run is made."""
-    return kind(scene=scene.name, engine=way.engine, method=way.method, form=way.form, label=way.label, step=step,
-                duration=scene.duration, coordinate_map=way.coordinate_map, **more)
+    return extended(kind, way, scene=scene.name, label=way.label, duration=scene.duration, **more | {"step": step})
 
 
 def run_all(work: Work[Any, Row], scene: Scene, rows: Sequence[Row], before: Sequence[Row],
@@ -82,15 +77,18 @@ def run_all(work: Work[Any, Row], scene: Scene, rows: Sequence[Row], before: Seq
     return done
 
 
-def long_run(row: LongRun, scene: Scene, time_limit: float) -> Any:
+def long_run(row: LongRun, scene: Scene, time_limit: float) -> Trajectory:
     """The trajectory of a row. Raises `TooLong` if a short run predicts more than `time_limit` (s) of stepping."""
-    def over(scene: Scene) -> Any:
-        return run(scene, row.engine, row.method, step=row.step, form=row.form, coordinate_map=row.coordinate_map,
-                   monitor=False)
+    def over(scene: Scene) -> Trajectory:
+        outcome = attempt(scene, row, monitor=False)
+        if isinstance(outcome, Ran):
+            return outcome.trajectory
+        raise outcome.error
 
-    steps = round(row.duration / row.step)
+    step = row.step or row.duration
+    steps = round(row.duration / step)
     if steps > 2 * PROBE:
-        expected = over(scene.replace(duration=PROBE * row.step, samples=2)).wall_time / PROBE * steps
+        expected = over(scene.replace(duration=PROBE * step, samples=2)).wall_time / PROBE * steps
         if expected > time_limit:
             raise TooLong(f"it would take about {expected:.0f} s, the limit is {time_limit:g} s")
     return over(scene)

@@ -13,11 +13,10 @@ import msgspec
 
 from crosscheck import adapters as all_engines
 from crosscheck import references
-from crosscheck.document import Part
+from crosscheck.document import Part, Way, extended
 from crosscheck.jobs.drive import Crash, Limits, run_tasks
 from crosscheck.jobs.table import Session
 from crosscheck.jobs.workers.process import GIGABYTE
-from crosscheck.running.attempt import Way
 from crosscheck.scene.file import load_scene, scene_names
 from crosscheck.studies.bisection import COMMON, USABLE, Row, Task, search
 from crosscheck.studies.study import STAGE, Ask, Progress, StudyDocument, StudyMeta, Work
@@ -73,11 +72,9 @@ class Cell(Part, frozen=True, kw_only=True):
     reason: str = ""
 
 
-class MapLine(Part, frozen=True):
-    """An engine and method, with a cell for each scene."""
+class MapLine(Way, frozen=True, kw_only=True, omit_defaults=True):
+    """A way, with a cell for each scene."""
 
-    engine: str
-    method: str
     cells: list[Cell]
 
 
@@ -168,7 +165,7 @@ def _search_all(tasks: list[Task], keys: list[str], ask: StabilityAsk, session: 
 
 
 def _failed(task: Task, reason: str) -> Row:
-    return Row(load_scene(task.scene).name, task.way.engine, task.way.method, "failed", reason=reason)
+    return extended(Row, task.way, scene=load_scene(task.scene).name, outcome="failed", reason=reason)
 
 
 def _without_truth(tasks: list[Task], jobs: int, progress: Progress) -> dict[str, str]:
@@ -230,4 +227,4 @@ def shaded(rows: Sequence[Row]) -> list[MapLine]:
             scene=row.scene, h_max=step, common_error=row.common_error, outcome=row.outcome,
             shade=None if step is None else sum(step < share * largest[row.scene] for share in SHADES),
             reason=row.failures or row.reason)
-    return [MapLine(engine, method, list(cells.values())) for (engine, method), cells in lines.items()]
+    return [MapLine(engine, method, cells=list(cells.values())) for (engine, method), cells in lines.items()]

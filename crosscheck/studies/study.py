@@ -79,7 +79,8 @@ def write_folder(out: Path, document: StudyDocument, rows: Sequence[object]) -> 
     text = io.StringIO()
     table = [{key: cell(value) for key, value in row.items() if not isinstance(value, list)} for row in plain(rows)]
     if table:
-        writer = csv.DictWriter(text, list(table[0]), lineterminator="\n")
+        columns = sorted(table[0], key="scene".__ne__)  # the scene first
+        writer = csv.DictWriter(text, columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(table)
     put(out / f"{study}.csv", text.getvalue())

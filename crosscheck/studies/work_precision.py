@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import math
 import statistics
 import time
@@ -22,22 +23,20 @@ from crosscheck.errors import CrosscheckError, Unsupported, said
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference, TruthError
-from crosscheck.running.run import run
+from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.studies import frontier
-from crosscheck.studies.frontier import BOUND, Rung
+from crosscheck.studies.frontier import BOUND, Rung, rung_of
 from crosscheck.studies.study import Ask, Progress, StudyDocument, StudyMeta, Work
 from crosscheck.verification.ladder import INTERVALS, GradedWay, ladder, reference, thinned, ways
 from crosscheck.verification.speed import spread, undisturbed
 
 
-def errors_into(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> None:
-    """Fill in the errors of a run with `intervals` + 1 equally spaced samples. Truth may have more samples."""
-    found = errors(scene, run, thinned(truth.states, intervals))
-    rung.samples = intervals + 1
-    for quantity in ("position", "attitude"):
-        setattr(rung, f"end_{quantity}", found[quantity].end)
-        setattr(rung, f"max_{quantity}", found[quantity].max)
+def with_errors(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> Rung:
+    """The rung with the errors of its run at `intervals` + 1 equally spaced times. Truth may have more samples."""
+    of = errors(scene, run, thinned(truth.states, intervals))
+    return replace(rung, samples=intervals + 1, end_position=of["position"].end, max_position=of["position"].max,
+                   end_attitude=of["attitude"].end, max_attitude=of["attitude"].max)
 
 
 FRONTIERS = {"end position": ("end_position", "m"), "end attitude": ("end_attitude", "rad"),
@@ -73,29 +72,24 @@ def measure(scene: Scene, chosen: Sequence[GradedWay], truth: Reference, repeats
     keep : called with all rungs after each round
     bound : whether to measure the Taylor series of heyoka, too
     """
-    rungs: list[Rung] = []
-    runs: list[tuple[Rung, Callable[[], float], list[tuple[float, float]]]] = []
+    rungs: list[_Timed] = []
     total = len(chosen) + (len(TOLERANCES) if bound else 0)
     for done, way in enumerate(chosen):
         progress(done, total, f"{scene.name}: errors of {way.label}")
-        walked = _walk(scene, way, truth, time_limit)
-        rungs += walked
-        runs += [(rung, _timer(scene, rung), []) for rung in walked if rung.status == "success"]
+        rungs += [_Timed(rung, _timer(scene, rung)) for rung in _walk(scene, way, truth, time_limit)]
     if bound:
         series = Bound(scene, truth)
         for done, rtol in enumerate(TOLERANCES):
             progress(len(chosen) + done, total, f"{scene.name}: building the Taylor series of heyoka")
-            rung = series.rung(rtol)
-            rungs.append(rung)
-            runs += [(rung, series.timer(rung), [])] if rung.status == "success" else []
-    keep(rungs)
+            rungs.append(_Timed(series.rung(rtol), series.timer(rtol)))
+    keep([each.rung for each in rungs])
+    runs = [each for each in rungs if each.rung.status == "success"]
     for turn in range(repeats):
-        for done, (rung, once, times) in enumerate(runs):
-            progress(turn * len(runs) + done, repeats * len(runs), f"{scene.name}: time of {rung.label}")
-            if rung.status == "success":
-                _take(rung, once, times)
-        keep(rungs)
-    return rungs
+        for done, each in enumerate(runs):
+            progress(turn * len(runs) + done, repeats * len(runs), f"{scene.name}: time of {each.rung.label}")
+            each.take()
+        keep([each.rung for each in rungs])
+    return [each.rung for each in rungs]
 
 
 def _walk(scene: Scene, way: GradedWay, truth: Reference, time_limit: float) -> list[Rung]:
@@ -104,16 +98,19 @@ def _walk(scene: Scene, way: GradedWay, truth: Reference, time_limit: float) -> 
     last, pace = None, 0.0  # the last successful rung, and its prediction for the next: s per step, or s of the run
     best, stale = math.inf, 0  # smallest error, and number of rungs in a row without improvement
     for count, value in ladder(scene, way):
-        rung = Rung.of(scene, way, value)
+        rung = rung_of(scene, way, value)
         rungs.append(rung)
         if last and pace * (count or 1) > time_limit:
             # Time it again, because the machine may have been busy. If this run fails, the timed rounds will report it.
             with contextlib.suppress(CrosscheckError):
-                pace = min(pace, undisturbed(_timer(scene, last), MOST_TRIES, PATIENCE)[0] * _share(last))
+                once = functools.partial(_timer(scene, last), {})
+                pace = min(pace, undisturbed(once, MOST_TRIES, PATIENCE)[0] * _share(last))
             if pace * (count or 1) > time_limit:
-                rung.status, rung.reason = "skipped", f"it would take longer than the limit of {time_limit:g} s"
+                reason = f"it would take longer than the limit of {time_limit:g} s"
+                rungs[-1] = replace(rung, status="skipped", reason=reason)
                 break
-        wall = _explore(scene, rung, count, truth)
+        rung, wall = _explore(scene, rung, count, truth)
+        rungs[-1] = rung
         if rung.status == "error":
             if count is not None and count > MOST_FAILING * scene.duration / natural_time(scene):
                 break
@@ -139,49 +136,58 @@ GROWTH = 1.5
 """An adaptive run at a tenth of the tolerance takes at least about this many times as long."""
 
 
-def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> float:
-    """Run a rung, fill in its errors or its failure, and return its stepping time (s)."""
+def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> tuple[Rung, float]:
+    """Run a rung: it with its errors or its failure, and its stepping time (s)."""
     intervals = INTERVALS if count is None else min(INTERVALS, count & -count)
-    try:
-        traj = _run(scene, rung, intervals + 1)
-    except CrosscheckError as error:
-        rung.status, rung.reason = "error", said(error)
-        return 0.0
-    rung.steps = traj.steps
-    errors_into(rung, scene, traj, truth, intervals)
-    return float(traj.wall_time)
+    outcome = attempt(scene, rung, samples=intervals + 1, monitor=False)
+    if not isinstance(outcome, Ran):
+        return replace(rung, status="error", reason=said(outcome.error)), 0.0
+    traj = outcome.trajectory
+    return with_errors(replace(rung, steps=traj.steps), scene, traj, truth, intervals), float(traj.wall_time)
 
 
-def _run(scene: Scene, rung: Rung, samples: int) -> Any:
-    return run(scene, rung.engine, rung.method, step=rung.step, rtol=rung.rtol, form=rung.form, samples=samples,
-               monitor=False, coordinate_map=rung.coordinate_map)
+Counters = dict[str, int | None]
+"""Counters of the last run of a rung, by its fields."""
 
 
-def _timer(scene: Scene, rung: Rung) -> Callable[[], float]:
-    """A function that runs the rung with two samples, sets its counters and returns its stepping time (s)."""
+def _timer(scene: Scene, rung: Rung) -> Callable[[Counters], float]:
+    """A function that runs the rung with two samples, sets the counters and returns the stepping time (s)."""
 
-    def once() -> float:
-        traj = _run(scene, rung, 2)
-        rung.steps = traj.steps
-        rung.rejected_steps = traj.stats.get("rejected_steps")
-        rung.force_evaluations = traj.stats.get("force_evaluations")
+    def once(counters: Counters) -> float:
+        outcome = attempt(scene, rung, samples=2, monitor=False)
+        if not isinstance(outcome, Ran):
+            raise outcome.error
+        traj = outcome.trajectory
+        counters["steps"] = traj.steps
+        counters["rejected_steps"] = traj.stats.get("rejected_steps")
+        counters["force_evaluations"] = traj.stats.get("force_evaluations")
         return float(traj.wall_time)
 
     return once
 
 
-def _take(rung: Rung, once: Callable[[], float], times: list[tuple[float, float]]) -> None:
-    """Time a rung once. `times` has (stepping, set-up) in s of its earlier turns; the rung gets the medians."""
-    try:
-        times.append(undisturbed(once, MOST_TRIES, PATIENCE))
-    except CrosscheckError as error:  # it ran in the first pass, but fails now
-        rung.status, rung.reason = "error", f"when timed: {said(error)}"
-        return
-    walls = [wall for wall, _ in times]
-    rung.repeats = len(walls)
-    rung.wall_ms = 1e3 * statistics.median(walls)
-    rung.wall_deviation_ms = 1e3 * spread(walls)
-    rung.setup_ms = 1e3 * statistics.median(setup for _, setup in times)
+@dataclasses.dataclass
+class _Timed:
+    """A rung, the function that runs it once more, and (stepping, set-up) in s of all turns so far."""
+
+    rung: Rung
+    once: Callable[[Counters], float]
+    times: list[tuple[float, float]] = dataclasses.field(default_factory=list)
+
+    def take(self) -> None:
+        """Time it once, unless a turn has failed; the rung gets the medians."""
+        if self.rung.status != "success":
+            return
+        counters: Counters = {}
+        try:
+            self.times.append(undisturbed(functools.partial(self.once, counters), MOST_TRIES, PATIENCE))
+        except CrosscheckError as error:  # it ran in the first pass, but fails now
+            self.rung = replace(self.rung, status="error", reason=f"when timed: {said(error)}")
+            return
+        walls = [wall for wall, _ in self.times]
+        self.rung = replace(
+            self.rung, repeats=len(walls), wall_ms=1e3 * statistics.median(walls), **counters,
+            wall_deviation_ms=1e3 * spread(walls), setup_ms=1e3 * statistics.median(setup for _, setup in self.times))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -250,7 +256,7 @@ class WorkPrecision:
             found = replace(found, duration=sampled.duration, truth=Known(
                 source=truth.source, disagreement=truth.disagreement, amplification=truth.amplification))
             chosen, refused = ways(sampled, work.engines, ask.methods, asked_map=ask.coordinate_map)
-            missing = [Rung.of(sampled, way, None, "skipped", reason) for way, reason in refused]
+            missing = [rung_of(sampled, way, None, "skipped", reason) for way, reason in refused]
             results.append(found)
 
             def kept(rungs: list[Rung], found: SceneLadders = found, missing: list[Rung] = missing) -> None:
@@ -294,11 +300,11 @@ class Bound:
 
         self._scene, self._truth = scene, truth
         self._series = Taylor(scene)
-        self._integrators: dict[float | None, Any] = {}
+        self._integrators: dict[float, Any] = {}
 
     def rung(self, rtol: float) -> Rung:
         """The run at a tolerance, with its errors; compiles the series."""
-        rung = Rung(self._scene.name, BOUND, "taylor", None, "bound: heyoka", None, rtol)
+        rung = Rung(engine=BOUND, method="taylor", rtol=rtol, scene=self._scene.name, label="bound: heyoka")
         try:
             unrolled = len(self._series.initial) <= LARGEST_UNROLLED
             integrator = self._series.integrator(rtol, compact_mode=not unrolled, high_accuracy=False)
@@ -307,24 +313,23 @@ class Bound:
             integrator.state[:] = self._series.initial
             states = integrator.propagate_grid(self._scene.t)[-1]
             # At loose tolerances quaternions do not have unit length, which is not an error of the attitude.
-            errors_into(rung, self._scene, self._series.states(self._series.normalised(states)), self._truth,
-                        self._scene.samples - 1)
+            return with_errors(rung, self._scene, self._series.states(self._series.normalised(states)), self._truth,
+                               self._scene.samples - 1)
         except Exception as error:  # heyoka and LLVM raise several kinds; each is a row of the study
-            rung.status, rung.reason = "error", said(error)
-        return rung
+            return replace(rung, status="error", reason=said(error))
 
-    def timer(self, rung: Rung) -> Callable[[], float]:
-        """A function that runs the rung and returns its stepping time, s."""
-        integrator = self._integrators[rung.rtol]
+    def timer(self, rtol: float) -> Callable[[Counters], float]:
+        """A function that runs the rung of a tolerance, sets its counter and returns its stepping time, s."""
         initial, end = np.array(self._series.initial), self._scene.duration
 
-        def once() -> float:
+        def once(counters: Counters) -> float:
+            integrator = self._integrators[rtol]
             integrator.time = 0.0
             integrator.state[:] = initial
             start = time.perf_counter()
             steps = integrator.propagate_until(end)[3]
             wall = time.perf_counter() - start
-            rung.steps = int(steps)
+            counters["steps"] = int(steps)
             return wall
 
         return once

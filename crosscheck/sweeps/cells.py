@@ -13,13 +13,13 @@ from typing import Any
 from msgspec.structs import replace
 
 from crosscheck import references
-from crosscheck.document import Part
+from crosscheck.document import Way, extended
 from crosscheck.errors import Unsupported, said
 from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
 from crosscheck.references.base import TruthError
 from crosscheck.running import versions
-from crosscheck.running.attempt import Failed, Refused, Way
+from crosscheck.running.attempt import Failed, Refused, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -27,6 +27,10 @@ ERRORS = {"position": "position_error", "attitude": "attitude_error", "velocity"
           "angular velocity": "angular_velocity_error"}
 LEVELS = ("energy_error", "constraint_position", "constraint_velocity", "constraint_acceleration", "orthogonality")
 FIGURES = (*ERRORS.values(), *LEVELS)
+COLUMNS = ("cell", "scene", "engine", "version", "method", "form", "step", "rtol", "member", "parameters", "status",
+           *FIGURES, "steps", "wall_time", "message")
+"""The columns of the table of cells, which are fields of `Row`."""
+
 KEPT_STRUCTURES = 8
 """Number of compiled integrators that a worker keeps."""
 
@@ -75,17 +79,12 @@ class Task:
                 for member in self.members for way in member.ways]
 
 
-class Row(Part, frozen=True, kw_only=True):
-    """A cell as it is stored. Its fields are the columns of the table, and NaN means that there is no value."""
+class Row(Way, frozen=True, kw_only=True):
+    """A cell as it is stored. NaN means that there is no value."""
 
     cell: str  # its content key, see `key`
     scene: str
-    engine: str
     version: str
-    method: str
-    form: str
-    step: float | None  # s
-    rtol: float | None
     member: int
     parameters: str  # JSON, by path
     status: str = ""
@@ -116,8 +115,7 @@ class Done:
 
 def key(scene: Scene, way: Way, code: Code, timing: bool) -> str:
     """The content key of a cell: a digest of all that determines its values, and of nothing else."""
-    content = [scene.hash, way.engine, code.engine(way), way.method, way.step, way.rtol, way.options, code.libraries,
-               timing]
+    content = [scene.hash, way.engine, code.engine(way), way.method, way.arguments, code.libraries, timing]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 
@@ -190,7 +188,7 @@ def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
 
 def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: bool) -> Row:
     """The row of a cell with its values. If there is none, the row has its status and message instead."""
-    outcome = way.attempt(member.scene)
+    outcome = attempt(member.scene, way)
     if isinstance(outcome, Refused):
         return replace(row, status="unsupported", message=outcome.why)
     if isinstance(outcome, Failed):
@@ -200,12 +198,11 @@ def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: 
     if exact is not None:
         states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
         found |= {ERRORS[name]: error.max for name, error in errors(member.scene, states, exact).items()}
-    return replace(row, status=traj.status, form=traj.form or "", steps=int(traj.steps),
+    return replace(row, status=traj.status, form=traj.form, steps=int(traj.steps),
                    wall_time=float(traj.wall_time) if timing else math.nan, **found)
 
 
 def empty_row(member: Member, way: Way, task: Task) -> Row:
     """The row of a cell before it ran."""
-    return Row(cell=key(member.scene, way, task.code, task.timing), scene=member.name, engine=way.engine,
-               version=task.code.engine(way), method=way.method, form=way.form or "", step=way.step, rtol=way.rtol,
-               member=member.index, parameters=json.dumps(dict(member.parameters)))
+    return extended(Row, way, cell=key(member.scene, way, task.code, task.timing), scene=member.name,
+                    version=task.code.engine(way), member=member.index, parameters=json.dumps(dict(member.parameters)))

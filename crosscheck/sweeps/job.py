@@ -11,6 +11,7 @@ import dataclasses
 import hashlib
 import itertools
 import json
+import operator
 import os
 import shlex
 import tempfile
@@ -28,8 +29,10 @@ from crosscheck.files import plain, put, replacing
 from crosscheck.jobs.drive import Crash, Limits, Place, drive
 from crosscheck.jobs.table import Session, Table, digest
 from crosscheck.running import cluster, provenance, versions
+from crosscheck.running.attempt import attempt
 from crosscheck.scene.model import Scene
 from crosscheck.sweeps import cells, members, plan, summary
+from crosscheck.sweeps.cells import COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,7 +46,6 @@ CELLS_PER_LOOK = 960
 LIMITS = Limits(time=3600.0, memory=4 * 2**30)
 
 STAGE = "sweep"
-COLUMNS = cells.Row.__struct_fields__
 
 CHECKED = 0.02
 """Share of the members of a start whose truth is compared with a second formulation, but at least one member."""
@@ -172,7 +174,7 @@ class _Known:
 def _row(exported: dict[str, Any]) -> cells.Row:
     """A row from its line in a folder of results, where numbers that are missing are NaN."""
     return cells.Row(**exported | {name: None if np.isnan(exported[name]) else exported[name] for name in (
-        "step", "rtol")})
+        "step", "rtol")} | {"form": exported["form"] or None})
 
 
 def _exported(out: Path) -> pd.DataFrame:
@@ -213,7 +215,8 @@ def _table(rows: list[cells.Row]) -> pd.DataFrame:
     """Rows as a table of their fields."""
     import pandas as pd
 
-    return pd.DataFrame(map(msgspec.structs.astuple, rows), columns=[*COLUMNS]).astype(
+    named = operator.attrgetter(*COLUMNS)
+    return pd.DataFrame(map(named, rows), columns=[*COLUMNS]).fillna({"form": ""}).astype(
         dict.fromkeys(("step", "rtol", *cells.FIGURES, "wall_time"), "float64"))
 
 
@@ -278,7 +281,7 @@ def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.P
                 if key not in costs:
                     coarse = max((other.step or 1.0 for other in asked.ways if other.method == way.method), default=1.0)
                     began = time.perf_counter()
-                    way.attempt(member.scene, step=coarse if way.step else None)
+                    attempt(member.scene, way, step=coarse if way.step else None)
                     costs[key] = time.perf_counter() - began, coarse
                 seconds, coarse = costs[key]
                 per_task += seconds * (coarse / way.step if way.step else 1.0)

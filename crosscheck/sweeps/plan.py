@@ -17,8 +17,8 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters.base import ENGINE_OPTIONS, Engine
+from crosscheck.document import Way
 from crosscheck.errors import ArgumentError, install, unknown
-from crosscheck.running.attempt import Way
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.scene.file import read_scene, scene_from
 from crosscheck.scene.model import Scene
@@ -169,11 +169,11 @@ def _ways(engines: Any, steps: Sequence[float], rtols: Sequence[float]) -> tuple
             if not controls:
                 wanted = "rtols" if method in adapter.adaptive_methods else "steps"
                 raise ArgumentError(f"engines.{engine}: {method} needs {wanted} = [..]")
-            ways += [Way(engine, method, step, rtol, options) for step, rtol in controls]
+            ways += [Way.of(engine, method, step, rtol, **options) for step, rtol in controls]
     return tuple(ways)
 
 
-def _method(engine: str, adapter: Engine, entry: Any) -> tuple[str, tuple[tuple[str, Any], ...]]:
+def _method(engine: str, adapter: Engine, entry: Any) -> tuple[str, dict[str, Any]]:
     table = {"method": entry} if isinstance(entry, str) else entry
     if not isinstance(table, Mapping) or "method" not in table:
         raise ArgumentError(f'engines.{engine}: "METHOD" or {{ method = "METHOD", form = .. }} is wanted, not '
@@ -183,7 +183,7 @@ def _method(engine: str, adapter: Engine, entry: Any) -> tuple[str, tuple[tuple[
             raise ArgumentError(unknown(f"engines.{engine}", key, ("method", *ENGINE_OPTIONS)))
     if table["method"] not in adapter.methods:
         raise ArgumentError(unknown(f"method of {engine}", table["method"], adapter.methods))
-    return table["method"], tuple((key, value) for key, value in table.items() if key != "method")
+    return table["method"], {key: value for key, value in table.items() if key != "method"}
 
 
 def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple[Value, ...]], ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import numbers
 import os
@@ -13,7 +12,7 @@ import numpy as np
 
 from crosscheck import adapters, references
 from crosscheck.adapters.base import RunSpec
-from crosscheck.document import QUANTITIES
+from crosscheck.document import QUANTITIES, Way
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import differences
@@ -30,21 +29,6 @@ Run = Callable[..., Any]
 
 MOST_STEPS = 1e6
 """Most steps of a run whose step the test does not give; with any engine they take seconds."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Contender:
-    """One engine as `assert_agree` runs it."""
-
-    engine: str
-    method: str
-    options: tuple[tuple[str, Any], ...]  # arguments of `crosscheck.run`, sorted
-
-    @property
-    def label(self) -> str:
-        """Its name in messages."""
-        given = ", ".join(f"{key}={value!r}" for key, value in self.options)
-        return f"{self.engine} {self.method}" + (f" ({given})" if given else "")
 
 
 def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequence[Entry], tol: Any = None, *,
@@ -82,18 +66,24 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
     tol = _checked(tol)
     reference = (truth or references.truth)(loaded)
     contenders = [contender(entry, loaded, reference, step, rtol) for entry in entries]
-    trajectories = [(run or run_scene)(loaded, each.engine, each.method, **dict(each.options)) for each in contenders]
+    trajectories = [(run or run_scene)(loaded, each.engine, each.method, **each.arguments) for each in contenders]
     bounds = [_documented_bounds(loaded, reference, each, traj) if tol is None else tol
               for each, traj in zip(contenders, trajectories, strict=True)]
     keep = reference.t <= reference.horizon * (1 + 1e-12)
     for each, traj, allowed in zip(contenders, trajectories, bounds, strict=True):
-        _compare(loaded, f"{each.label} and truth", traj, reference.states, allowed, keep)
+        _compare(loaded, f"{named(each)} and truth", traj, reference.states, allowed, keep)
     for i in range(len(contenders)):
         for j in range(i):
             # Not the sum of both bounds: the comparisons with truth imply that one, so it could never fail.
             larger = {name: max(bounds[i][name], bounds[j][name], key=lambda tol: tol.value) for name in bounds[i]}
-            _compare(loaded, f"{contenders[j].label} and {contenders[i].label}", trajectories[j], trajectories[i],
+            _compare(loaded, f"{named(contenders[j])} and {named(contenders[i])}", trajectories[j], trajectories[i],
                      larger, keep)
+
+
+def named(way: Way) -> str:
+    """A way in messages, with all that was asked for."""
+    given = ", ".join(f"{key}={value!r}" for key, value in sorted(way.arguments.items()))
+    return f"{way.engine} {way.method}" + (f" ({given})" if given else "")
 
 
 def _checked(tol: Any) -> dict[str, Tol] | None:
@@ -120,7 +110,7 @@ def _bound(name: str, value: Any) -> Tol:
 
 
 def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None = None,
-              rtol: float | None = None) -> Contender:
+              rtol: float | None = None) -> Way:
     """An entry of `assert_agree`, completed by a method and by a step with which the bounds can judge.
 
     Raises
@@ -160,24 +150,24 @@ def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None =
                             adapter.unsupported(scene, RunSpec(name, rtol=1e-9, form=options.get("form")))]
                 if adaptive:
                     del options["step"]
-                    return Contender(engine, adaptive[-1], tuple(sorted((options | {"rtol": 1e-9}).items())))
+                    return Way.of(engine, adaptive[-1], **(options | {"rtol": 1e-9}))
                 raise ArgumentError(
                     f"{engine} {method} on scene {scene.name!r}: at the step where its bounds judge, "
                     f"{options['step']:.2g} s, it would take {scene.duration / options['step']:.2g} steps, more than "
                     f"{MOST_STEPS:.0e}; name another method, a step, or a shorter duration")
-    return Contender(engine, method, tuple(sorted(options.items())))
+    return Way.of(engine, method, **options)
 
 
-def _documented_bounds(scene: Scene, truth: Reference, each: Contender, traj: Any) -> dict[str, Tol]:
-    given = dict(each.options)
-    spec = RunSpec(each.method, given.get("step"), given.get("rtol"), given.get("form"))
+def _documented_bounds(scene: Scene, truth: Reference, each: Way, traj: Any) -> dict[str, Tol]:
+    spec = RunSpec(each.method, each.step, each.rtol, each.form)
     order = adapters.get(each.engine).documented_order(scene, spec)
     if order is None or spec.step is None:
-        return tolerances.adaptive(scene, truth, given["rtol"], traj.steps)
+        assert each.rtol is not None  # `contender` gives a step or a tolerance
+        return tolerances.adaptive(scene, truth, each.rtol, traj.steps)
     bounds = tolerances.fixed_step(scene, truth, order, traj.stats.get("step") or spec.step)
     empty = tolerances.vacuous(scene, truth, bounds) & set(QUANTITIES)
     if empty:
-        raise ArgumentError(f"{each.label} on {scene.name!r}: at this step the bound of the {min(empty)} exceeds the "
+        raise ArgumentError(f"{named(each)} on {scene.name!r}: at this step the bound of the {min(empty)} exceeds the "
                             "size of the motion and would pass anything; give a smaller step, a shorter duration or "
                             "tol=")
     return bounds

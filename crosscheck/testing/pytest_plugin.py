@@ -164,7 +164,7 @@ class Session:
             from crosscheck.testing.agreement import contender
 
             chosen = contender((engine, method, options), _with(loaded, options), self.truth(_with(loaded, options)))
-            method, options = chosen.method, dict(chosen.options)
+            method, options = chosen.method, chosen.arguments
         # The name is not part of the hash, but of a trajectory.
         key = (loaded.hash, loaded.name, engine, method, tuple(sorted(options.items())))
         try:

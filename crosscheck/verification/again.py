@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crosscheck.adapters.base import RawRun, steps_per_sample
-from crosscheck.document import Run
+from crosscheck.document import Record
 from crosscheck.judge.flow import Answer
 from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.running.trajectory import Trajectory, derive
@@ -148,10 +148,9 @@ def closed(scene: Scene) -> Scene | None:
 class Asked:
     """How an engine is asked again about a run."""
 
-    run: Run
+    run: Record
     scene: Scene
     traj: Trajectory
-    options: Mapping[str, Any]
 
     @property
     def marks(self) -> np.ndarray:
@@ -169,9 +168,8 @@ class Asked:
             scene = make(raw)
             if scene is None:
                 break
-            outcome = lasting(attempt(scene if world is None else world.scene(scene), self.run.engine, self.run.method,
-                                      step, self.run.rtol if step is None else None, form=self.run.form, monitor=False,
-                                      **self.options))
+            outcome = lasting(attempt(scene if world is None else world.scene(scene), self.run, step=step,
+                                      rtol=self.run.rtol if step is None else None, monitor=False))
             if isinstance(outcome, Ran):
                 return scene, outcome, make is closed
             why = why or outcome.why
@@ -206,8 +204,7 @@ class Asked:
 
     def whole(self, step: float | None) -> Answer | str:
         """The run from the scene's start at another step, as one part."""
-        outcome = lasting(attempt(self.scene, self.run.engine, self.run.method, step, form=self.run.form, monitor=False,
-                                  **self.options))
+        outcome = lasting(attempt(self.scene, self.run, step=step, rtol=None, monitor=False))
         if not isinstance(outcome, Ran):
             return outcome.why
         first = States(np.zeros(1), *(part[None] for part in (

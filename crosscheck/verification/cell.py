@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
 
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec, steps_per_sample
-from crosscheck.document import LEVELS, QUANTITIES, Finding, Judged, Level, Measured, Run, extended
+from crosscheck.document import LEVELS, QUANTITIES, Finding, Level, Record, extended
 from crosscheck.errors import Unsupported
 from crosscheck.files import readable
 from crosscheck.judge import tolerances
@@ -53,47 +52,44 @@ from crosscheck.verification.task import Cell, load, windowed
 ENDED = "a run has to reach its end"
 
 
-def run_cell(cell: Cell) -> Judged:
+def run_cell(cell: Cell) -> Record:
     """Run and judge one cell. A failing run gets a verdict, too."""
-    version = engine_version(cell.engine)
-    run = Run(scene=cell.scene, engine=cell.engine, version=version, method=cell.method, form=cell.form,
-              practical=cell.practical)
+    way, plan = cell.way, cell.plan
+    version = engine_version(way.engine)
+    run = extended(Record, way, scene=cell.scene, version=version, practical=cell.practical)
     if version == NOT_INSTALLED:
-        return _refused(run, NOT_INSTALLED)
-    scene = load(cell.scene, cell.plan, cell.whole)
-    engine = adapters.get(cell.engine)
-    order = engine.documented_order(scene, RunSpec(cell.method, step=cell.plan.step(1), form=cell.form))
-    step = None if order is None else cell.plan.practical if cell.practical else cell.plan.step(order)
-    rtol = cell.plan.rtol if order is None else None
-    spec = RunSpec(cell.method, step=step, rtol=rtol, form=cell.form, coordinate_map=cell.coordinate_map)
-    run = replace(run, step=step, rtol=rtol, documented_order=order, coordinate_map=cell.coordinate_map,
-                  command=cell.command(step, rtol))
+        return replace(run, outcome="unsupported", message=NOT_INSTALLED)
+    scene = load(cell.scene, plan, cell.whole)
+    engine = adapters.get(way.engine)
+    order = engine.documented_order(scene, RunSpec(way.method, step=plan.step(1), form=way.form))
+    way = replace(way, step=None if order is None else plan.practical if cell.practical else plan.step(order),
+                  rtol=plan.rtol if order is None else None)
+    spec = RunSpec(way.method, **way.arguments)
+    run = replace(run, step=way.step, rtol=way.rtol, documented_order=order, command=cell.command(way))
     reason = engine.unsupported(scene, spec)
     if reason is not None:
-        return _refused(run, reason)
-    outcome = lasting(attempt(scene, run.engine, run.method, run.step, run.rtol, form=run.form,
-                      coordinate_map=run.coordinate_map))
+        return replace(run, outcome="unsupported", message=reason)
+    outcome = lasting(attempt(scene, way))
     if isinstance(outcome, Refused):
-        return replace(_refused(run, outcome.why), duration=scene.duration)
+        return replace(run, outcome="unsupported", message=outcome.why, duration=scene.duration)
     held = engine.held_levels(scene, spec)
     if cell.no_truth:
         return _without_truth(run, cell, scene, outcome, held)
-    reference, window = truth(scene), truth(windowed(scene, cell.plan.window))
+    reference, window = truth(scene), truth(windowed(scene, plan.window))
     if isinstance(outcome, Failed):
         main = _no_main_run(run, scene, outcome)
     else:
         traj = outcome.trajectory
-        main = _main_run(Asked(run, scene, traj, {"coordinate_map": run.coordinate_map}), reference, window, held,
-                         cell.plan.budgeted)
+        main = _main_run(Asked(run, scene, traj), reference, window, held, plan.budgeted)
     if not cell.study:
         return settled(main.run, override(main.findings, cell.overrides, main.whole), main.message,
                        main.judged, main.why, main.whole)
-    brief = windowed(load_scene(cell.scene), cell.plan.window)  # the whole window, even if the main run is shorter
+    brief = windowed(load_scene(cell.scene), plan.window)  # the whole window, even if the main run is shorter
     study = order_study(cell, order, brief, truth(brief), main.findings, isinstance(outcome, Failed))
     measured = replace(main.run, orders=study.orders, ladder=study.ladder, ladder_cut=study.cut)
     if study.refused:
-        return extended(Judged, measured, outcome="unsupported", message=study.refused, findings=main.findings,
-                        judged_until=main.judged)
+        return replace(measured, outcome="unsupported", message=study.refused, findings=main.findings,
+                       judged_until=main.judged)
     findings = override([*main.findings, *study.findings], cell.overrides, main.whole)
     return settled(measured, findings, study.message or main.message, main.judged,
                    main.why, main.whole)
@@ -103,18 +99,17 @@ FIRST = 1.0
 """A single run is judged over this time (s) from its start if no bound reaches over its whole length."""
 
 
-def settled(run: Measured, findings: list[Finding], message: str = "", judged: float | None = None, why: str = "",
-            whole: Mapping[str, tuple[float, str]] | None = None) -> Judged:
+def settled(run: Record, findings: list[Finding], message: str = "", judged: float | None = None, why: str = "",
+            whole: Mapping[str, tuple[float, str]] | None = None) -> Record:
     """`settle` with the known defects of the engine that are about this run."""
     return settle(run, findings, adapters.get(run.engine).defects(run), message, judged, why, whole)
 
 
-def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST,
-              **options: Any) -> Judged:
+def judge_run(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST) -> Record:
     """The verdict on one run without an order study. If its step is too coarse for bounds, its energy is judged, too.
 
-    If no bound reaches over the whole run, the `first` seconds are judged. `options` are those of the run: the engine
-    is run with them at other steps, too.
+    If no bound reaches over the whole run, the `first` seconds are judged. The engine is run in the same way at other
+    steps, too.
     """
     try:
         if scene.n > MOST_BODIES:
@@ -128,7 +123,7 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
         judged = settled(_measured(run, scene, traj, None, {}, held, maxima), findings)
         return judged if judged.outcome != "pass" else replace(
             judged, outcome="unjudged", message=f"no truth: {' '.join(str(error).split())}")
-    main = _main_run(Asked(run, scene, traj, options), reference, window, held, budgeted=True)
+    main = _main_run(Asked(run, scene, traj), reference, window, held, budgeted=True)
     coarse = any(finding.kind == "step" for finding in main.findings)
     findings = [*main.findings, *([judge_practical(scene, traj, reference)] if coarse else [])]
     return settled(main.run, findings, main.message, main.judged, main.why, main.whole)
@@ -138,7 +133,7 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
 class _Main:
     """A main run: its measured values, the findings, for how long its motion was judged, and why not longer."""
 
-    run: Measured
+    run: Record
     findings: list[Finding]
     judged: float | None = None  # s
     why: str = ""
@@ -146,12 +141,8 @@ class _Main:
     whole: Mapping[str, tuple[float, str]] = dataclasses.field(default_factory=dict)  # see `override`
 
 
-def _refused(run: Run, reason: str) -> Judged:
-    return extended(Judged, run, outcome="unsupported", message=reason)
-
-
-def _no_main_run(run: Run, scene: Scene, failed: Failed) -> _Main:
-    return _Main(extended(Measured, run, duration=scene.duration, status="failed"),
+def _no_main_run(run: Record, scene: Scene, failed: Failed) -> _Main:
+    return _Main(replace(run, duration=scene.duration, status="failed"),
                  [Finding("run", "fail", None, None, "", ENDED, failed.why)], message=failed.why)
 
 
@@ -242,8 +233,7 @@ def _over_truth(scene: Scene, traj: Trajectory, reference: Reference) -> dict[st
     return found
 
 
-def _without_truth(run: Run, cell: Cell, scene: Scene, outcome: Ran | Failed,
-                   held: frozenset[str]) -> Judged:
+def _without_truth(run: Record, cell: Cell, scene: Scene, outcome: Ran | Failed, held: frozenset[str]) -> Record:
     """Judge what needs no truth: energy, held constraint levels, orthogonality."""
     if isinstance(outcome, Failed):
         main = _no_main_run(run, scene, outcome)
@@ -259,12 +249,12 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, outcome: Ran | Failed,
     return replace(judged, outcome="unjudged", message=f"unjudged: no truth ({cell.no_truth})")
 
 
-def _orthogonality(run: Run, traj: Trajectory, eps: float, others: Sequence[Answer] = ()) -> Finding:
+def _orthogonality(run: Record, traj: Trajectory, eps: float, others: Sequence[Answer] = ()) -> Finding:
     return judge_orthogonality([traj, *(each.traj for each in others)], adapters.get(run.engine).on_group, eps,
                                run.documented_order, others[0].marks[:-1].tolist() if others else (0,))
 
 
-def _asked_step(run: Run, scene: Scene) -> float | None:
+def _asked_step(run: Record, scene: Scene) -> float | None:
     """The step (s) that was asked for, which divides the sample interval; None for an adaptive method."""
     return None if run.step is None else steps_per_sample(scene, run.step)[1]
 
@@ -281,7 +271,7 @@ def _ended(traj: Trajectory) -> Finding:
                    "" if good else f"it says of itself: {readable(traj.status)[:LONGEST]}")
 
 
-def _steps(run: Run, scene: Scene, traj: Trajectory) -> list[Finding]:
+def _steps(run: Record, scene: Scene, traj: Trajectory) -> list[Finding]:
     """The finding on what a run with a fixed step says of its steps; none for an adaptive method."""
     if run.step is None:
         return []
@@ -315,8 +305,8 @@ def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, s
     return float(np.abs(traj.energy - expected).max() / size)
 
 
-def _measured(run: Run, scene: Scene, traj: Trajectory, reference: Reference | None, found: Mapping[str, Error],
-              held: frozenset[str], maxima: Mapping[str, float]) -> Measured:
+def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference | None, found: Mapping[str, Error],
+              held: frozenset[str], maxima: Mapping[str, float]) -> Record:
     """The measured values of a run."""
     size = (float(mechanics.kinetic_energy(scene, traj).max()) or 1.0 if reference is None else
             tolerances.scales(scene, reference).kinetic)
@@ -329,8 +319,8 @@ def _measured(run: Run, scene: Scene, traj: Trajectory, reference: Reference | N
         traj.momentum_vertical - mechanics.momentum_vertical(scene, reference.states)).max())
     energy_error, start = _energy_error(scene, traj, reference, size, maxima), abs(float(traj.energy[0]))
     gap = energy_error * size if scene.worked_on else _energy_gap(traj, maxima)
-    return extended(
-        Measured, replace(run, form=traj.form or run.form), status=traj.status, duration=scene.duration,
+    return replace(
+        run, form=traj.form or run.form, status=traj.status, duration=scene.duration,
         errors={name: error.figures for name, error in found.items()}, levels=levels,
         energy_error=energy_error, energy_error_by_start=float(gap / start) if start else None,
         momentum_error=momentum, orthogonality=_most(traj.orthogonality, maxima.get("orthogonality")),

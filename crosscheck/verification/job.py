@@ -21,14 +21,12 @@ from crosscheck.document import (
     Asked,
     Document,
     Finding,
-    Judged,
     Meta,
     Point,
     Record,
     Scene,
     SceneTruth,
     Support,
-    Timed,
     exit_code,
     extended,
 )
@@ -79,10 +77,10 @@ def check_engines(names: Sequence[str]) -> None:
     versions.need(names)
 
 
-def guarded_cell(cell: Cell) -> Judged:
+def guarded_cell(cell: Cell) -> Record:
     """`run_cell`, but a run fails if its engine printed text, because a user would miss a warning in it."""
     judged = run_cell(cell)
-    if adapters.has_own_environment(cell.engine):
+    if adapters.has_own_environment(cell.way.engine):
         judged = replace(judged, own_environment=True, us_per_step=None, seconds_per_second=None,
                          ladder=[replace(rung, wall_time=None) for rung in judged.ladder])
     lines = [line for line in output.heard().splitlines() if line.strip()]
@@ -97,7 +95,7 @@ def guarded_cell(cell: Cell) -> Judged:
 Progress = Callable[[int, int, str], None]
 """Called with (number of finished tasks, number of all tasks, name of the last finished one)."""
 
-ROW_TYPES = {"truth": SceneTruth, "cell": Judged, "timing": tuple[list[list[Point]], dict[int, str]],
+ROW_TYPES = {"truth": SceneTruth, "cell": Record, "timing": tuple[list[list[Point]], dict[int, str]],
              "speed": list[list[tuple[float, float]]], "walk": Walk | str}
 """Types of the results of each stage, for `crosscheck.jobs.table`."""
 
@@ -167,7 +165,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     check_methods(methods, engine_names)
     started = time.perf_counter()
     cells = [cell for cell in all_cells(scene_names, engine_names, settings, within)
-             if not methods or cell.method in methods]
+             if not methods or cell.way.method in methods]
     stages = Stages(jobs, session, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
                                              + len(cells) + walk * len(scene_names) * len(engine_names), progress))
     far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
@@ -267,12 +265,13 @@ def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, ove
     plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
     without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
     return [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
-                                overrides=overrides, most_seconds=settings.most_seconds,
-                                coordinate_map=adapters.get(cell.engine).takes_map(asked.coordinate_map))
+                                overrides=overrides, most_seconds=settings.most_seconds, way=replace(
+                                    cell.way, coordinate_map=adapters.get(cell.way.engine).takes_map(
+                                        asked.coordinate_map)))
             for cell in cells if not (cell.practical and (cell.scene in without or asked.step is not None))]
 
 
-def _failure(result: Judged | Crash) -> str:
+def _failure(result: Record | Crash) -> str:
     """Why a run fails, in one line; "" if it does not."""
     if isinstance(result, Crash):
         return result.message
@@ -289,12 +288,15 @@ def _records(stages: Stages, keys: _Keys, cells: list[Cell], truths: list[SceneT
     """The records of all cells, in their order, also if a worker crashed or a scene could not be prepared."""
     scenes = {scene.name: scene for scene in truths}
     # The longest first, so that all workers end at about the same time.
-    ready = sorted((index for index, cell in enumerate(cells) if not scenes[cell.scene].failure),
-                   key=lambda index: (-adapters.get(cells[index].engine).pace, -len(scenes[cells[index].scene].bodies)
-                                      * cells[index].plan.most_steps))
+    def cost(index: int) -> tuple[float, float]:
+        cell = cells[index]
+        return adapters.get(cell.way.engine).pace, len(scenes[cell.scene].bodies) * cell.plan.most_steps
+
+    ready = sorted((index for index, cell in enumerate(cells) if not scenes[cell.scene].failure), key=cost,
+                   reverse=True)
     chosen = [cells[index] for index in ready]
     found = stages.run("cell", functools.partial(with_scenes, contents, guarded_cell), chosen, [
-        keys.of("cell", cell.scene, cell.engine, cell) for cell in chosen],
+        keys.of("cell", cell.scene, cell.way.engine, cell) for cell in chosen],
                        [f"{cell.scene}: {cell.label}" for cell in chosen], within, failure=_failure)
     by_index = dict(zip(ready, found, strict=True))
     judged = []
@@ -303,11 +305,10 @@ def _records(stages: Stages, keys: _Keys, cells: list[Cell], truths: list[SceneT
         if result is None or isinstance(result, Crash):
             message = (f"not run, the scene has no truth to judge by: {scenes[cell.scene].failure}" if result is None
                        else result.message)
-            result = Judged(scene=cell.scene, engine=cell.engine, version="", method=cell.method, form=cell.form,
-                            outcome="error", message=message,
-                            findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", message)])
+            result = extended(Record, cell.way, scene=cell.scene, version="", message=message, findings=[
+                Finding("run", "fail", None, None, "", "a run has to reach its end", message)])
         judged.append(result)
-    return [extended(Timed, each, label=label, default_form=cell.default_form)
+    return [replace(each, label=label, default_form=cell.default_form)
             for cell, each, label in zip(cells, judged, labels(judged), strict=True)]
 
 
@@ -323,7 +324,7 @@ class _Counter:
             self.progress(self.done, self.total, label)
 
 
-def labels(runs: Sequence[Judged]) -> list[str]:
+def labels(runs: Sequence[Record]) -> list[str]:
     """The name of every run. It has the form only if the method was run in more than one form on any scene."""
     forms: dict[tuple[str, str], set[str]] = {}
     for run in runs:

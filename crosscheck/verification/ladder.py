@@ -5,7 +5,6 @@ A way is an engine, a method and a form. Truth has `INTERVALS` + 1 equally space
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 
@@ -13,9 +12,9 @@ import numpy as np
 
 from crosscheck import adapters, references
 from crosscheck.adapters.base import RunSpec
+from crosscheck.document import Way
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference
-from crosscheck.running.attempt import Way
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -27,8 +26,7 @@ RTOLS = tuple(10.0**-power for power in range(1, 15))
 """Relative tolerances of the adaptive methods."""
 
 
-@dataclasses.dataclass(frozen=True)
-class GradedWay(Way):
+class GradedWay(Way, frozen=True, kw_only=True):
     """A way without step or rtol, of which there is a ladder."""
 
     adaptive: bool = False
@@ -60,9 +58,8 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
                 spec = RunSpec(method, None if varies else scene.duration / 64, RTOLS[0] if varies else None, form,
                                coordinate_map=chart)
                 reason = adapter.unsupported(scene, spec)
-                way = dataclasses.replace(
-                    GradedWay.of(name, method, form=form, coordinate_map=chart), adaptive=varies,
-                    order=None if reason else adapter.documented_order(scene, spec))
+                way = GradedWay(name, method, form=form, coordinate_map=chart, adaptive=varies,
+                                order=None if reason else adapter.documented_order(scene, spec))
                 if reason is None:
                     found.append(way)
                 else:

@@ -70,9 +70,7 @@ class _Ladder:
             return False
         step, rtol = (None, size) if self.order is None else (size, None)
         began = clock()
-        cell = self.cell
-        outcome = lasting(attempt(self.scene, cell.engine, cell.method, step, rtol, form=cell.form, monitor=False,
-                          coordinate_map=cell.coordinate_map))
+        outcome = lasting(attempt(self.scene, self.cell.way, step=step, rtol=rtol, monitor=False))
         self._costs.append(clock() - began)
         if not isinstance(outcome, Ran):
             self.rungs.append(Rung(step=step, rtol=rtol, message=outcome.why))
@@ -141,14 +139,14 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
             break
     if order is None:
         scale = tolerances.scales(scene, reference)
-        floor = tolerances.plateau(scene, reference, scale.of("position"), 1, adapters.get(cell.engine).eps).floor
+        floor = tolerances.plateau(scene, reference, scale.of("position"), 1, adapters.get(cell.way.engine).eps).floor
         return ladder.study([*judge_tolerances(ladder.rungs, floor),
-                             *judge_promise(scene, reference, ladder.rungs, adapters.get(cell.engine).eps)])
+                             *judge_promise(scene, reference, ladder.rungs, adapters.get(cell.way.engine).eps)])
     if ladder.cut and len(ladder.rungs) < FEWEST:
         return ladder.study([Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
                                      f"order not measured: {ladder.cut}") for quantity in QUANTITIES])
     scale = tolerances.scales(scene, reference)
-    eps = adapters.get(cell.engine).eps
+    eps = adapters.get(cell.way.engine).eps
     plateaus = {quantity: tolerances.plateau(scene, reference, scale.of(quantity), order, eps)
                 for quantity in QUANTITIES}
     findings, orders = judge_orders(order, ladder.rungs, plateaus)

@@ -16,7 +16,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from crosscheck import references
-from crosscheck.document import Calibration, Finding, Point, Record, Speed
+from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way, extended
 from crosscheck.errors import CrosscheckError
 from crosscheck.jobs.drive import Crash, Limits, Stages, run_tasks
 from crosscheck.jobs.table import digest
@@ -24,7 +24,7 @@ from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import RTOLS
 from crosscheck.judge.verdict import beyond
-from crosscheck.running.attempt import Ran, Way, attempt, lasting
+from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
@@ -66,8 +66,7 @@ class Burst:
     def of(cls, record: Record) -> Burst:
         """A short version of the main run of a record."""
         share = None if record.rtol is None or not record.steps else STEPS / record.steps
-        return cls(Way.of(record.engine, record.method, record.step, record.rtol, form=None if record.default_form else
-                          record.form, coordinate_map=record.coordinate_map),
+        return cls(replace(extended(Way, record), form=None if record.default_form else record.form),
                    None if share is None or record.duration is None else share * record.duration)
 
 
@@ -113,7 +112,7 @@ def _seconds_per_step(scene: Any, burst: Burst, warming: bool) -> float | None:
 
     def once() -> float:
         nonlocal steps
-        outcome = burst.way.attempt(brief, monitor=False)
+        outcome = attempt(brief, burst.way, monitor=False)
         if not isinstance(outcome, Ran):
             raise outcome.error
         traj = outcome.trajectory
@@ -337,8 +336,7 @@ def time_cells(timing: Timing) -> list[list[Point]]:
                 shorter = brief
                 if main and step is not None:
                     shorter = brief.replace(duration=min(brief.duration, MAIN_STEPS * step))
-                outcome = lasting(attempt(shorter, cell.engine, cell.method, step, rtol, form=cell.form, monitor=False,
-                                  coordinate_map=cell.coordinate_map))
+                outcome = lasting(attempt(shorter, cell.way, step=step, rtol=rtol, monitor=False))
                 if isinstance(outcome, Ran):
                     runs[index].setdefault((rung, size), []).append(outcome.trajectory)
     result = []

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
-from crosscheck.document import Plan
+from crosscheck.document import Plan, Way
 from crosscheck.jobs.drive import Crash, Limits, run_tasks
 from crosscheck.judge.plan import PENDING, PLANS, STUDY_SAMPLES, Profile
 from crosscheck.running import provenance
@@ -22,12 +22,10 @@ T = TypeVar("T")
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """One scene with one engine, method and form."""
+    """One scene and one way to run it."""
 
     scene: str  # a name or a path
-    engine: str
-    method: str
-    form: str | None
+    way: Way  # without step and rtol, which are those of the plan
     plan: Plan
     study: bool = True  # whether to make the order study, too
     rungs: int | None = None  # number of its steps; None: all
@@ -35,21 +33,21 @@ class Cell:
     default_form: bool = True
     no_truth: str = ""  # why the scene has no truth; then only findings without truth are made
     practical: bool = False  # runs at the plan's practical step, which is too coarse for bounds of states
-    coordinate_map: str | None = None  # None: the default of the method
     overrides: tuple[tuple[str, float, str], ...] = ()  # bounds set by the user, see `crosscheck.judge.overrides`
     most_seconds: float | None = None  # limit of processor time (s) of the order study
 
     @property
     def label(self) -> str:
         """Engine, method and, if it is not the engine's default, form."""
-        return f"{self.engine} {self.method}" + ("" if self.default_form or not self.form else f" ({self.form})")
+        form = "" if self.default_form or not self.way.form else f" ({self.way.form})"
+        return f"{self.way.engine} {self.way.method}{form}"
 
-    def command(self, step: float | None, rtol: float | None) -> str:
-        """The shell command that repeats the main run."""
-        words = ["crosscheck", "run", self.scene, "--engine", self.engine, "--method", self.method]
-        words += ["--step", repr(step)] if step is not None else ["--rtol", repr(rtol)]
-        words += ["--form", self.form] if self.form else []
-        words += ["--map", self.coordinate_map] if self.coordinate_map else []
+    def command(self, way: Way) -> str:
+        """The shell command that repeats the main run, which is run in this way."""
+        words = ["crosscheck", "run", self.scene, "--engine", way.engine, "--method", way.method]
+        words += ["--step", repr(way.step)] if way.step is not None else ["--rtol", repr(way.rtol)]
+        words += ["--form", way.form] if way.form else []
+        words += ["--map", way.coordinate_map] if way.coordinate_map else []
         if not self.whole or self.plan.duration:
             words += ["--duration", repr(self.plan.duration if self.whole else self.plan.window)]
         return shlex.join([*words, "--samples", str(self.plan.samples), "--csv", "run.csv"])
@@ -107,7 +105,7 @@ def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: 
     for scene, engine in pairs:
         found = told[scene, engine] if (scene, engine) in told else cells_of(scene, engine, profile)
         if isinstance(found, Crash):
-            found = [Cell(scene, engine, method, None, PENDING, True, profile.rungs, profile.whole)
+            found = [Cell(scene, Way(engine, method), PENDING, True, profile.rungs, profile.whole)
                      for method in adapters.methods(engine)]
         cells += found
     return cells
@@ -124,20 +122,19 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
             methods = adapters.methods(engine_name)
         except ImportError:  # the adapter needs the engine to know its methods
             methods = ("any method",)
-        return [Cell(scene_name, engine_name, method, None, PENDING) for method in methods]
+        return [Cell(scene_name, Way(engine_name, method), PENDING) for method in methods]
     engine, scene = adapters.get(engine_name), load_scene(scene_name)
     cells = []
     for method in engine.methods:
-        cells.append(Cell(scene_name, engine_name, method, None, PENDING, True, profile.rungs,
-                          profile.whole))
+        cells.append(Cell(scene_name, Way(engine_name, method), PENDING, True, profile.rungs, profile.whole))
         forms = engine.forms if profile.forms else ()
         usable = [form for form in forms if engine.unsupported(scene, RunSpec(method, step=1e-3, form=form)) is None]
         # The first usable form is the engine's default, which has a cell already.
-        cells += [Cell(scene_name, engine_name, method, form, PENDING, True, profile.rungs, profile.whole, False)
-                  for form in usable[1:]]
+        cells += [Cell(scene_name, Way(engine_name, method, form=form), PENDING, True, profile.rungs, profile.whole,
+                       False) for form in usable[1:]]
         plan = PLANS.get(scene_name, PENDING)
         spec = RunSpec(method, step=1e-3)
         if profile.whole and plan.practical and engine.documented_order(scene, spec) == 1 and not engine.unsupported(
                 scene, spec):
-            cells.append(Cell(scene_name, engine_name, method, None, PENDING, study=False, practical=True))
+            cells.append(Cell(scene_name, Way(engine_name, method), PENDING, study=False, practical=True))
     return cells

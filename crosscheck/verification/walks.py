@@ -18,8 +18,10 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from crosscheck import adapters, references
+from crosscheck.document import Way, extended
 from crosscheck.errors import Unsupported
 from crosscheck.jobs.table import digest
 from crosscheck.judge import tolerances
@@ -69,16 +71,11 @@ USELESS = 0.1
 """A run whose error exceeds this share of the scene's size is useless."""
 
 
-@dataclasses.dataclass
-class Step:
+class Step(Way, frozen=True, kw_only=True):
     """One run of a method. `error` is the largest |component of x - truth| over bodies and samples."""
 
-    method: str
-    form: str | None
     order: int | None
-    step: float | None  # s
-    rtol: float | None
-    steps: int
+    steps: int = 0
     error: float | None = None  # m; None if the run failed
     cost: float | None = None  # s of stepping
     reason: str = ""  # of the failure
@@ -165,21 +162,17 @@ class _Walker:
 
     def _run(self, way: GradedWay, value: float) -> tuple[Step, float]:
         """One run, and what it takes of the budget (s). If it fails, `reason` says why."""
-        fixed, varied = (None, value) if way.adaptive else (value, None)
-        step = Step(way.method, way.form, way.order, fixed, varied, 0)
+        step = replace(extended(Step, way), **{"rtol" if way.adaptive else "step": value})
         start = self._busy()
         outcome, cost = self._timed(step)
         taken = self._busy() - start
         if not isinstance(outcome, Ran):
-            step.reason = outcome.why
-            return step, taken
-        traj, step.cost = outcome.trajectory, cost
-        step.form, step.steps = traj.form, traj.steps
-        step.step = traj.stats.get("step", step.step) if step.rtol is None else None
-        until = self._last + 1
-        found = float(np.abs(traj.x[:until] - self._truth.states.x[:until]).max())
-        step.error = found if math.isfinite(found) else None
-        return step, taken
+            return replace(step, reason=outcome.why), taken
+        traj, until = outcome.trajectory, self._last + 1
+        error = float(np.abs(traj.x[:until] - self._truth.states.x[:until]).max())
+        used = traj.stats.get("step", step.step) if step.rtol is None else None
+        return replace(step, form=traj.form, steps=traj.steps, step=used, cost=cost,
+                       error=error if math.isfinite(error) else None), taken
 
     def _timed(self, step: Step) -> tuple[Outcome, float]:
         """The outcome of a run at this step or tolerance and its stepping time (s), for a short run the least of a few.
@@ -190,7 +183,7 @@ class _Walker:
         costs: list[float] = []
         while True:
             began = self._busy()
-            outcome = lasting(attempt(self._scene, self._engine, step.method, step.step, step.rtol, monitor=False))
+            outcome = lasting(attempt(self._scene, step, monitor=False))
             if not isinstance(outcome, Ran):
                 return outcome, math.inf
             costs.append(min(outcome.trajectory.wall_time, self._busy() - began))
@@ -246,17 +239,18 @@ class _Walker:
 
     def _turns(self) -> None:
         """Measure the times of the cheapest runs in turns."""
-        rivals: list[Step] = []
+        times: dict[int, list[float]] = {}  # by the place among the steps
+        steps = self._found.steps
+        places = {id(step): place for place, step in enumerate(steps)}
         for level in LEVELS:
-            found = self._found.reaching(level)
-            least = found[0].cost or 0.0 if found else 0.0
-            rivals += [step for step in found[:6] if (step.cost or 0.0) <= max(NEAR * least, least + SHORT)
-                       and not any(step is other for other in rivals)]
-        times: list[list[float]] = [[] for _ in rivals]
+            rivals = self._found.reaching(level)
+            least = rivals[0].cost or 0.0 if rivals else 0.0
+            times |= {places[id(step)]: [] for step in rivals[:6]
+                      if (step.cost or 0.0) <= max(NEAR * least, least + SHORT)}
         for _ in range(ROUNDS):
-            for own, step in zip(times, rivals, strict=True):
-                if TRIES * (step.cost or 0.0) < self._left():
-                    own.append(self._timed(step)[1])
-        for own, step in zip(times, rivals, strict=True):
+            for place, own in times.items():
+                if TRIES * (steps[place].cost or 0.0) < self._left():
+                    own.append(self._timed(steps[place])[1])
+        for place, own in times.items():
             if any(map(math.isfinite, own)):  # a failure leaves the time that is known
-                step.cost, step.repeats = min(own), len(own)
+                steps[place] = replace(steps[place], cost=min(own), repeats=len(own))

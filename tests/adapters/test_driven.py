@@ -8,7 +8,7 @@ import pytest
 import crosscheck
 from crosscheck import adapters, references
 from crosscheck.adapters.base import RunSpec
-from crosscheck.document import Run
+from crosscheck.document import Record
 
 CASES = [("mujoco", "RK4", 1e-2), ("mujoco", "implicitfast", 2e-3), ("pinocchio", "RKMK4", 1e-2),
          ("pinocchio", "SymplecticEuler", 2e-3), ("exudyn", "GeneralizedAlpha", 1e-2), ("exudyn", "RK44", 1e-2)]
@@ -59,7 +59,7 @@ def judged(scene, traj, step):
     """The verdict on a run of rattle4 that claims to be one of the scene."""
     from crosscheck.verification.cell import judge_run
 
-    asked = Run(scene=scene.name, engine="lieeuler", version="", method="rattle4", form=None, step=step, rtol=None,
+    asked = Record(scene=scene.name, engine="lieeuler", version="", method="rattle4", form=None, step=step, rtol=None,
                 documented_order=4)
     levels = frozenset({"position", "velocity", "acceleration"})
     return judge_run(asked, scene, dataclasses.replace(traj, scene=scene), levels)

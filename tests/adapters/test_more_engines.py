@@ -9,6 +9,7 @@ import pytest
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
+from crosscheck.document import Way
 from crosscheck.judge.metrics import errors, observed_order
 from crosscheck.judge.plan import PLANS
 from crosscheck.references import truth
@@ -100,7 +101,7 @@ def test_one_that_is_asked_for_and_not_installed_is_left_out_with_the_reason(mon
         raise importlib.metadata.PackageNotFoundError("drake")
 
     monkeypatch.setattr(type(adapters.get("drake")), "version", absent)
-    record = run_cell(Cell("hinge_pendulum", "drake", "runge_kutta2", None, PLANS["single_pendulum"]))
+    record = run_cell(Cell("hinge_pendulum", Way("drake", "runge_kutta2"), PLANS["single_pendulum"]))
     assert (record.outcome, record.message) == ("unsupported", "not installed")
 
 

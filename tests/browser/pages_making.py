@@ -51,7 +51,7 @@ def stability(out):
             found = {"outcome": "usable", "h_max": 0.3 / (1 + index) ** 2, "steps": 10 + index, "error": 0.09,
                      "milliseconds": 1.5, "common_step": 0.01, "common_outcome": "usable", "common_error": 1e-5 * index,
                      "failures": "inaccurate 3, map_domain 2"}
-        rows.append(Row(scene, engine, method, **found))
+        rows.append(Row(engine, method, scene=scene, **found))
     write_folder(out, Stability().document(StabilityAsk(), meta(), rows), rows)
 
 
@@ -59,11 +59,12 @@ def work_precision(out):
     """Five ladders and a run that failed, on two scenes; a third has no truth."""
     scenes = []
     for scene in SCENES[:2]:
-        rungs = [Rung(scene, engine, method, None, f"{engine} {method}", step, None, steps=int(1 / step),
+        rungs = [Rung(engine, method, step, scene=scene, label=f"{engine} {method}", steps=int(1 / step),
                       end_position=(10 * step) ** order, end_attitude=step**order, max_position=(20 * step) ** order,
                       max_attitude=step**order, samples=3, wall_ms=1e-3 * order / step, repeats=5)
                  for (engine, method), order in zip(WAYS, (1, 8, 2, 8, 2), strict=True) for step in (1e-2, 3e-3, 1e-3)]
-        rungs.append(Rung(scene, "mujoco", "Euler", None, "mujoco Euler", 1e-2, None, "error", "it left the page"))
+        rungs.append(Rung("mujoco", "Euler", 1e-2, scene=scene, label="mujoco Euler", status="error",
+                          reason="it left the page"))
         scenes.append(SceneLadders(
             name=scene, description="A scene", duration=1.0, rungs=rungs,
             truth=Known(source="closed form", disagreement=1e-14, amplification=3.0),

@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from crosscheck.document import Timed, extended
+from crosscheck.document import Way
 from crosscheck.report import write_report
 from crosscheck.verification import job
 from crosscheck.verification.cell import run_cell
@@ -21,9 +21,9 @@ def coarse(document, tmp_path_factory):
     """A document with six more runs, of the double pendulum at 20 ms, and the folder of its report."""
     scene, = (each for each in document.scenes if each.name == "double_pendulum")
     plan = replace(scene.plan, practical=STEP)
-    judged = [run_cell(Cell(scene.name, engine, method, None, plan, study=False, practical=True))
+    judged = [run_cell(Cell(scene.name, Way(engine, method), plan, study=False, practical=True))
               for engine, method in RUNS]
-    more = [extended(Timed, each, label=label) for each, label in zip(judged, job.labels(judged), strict=True)]
+    more = [replace(each, label=label) for each, label in zip(judged, job.labels(judged), strict=True)]
     made = job.document(document.meta, document.scenes, [*document.records, *more])
     folder = tmp_path_factory.mktemp("coarse") / "report"
     write_report(made, folder)

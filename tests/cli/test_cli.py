@@ -224,6 +224,7 @@ def test_an_unforeseen_error_is_one_line_and_not_the_exit_code_of_a_verdict():
 def test_an_engine_that_is_not_installed_is_listed_as_such(monkeypatch, capsys):
     from crosscheck.adapters import get
     from crosscheck.cli import app
+    from crosscheck.document import Way
     from crosscheck.judge.plan import PENDING
     from crosscheck.running import provenance
     from crosscheck.verification.cell import run_cell
@@ -236,7 +237,7 @@ def test_an_engine_that_is_not_installed_is_listed_as_such(monkeypatch, capsys):
     app.list_()
     assert "not installed" in next(line for line in capsys.readouterr().out.splitlines() if "mujoco" in line)
     assert provenance.describe(["mujoco"])["engines"] == {"mujoco": "not installed"}
-    record = run_cell(Cell("single_pendulum", "mujoco", "RK4", None, PENDING))
+    record = run_cell(Cell("single_pendulum", Way("mujoco", "RK4"), PENDING))
     assert (record.outcome, record.message) == ("unsupported", "not installed")
 
 

@@ -7,6 +7,7 @@ import pytest
 from crosscheck import adapters
 from crosscheck.diagnosis import explain, of_verdict
 from crosscheck.diagnosis.observe import Subject
+from crosscheck.document import Way
 from tests.diagnosis.mistakes import LIKE, MISTAKES, made, method_of, scene_of, scored
 from tests.diagnosis.stepper import Stepper
 from tests.right_engines import TABLEAUX, Adaptive, Floats, Matrices, Millimetres, Projected, Rotations
@@ -53,7 +54,7 @@ def test_every_cause_has_a_look_alike():
     for mistake, name in CASES])
 def test_there_is_no_tick_where_verify_fails(key, name):
     scene, engine = made(next(each for each in MISTAKES if each.key == key), name, SEED)
-    if of_verdict.judged(Subject(engine, method_of(engine, scene)), scene, None).outcome == "fail":
+    if of_verdict.judged(Subject(engine, Way(engine.name, method_of(engine, scene))), scene, None).outcome == "fail":
         assert answered(key, name)[1].exit_code > 0
 
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from crosscheck.diagnosis import altered, fit, hypotheses, misreadings, observe, of_stepping, physics, variants
 from crosscheck.diagnosis.hypotheses import Cause, Context
 from crosscheck.diagnosis.observe import Observation, Scale, Subject
+from crosscheck.document import Way
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
@@ -216,7 +217,7 @@ def test_misreadings_are_what_they_say():
 def test_sub_steps_are_counted_although_the_model_is_only_known_to_its_fit(count):
     scene = load_scene("single_pendulum")
     scale = observe.scale_of(scene)
-    subject = Subject(Stepper(Flaws(substeps=count)), "RK4")
+    subject = Subject(Stepper(Flaws(substeps=count)), Way("stepper", "RK4"))
     first = Observation(observe.window(scene, scale), scale, np.zeros((0, 1, 18)), 0.0, None)
     right = physics.of_scene(scene)
     fitted = of_stepping.Known(right.replace(gravity=(1 + 1e-6) * right.gravity), (scene.R0, scene.w0), soft=False)

@@ -10,6 +10,7 @@ from crosscheck import diagnosis
 from crosscheck.adapters.base import RawRun, steps_per_sample
 from crosscheck.diagnosis import observe, of_stepping
 from crosscheck.diagnosis.observe import Subject
+from crosscheck.document import Way
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.states import States
@@ -63,7 +64,7 @@ class Made:
 def test_errors_that_double_with_the_steps_and_keep_their_direction_are_named(engine, named):
     scene = load_scene("single_pendulum")
     scale = observe.scale_of(scene)
-    cause, evidence = of_stepping.adds_up(Subject(engine, "Plain"), observe.window(scene, scale), scale)
+    cause, evidence = of_stepping.adds_up(Subject(engine, Way("fake", "Plain")), observe.window(scene, scale), scale)
     assert (cause is not None) == evidence.holds == named, evidence.magnitude
     assert cause is None or cause.name == "rounding that adds up"
 

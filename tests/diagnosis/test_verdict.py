@@ -10,7 +10,7 @@ from crosscheck.adapters.base import Engine
 from crosscheck.diagnosis import of_verdict
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.diagnosis.result import Explanation
-from crosscheck.document import Finding
+from crosscheck.document import Finding, Way
 from crosscheck.document.known import Known
 from crosscheck.judge.plan import PLANS
 from crosscheck.scene.file import load_scene
@@ -48,7 +48,7 @@ MISTAKES = {
 @pytest.mark.parametrize("key", MISTAKES)
 def test_no_tick_where_verify_fails(key, monkeypatch):
     with adapters.lent(MISTAKES[key]) as name:
-        assert run_cell(Cell(NAME, name, METHOD, None, PLANS[NAME])).outcome == "fail"
+        assert run_cell(Cell(NAME, Way(name, METHOD), PLANS[NAME])).outcome == "fail"
 
     def blind(subject, first, noise):
         return Explanation(NAME, subject.engine.name, METHOD, None, "agrees", "", [], [], [], 1.0, 0.0, 0.0)
@@ -66,7 +66,7 @@ def test_findings_about_reports_are_causes_and_others_are_not():
     answers = {}
     for key in ("acceleration without gravity", "gravity"):
         answers[key] = Explanation(NAME, "", METHOD, None, "agrees", "", [], [], [], 1.0, 0.0, 0.0)
-        of_verdict.add(Subject(MISTAKES[key], METHOD), scene, None, answers[key])
+        of_verdict.add(Subject(MISTAKES[key], Way("lieeuler", METHOD)), scene, None, answers[key])
     assert answers["acceleration without gravity"].names == ("reported accelerations",)
     assert answers["gravity"].outcome == "unknown"
     assert "crosscheck verify rejects it" in answers["gravity"].sentence
@@ -80,7 +80,7 @@ def test_a_known_defect_in_the_order_study_is_told_with_its_reason(monkeypatch):
     low = Finding("order position", "fail", 2.0, 3.85, "1", "documented order 4")
     monkeypatch.setattr(of_verdict, "order_study", lambda *given: Study([low], {}, []))
     answer = Explanation(NAME, "", METHOD, None, "agrees", "", [], [], [], 1.0, 0.0, 0.0)
-    of_verdict.add(Subject(Misbuilt(adapters.get("lieeuler")), METHOD), load_scene(NAME), None, answer)
+    of_verdict.add(Subject(Misbuilt(adapters.get("lieeuler")), Way("lieeuler", METHOD)), load_scene(NAME), None, answer)
     assert (answer.outcome, answer.verdict.split("; ")) == ("agrees", ["known", "summed velocities"])
 
 
@@ -96,5 +96,5 @@ def test_a_tolerance_that_is_too_loose_is_named():
 
 def test_a_right_engine_passes_and_its_name_is_taken_back():
     engine = Misbuilt(adapters.get("lieeuler"))
-    assert of_verdict.judged(Subject(engine, METHOD), load_scene(NAME), None).outcome == "pass"
+    assert of_verdict.judged(Subject(engine, Way("lieeuler", METHOD)), load_scene(NAME), None).outcome == "pass"
     assert not adapters._LENT

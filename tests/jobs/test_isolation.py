@@ -89,6 +89,7 @@ def test_the_report_is_complete(results, tmp_path):
 
 
 def test_a_timing_study_goes_on_without_the_engine_that_ends_it():
+    from crosscheck.document import Way
     from crosscheck.judge.plan import PLANS
     from crosscheck.references import truth
     from crosscheck.scene.file import load_scene
@@ -96,7 +97,7 @@ def test_a_timing_study_goes_on_without_the_engine_that_ends_it():
 
     plan = PLANS["single_pendulum"]
     truth(load_scene("single_pendulum").replace(duration=plan.window, samples=6))
-    cells = [Cell("single_pendulum", engine, method, None, plan)
+    cells = [Cell("single_pendulum", Way(engine, method), plan)
              for engine, method in (("mujoco", "RK4"), (bad("Segfaulting"), "Rest"), ("mujoco", "Euler"))]
     points, reasons = guarded_timing(Timing(tuple(cells), (4, 1, 1), 1, (1e-2, 1e-2, 1e-2)))
     assert [len(each) for each in points] == [5, 0, 5]

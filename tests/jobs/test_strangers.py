@@ -8,6 +8,7 @@ import pytest
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
+from crosscheck.document import Way
 from crosscheck.errors import CrosscheckError, EngineError
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.verification import job
@@ -112,7 +113,7 @@ def test_an_object_in_any_field_runs_nothing_here(tmp_path, field):
     value = {"stats": "{'given': Bomb(), 'bombs': [Bomb()]}", "maxima": "{'position': Bomb()}"}.get(field, "Bomb()")
     scene = crosscheck.load_scene("single_pendulum").replace(duration=0.1, samples=3)
     engine = written(tmp_path, f"{where}[{field!r}] = {value}")
-    outcome = attempt(scene, engine, "rattle4", step=0.05)
+    outcome = attempt(scene, Way(engine, "rattle4", 0.05))
     if isinstance(outcome, Ran):  # a number was made of it where there was one
         msgspec.to_builtins(outcome.raw.stats)
         assert field in ("wall_time", "step")

@@ -10,7 +10,7 @@ import threading
 import numpy as np
 import pytest
 
-from crosscheck.document import Errors, Finding, Judged
+from crosscheck.document import Errors, Finding, Record
 from crosscheck.document.curves import Packed, RunCurves
 from crosscheck.errors import ArgumentError
 from crosscheck.jobs import table as tables
@@ -55,7 +55,7 @@ def ended_by(error, ask, fresh, work, types={"stage": int, "speed": float}):  # 
 
 
 def awkward():
-    return Judged(
+    return Record(
         scene="scene", engine="engine", version="1", method="method", form=None, step=0.1 + 0.2, documented_order=4,
         findings=[Finding("position", "fail", math.inf, 1e-300, "m", "why", "ü→")],
         errors={"position": Errors(unit="m", max=float("nan"), end=np.float64(1 / 3), time=np.int64(2), body="ü")},
@@ -70,7 +70,7 @@ def test_a_record_comes_back_with_every_bit(place):
         assert session.get("cell", "another") is None
         assert session.get("truth", "key") is None
     for found in (given, again):
-        assert isinstance(found, Judged)
+        assert isinstance(found, Record)
         assert found.step == 0.1 + 0.2
         assert found.findings == awkward().findings
         assert math.isnan(found.errors["position"].max)

@@ -7,7 +7,7 @@ import pytest
 
 from crosscheck import load_scene
 from crosscheck.adapters.base import RawRun, RunSpec, steps_per_sample
-from crosscheck.document import Plan
+from crosscheck.document import Plan, Way
 from crosscheck.judge.plan import PLANS, STUDY_SAMPLES, halved, parts
 from crosscheck.judge.substeps import judge_substeps
 from crosscheck.references import truth
@@ -28,7 +28,7 @@ def judged(monkeypatch, engine, scene, method, study=True, rungs=None):
         window = 0.5
     install(monkeypatch, engine)
     plan = Plan(window, {1: STEP}, LADDERS, samples=26, duration=window)
-    return run_cell(Cell(scene, "fake", method, None, plan, study, rungs))
+    return run_cell(Cell(scene, Way("fake", method), plan, study, rungs))
 
 
 def finding(run, kind):

@@ -4,7 +4,7 @@ import pytest
 
 from crosscheck import adapters
 from crosscheck.adapters.foreign.own import completed
-from crosscheck.document import Plan
+from crosscheck.document import Plan, Way
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 from tests.strangers import KINDS, METHODS, TABLE, Honest
@@ -17,7 +17,7 @@ QUICK = [next(case for case in CASES if case[0].kind == kind) for kind in KINDS]
 def judged(engine, method, scene):
     plan = Plan(1.0, {1: STEPS[method]}, {}, samples=101, duration=4.0, budgeted=True)
     with adapters.lent(completed(engine, "stranger", "1")) as name:
-        return run_cell(Cell(scene, name, method, None, plan, study=False))
+        return run_cell(Cell(scene, Way(name, method), plan, study=False))
 
 
 def named(cases):

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from crosscheck import load_scene
 from crosscheck.cli.app import app
-from crosscheck.document import Finding, Plan
+from crosscheck.document import Finding, Plan, Way
 from crosscheck.judge import tolerances
 from crosscheck.judge.overrides import override
 from crosscheck.judge.plan import halved
@@ -71,7 +71,7 @@ def test_a_bound_of_the_user_holds_as_far_as_truth_reaches(monkeypatch):
     """The error grows in proportion to the time: within the window of computed bounds it is a tenth."""
     install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=1e-2))
     plan = Plan(1.0, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
-    cell = Cell("single_pendulum", "fake", "Plain", None, plan, study=False)
+    cell = Cell("single_pendulum", Way("fake", "Plain"), plan, study=False)
     end = run_cell(cell).errors["position"]
     for tol, outcome in ((0.5 * end.max, "fail"), (2.0 * end.max, "pass")):
         run = run_cell(dataclasses.replace(cell, overrides=(("position", tol, "set by the user"),)))

@@ -10,7 +10,7 @@ from crosscheck.adapters.built_in import ENTRIES
 from crosscheck.adapters.common.known import NAIVE, SUMMED
 from crosscheck.adapters.foreign.own import completed
 from crosscheck.adapters.pinocchio.known import LOST
-from crosscheck.document import Finding, Measured, Plan
+from crosscheck.document import Finding, Plan, Record, Way
 from crosscheck.document.known import ORDERS, Known
 from crosscheck.judge import known
 from crosscheck.judge.plan import halved
@@ -22,7 +22,7 @@ from tests import SCENARIOS
 
 def about(engine, method, scene, form="tree", version="4.1", practical=False):
     """The entries about a run."""
-    run = Measured(scene=scene, engine=engine, version=version, method=method, form=form, step=1e-3, documented_order=4,
+    run = Record(scene=scene, engine=engine, version=version, method=method, form=form, step=1e-3, documented_order=4,
                    practical=practical)
     return defects(run)
 
@@ -68,7 +68,7 @@ def test_newtons_rk4_is_known_to_be_naive_on_the_fast_top():
 
 
 def _settled(scene, observed):
-    run = Measured(scene=scene, engine="pinocchio", version="4.1", method="RK4naive", form="tree", step=1e-3,
+    run = Record(scene=scene, engine="pinocchio", version="4.1", method="RK4naive", form="tree", step=1e-3,
                    documented_order=4)
     findings = [Finding(kind, "ok", 1e-6, 1e-5, "", "") for kind in SUMMED if kind not in ORDERS]
     findings += [Finding(kind, "ok" if observed > 3.85 else "fail", observed, 3.85, "1", "")
@@ -98,7 +98,7 @@ def test_a_known_defect_excuses_the_size_that_was_measured_and_nothing_far_beyon
 
 @pytest.mark.parametrize(("excess", "outcome"), [(0.9, "known"), (1.1, "fail")])
 def test_a_run_beyond_the_cap_fails(excess, outcome):
-    run = Measured(scene="parallelogram", engine="pinocchio", version="4.1", method="RKMK8", form="tree", step=1e-2,
+    run = Record(scene="parallelogram", engine="pinocchio", version="4.1", method="RKMK8", form="tree", step=1e-2,
                    documented_order=8)
     beyond = excess * known.MARGIN * LOST["velocity"]
     findings = [Finding("velocity", "fail", beyond * 1e-6, 1e-6, "", ""), Finding("energy", "ok", 0.0, 1.0, "", "")]
@@ -121,11 +121,11 @@ def test_a_known_defect_hides_no_wrong_model(monkeypatch, gravity, inertia, outc
 
     monkeypatch.setitem(adapters._LENT, "pinocchio", Wrong())
     plan = Plan(1.0, {1: 1e-4, 2: 1e-3}, {4: halved(2e-2)}, samples=51, duration=1.0)
-    assert run_cell(Cell("single_pendulum", "pinocchio", "RK4naive", None, plan, whole=False)).outcome == outcome
+    assert run_cell(Cell("single_pendulum", Way("pinocchio", "RK4naive"), plan, whole=False)).outcome == outcome
 
 
 def test_a_defect_of_another_version_form_or_kind_is_not_excused():
-    run = Measured(scene="light_heavy", engine="pinocchio", version="4.1", method="RKMK4", form="maximal", step=1e-3,
+    run = Record(scene="light_heavy", engine="pinocchio", version="4.1", method="RKMK4", form="maximal", step=1e-3,
                    documented_order=4)
     for changes, kind, outcome in (({}, "level acceleration", "known"),
                                    ({"version": "5.0"}, "level acceleration", "fail"),
@@ -152,7 +152,7 @@ def test_rounding_that_adds_up_excuses_neither_a_wrong_model_nor_a_lower_order(e
 @pytest.mark.parametrize(("factor", "outcome"), [(1.0, "known"), (1.9, "known"), (2.1, "fail"), (float("nan"), "fail")])
 def test_errors_larger_than_those_of_rounding_alone_are_not_excused_by_it(factor, outcome):
     """A gravity wrong by 3 % is 6e-3 m on the fast top, and the orders are those of rounding as before."""
-    run = Measured(scene="heavy_top", engine="newton", version="1.8.0", method="SemiImplicit", form="maximal",
+    run = Record(scene="heavy_top", engine="newton", version="1.8.0", method="SemiImplicit", form="maximal",
                    step=5e-6, documented_order=1)
     findings = [Finding("order attitude", "fail", -1.04, 0.9, "1", ""),
                 Finding("position", "ok", 1.6e-4 * factor, 0.32, "m", "")]
@@ -186,6 +186,6 @@ def test_an_engine_of_the_user_excuses_nothing():
         def defects(self, run):
             return self.known_defects
 
-    run = Measured(scene="single_pendulum", engine="own", version="1", method="RKMK4", form=None)
+    run = Record(scene="single_pendulum", engine="own", version="1", method="RKMK4", form=None)
     assert Excused().defects(run) == (entry,)
     assert completed(Excused(), "own", "1").defects(run) == ()

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from crosscheck.document import LEVELS, QUANTITIES, Errors, Finding, Measured, Order, Scales
+from crosscheck.document import LEVELS, QUANTITIES, Errors, Finding, Order, Record, Scales
 from crosscheck.document.known import Known
 from crosscheck.judge import tolerances, verdict
 from crosscheck.judge.claim import Claim
@@ -53,7 +53,7 @@ def test_what_only_guards_against_cheats_is_named_where_it_fails(kind, status):
 
 
 def settled(findings, entry=None, until=1.0, practical=False):
-    run = Measured(scene="single_pendulum", engine="fake", version="1", method="Plain", form=None, duration=1.0,
+    run = Record(scene="single_pendulum", engine="fake", version="1", method="Plain", form=None, duration=1.0,
                    practical=practical, errors={"position": Errors(unit="m", end=1.0, max=1.0, time=0.0, body="b")})
     return verdict.settle(run, findings, () if entry is None else (entry,), judged_until=until)
 

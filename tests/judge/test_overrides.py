@@ -2,7 +2,7 @@
 
 import pytest
 
-from crosscheck.document import Plan
+from crosscheck.document import Plan, Way
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import overrides, tolerances
 from crosscheck.judge.overrides import BY_USER
@@ -69,7 +69,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 def _record(monkeypatch, *options, **flaws):
     install(monkeypatch, FakeEngine(**flaws))
-    return run_cell(Cell("single_pendulum", "fake", "Plain", None, PLAN, overrides=overrides.read(None, options)))
+    return run_cell(Cell("single_pendulum", Way("fake", "Plain"), PLAN, overrides=overrides.read(None, options)))
 
 
 def test_a_verdict_follows_the_users_bound_and_says_so(monkeypatch):

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from crosscheck.document import Order, Plan
+from crosscheck.document import Order, Plan, Way
 from crosscheck.judge import known
 from crosscheck.judge.plan import halved
 from crosscheck.judge.richardson import extrapolated, extrapolation_order, judge_limit
@@ -85,7 +85,7 @@ def test_one_run_has_no_limit(scene, truth):
 
 def test_every_order_study_judges_the_limit(monkeypatch):
     install(monkeypatch, FakeEngine())
-    record = run_cell(Cell("single_pendulum", "fake", "Plain", None, Plan(0.5, {1: 1e-3}, {1: halved(4e-3)},
+    record = run_cell(Cell("single_pendulum", Way("fake", "Plain"), Plan(0.5, {1: 1e-3}, {1: halved(4e-3)},
                                                                                samples=26)))
     limits = [finding for finding in record.findings if finding.kind.startswith("limit")]
     assert len(limits) == 4

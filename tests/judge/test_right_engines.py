@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crosscheck import load_scene
-from crosscheck.document import Plan
+from crosscheck.document import Plan, Way
 from crosscheck.judge.plan import plan_from_truth
 from crosscheck.references import truth
 from crosscheck.verification.cell import run_cell
@@ -33,7 +33,7 @@ def plan(name):
 
 def accusations(monkeypatch, name, engine, method):
     install(monkeypatch, engine())
-    run = run_cell(Cell(name, "fake", method, None, plan(name), study=False, whole=False))
+    run = run_cell(Cell(name, Way("fake", method), plan(name), study=False, whole=False))
     return [f"{finding.kind}: {finding.value} of {finding.bound}, {finding.detail}" for finding in run.findings
             if finding.status == "fail"]
 

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from crosscheck.document import Way
 from crosscheck.judge import tolerances
 from crosscheck.references import truth
 from crosscheck.verification.cell import run_cell
@@ -29,7 +30,7 @@ class Wrong(Floats):
 
 def judged(monkeypatch, engine, name="single_pendulum", method="RK4"):
     install(monkeypatch, engine)
-    return run_cell(Cell(name, "fake", method, None, plan(name), study=False, whole=False))
+    return run_cell(Cell(name, Way("fake", method), plan(name), study=False, whole=False))
 
 
 @pytest.mark.parametrize(("factors", "seen"), [

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from crosscheck.document import QUANTITIES, Finding, Plan, Rung
+from crosscheck.document import QUANTITIES, Finding, Plan, Rung, Way
 from crosscheck.document.known import Known
 from crosscheck.judge import known
 from crosscheck.judge.metrics import Plateau
@@ -25,7 +25,7 @@ PLAN = Plan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
 def verdict(monkeypatch):
     def judge(study=True, **flaws):
         install(monkeypatch, FakeEngine(**flaws))
-        return run_cell(Cell("single_pendulum", "fake", "Plain", None, PLAN, study))
+        return run_cell(Cell("single_pendulum", Way("fake", "Plain"), PLAN, study))
     return judge
 
 
@@ -175,7 +175,7 @@ def test_what_an_engine_cannot_model_is_no_failure(verdict):
 
 def test_a_step_too_coarse_to_judge_is_a_failure_of_the_plan(monkeypatch):
     install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=1e-6))
-    record = run_cell(Cell("single_pendulum", "fake", "Plain", None, Plan(0.5, {1: 0.1}, {1: halved(0.1)},
+    record = run_cell(Cell("single_pendulum", Way("fake", "Plain"), Plan(0.5, {1: 0.1}, {1: halved(0.1)},
                                                                               samples=26), False))
     assert "step" in kinds(record, "fail")
 
@@ -184,7 +184,7 @@ def test_a_step_too_coarse_to_judge_leaves_a_run_unjudged_where_a_budget_chose_i
     plan = Plan(0.5, {1: 0.1}, {1: halved(0.1)}, samples=26, budgeted=True)
     for held, outcome in ((frozenset(), "unjudged"), (frozenset({"position"}), "fail")):
         install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=1e-6, held=held))
-        record = run_cell(Cell("single_pendulum", "fake", "Plain", None, plan, False))
+        record = run_cell(Cell("single_pendulum", Way("fake", "Plain"), plan, False))
         assert record.outcome == outcome
         assert "step" in kinds(record, "unjudged")
 
@@ -194,7 +194,7 @@ def test_a_practical_step_is_judged_by_energy_and_held_levels(monkeypatch):
 
     def judge(size):
         install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=size, held=frozenset({"acceleration"})))
-        return run_cell(Cell("single_pendulum", "fake", "Plain", None, plan, study=False, practical=True))
+        return run_cell(Cell("single_pendulum", Way("fake", "Plain"), plan, study=False, practical=True))
 
     # Errors of 0.02 m/s after 10 s hardly change the energy; 20 m/s are more than any fall from top to bottom gives.
     mild, wild = judge(0.1), judge(100.0)
@@ -241,7 +241,7 @@ def test_severity_ranks_findings(verdict):
 
 def test_timing_gives_stepping_time_and_end_error(monkeypatch):
     install(monkeypatch, FakeEngine())
-    cell = Cell("single_pendulum", "fake", "Plain", None, PLAN, True)
+    cell = Cell("single_pendulum", Way("fake", "Plain"), PLAN, True)
     (points,) = time_cells(Timing((cell,), (2,), 2))
     assert [point.step for point in points] == list(PLAN.ladder(2))
     for point in points:
@@ -260,7 +260,7 @@ def test_timing_repeats_short_runs_more_often_and_ends_that_of_the_main_step_ear
             return dataclasses.replace(raw, wall_time=1.0 if spec.step == PLAN.ladder(2)[-1] else raw.wall_time)
 
     install(monkeypatch, Slow())
-    cell, main = Cell("single_pendulum", "fake", "Plain", None, PLAN, True), PLAN.window / 10_000
+    cell, main = Cell("single_pendulum", Way("fake", "Plain"), PLAN, True), PLAN.window / 10_000
     (points,) = time_cells(Timing((cell,), (2,), 3, (main,)))
     counts = [sum(step == size for step, _ in started) for size in (*PLAN.ladder(2), main)]
     assert counts == [3] * (len(counts) - 2) + [2, 3]

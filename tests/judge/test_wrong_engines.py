@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from crosscheck.adapters.base import steps_per_sample
-from crosscheck.document import Plan
+from crosscheck.document import Plan, Way
 from crosscheck.judge.plan import halved, parts
 from crosscheck.scene import mechanics
 from crosscheck.verification.cell import run_cell
@@ -20,7 +20,7 @@ SCENES = ("single_pendulum", "double_pendulum")
 
 def judged(monkeypatch, engine, scene, order, study=False):
     install(monkeypatch, engine)
-    return run_cell(Cell(scene, "fake", f"RKMK{order}", None, PLAN, study))
+    return run_cell(Cell(scene, Way("fake", f"RKMK{order}"), PLAN, study))
 
 
 def failing(run):

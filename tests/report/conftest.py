@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from crosscheck.document import Finding, Judged
+from crosscheck.document import Finding, Record, Way
 from crosscheck.judge.plan import Profile
 from crosscheck.report import folder as report_folder
 from crosscheck.verification.cell import run_cell
@@ -22,12 +22,12 @@ def results():
     with pytest.MonkeyPatch.context() as patch:
         install(patch, FakeEngine())
         scene = prepare_truth((SCENE, True, Profile.most_steps))
-        runs = [run_cell(Cell(SCENE, "fake", "Plain", None, scene.plan, True))]
+        runs = [run_cell(Cell(SCENE, Way("fake", "Plain"), scene.plan, True))]
         install(patch, FakeEngine(breaks="it broke with <b>markup</b> & a \x07 bell"))
-        runs.append(run_cell(Cell(SCENE, "fake", "Broken", None, scene.plan, False)))
+        runs.append(run_cell(Cell(SCENE, Way("fake", "Broken"), scene.plan, False)))
         install(patch, FakeEngine(refuses="it cannot"))
-        runs.append(run_cell(Cell(SCENE, "fake", "Unable", None, scene.plan, False)))
-        runs.append(Judged(
+        runs.append(run_cell(Cell(SCENE, Way("fake", "Unable"), scene.plan, False)))
+        runs.append(Record(
             scene=SCENE, engine="fake", version="1", method="Flawed", form=None, step=1e-3, documented_order=2,
             command="crosscheck run", outcome="known",
             findings=[Finding("energy", "known", math.inf, 1.0, "1", "bound", "its makers say so")]))

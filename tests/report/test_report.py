@@ -15,6 +15,7 @@ from crosscheck import references, report
 from crosscheck.cli.app import app
 from crosscheck.document import (
     Support,
+    Way,
 )
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.judge.plan import Profile
@@ -153,7 +154,7 @@ def folder_without_truth(tmp_path_factory):
         runs = []
         for method, held in (("Plain", frozenset()), ("Broken", frozenset({"position"}))):
             install(patch, FakeEngine(held=held))
-            runs.append(run_cell(Cell(SCENE, "fake", method, None, scene.plan, no_truth=scene.no_truth)))
+            runs.append(run_cell(Cell(SCENE, Way("fake", method), scene.plan, no_truth=scene.no_truth)))
         results = document([scene], runs, ["fake"])
     return results, report_folder.write(results, tmp_path_factory.mktemp("reports") / "latest").parent
 

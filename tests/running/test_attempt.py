@@ -15,6 +15,7 @@ import pytest
 
 import crosscheck
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
+from crosscheck.document import Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
 from crosscheck.report import folder as folder_of_report
 from crosscheck.running.attempt import Failed, Ran, Refused, attempt
@@ -94,9 +95,12 @@ WRONG = {
 """Part of the reason, and what was wrong with the answer."""
 
 
+RESTED = Way("resting", "Rest", 0.1)
+
+
 @pytest.mark.parametrize("words", WRONG)
 def test_whatever_is_wrong_with_an_answer_is_one_line_of_a_failure(scene: Scene, words: str) -> None:
-    outcome = attempt(scene, complete(Stating(WRONG[words])), "Rest", step=0.1)
+    outcome = attempt(scene, RESTED, complete(Stating(WRONG[words])))
     assert isinstance(outcome, Failed)
     assert isinstance(outcome.error, EngineError)
     assert words in outcome.why
@@ -114,7 +118,7 @@ def test_a_right_answer_is_a_run_with_plain_numbers(scene: Scene) -> None:
     stats = {"mine": np.float64(2.0), "force_evaluations": 3, "spin_free": ("a",), "words": "\ud800"}
     answer = stating(wall_time=np.float32(0.5), steps=np.int64(4), stats=stats,
                      maxima={"energy_error": np.float64(1.0)})
-    outcome = attempt(scene, Stating(answer), "Rest", step=0.1)
+    outcome = attempt(scene, RESTED, Stating(answer))
     assert isinstance(outcome, Ran)
     assert (type(outcome.raw.wall_time), type(outcome.raw.steps), outcome.trajectory.engine) == (float, int, "resting")
     assert outcome.trajectory.stats == {"mine": 2.0, "force_evaluations": 3, "spin_free": ("a",), "words": "\\ud800",
@@ -129,18 +133,18 @@ class Asking(Resting):
 
 
 def test_every_engine_error_is_an_outcome_and_every_outcome_an_error_of_ours(scene: Scene) -> None:
-    outcome = attempt(scene, Asking(), "Rest", step=0.1)
+    outcome = attempt(scene, RESTED, Asking())
     assert isinstance(outcome, Failed)
     assert outcome.why == r"resting Rest: KeyError: 'no such\nscene'"
     assert isinstance(outcome.error.__cause__, KeyError)
     with pytest.raises(EngineError, match="KeyError"):
         crosscheck.run(scene, Asking(), "Rest", step=0.1)
-    assert isinstance(attempt(scene, "mujoco", "RK4", 0.1, form="pivot"), Refused)
-    wrong = attempt(scene, "mujoco", "RK5", 0.1)
+    assert isinstance(attempt(scene, Way("mujoco", "RK4", 0.1, form="pivot")), Refused)
+    wrong = attempt(scene, Way("mujoco", "RK5", 0.1))
     assert isinstance(wrong, Failed)
     assert isinstance(wrong.error, ArgumentError)
     assert wrong.why.startswith("ArgumentError: method of mujoco")
-    ended = attempt(scene.replace(duration=1.0), "lieeuler", "DAE1H_LSE", 0.5)
+    ended = attempt(scene.replace(duration=1.0), Way("lieeuler", "DAE1H_LSE", 0.5))
     assert isinstance(ended, Failed)
     assert ended.status == ended.error.status.value != "failed"
 

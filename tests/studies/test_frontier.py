@@ -1,8 +1,7 @@
 """The frontier read from made-up ladders, whose times are known by formulas."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from crosscheck.studies.frontier import Curve, Rung, confirmed, cost_at, curves, frontier
 
@@ -53,6 +52,6 @@ def test_who_leads_and_by_how_much():
 
 
 def test_curves_leave_out_what_has_no_figures():
-    row = Rung("scene", "e", "m", None, "e m", 0.1, None, end_position=1e-3, wall_ms=2.0)
+    row = Rung("e", "m", 0.1, scene="scene", label="e m", end_position=1e-3, wall_ms=2.0)
     rows = [row, replace(row, end_position=None), replace(row, end_position=float("inf")), replace(row, wall_ms=None)]
     assert curves(rows) == [Curve("e", "e m", (1e-3,), (2.0,))]

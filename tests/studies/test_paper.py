@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli.app import app
-from crosscheck.document import EULER, Run
+from crosscheck.document import EULER, Record
 from crosscheck.studies import study
 from crosscheck.studies.paper import bundle, runs
 from crosscheck.verification.cell import judge_run
@@ -130,7 +130,7 @@ def test_table_says_what_the_runs_say(folder):
     # Both sum the same terms in another order: some roundings of energies of a few J, of a gap of 0.1 J.
     assert float(line["energy_by_start"]) == pytest.approx(gap / abs(traj.energy[0]), rel=1e-12)
     assert float(line["energy_by_kinetic"]) == pytest.approx(gap / traj.kinetic_energy.max(), rel=1e-12)
-    asked = Run(scene="single_pendulum", engine="lieeuler", version="", method="DAE2L_LE", form=None, step=0.01,
+    asked = Record(scene="single_pendulum", engine="lieeuler", version="", method="DAE2L_LE", form=None, step=0.01,
                 documented_order=1)
     judged = judge_run(asked, traj.scene, traj, frozenset({"velocity"}))
     assert judged.energy_error_by_start == pytest.approx(gap / abs(traj.energy[0]), rel=1e-12)

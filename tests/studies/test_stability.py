@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from crosscheck import load_scene
 from crosscheck.cli.app import app
+from crosscheck.document import Way
 from crosscheck.errors import ArgumentError
 from crosscheck.studies import bisection, stability, study
 from crosscheck.studies.bisection import Attempt, Row, Search, Task
@@ -23,7 +24,7 @@ def pretend(monkeypatch, outcome, seconds=1e-6):
     """Runs by a rule: `outcome(steps)` in place of an engine; `seconds` for a step."""
     made = []
 
-    def tried(goal, engine, method, steps):
+    def tried(goal, way, steps):
         made.append(steps)
         return Attempt(steps, outcome(steps), None, seconds * steps)
 
@@ -34,18 +35,18 @@ def pretend(monkeypatch, outcome, seconds=1e-6):
 @pytest.mark.parametrize("limit", [1, 2, 7, 100, 4567])
 def test_the_bisection_finds_the_fewest_usable_steps(monkeypatch, limit):
     pretend(monkeypatch, lambda steps: "usable" if steps >= limit else "inaccurate")
-    found = Search(None, "engine", "method", 10.0).fewest()
+    found = Search(None, Way("engine", "method"), 10.0).fewest()
     assert limit <= found <= max(limit, math.ceil(bisection.CLOSE * limit))
 
 
 def test_a_step_that_is_usable_by_chance_does_not_count(monkeypatch):
     pretend(monkeypatch, lambda steps: "usable" if steps >= 100 or steps == 16 else "newton_failed")
-    assert Search(None, "engine", "method", 10.0).fewest() >= 100
+    assert Search(None, Way("engine", "method"), 10.0).fewest() >= 100
 
 
 def test_no_usable_step_within_the_limit(monkeypatch):
     made = pretend(monkeypatch, lambda steps: "diverged", seconds=1e-3)
-    assert Search(None, "engine", "method", 1.0).fewest() is None
+    assert Search(None, Way("engine", "method"), 1.0).fewest() is None
     assert max(made) <= 1.35 * 1000 + 1  # finer runs would take longer than a second
 
 
@@ -60,7 +61,7 @@ def test_the_error_counts_positions_and_of_free_bodies_attitudes():
 
 
 def row(scene, engine, method, step, outcome="usable"):
-    return Row(scene, engine, method, outcome, step)
+    return Row(engine, method, scene=scene, outcome=outcome, h_max=step)
 
 
 def test_the_summary_takes_the_largest_steps_and_the_map_shades_by_them():

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from crosscheck import load_scene
 from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError, EngineError
+from crosscheck.running.attempt import Failed
 from crosscheck.studies import work_precision
 from crosscheck.studies.study import check_names, conduct
 from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk, measure
@@ -51,7 +52,7 @@ def test_the_command(tmp_path):
 
 def test_errors_fall_with_the_order_of_the_method(swing):
     scene, truth = swing
-    way = GradedWay("lieeuler", "rkmk4", options=(("form", "maximal"),), order=4)
+    way = GradedWay("lieeuler", "rkmk4", form="maximal", order=4)
     rungs = measure(scene, [way], truth, 1, 0.002, quietly, quietly, bound=False)
     by_steps = {rung.steps: rung.end_position for rung in rungs if rung.status == "success"}
     assert by_steps[16] / by_steps[32] == pytest.approx(2**4, rel=0.3)  # +-0.4 in the order: the steps are still long
@@ -68,19 +69,22 @@ def test_heyoka_is_the_bound_and_near_rounding_at_its_tightest(swing):
 
 def test_a_failed_run_is_a_row_and_the_others_go_on(swing, monkeypatch):
     scene, truth = swing
-    way = GradedWay("lieeuler", "rkmk4", options=(("form", "maximal"),), order=4)
-    true_run = work_precision._run
+    way = GradedWay("lieeuler", "rkmk4", form="maximal", order=4)
+    true_attempt = work_precision.attempt
     calls = itertools.count()
 
-    def breaking(scene, rung, samples):
+    def breaking(scene, rung, samples, monitor):
         if rung.step == 0.25:
-            raise EngineError("it broke\nin two lines")
+            return Failed(EngineError("it broke\nin two lines"))
         if rung.step == 0.125 and samples == 2 and next(calls) == 1:
-            raise EngineError("not twice")
-        traj = true_run(scene, rung, samples)
-        return dataclasses.replace(traj, wall_time=1e-6 * traj.steps)  # the same on every machine
+            return Failed(EngineError("not twice"))
+        ran = true_attempt(scene, rung, samples=samples, monitor=monitor)
+        if isinstance(ran, Failed):
+            return ran
+        steady = dataclasses.replace(ran.trajectory, wall_time=1e-6 * ran.trajectory.steps)  # the same on every machine
+        return dataclasses.replace(ran, trajectory=steady)
 
-    monkeypatch.setattr(work_precision, "_run", breaking)
+    monkeypatch.setattr(work_precision, "attempt", breaking)
     kept = []
     rungs = measure(scene, [way], truth, 2, 1e-4, quietly, lambda rungs: kept.append(len(rungs)), bound=False)
     broken = {rung.step: rung for rung in rungs if rung.status == "error"}

@@ -25,8 +25,8 @@ def test_cells_are_counted():
 def test_a_sweep_takes_every_option_of_run(options):
     engines = {"lieeuler": [{"method": "DAE1L_LSE"} | options]}
     (way,) = plan.read(GOOD | {"engines": engines, "steps": [0.01], "rtols": []}).ways
-    assert {"method": way.method, **dict(way.options)} == {"method": "DAE1L_LSE"} | options
-    run("single_pendulum", way.engine, way.method, step=way.step, duration=0.1, **dict(way.options))
+    assert {"method": way.method, **way.arguments} == {"method": "DAE1L_LSE", "step": 0.01} | options
+    run("single_pendulum", way.engine, way.method, duration=0.1, **way.arguments)
 
 
 @pytest.mark.parametrize(("change", "words"), [

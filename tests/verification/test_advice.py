@@ -23,7 +23,7 @@ def short(monkeypatch):
 
 
 def step(method, size, error, cost, order=2):
-    return Step(method, "tree", order, size, None, round(1 / size), error, cost)
+    return Step("lieeuler", method, size, form="tree", order=order, steps=round(1 / size), error=error, cost=cost)
 
 
 KNOWN = Walk("scene", "engine", size=1.0, until=1.0, steps=[

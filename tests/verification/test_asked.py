@@ -7,10 +7,9 @@ from typer.testing import CliRunner
 
 from crosscheck import adapters
 from crosscheck.cli.app import app
-from crosscheck.document import Asked
+from crosscheck.document import Asked, Way
 from crosscheck.history.nightly import Wanted
 from crosscheck.judge.plan import Profile
-from crosscheck.running.attempt import Way
 from crosscheck.studies.bisection import Task, search
 from crosscheck.studies.chaos import ChaosAsk
 from crosscheck.studies.drift import DriftAsk
@@ -27,7 +26,7 @@ ASKED = Asked(coordinate_map="ccsk", step=2e-3, duration=0.4)
 def record(method, engine="lieeuler", asked=ASKED):
     scene = prepare_truth(("single_pendulum", True, Profile.most_steps), asked)
     chart = adapters.get(engine).takes_map(asked.coordinate_map)
-    return run_cell(Cell("single_pendulum", engine, method, None, scene.plan, rungs=3, coordinate_map=chart)), scene
+    return run_cell(Cell("single_pendulum", Way(engine, method, coordinate_map=chart), scene.plan, rungs=3)), scene
 
 
 def test_a_run_takes_map_step_and_duration_and_its_command_repeats_them():

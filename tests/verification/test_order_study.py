@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from crosscheck.document import Plan, Rung
+from crosscheck.document import Plan, Rung, Way
 from crosscheck.errors import EngineError
 from crosscheck.judge.plan import halved
 from crosscheck.scene.file import load_scene
@@ -32,7 +32,7 @@ class Clocked(FakeEngine):
 def judged(monkeypatch, most_seconds, **flaws):
     engine = install(monkeypatch, Clocked(**flaws))
     monkeypatch.setattr(order_study, "clock", lambda: engine.now)
-    return run_cell(Cell("single_pendulum", "fake", "Plain", None, PLAN, most_seconds=most_seconds))
+    return run_cell(Cell("single_pendulum", Way("fake", "Plain"), PLAN, most_seconds=most_seconds))
 
 
 def orders(record):
@@ -89,7 +89,7 @@ class EndsEarly(FakeEngine):
 
 def test_an_order_is_measured_where_only_the_main_run_fails(monkeypatch):
     install(monkeypatch, EndsEarly())
-    record = run_cell(Cell("single_pendulum", "fake", "Plain", None, PLAN))
+    record = run_cell(Cell("single_pendulum", Way("fake", "Plain"), PLAN))
     assert record.outcome == "fail"
     assert len(record.ladder) == 4
     assert {finding.status for finding in orders(record).values()} == {"ok"}

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections import Counter
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from crosscheck.document import EULER
 from crosscheck.errors import CrosscheckError
 from crosscheck.judge.plan import natural_time
 from crosscheck.references import TruthError
-from crosscheck.running.attempt import Ran, Way
+from crosscheck.running.attempt import Ran, Way, attempt
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 
@@ -133,12 +134,12 @@ def _truth(scene: Scene) -> tuple[np.ndarray | None, str]:
     return reference.states.x[-1], f"{reference.source}; {reference.second_source}"
 
 
-def _attempt(scene: Scene, engine: str, method: str, variant: tuple[str, str], step: float, **options: bool
+def _attempt(scene: Scene, engine: str, method: str, variant: tuple[str, str], step: float, **options: Any
              ) -> Trajectory | str:
     """A run, or in a few words what ended it early."""
     coordinate_map, correction = (name or None for name in variant)
-    way = Way.of(engine, method, step, coordinate_map=coordinate_map, correction=correction, **options)
-    outcome = way.attempt(scene)
+    way = Way.of(engine, method, step, coordinate_map=coordinate_map, correction=correction)
+    outcome = attempt(scene, way, **options)
     if isinstance(outcome, Ran):
         return outcome.trajectory
     if isinstance(outcome.error, IntegrationError):

@@ -43,9 +43,8 @@ class Model:
         return rates
 
 
-def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, times: np.ndarray | None = None) -> States:
-    """States at the scene's output times, or at `times`, by DOP853, from these attitudes and angular velocities at the
-    start."""
+def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> States:
+    """States at the scene's output times, by DOP853, from these attitudes and angular velocities at the start."""
     from scipy.integrate import solve_ivp
 
     n, model = scene.n, Model(scene, physics)
@@ -62,8 +61,8 @@ def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, times:
         return np.concatenate([v.ravel(), np.cross(R, w[:, None, :]).ravel(), a[:, :3].ravel(), a[:, 3:].ravel()])
 
     start = np.concatenate([x.ravel(), R.ravel(), v.ravel(), w.ravel()])
-    times = scene.t if times is None else times
-    solved = solve_ivp(derivative, (0.0, times[-1]), start, "DOP853", t_eval=times, rtol=PRECISE, atol=1e-3 * PRECISE)
+    solved = solve_ivp(derivative, (0.0, scene.duration), start, "DOP853", t_eval=scene.t, rtol=PRECISE,
+                       atol=1e-3 * PRECISE)
     columns = zip(*(unpack(row) for row in solved.y.T), strict=True)
     return States(solved.t, *(np.array(column) for column in columns))
 

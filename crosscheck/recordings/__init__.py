@@ -356,8 +356,10 @@ def _orders(runs: list[Differences], steps: list[float], order: int | None, verd
         left = max(float(norms(limits[k]).max()) for k in which)
         verdict.order[key], verdict.limit_error[key], verdict.limit_unsure[key] = found.order, left, found.unsure
         name, unit = key.replace("_", " "), fine.groups[which[0]].unit
-        lines.append(f"{name}: observed order {'none, exact' if found.order is None else f'{found.order:.2f}'}; the "
-                     f"limit for vanishing steps is {left:.2g} {unit} from truth, known to {found.unsure:.1g}")
+        seen = (f"{found.order:.2f}" if found.order is not None else "none, exact" if found.converges else
+                "not told by two files")
+        lines.append(f"{name}: observed order {seen}; the limit for vanishing steps is {left:.2g} {unit} from truth, "
+                     f"known to {found.unsure:.1g}")
         if not found.converges and left > 3 * found.unsure + EXACT * floor:
             failed.append(f"wrong limit: {name} converges to another motion, {left:.3g} {unit} from the scene's, "
                           "whatever the step")

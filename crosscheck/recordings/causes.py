@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.lieeuler import motion
-from crosscheck.diagnosis.altered import predict
+from crosscheck.diagnosis.altered import Model
 from crosscheck.diagnosis.fit import gauss_newton
 from crosscheck.diagnosis.hypotheses import Cause as Hypothesis
 from crosscheck.diagnosis.hypotheses import Context, causes
@@ -22,12 +22,15 @@ from crosscheck.diagnosis.misreadings import placed
 from crosscheck.diagnosis.physics import Physics, levers, of_scene
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import CrosscheckError
+from crosscheck.judge.flow import State
+from crosscheck.judge.substeps import TABLEAUX, exponential_step
 from crosscheck.recordings.comparing import Differences, Shown, gaps, norms, part_of
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Force, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.starts import Configuration, bodies_at
+from crosscheck.scene.states import States
 from crosscheck.scene.vectors import exponential
 
 LEFT = (0.1, 0.05, 0.005)
@@ -249,6 +252,7 @@ def _reports(case: Case) -> Iterator[Cause]:
                          {k: -case.values[k] for k in scope})
     yield from _exchanged(case)
     yield from _turned(case)
+    yield from _sensed(case)
 
 
 def _lot(case: Case, scope: Sequence[int]) -> Lot | None:
@@ -333,6 +337,20 @@ def _turned(case: Case) -> Iterator[Cause]:
             yield case.cause("axes", f"world axes x, y, z are {names} of the scene", {
                 k: value @ Q.T if k in vectors else Q @ value for k, value in enumerate(case.values)
                 if k in vectors or case.groups[k].key == "attitude"})
+
+
+def _sensed(case: Case) -> Iterator[Cause]:
+    """Sensors that leave out gravity or have it twice, of another point, or in other axes."""
+    scene = case.scene
+    for name, said, changes in (
+            ("gravity left out", "accelerometers give the acceleration alone", {"gravity": 0 * scene.gravity}),
+            ("gravity twice", "accelerometers subtract gravity twice", {"gravity": 2 * scene.gravity}),
+            ("lever left out", "sites are at the centres of mass", {"sites": tuple(
+                dataclasses.replace(site, position=np.zeros(3)) for site in scene.sites)}),
+            ("site axes", "sites are in the axes of their bodies", {"sites": tuple(
+                dataclasses.replace(site, attitude=np.array([1.0, 0.0, 0.0, 0.0])) for site in scene.sites)})):
+        if any(group.key == group.owner for group in case.groups):
+            yield case.cause(name, said, Shown(scene.replace(**changes), case.groups).of(case.states))
 
 
 # --- when it is reported ----------------------------------------------------------------------------------------------
@@ -469,15 +487,34 @@ def _run(case: Case, made: Scene | Physics | None, rows: int | None = None) -> V
     times = np.unique(np.concatenate([[0.0], case.t[:rows]]))
     try:
         if isinstance(made, Physics):
-            states = predict(case.scene, made, case.scene.R0, case.scene.w0, times)
+            states = _stepped(case, made, times)
         elif made is not None:
             states = motion(made, "rkmk853", case.step, times)
         else:
             return None
-    except (CrosscheckError, np.linalg.LinAlgError, ValueError):
+    except (CrosscheckError, np.linalg.LinAlgError):
         return None
-    values = [value[len(states.t) - len(case.t[:rows]):] for value in case.shown.of(states)]
+    shown = case.shown if isinstance(made, Physics) else Shown(made, case.groups)
+    values = [value[len(states.t) - len(case.t[:rows]):] for value in shown.of(states)]
     return case.whole(values, values)
+
+
+def _stepped(case: Case, physics: Physics, times: np.ndarray) -> States:
+    """States at `times`; steps are fixed, since friction in nonsensical magnitudes would make those of others tiny."""
+    model, scene, (stages, weights) = Model(case.scene, physics), case.scene, TABLEAUX[4][0]
+
+    def rates(t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
+        a = model.rates(x[0], R[0], v[0], w[0], float(t[0]))[None]
+        return [v, R, a[..., :3], a[..., 3:]]
+
+    rows: list[State] = [[part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)]]
+    for begin, end in itertools.pairwise(times):
+        count, state = int(np.ceil((end - begin) / (0.7 * case.step))), rows[-1]
+        h = np.array([(end - begin) / count])
+        for k in range(count):
+            state = exponential_step(rates, begin + k * h, state, h, stages, weights)
+        rows.append(state)
+    return States(times, *(np.concatenate(part) for part in zip(*rows, strict=True)))
 
 
 def _fitted(case: Case, build: Callable[[np.ndarray], Scene | Physics | None], start: Sequence[float]

@@ -9,7 +9,19 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.recordings.motions import SCENES, TIMES, arm, by_exudyn, by_mujoco, by_pinocchio, slider, top, tumbler, two
+from tests.recordings.motions import (
+    SCENES,
+    TIMES,
+    arm,
+    by_exudyn,
+    by_mujoco,
+    by_pinocchio,
+    imu,
+    slider,
+    top,
+    tumbler,
+    two,
+)
 
 Columns = dict[str, np.ndarray]
 
@@ -54,6 +66,7 @@ RIGHT = [
     Right("two", lambda: two(angle=(0.3, -0.6)), "", "npz", start="recorded"),
     Right("two", by_mujoco, "", "csv"), Right("two", lambda: by_mujoco("Euler", 1e-3), "", "tab", 0.5),
     Right("two", by_pinocchio, "", "npz"), Right("tumbler", by_exudyn, "", "csv"),
+    Right("imu", imu, "", "csv"), Right("imu", imu, "acceleration", "parquet"), Right("imu", imu, "rate", "digits6"),
 ]
 
 
@@ -304,6 +317,15 @@ WRONG = [
           ("noise",)),
     Wrong("outliers", "two", lambda: each(only(two(), "position"), _spike), ("outliers",)),
     Wrong("wrapped angle", "arm", lambda: wrapped(arm(np.linspace(0, 2, 201), rate=9.0), "pivot.position"), ()),
+    Wrong("acceleration without gravity", "imu", lambda: imu() | {
+        "acceleration.x": imu()["acceleration.x"] + 9.81 * np.sin(arm()["pivot.position"]),
+        "acceleration.z": imu()["acceleration.z"] - 9.81 * np.cos(arm()["pivot.position"])}, ("gravity left out",)),
+    Wrong("lever of an accelerometer", "imu", lambda: imu(s=(0.0, 0.0, 0.0)), ("lever left out",)),
+    Wrong("accelerometer in g", "imu", lambda: scaled(imu(), 1 / 9.80665, "acceleration.x", "acceleration.z"),
+          ("units",)),
+    Wrong("gyroscope late", "imu", lambda: rows(only(imu(), "rate"), [0, *range(200)]), ("late sample", "time shift")),
+    Wrong("sign of a gyroscope", "imu", lambda: scaled(imu(), -1.0, "rate.y"), ("sign", "scale")),
+    Wrong("gravity", "imu", lambda: imu(g=9.7), ("gravity",)),
     Wrong("relative spin", "two", lambda: vectors(two(), "fore", "w", lambda w, R: w - np.outer(
         two()["shoulder.velocity"], [0, 1, 0])), ("velocity frame",)),
 ]

@@ -138,6 +138,22 @@ damping = 0.4
 """,
 }
 
+SCENES["imu"] = SCENES["arm"].replace("schema = 2", "schema = 3").replace('"arm"', '"imu"') + """
+[[sites]]
+name = "chip"
+body = "bar"
+position = [0.2, 0.0, 0.05]
+[[sensors]]
+name = "acceleration"
+type = "accelerometer"
+site = "chip"
+[[sensors]]
+name = "rate"
+type = "angular_velocity"
+site = "chip"
+frame = "site"
+"""
+
 TIMES = np.linspace(0.0, 2.0, 201)
 
 
@@ -179,6 +195,17 @@ def arm(t=TIMES, g=9.81, m=1.2, J=0.03, l=0.4, anchor=(0.1, 0.0, 0.2), angle=0.4
     columns = {"t": t, "pivot.position": a, "pivot.velocity": w}
     body(columns, "bar", np.array(anchor) + lever, R, np.cross(spin, lever), spin)
     return columns
+
+
+def imu(t=TIMES, g=9.81, s=(0.2, 0.0, 0.05)):
+    """What an accelerometer and a gyroscope at the point s of that bar read: no joint, no body."""
+    columns = arm(t, g)
+    angle, rate = columns["pivot.position"], columns["pivot.velocity"]
+    swing = (1.2 * g * 0.4 * np.cos(angle) - 0.02 * rate) / (0.03 + 1.2 * 0.16)
+    x, z = 0.4 + s[0], s[2]
+    made = {"t": t, "acceleration.x": swing * z - rate**2 * x - g * np.sin(angle), "acceleration.y": 0.0 * t,
+            "acceleration.z": -swing * x - rate**2 * z + g * np.cos(angle)}
+    return made | {f"rate.{axis}": value for axis, value in zip("xyz", (0.0 * t, rate, 0.0 * t), strict=True)}
 
 
 def two(t=TIMES, g=9.81, m=(1.2, 0.7), J=(0.03, 0.012), l=(0.4, 0.8, 0.3), angle=(0.4, -0.7), rate=(1.5, -1.0),

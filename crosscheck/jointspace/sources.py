@@ -254,8 +254,12 @@ def _own(scene: Scene, engine: Any) -> Blocks:
     who, shape = f"derivatives of {getattr(engine, 'name', engine)!r}", (space.size, space.size)
     if not isinstance(given, Mapping) or not {"da_dq", "da_dv"} <= set(given):
         raise EngineError(f"{who}: give a dict with da_dq, da_dv and da_dtau")
-    blocks = {key: np.asarray(value, dtype=float) for key, value in given.items() if value is not None}
+    order, eps = given.get("order"), float(given.get("eps", 0.0))
+    if order is not None and not (order in (1, 2, 4) and 0 < eps < 1):
+        raise EngineError(f"{who}: order and eps are those of differences: 1, 2 or 4, and a step between 0 and 1")
+    blocks = {key: np.asarray(given[key], dtype=float) for key in ("da_dq", "da_dv", "da_dtau")
+              if given.get(key) is not None}
     for key, value in blocks.items():
         if value.shape != shape or not np.isfinite(value).all():
             raise EngineError(f"{who}: {key} is not finite or of shape {value.shape}, not {shape}")
-    return Blocks(blocks["da_dq"], blocks["da_dv"], blocks.get("da_dtau"))
+    return Blocks(blocks["da_dq"], blocks["da_dv"], blocks.get("da_dtau"), order, eps)

@@ -7,17 +7,24 @@ order in its step. Each cause is the truth with one mistake; the cause is the on
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.jointspace.derivatives import Derivatives, of, truth
-from crosscheck.jointspace.motion import JointSpace, starting
+from crosscheck.jointspace.motion import JointSpace, placed, starting
 from crosscheck.scene.coordinates import relative
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import Scene
+from crosscheck.scene.model import Force, Scene
+
+DIFFERENCE = 1e-3
+"""Step by which derivatives are differentiated again, rad or m and per second."""
+
+MOST_DIGITS, WHOLE = 1e9, 1e-3
+"""Differences with a small step, in last digits of the accelerations, and how far they may be from whole numbers."""
 
 EXPLAINED = 0.02
 """Part of a difference that may be left of it once the cause is in the truth, besides the bound."""
@@ -61,10 +68,10 @@ def scales(exact: Derivatives) -> dict[str, float]:
 def cause_of(scene: Scene, exact: Derivatives, wrong: dict[str, np.ndarray], bound: float, source: str) -> str:
     """What is wrong with the wrong blocks, in words; "" if no known mistake explains it."""
     sizes = scales(exact)
-    for words, changed in _mistakes(scene, exact):
-        left = {name: float(np.abs(values - changed[name]).max()) for name, values in wrong.items()}
-        apart = {name: float(np.abs(values - exact.blocks[name]).max()) for name, values in wrong.items()}
-        if all(left[name] <= bound * sizes[name] + EXPLAINED * apart[name] for name in wrong):
+    apart = {name: float(np.abs(values - exact.blocks[name]).max()) for name, values in wrong.items()}
+    for words, changed in itertools.chain(_algebra(scene, exact), _models(scene), _steps(scene, exact, wrong)):
+        if all(name in changed and float(np.abs(values - changed[name]).max())
+               <= bound * sizes[name] + EXPLAINED * apart[name] for name, values in wrong.items()):
             return f"{words} ({', '.join(wrong)})"
     composite = [joint.name for joint in scene.joints if len(JOINT_TYPES[joint.type].motion) > 1]
     if source.startswith("pinocchio:aba") and composite:
@@ -73,47 +80,117 @@ def cause_of(scene: Scene, exact: Derivatives, wrong: dict[str, np.ndarray], bou
     return ""
 
 
-def _mistakes(scene: Scene, exact: Derivatives) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
-    """Each known mistake and the blocks that it would give."""
-    blocks = {name: exact.blocks[name] for name in ("da_dq", "da_dv", "da_dtau")}
-    for words, changed in (
-            ("the damping of joints is left out", _without(scene, "damping")),
-            ("the springs of joints are left out", _without(scene, "stiffness")),
-            ("the armature is left out", scene.replace(joints=tuple(
-                dataclasses.replace(joint, armature=()) for joint in scene.joints))),
-            ("gravity is left out", scene.replace(gravity=np.zeros(3))),
-            ("gravity has the wrong sign", scene.replace(gravity=-scene.gravity)),
-            ("the rates are left out", scene.replace(bodies=tuple(dataclasses.replace(
-                body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in scene.bodies)))):
+Mistakes = Iterator[tuple[str, dict[str, np.ndarray]]]
+"""Each known mistake and the blocks that it would give."""
+
+
+def _models(scene: Scene) -> Mistakes:
+    """Something of the scene is left out, or the state is another one."""
+    turning = [force for force in scene.forces if force.type == "torsional_spring"]
+    changes = [("the damping of joints is left out", _without(scene, "damping", turning)),
+               ("the springs of joints are left out", _without(scene, "stiffness", turning))]
+    changes += [("the armature is left out", scene.replace(joints=tuple(
+        dataclasses.replace(joint, armature=()) for joint in scene.joints)))]
+    changes += [(f"the {key} of joint {force.joint!r} is left out", _without(scene, key, [force]))
+                for force in turning for key in ("damping", "stiffness")]
+    changes += [(f"the armature of joint {each.name!r} is left out", scene.replace(joints=tuple(
+        dataclasses.replace(joint, armature=()) if joint is each else joint for joint in scene.joints)))
+        for each in scene.joints if each.armature]
+    changes += [(f"{words} left out", scene.replace(forces=tuple(f for f in scene.forces if f.type not in types)))
+                for words, types in (("linear springs are", ("linear_spring",)), ("the loads are", (
+                    "constant_force", "constant_torque", "joint_torque", "joint_force")))]
+    changes += [("gravity is left out", scene.replace(gravity=np.zeros(3))),
+                ("gravity has the wrong sign", scene.replace(gravity=-scene.gravity)),
+                ("gravity counts twice", scene.replace(gravity=2 * scene.gravity)),
+                ("the rates are left out", scene.replace(bodies=tuple(dataclasses.replace(
+                    body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in scene.bodies))),
+                ("it is taken at zero coordinates", placed(scene, 0 * (speeds := JointSpace(scene).speeds), speeds))]
+    for words, changed in changes:
         space = JointSpace(changed)
         da_dq, da_dv = space.derivative(space.accelerations)
         yield words, {"da_dq": da_dq, "da_dv": da_dv, "da_dtau": np.linalg.inv(space.mass)}
+
+
+def _algebra(scene: Scene, exact: Derivatives) -> Mistakes:
+    """The matrices are those of the truth, but in another form."""
+    blocks = {name: exact.blocks[name] for name in ("da_dq", "da_dv", "da_dtau")}
+    da_dq, da_dv, da_dtau = blocks.values()
+    names, one = exact.coordinates, np.eye(len(exact.coordinates))
+    turns, spins, balls = _bases(scene)
     yield "the sign is reversed", {name: -values for name, values in blocks.items()}
-    yield "rows and columns are exchanged", {name: values.T for name, values in blocks.items()}
-    yield "the order of the coordinates is reversed", {name: values[::-1, ::-1] for name, values in blocks.items()}
-    turns, spins = _bases(scene)
-    yield "small turns of balls are taken in the parent's axes", {
-        name: turns @ values @ turns.T for name, values in blocks.items()}
-    da_dq, da_dv = blocks["da_dq"], blocks["da_dv"]
-    yield "da_dq is taken at rates that are fixed in other axes", blocks | {"da_dq": da_dq + da_dv @ spins}
-    yield "it is twice as large", {name: 2 * values for name, values in blocks.items()}
+    for words, change in (("rows and columns are exchanged", np.transpose), ("the lower triangle is left out", np.triu),
+                          ("the upper triangle is left out", np.tril), ("only the symmetric part is given", _symmetric),
+                          ("the order of the coordinates is reversed", lambda values: values[::-1, ::-1])):
+        yield words, {name: change(values) for name, values in blocks.items()}
+    yield "da_dq and da_dv are exchanged", {"da_dq": da_dv, "da_dv": da_dq}
+    yield "it is the mass matrix, not its inverse", {"da_dtau": np.linalg.inv(da_dtau)}
     yield "it is the derivative of the inverse dynamics", {
-        name: -np.linalg.solve(blocks["da_dtau"], values) for name, values in blocks.items()}
+        name: -np.linalg.solve(da_dtau, values) for name, values in blocks.items()}
+    for k, name in enumerate(names):
+        flip = one - 2 * np.outer(one[k], one[k])
+        yield f"coordinate {name!r} has the other sign", {key: flip @ each @ flip for key, each in blocks.items()}
+    for j, k in itertools.combinations(range(len(names)), 2):
+        swap = one[[k if i == j else j if i == k else i for i in range(len(names))]]
+        yield f"coordinates {names[j]!r} and {names[k]!r} are exchanged", {
+            key: swap @ each @ swap.T for key, each in blocks.items()}
+    if balls.any():
+        for words, left, right in (("small turns of balls are taken in the parent's axes", turns, turns),
+                                   ("the rows of balls are in the parent's axes", turns, one),
+                                   ("the columns of balls are by turns in the parent's axes", one, turns)):
+            yield words, {name: left @ values @ right.T for name, values in blocks.items()}
+        yield "it is by the vector part of the balls' quaternions", {
+            "da_dq": da_dq * (1 + balls), "da_dv": da_dv * (1 + balls)}
+        yield "da_dq is taken at rates that are fixed in other axes", blocks | {"da_dq": da_dq + da_dv @ spins}
 
 
-def _without(scene: Scene, key: str) -> Scene:
+def _symmetric(values: np.ndarray) -> np.ndarray:
+    return np.asarray((values + values.T) / 2)
+
+
+def _steps(scene: Scene, exact: Derivatives, wrong: dict[str, np.ndarray]) -> Mistakes:
+    """A factor, or differences whose step is too small or too large, fitted to the first wrong block."""
+    space = JointSpace(scene)
+    name, values = next(iter(wrong.items()))
+    factor = float(np.sum(values * exact.blocks[name]) / np.sum(exact.blocks[name] ** 2))
+    yield f"it is {factor:.10g} times as large", {key: factor * each for key, each in exact.blocks.items()}
+    a = np.real(space.accelerations(np.zeros(space.size), space.speeds))
+    for step in (10.0**-k for k in range(14, 6, -1)):  # they are whole numbers of the last digit of the accelerations
+        digits = values * step / np.spacing(np.abs(a))[:, None]
+        if np.abs(digits).max() < MOST_DIGITS and np.abs(digits - digits.round()).max() < WHOLE:
+            yield f"differences with a step of {step:.0e}, which leaves nothing but rounding", wrong
+    by_q, by_v = (np.zeros((2, space.size, space.size)) for _ in range(2))
+    for k, row in enumerate(np.eye(space.size)):
+        for part, made in enumerate((by_q, by_v)):
+            shift = np.outer(np.eye(2)[part], DIFFERENCE * row)
+            near = [JointSpace(space.moved(*each)) for each in (shift, -shift)]
+            slopes = [each.derivative(each.accelerations)[part][:, k] for each in near]
+            made[:, :, k] = ((slopes[0] - slopes[1]) / (2 * DIFFERENCE),
+                             (slopes[0] - 2 * exact.blocks[("da_dq", "da_dv")[part]][:, k] + slopes[1]) / DIFFERENCE**2)
+    for order, words in enumerate(("forward", "central")):
+        curved = {"da_dq": by_q[order], "da_dv": by_v[order]}
+        if name in curved and curved[name].any():
+            size = float(np.sum((values - exact.blocks[name]) * curved[name]) / np.sum(curved[name] ** 2))
+            step = abs((2.0, 6.0)[order] * size) ** (1.0 / (order + 1))
+            yield f"{words} differences with a step of {step:.1e}, which is too large", {
+                key: exact.blocks[key] + size * each for key, each in curved.items()}
+
+
+def _without(scene: Scene, key: str, among: Sequence[Force]) -> Scene:
     return scene.replace(forces=tuple(
-        dataclasses.replace(force, parameters={**force.parameters, key: 0.0}) if force.type == "torsional_spring"
+        dataclasses.replace(force, parameters={**force.parameters, key: 0.0}) if any(force is each for each in among)
         else force for force in scene.forces))
 
 
-def _bases(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Turns of the coordinates of balls from child to parent axes, and their rates as matrices w x (.)."""
+def _bases(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Turns of the coordinates of balls from child to parent axes, their rates as matrices w x (.), and where they are.
+    """
     space, start = JointSpace(scene), starting(scene)
     turns, spins = np.eye(space.size), np.zeros((space.size, space.size))
+    balls = np.zeros(space.size)
     for link in space.links:
         own = space.own[link.body]
         if link.joint is not None and JOINT_TYPES[link.joint.type].coordinates == ("ball",):
+            balls[own] = 1.0
             turns[own, own] = relative(link.joint, start).turn[0]
             spins[own, own] = np.cross(space.speeds[own], np.eye(3)).T
-    return turns, spins
+    return turns, spins, balls

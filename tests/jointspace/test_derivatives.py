@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 
@@ -154,56 +155,147 @@ class Own:
         return self.change({"da_dq": exact.da_dq, "da_dv": exact.da_dv, "da_dtau": exact.da_dtau}, scene)
 
 
-def without(**parts):
+PARTS = {"armature": 0.1, "stiffness": 2.0}
+
+
+def joints():
+    """Three hinges with rotors, springs and dampers."""
+    return arm(3, seed=4, **PARTS)
+
+
+def balls():
+    return crosscheck.load_scene("double_pendulum")
+
+
+def of_scene(**parts):
+    """The derivatives of a scene in which something is otherwise."""
     def change(blocks, scene):
-        altered = truth(arm(3, seed=4, **parts))
-        return {"da_dq": altered.da_dq, "da_dv": altered.da_dv, "da_dtau": altered.da_dtau}
+        return dict(truth(arm(3, seed=4, **PARTS | parts)).blocks)
     return change
 
 
+def altered(make):
+    """The derivatives of what `make` makes of the scene."""
+    return lambda blocks, scene: dict(truth(make(scene)).blocks)
+
+
+def one_joint(scene, k, **changes):
+    return scene.replace(joints=tuple(dataclasses.replace(joint, **changes) if j == k else joint
+                                      for j, joint in enumerate(scene.joints)))
+
+
+def without_damping_of(scene, name):
+    return scene.replace(forces=tuple(
+        dataclasses.replace(force, parameters={**force.parameters, "damping": 0.0})
+        if force.type == "torsional_spring" and force.joint == name else force for force in scene.forces))
+
+
+def each(function, *names):
+    """The named blocks, all by default, changed by a function of a matrix."""
+    return lambda blocks, scene: blocks | {name: function(blocks[name]) for name in names or blocks}
+
+
+def by_differences(step, central=False):
+    """Differences of the accelerations, forward or central."""
+    def change(blocks, scene):
+        space = JointSpace(scene)
+
+        def accelerated(q, v):
+            return np.real(space.accelerations(q, space.speeds + v))
+
+        zero, both = np.zeros(space.size), []
+        for part in range(2):
+            columns = []
+            for row in np.eye(space.size):
+                ends = [accelerated(*(h * row if side == part else zero for side in range(2)))
+                        for h in (step, -step if central else 0.0)]
+                columns.append((ends[0] - ends[1]) / (step * (1 + central)))
+            both.append(np.array(columns).T)
+        return blocks | {"da_dq": both[0], "da_dv": both[1]}
+    return change
+
+
+def in_parent_axes(left, right):
+    def change(blocks, scene):
+        turns = np.zeros((6, 6))
+        R = scene.R0
+        turns[:3, :3], turns[3:, 3:] = R[0], R[0].T @ R[1]  # the attitude of each child in its parent
+        return {name: (turns if left else np.eye(6)) @ values @ (turns.T if right else np.eye(6))
+                for name, values in blocks.items()}
+    return change
+
+
+FLIP, SWAP = np.diag([1.0, -1.0, 1.0]), np.eye(3)[[2, 1, 0]]
 WRONG = {
-    "damping": (without(armature=0.1, stiffness=2.0, damping=0.0), "damping of joints is left out"),
-    "armature": (without(stiffness=2.0), "armature is left out"),
-    "springs": (without(armature=0.1), "springs of joints are left out"),
-    "gravity": (without(armature=0.1, stiffness=2.0, gravity=[0.0] * 3), "gravity is left out"),
-    "gravity's sign": (without(armature=0.1, stiffness=2.0, gravity=[0.0, 0.0, 9.81]), "gravity has the wrong sign"),
-    "sign": (lambda b, _: b | {"da_dq": -b["da_dq"]}, "sign is reversed (da_dq)"),
-    "transposed": (lambda b, _: b | {"da_dv": b["da_dv"].T}, "rows and columns are exchanged (da_dv)"),
-    "order": (lambda b, _: {key: value[::-1, ::-1] for key, value in b.items()}, "order of the coordinates"),
-    "twice": (lambda b, _: b | {"da_dv": 2 * b["da_dv"]}, "twice as large (da_dv)"),
-    "inverse": (lambda b, _: b | {"da_dq": -np.linalg.solve(b["da_dtau"], b["da_dq"])}, "of the inverse dynamics"),
-    "noise": (lambda b, _: b | {"da_dq": b["da_dq"] + np.arange(9).reshape(3, 3)}, ""),
-    "a little": (lambda b, _: b | {"da_dq": b["da_dq"] * (1 + 1e-8)}, ""),
+    "damping": (joints, of_scene(damping=0.0), "damping of joints is left out"),
+    "damping of one": (joints, altered(lambda s: without_damping_of(s, "j1")), "damping of joint 'j1' is left out"),
+    "armature": (joints, of_scene(armature=0.0), "armature is left out"),
+    "armature of one": (joints, altered(lambda s: one_joint(s, 2, armature=())), "armature of joint 'j2'"),
+    "springs": (joints, of_scene(stiffness=0.0), "springs of joints are left out"),
+    "torques": (joints, altered(lambda s: s.replace(forces=tuple(
+        force for force in s.forces if force.type == "torsional_spring"))), "the loads are left out"),
+    "gravity": (joints, of_scene(gravity=[0.0] * 3), "gravity is left out"),
+    "gravity's sign": (joints, of_scene(gravity=[0.0, 0.0, 9.81]), "gravity has the wrong sign"),
+    "gravity twice": (joints, of_scene(gravity=[0.0, 0.0, -19.62]), "gravity counts twice"),
+    "at rest": (joints, altered(lambda s: s.replace(bodies=tuple(dataclasses.replace(
+        body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in s.bodies))), "rates are left out"),
+    "at zero": (joints, altered(lambda s: placed(s, np.zeros(3), JointSpace(s).speeds)), "at zero coordinates"),
+    "sign": (joints, each(np.negative, "da_dq"), "sign is reversed (da_dq)"),
+    "transposed": (joints, each(np.transpose, "da_dv"), "rows and columns are exchanged (da_dv)"),
+    "upper": (joints, each(np.triu, "da_dtau"), "lower triangle is left out (da_dtau)"),
+    "lower": (joints, each(np.tril, "da_dtau"), "upper triangle is left out (da_dtau)"),
+    "symmetric": (joints, each(lambda values: (values + values.T) / 2, "da_dq"), "only the symmetric part"),
+    "order": (joints, each(lambda values: values[::-1, ::-1]), "order of the coordinates"),
+    "swapped": (lambda: arm(4, seed=5), each(lambda values: values[np.ix_([1, 0, 2, 3], [1, 0, 2, 3])]),
+                "coordinates 'j0' and 'j1' are exchanged"),
+    "one sign": (joints, each(lambda values: FLIP @ values @ FLIP), "coordinate 'j1' has the other sign"),
+    "twice": (joints, each(lambda values: 2 * values, "da_dv"), "2 times as large (da_dv)"),
+    "degrees": (joints, each(lambda values: np.pi / 180 * values, "da_dq"), "0.01745329252 times"),
+    "inverse": (joints, lambda b, _: b | {"da_dq": -np.linalg.solve(b["da_dtau"], b["da_dq"])}, "inverse dynamics"),
+    "mass": (joints, each(np.linalg.inv, "da_dtau"), "mass matrix, not its inverse"),
+    "exchanged": (joints, lambda b, _: b | {"da_dq": b["da_dv"], "da_dv": b["da_dq"]}, "da_dq and da_dv are exchanged"),
+    "step too large": (joints, by_differences(1e-4), "forward differences with a step of 1.0e-04, which is too large"),
+    "central, too large": (joints, by_differences(1e-2, True), "central differences with a step of 1.0e-02"),
+    "step too small": (joints, by_differences(1e-12), "a step of 1e-12, which leaves nothing but rounding"),
+    "parent's axes": (balls, in_parent_axes(True, True), "small turns of balls are taken in the parent's axes"),
+    "rows in the parent's axes": (balls, in_parent_axes(True, False), "rows of balls are in the parent's axes"),
+    "columns by the parent's": (balls, in_parent_axes(False, True), "columns of balls are by turns in the parent's"),
+    "quaternions": (balls, each(lambda values: 2 * values, "da_dq"), "vector part of the balls' quaternions"),
+    "noise": (joints, lambda b, _: b | {"da_dq": b["da_dq"] + np.arange(9).reshape(3, 3)}, ""),
+    "one entry": (joints, each(lambda values: values + np.outer([0, 0, 1], [1e-6, 0, 0]), "da_dv"), ""),
+    "a little": (joints, each(lambda values: values * (1 + 1e-8), "da_dq"), "1.00000001 times"),
 }
 
 
 @pytest.mark.parametrize("mistake", WRONG)
 def test_wrong_sources_do_not_pass_and_are_named(mistake):
-    change, cause = WRONG[mistake]
-    verdict = judge(arm(3, armature=0.1, stiffness=2.0, seed=4), Own(change))
+    make, change, cause = WRONG[mistake]
+    verdict = judge(make(), Own(change))
     assert not verdict.right
-    assert cause in verdict.cause
-    assert bool(cause) == bool(verdict.cause)
+    assert cause in verdict.cause, verdict
+    assert bool(cause) == bool(verdict.cause), verdict
 
 
-@pytest.mark.parametrize("change", [lambda b, _: b, lambda b, _: {key: b[key] for key in ("da_dq", "da_dv")},
-                                    lambda b, _: {key: (value * (1 + 1e-15)).tolist() for key, value in b.items()}])
-def test_right_sources_are_not_accused(change):
-    assert judge(arm(3, armature=0.1, stiffness=2.0, seed=4), Own(change)).right
+RIGHT = {
+    "exact": (joints, lambda b, _: b),
+    "two blocks": (joints, lambda b, _: {key: b[key] for key in ("da_dq", "da_dv")}),
+    "lists with rounding": (joints, lambda b, _: {key: (value * (1 + 1e-15)).tolist() for key, value in b.items()}),
+    "a symmetric matrix, transposed": (joints, each(np.transpose, "da_dtau")),
+    "single terms in another order": (joints, each(lambda values: (values + 3.0) - 3.0)),
+    "no dampers to leave out": (lambda: arm(2, damping=0.0), altered(lambda s: without_damping_of(s, "j1"))),
+    "no gravity to leave out": (lambda: arm(gravity=[0.0] * 3), altered(lambda s: s.replace(gravity=np.zeros(3)))),
+    "differences that say so": (joints, lambda b, s: by_differences(1e-6)(b, s) | {"order": 1, "eps": 1e-6}),
+    "central ones that say so": (joints, lambda b, s: by_differences(1e-4, True)(b, s) | {"order": 2, "eps": 1e-4}),
+    "balls": (balls, lambda b, _: b),
+    "a top": (lambda: crosscheck.load_scene("heavy_top"), lambda b, _: b),
+}
 
 
-def test_a_ball_differentiated_in_other_axes_is_named():
-    scene = crosscheck.load_scene("double_pendulum")
-
-    def turned(blocks, scene):
-        from crosscheck.jointspace.verdicts import _bases
-
-        turns, _ = _bases(scene)
-        return {key: turns @ value @ turns.T for key, value in blocks.items()}
-
-    verdict = judge(scene, Own(turned))
-    assert not verdict.right
-    assert "small turns of balls are taken in the parent's axes" in verdict.cause
+@pytest.mark.parametrize("source", RIGHT)
+def test_right_sources_are_not_accused(source):
+    make, change = RIGHT[source]
+    verdict = judge(make(), Own(change))
+    assert verdict.right, verdict
 
 
 @pytest.mark.parametrize(("call", "kind", "said"), [

@@ -24,6 +24,7 @@ from crosscheck.diagnosis import (
     of_model,
     of_output,
     of_run,
+    of_sensors,
     of_stepping,
     of_verdict,
     shown,
@@ -90,6 +91,8 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     answer = _judged(subject, first, noise)
     if answer.outcome == "agrees":
         _looked_through(subject, first, loaded, step, answer)
+    if loaded.sensors:
+        of_sensors.add(subject, loaded, first.scale, step, answer)
     if answer.outcome == "agrees":
         of_verdict.add(subject, loaded, step, answer)
     answer.seconds = time.perf_counter() - began

@@ -315,7 +315,7 @@ def beyond(run: Record, finding: Finding, message: str = "") -> Record:
 
 
 FIRST = (("run", "step", "vanished"), (*QUANTITIES, "order", "energy"),
-         ("momentum", "level", "acceleration", "orthogonality", "limit", "rtol", "sub-steps"))
+         ("momentum", "sensor", "level", "acceleration", "orthogonality", "limit", "rtol", "sub-steps"))
 """Kinds of findings, or the first words of their names, in the order in which passing ones are named. All others are
 plausibility checks, which say little about accuracy and come last."""
 

@@ -209,6 +209,7 @@ class SensorType:
     unit : per coordinate of a joint in rad; of a slide it has m in place of rad, and N in place of N m.
     axes : the default of `frame` for a vector; "" for what is no vector.
     size : of a reading at one time; 0 is a number, -1 what the joint's coordinates need.
+    dynamic : whether it depends on accelerations or multipliers.
     """
 
     read: Callable[[Reader, Sensor], np.ndarray]
@@ -216,6 +217,7 @@ class SensorType:
     needs: tuple[str, ...]
     axes: str = ""
     size: int = 3
+    dynamic: bool = False
 
 
 def _position(reader: Reader, sensor: Sensor) -> np.ndarray:
@@ -288,16 +290,16 @@ SENSOR_TYPES: dict[str, SensorType] = {
     "attitude": SensorType(_attitude, "1", ("site",), size=4),
     "velocity": SensorType(_velocity, "m/s", ("site",), "world"),
     "angular_velocity": SensorType(_angular_velocity, "rad/s", ("site",), "world"),
-    "acceleration": SensorType(_acceleration, "m/s^2", ("site",), "world"),
-    "angular_acceleration": SensorType(_angular_acceleration, "rad/s^2", ("site",), "world"),
-    "accelerometer": SensorType(_accelerometer, "m/s^2", ("site",), "site"),
+    "acceleration": SensorType(_acceleration, "m/s^2", ("site",), "world", dynamic=True),
+    "angular_acceleration": SensorType(_angular_acceleration, "rad/s^2", ("site",), "world", dynamic=True),
+    "accelerometer": SensorType(_accelerometer, "m/s^2", ("site",), "site", dynamic=True),
     "gyroscope": SensorType(_angular_velocity, "rad/s", ("site",), "site"),
     "joint_position": SensorType(_joint_position, "rad", _JOINT, size=-1),
     "joint_velocity": SensorType(_joint_velocity, "rad/s", _JOINT, size=-1),
-    "joint_acceleration": SensorType(_joint_acceleration, "rad/s^2", _JOINT, size=-1),
-    "joint_effort": SensorType(_joint_effort, "N m", _JOINT, size=0),
-    "force": SensorType(_force, "N", _BOTH, "site"),
-    "torque": SensorType(_torque, "N m", _BOTH, "site"),
+    "joint_acceleration": SensorType(_joint_acceleration, "rad/s^2", _JOINT, size=-1, dynamic=True),
+    "joint_effort": SensorType(_joint_effort, "N m", _JOINT, size=0, dynamic=True),
+    "force": SensorType(_force, "N", _BOTH, "site", dynamic=True),
+    "torque": SensorType(_torque, "N m", _BOTH, "site", dynamic=True),
 }
 """The types by their names in scene files."""
 
@@ -343,6 +345,17 @@ def read(reader: Reader, sensor: Sensor) -> np.ndarray:
     if "joint" in kind.needs and values.ndim > (2 if kind.axes else 1) and kind.size >= 0:
         values = values[..., 0] + np.where(np.abs(values[..., 1:]).max(axis=-1, initial=0.0) > UNIQUE, np.nan, 0.0)
     return values
+
+
+def gap(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(T,) how far readings are from others: the angle between attitudes, rad, or the norm of the difference.
+
+    Components that are NaN in one of them, since they are not unique, are left out.
+    """
+    if one.shape[1:] == (4,):  # |q - p| = 2 sin(angle / 4) for the nearer of p and -p
+        near = np.minimum(np.linalg.norm(one - other, axis=1), np.linalg.norm(one + other, axis=1))
+        return np.asarray(4 * np.arcsin(np.minimum(near / 2, 1.0)))
+    return np.asarray(np.sqrt(np.nansum((one - other).reshape(len(one), -1) ** 2, axis=1)))
 
 
 def shape(scene: Scene, sensor: Sensor, times: int) -> tuple[int, ...]:

@@ -24,6 +24,7 @@ from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windo
 from crosscheck.judge.metrics import Error, errors
 from crosscheck.judge.overrides import override
 from crosscheck.judge.repeats import judge_repeat, seen_eps
+from crosscheck.judge.sensors import judge_sensors
 from crosscheck.judge.substeps import MORE
 from crosscheck.judge.verdict import (
     SINGLE,
@@ -208,6 +209,9 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
     else:
         findings, found, bounds = judge_states(scene, traj, reference, window, claim)
         findings += [*judge_invariants(scene, traj, reference, bounds), *seen.findings]
+        read, missed = judge_sensors(scene, traj, reference, bounds.until, bounds.states, claim,
+                                     bool(bounds.empty & set(QUANTITIES)))
+        findings, found = findings + read, found | missed
         judged = scene.duration * seen.covered.over(traj.t, bounds.reach)
         findings += [] if judged else [too_coarse(claim, budgeted)]
     levels = judge_levels(scene, traj, reference, bounds, held, traj.maxima, seen.eps,

@@ -1,5 +1,6 @@
 """Settings shared by all tests."""
 
+import itertools
 import os
 import signal
 
@@ -22,15 +23,17 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _rows_of_the_session(tmp_path_factory):
+def _tables(tmp_path_factory):
     """Tests leave no rows to users and take none of theirs; what a module prepares is in one table."""
-    os.environ[table.VARIABLE] = str(tmp_path_factory.mktemp("rows") / "rows.sqlite")
+    folder = tmp_path_factory.mktemp("rows")  # one folder for all: making a thousand reads the names of a thousand
+    os.environ[table.VARIABLE] = str(folder / "rows.sqlite")
+    return (str(folder / f"{number}.sqlite") for number in itertools.count())
 
 
 @pytest.fixture(autouse=True)
-def _rows_of_the_test(monkeypatch, tmp_path_factory):
+def _rows_of_the_test(monkeypatch, _tables):
     """Every test begins with an empty table."""
-    monkeypatch.setenv(table.VARIABLE, str(tmp_path_factory.mktemp("rows") / "rows.sqlite"))
+    monkeypatch.setenv(table.VARIABLE, next(_tables))
 
 
 @pytest.fixture(scope="module")

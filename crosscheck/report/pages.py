@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import urllib.parse
 from collections.abc import Sequence
@@ -38,8 +39,9 @@ FORCE_UNITS = {
 """Units of force parameters by type of force; "any" is for all other types."""
 
 
+@functools.cache
 def environment() -> Any:
-    """The Jinja environment with templates, filters and constants of the pages."""
+    """The Jinja environment with templates, filters and constants of the pages; each template is compiled once."""
     import jinja2
 
     made = jinja2.Environment(
@@ -67,12 +69,15 @@ def studies(document: Document) -> dict[str, str]:
     return {key: title for key, title in STUDIES.items() if made[key]}
 
 
+@functools.cache
+def _markdown() -> Any:
+    """The same for Markdown: texts of engines and scenes must not become HTML, code, table columns or new lines."""
+    return environment().overlay(finalize=lambda value: re.sub(r"[<`|]", r"\\\g<0>", " ".join(value.split()))
+                                 if isinstance(value, str) else value)
+
+
 def _render(template: str, document: Document, here: str, **more: Any) -> str:
-    made = environment()
-    if template.endswith(".md.j2"):
-        # Texts of engines and scenes must not become HTML, code, table columns or new lines.
-        made = made.overlay(finalize=lambda value: re.sub(r"[<`|]", r"\\\g<0>", " ".join(value.split()))
-                            if isinstance(value, str) else value)
+    made = _markdown() if template.endswith(".md.j2") else environment()
     return str(made.get_template(template).render(
         document=document, meta=document.meta, scenes=document.scenes, engines=document.meta.engines,
         studies=studies(document), here=here, changes=document.changes,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -108,21 +110,18 @@ def exact(scene, duration):
 CASES = [(kind, method) for kind in JOINT_TYPES for method, record in lieeuler.METHODS.items() if record.order == 1]
 
 
-@pytest.fixture(scope="module")
-def moving():
-    """One closed scene for every joint type, with springs, dampers and loads on it, and its state after 0.2 s."""
-    made = {}
-    for number, kind in enumerate(JOINT_TYPES):
-        rng = np.random.default_rng(100 + number)
-        forces = [*pairs.loads(), *([pairs.torsion()] if kind in pairs.SPRUNG else [])]
-        scene = drawn(lambda rng=rng, kind=kind, forces=forces: jointed_pair(rng, kind, forces))
-        made[kind] = scene, exact(scene, 0.2)
-    return made
+@functools.cache
+def moving(kind):
+    """A closed scene for a joint type, with springs, dampers and loads on it, and its state after 0.2 s."""
+    rng = np.random.default_rng(100 + JOINT_TYPES.index(kind))
+    forces = [*pairs.loads(), *([pairs.torsion()] if kind in pairs.SPRUNG else [])]
+    scene = drawn(lambda: jointed_pair(rng, kind, forces))
+    return scene, exact(scene, 0.2)
 
 
 @pytest.mark.parametrize(("kind", "method"), CASES)
-def test_every_method_is_first_order_on_every_joint_and_force(moving, kind, method):
-    scene, (x, R, _, _) = moving[kind]
+def test_every_method_is_first_order_on_every_joint_and_force(kind, method):
+    scene, (x, R, _, _) = moving(kind)
     problem, steps = build_problem(scene), (2e-3, 1e-3, 5e-4, 2.5e-4)
     errors = []
     for h in steps:
@@ -141,8 +140,8 @@ def test_every_method_is_first_order_on_every_joint_and_force(moving, kind, meth
 
 
 @pytest.mark.parametrize("kind", JOINT_TYPES)
-def test_start_accelerations_and_multipliers_are_index_1(moving, kind):
-    scene = moving[kind][0]
+def test_start_accelerations_and_multipliers_are_index_1(kind):
+    scene = moving(kind)[0]
     run = lieeuler.integrate(build_problem(scene), "DAE3L_LE", 1e-3, [0, 1e-3])
     a, alpha, lam = (values[0] for values in mechanics.index1(scene, *batch(scene)))
     size = 1 + max(np.abs(a).max(), np.abs(alpha).max(), np.abs(lam).max())

@@ -1,8 +1,10 @@
 """The command line: its output, and its answers to mistakes."""
 
 import ast
+import contextlib
 import csv
 import importlib.metadata
+import io
 import json
 import os
 import signal
@@ -10,30 +12,42 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from unittest import mock
 
 import pytest
 from typer.testing import CliRunner
 
-from crosscheck.cli.app import app
+from crosscheck.cli.app import app, main
 from crosscheck.scene.file import load_scene
 from tests import ROOT
 
 QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "mujoco")
 
 
-def crosscheck(*words, **options):
-    return subprocess.run([sys.executable, "-m", "crosscheck", *words], capture_output=True, text=True, timeout=120,
-                          env={**os.environ, "COLUMNS": "200"}, **options)
+def crosscheck(*words):
+    """Exit code and output of a command, run in this process: starting Python for each takes longer than most run."""
+    said, complained, code = io.StringIO(), io.StringIO(), 0
+    with (mock.patch.object(sys, "argv", ["crosscheck", *words]), mock.patch.dict(os.environ, COLUMNS="200"),
+          contextlib.redirect_stdout(said), contextlib.redirect_stderr(complained)):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    return SimpleNamespace(returncode=code, stdout=said.getvalue(), stderr=complained.getvalue())
 
 
 @pytest.fixture(scope="module")
 def verified(tmp_path_factory):
+    """A run of verify, and the same again as JSON."""
     out = tmp_path_factory.mktemp("verify") / "latest"
-    return crosscheck("verify", *QUICK, "--out", str(out)), out
+    return (subprocess.run([sys.executable, "-m", "crosscheck", "verify", *QUICK, "--out", str(out)], text=True,
+                           capture_output=True, timeout=120, env={**os.environ, "COLUMNS": "200"}),
+            out, crosscheck("verify", *QUICK, "--json", "--out", str(out)))
 
 
 def test_verify_folds_passes_to_a_line_and_says_where_the_report_is(verified):
-    done, out = verified
+    done, out, _ = verified
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith("engines: mujoco 4.0.0\n")
     assert "✓ single_pendulum, mujoco: 5 runs pass, least position error" in done.stdout
@@ -43,8 +57,8 @@ def test_verify_folds_passes_to_a_line_and_says_where_the_report_is(verified):
     assert (out / "index.html").is_file()
 
 
-def test_verify_as_json(tmp_path):
-    done = crosscheck("verify", *QUICK, "--json", "--out", str(tmp_path / "latest"))
+def test_verify_as_json(verified):
+    *_, done = verified
     document = json.loads(done.stdout)
     assert document["exit_code"] == done.returncode == 0
     assert {record["outcome"] for record in document["records"]} == {"pass"}
@@ -130,8 +144,9 @@ def test_truth_is_printed_up_to_a_horizon_before_the_first_output(monkeypatch):
     (("verify", "--jobs", "0"), "at least 1"),
     (("verify", "--engine", "mujoco", "--method", "RK5"), "did you mean 'RK4'"),
 ])
-def test_a_mistake_gets_one_clear_line(words, message, tmp_path):
-    done = crosscheck(*words, cwd=tmp_path)
+def test_a_mistake_gets_one_clear_line(words, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = crosscheck(*words)
     assert done.returncode == 2
     assert message in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
@@ -199,7 +214,7 @@ def test_a_place_that_cannot_hold_a_report_is_refused_before_anything_runs(tmp_p
 
 
 def test_an_older_report_is_replaced(verified):
-    _, out = verified
+    _, out, _ = verified
     from crosscheck.errors import ArgumentError
     from crosscheck.report import folder
 

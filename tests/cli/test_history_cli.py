@@ -39,8 +39,9 @@ def test_history_alone_lists_the_runs(store):
     assert history(store=store).stdout == history("list", store=store).stdout
 
 
-@pytest.mark.parametrize("words", [(), ("list",), ("show",), ("compare", "latest"), ("accept",)])
-@pytest.mark.parametrize("port", ["99999", "port", "-1", "1"])
+@pytest.mark.parametrize(("words", "port"), [
+    *((words, "1") for words in ((), ("list",), ("show",), ("compare", "latest"), ("accept",))),
+    *(((), port) for port in ("99999", "port", "-1"))])
 def test_a_store_that_cannot_be_reached_is_one_line(words, port, monkeypatch, capfd):
     """As a user sees it at 80 columns: no usage, no help, no box."""
     monkeypatch.setenv("COLUMNS", "80")

@@ -21,7 +21,8 @@ from crosscheck.errors import ArgumentError
 from crosscheck.history import nightly
 from crosscheck.jobs import table
 from crosscheck.verification import job
-from tests.history.test_nightly import FEW, QUICK, history_names, rows
+from tests.history.test_nightly import FEW, QUICK, history_names
+from tests.killing import rows
 
 pytestmark = pytest.mark.slow  # each starts several runs
 

@@ -2,12 +2,8 @@
 
 import json
 import os
-import random
-import signal
-import sqlite3
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -17,9 +13,8 @@ from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError
 from crosscheck.history import nightly
 from crosscheck.history.store import open_store, recent
-from crosscheck.jobs import table
 from tests import ROOT
-from tests.right_engines import Projected
+from tests.killing import killed, results, rows, timeless
 
 SEEDS = ROOT / "tests" / "seeds"
 FEW = f"{SEEDS / 'few.py'}:Few"
@@ -47,28 +42,17 @@ def history_names(out):
     return [run.name for run in recent(open_store(out.parent / "history.sqlite"), 100)]
 
 
-TIMES = {"time", "started", "seconds", "wall_time", "us_per_step", "seconds_per_second", "seconds_deviation", "speed",
-         "timing", "recommended", "trust", "text", "calibration", "compared_with", "changes"}
-"""Keys that hold times, or what depends on them: the text of the trust row names the fastest method and its time."""
-
-
-def results(folder):
-    return json.loads((folder / "results.json").read_text(encoding="utf-8"))
-
-
-def timeless(value):
-    if isinstance(value, dict):
-        return {key: timeless(each) for key, each in value.items() if key not in TIMES}
-    return [timeless(each) for each in value] if isinstance(value, list) else value
-
-
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
+    """The first night, in a folder in which an earlier release left something."""
     out = tmp_path_factory.mktemp("nights") / "nightly"
+    for name in (".running", ".abandoned-2026-11-01T02-00-00Z-00ff"):
+        (out / name).mkdir(parents=True)
+        (out / name / "journal.jsonl").write_text("results of old code\n", encoding="utf-8")
     return night(out, *QUICK), out
 
 
-def test_a_night_leaves_report_history_and_summary(undisturbed):
+def test_a_night_leaves_report_history_and_summary_and_nothing_of_earlier_releases(undisturbed):
     done, out = undisturbed
     assert done.returncode == 0, done.stdout + done.stderr
     folder, = (path for path in out.iterdir() if nightly.NAME.fullmatch(path.name))
@@ -92,32 +76,10 @@ def test_any_report_can_be_put_into_a_history(undisturbed, tmp_path):
     assert (run.profile, run.good) == ("smoke", True)
 
 
-def rows():
-    """(key, session) of the rows that are in the table."""
-    with sqlite3.connect(os.environ[table.VARIABLE], timeout=60) as connection:
-        try:
-            return connection.execute("SELECT key, session FROM rows_1").fetchall()
-        except sqlite3.OperationalError:  # it is not made yet
-            return []
-
-
-def kill_within(out, words, moment, later=0.0):
-    """Start a nightly run and kill it `later` (s) than the table has so many rows; whether it was still at work."""
-    process = subprocess.Popen(**command(out, *words))
-    while process.poll() is None:
-        if len(rows()) >= moment:
-            time.sleep(later)
-            process.send_signal(signal.SIGKILL)
-            break
-        time.sleep(0.01)
-    process.communicate(timeout=60)
-    return process.returncode == -signal.SIGKILL
-
-
 def test_a_killed_night_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, tmp_path):
     out = tmp_path / "nightly"
     for moment in (3, 9):
-        assert kill_within(out, QUICK, moment)
+        assert killed(command(out, *QUICK), moment)
         assert not (out / "latest").exists()
     before = rows()
     assert len(before) >= 9
@@ -127,17 +89,13 @@ def test_a_killed_night_goes_on_and_ends_as_if_nothing_had_happened(undisturbed,
     assert len({key for key, _ in rows()}) == len(rows())  # nothing that had ended was run again
     assert timeless(results(out / "latest")) == timeless(results(undisturbed[1] / "latest"))
     assert len(history_names(out)) == 1
-
-
-def test_a_night_computes_everything_anew_unless_it_is_told_not_to(undisturbed, tmp_path):
-    out = tmp_path / "nightly"
-    counts = []
-    for words in ((), (), ("--no-fresh",)):
+    # The next night computes everything anew, unless it is told not to.
+    count = len(rows())
+    for words, expected in ((("--no-fresh",), count), ((), 2 * count)):
         assert night(out, *QUICK, *words).returncode == 0
-        counts.append(len(rows()))
-    assert counts == [counts[0], 2 * counts[0], 2 * counts[0]]
+        assert len(rows()) == expected
+        assert latest(out)["changes"] == []
     assert len(history_names(out)) == 3
-    assert latest(out)["changes"] == []
 
 
 def test_a_wrong_coefficient_and_another_version_are_named_on_the_first_page(undisturbed):
@@ -159,15 +117,6 @@ def test_a_wrong_coefficient_and_another_version_are_named_on_the_first_page(und
     mended = night(out, *QUICK)
     assert (mended.returncode, latest(out)["changes"]) == (0, []), mended.stdout
     assert timeless(latest(out)) == timeless(before)
-
-
-def test_what_an_earlier_release_left_is_removed(tmp_path):
-    out = tmp_path / "nightly"
-    for name in (".running", ".abandoned-2026-11-01T02-00-00Z-00ff"):
-        (out / name).mkdir(parents=True)
-        (out / name / "journal.jsonl").write_text("results of old code\n", encoding="utf-8")
-    assert night(out, *QUICK).returncode == 0
-    assert not [path.name for path in out.iterdir() if path.name.startswith((".running", ".abandoned"))]
 
 
 def test_so_many_runs_are_kept_and_never_less_than_the_latest(tmp_path):
@@ -205,24 +154,6 @@ def test_two_nights_in_one_folder_exclude_each_other(tmp_path):
 
 
 @pytest.mark.slow
-def test_ten_kills_at_random_moments(undisturbed, tmp_path):
-    out = tmp_path / "nightly"
-    generator = random.Random(20261121)
-    kills = 0
-    # The moments spread over the rows, so that a busy machine has them too; each somewhere within a task.
-    for moment in sorted(generator.choices(range(12), k=10)):
-        kills += kill_within(out, QUICK, moment, generator.uniform(0.0, 0.5))
-        if (out / "latest").exists():
-            assert timeless(results(out / "latest")) == timeless(results(undisturbed[1] / "latest"))
-    assert kills >= 8  # one near the end may come too late
-    done = night(out, *QUICK)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert timeless(results(out / "latest")) == timeless(results(undisturbed[1] / "latest"))
-    for name in history_names(out):
-        assert (out / name / "index.html").is_file()
-
-
-@pytest.mark.slow
 def test_ten_unchanged_nights_raise_no_alarm_and_a_slowdown_of_thirty_per_cent_does(tmp_path):
     out = tmp_path / "nightly"
     for _ in range(11):
@@ -235,22 +166,3 @@ def test_ten_unchanged_nights_raise_no_alarm_and_a_slowdown_of_thirty_per_cent_d
     assert slower == {FEW}
     page = (out / "latest" / "index.html").read_text(encoding="utf-8")
     assert "times the time per step" in page
-
-
-def test_an_edited_helper_of_an_engine_is_computed_again_and_nothing_else(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "helper.py").write_text("GRAIN = 1\n", "utf-8")
-    (tmp_path / "engine.py").write_text("import helper\nfrom tests.right_engines import Projected\n\n\n"
-                                        "class Mine(Projected):\n    grain = helper.GRAIN\n", "utf-8")
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "engine.py:Mine", "--jobs", "1",
-             "--no-fresh")
-    counts = []
-    for edited in (False, False, True):
-        if edited:
-            (tmp_path / "helper.py").write_text("GRAIN = 1  # edited\n", "utf-8")
-        done = night(tmp_path / "nights", *words)
-        assert done.returncode == 0, done.stdout + done.stderr
-        counts.append(len(rows()))
-    cells = len(Projected.methods)
-    assert counts == [1 + cells, 1 + cells, 1 + 2 * cells]  # truth, and a cell for each method

@@ -24,7 +24,7 @@ REASONS = {
     "Segfaulting": "SIGSEGV (a crash inside the engine",
     "Hungry": "more memory than the limit of 0.8 GB resident",
     "HungryChild": "more memory than the limit of 0.8 GB resident",
-    "Chatting": "lines, first: Traceback (most recent call last): ??[31m{",  # as often as it is started
+    "Chatting": "it printed {lines} lines, first: Traceback (most recent call last): ??[31m{{",
     "Exiting": "ended the process (exit code 0)",
     "Odd": "run returned list; it has to return crosscheck.scene.states.States",
     "Raising": "Local: no such luck",
@@ -36,19 +36,31 @@ def bad(name):
 
 
 @pytest.fixture(scope="module")
-def results():
-    names = [*(bad(name) for name in REASONS), "mujoco"]
-    return job.verify("smoke", ["single_pendulum"], names, limits=limits_of(300.0, 0.8))
+def ended(tmp_path_factory):
+    """A run of all of them and of MuJoCo, and how many lines were printed: two in each run of `Chatting`."""
+    names, told = [*(bad(name) for name in REASONS), "mujoco"], tmp_path_factory.mktemp("chatting") / "runs"
+    with pytest.MonkeyPatch.context() as changed:
+        changed.setenv("CROSSCHECK_TEST_RUNS", str(told))
+        done = job.verify("smoke", ["single_pendulum"], names, limits=limits_of(300.0, 0.8))
+    return done, 2 * told.stat().st_size
+
+
+@pytest.fixture(scope="module")
+def results(ended):
+    return ended[0]
 
 
 @pytest.mark.parametrize("name", REASONS)
-def test_every_failure_is_one_failed_verdict_with_its_reason(results, name):
+def test_every_failure_is_one_failed_verdict_with_its_reason(ended, name):
+    results, lines = ended
+    assert lines >= 12  # the main run, that of its intervals and the ladder
+    reason = REASONS[name].format(lines=lines)
     record, = [record for record in results.records if record.engine == bad(name)]
     assert record.outcome in ("fail", "error")
     findings = [finding for finding in record.findings if finding.kind == "run" and finding.status == "fail"]
     assert len(findings) == 1
-    assert REASONS[name] in findings[0].detail
-    assert REASONS[name] in record.message
+    assert reason in findings[0].detail
+    assert reason in record.message
 
 
 def test_an_engine_that_crashes_before_its_run_is_one_failed_verdict():

@@ -14,6 +14,18 @@ from crosscheck.adapters.lieeuler import build_problem
 
 EPS = np.finfo(float).eps
 QUANTITIES = ("x", "R", "v", "w")
+FIELDS = (*QUANTITIES, "a", "alpha", "lam")
+
+
+def library(name):
+    """A scene of the library as a problem."""
+    return build_problem(crosscheck.load_scene(name))
+
+
+def largest_difference(a, b):
+    """Of two runs in any field, over its size."""
+    return max(np.abs(getattr(a, name) - getattr(b, name)).max(initial=0.0)
+               / (1 + np.abs(getattr(a, name)).max(initial=0.0)) for name in FIELDS)
 
 
 @functools.cache

@@ -30,7 +30,7 @@ def uneven(name):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum"])
 def test_kernel_agrees_with_dense_oracle(name, method):
-    problem, h, steps = uneven(name), 1e-2, 50
+    problem, h, steps = uneven(name), 1e-2, 20
     system, q0, u0 = oracle_system(problem), (problem.x, problem.R), np.hstack([problem.v, problem.w]).ravel()
     run = lieeuler.integrate(problem, method, h, [0, steps * h], correction="plain")
     if method == "generalized_alpha":

@@ -28,7 +28,7 @@ def oracle_run(system, radius, h, steps):
 @pytest.mark.parametrize("radius", [0.0, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("system", ["single_pendulum", "double_pendulum"])
 def test_kernel_agrees_with_dense_oracle(system, radius):
-    h, steps = 1e-2, 50
+    h, steps = 1e-2, 20
     *_, ((x, R), u, _, lam) = oracle_run(system, radius, h, steps)
     solution = lieeuler.integrate(SYSTEMS[system](), NAME, h, [0, steps * h], spectral_radius=radius)
     assert np.abs(solution.x[-1] - x).max() < AGREEMENT

@@ -7,23 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import crosscheck
 import lieeuler
-from crosscheck.adapters.lieeuler import build_problem
 from lieeuler.joint_tree import joint_tree
+from tests.lieeuler.accuracy import largest_difference, library
 
-FIELDS = ("x", "R", "v", "w", "a", "alpha", "lam")
 SCENES = ("hinge_pendulum", "cylindrical_pendulum", "prismatic_slider", "universal_pendulum", "bead_on_line",
           "puck_on_plane", "geared_arm", "branching_tree", "planar_slider")
-
-
-def largest_difference(a, b):
-    return max(np.abs(getattr(a, name) - getattr(b, name)).max(initial=0.0)
-               / (1 + np.abs(getattr(a, name)).max(initial=0.0)) for name in FIELDS)
-
-
-def scene(name):
-    return build_problem(crosscheck.load_scene(name))
 
 
 class Growing:
@@ -118,7 +107,7 @@ def grown(seed):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_joints_change_nothing_but_the_cost(name):
-    problem = scene(name)
+    problem = library(name)
     times = np.linspace(0, 1, 7)
     off = lieeuler.integrate(problem, "rkmk853", t_eval=times, rtol=1e-13, reduce="off")
     on = lieeuler.integrate(problem, "rkmk853", t_eval=times, rtol=1e-13, reduce="joints")
@@ -140,7 +129,7 @@ def test_random_trees_move_alike(seed):
 @pytest.mark.parametrize(("method", "count"), [("rkmk4", 80), ("rkmk54", 30), ("rkmk853", 7)])
 def test_order_and_uneven_outputs(method, count):
     """Errors fall with the order of the method; outputs that change the step do not matter."""
-    problem = scene("geared_arm")
+    problem = library("geared_arm")
     best = lieeuler.integrate(problem, "rkmk853", t_eval=[0.0, 0.7], rtol=1e-14)
     assert best.stats.reduce == "joints"
     steps = 0.7 / np.array([count, 2 * count])
@@ -152,7 +141,7 @@ def test_order_and_uneven_outputs(method, count):
 
 
 def test_samples_between_steps_are_as_good_as_steps():
-    problem = scene("prismatic_slider")
+    problem = library("prismatic_slider")
     times = np.linspace(0, 1, 101)
     off, on = (lieeuler.integrate(problem, "rkmk853", t_eval=times, rtol=1e-11, reduce=word) for word in ("off", None))
     assert on.stats.reduce == "joints"
@@ -198,7 +187,7 @@ def test_attitudes_stay_rotations_over_many_turns():
 def test_default():
     """The explicit methods, where no plane and no spin-free frame serves and joints have no more nodes than pay."""
     times = [0.0, 0.01]
-    words = {name: lieeuler.integrate(scene(name), "rkmk4", 1e-3, times).stats.reduce for name in (
+    words = {name: lieeuler.integrate(library(name), "rkmk4", 1e-3, times).stats.reduce for name in (
         "geared_arm", "universal_pendulum", "branching_tree", "puck_on_plane", "planar_slider", "hinge_pendulum",
         "double_pendulum", "chain_8", "bricard", "coupled_arm", "rolling_disk", "driven_slider_crank")}
     assert words == {
@@ -208,7 +197,7 @@ def test_default():
         "driven_slider_crank": words["driven_slider_crank"]}
     assert "joints" not in words["driven_slider_crank"]
     for method in ("rattle2", "DAE1L_LSE", "generalized_alpha"):
-        assert lieeuler.integrate(scene("geared_arm"), method, 1e-3, times).stats.reduce == "off"
+        assert lieeuler.integrate(library("geared_arm"), method, 1e-3, times).stats.reduce == "off"
 
 
 @pytest.mark.parametrize(("name", "method"), [
@@ -216,12 +205,12 @@ def test_default():
     ("coupled_arm", "rkmk4"), ("rod_pendulum", "rkmk4"), ("geared_arm", "rattle2")])
 def test_what_is_no_tree_of_joints_is_told(name, method):
     with pytest.raises(lieeuler.ArgumentError, match="reduce='joints' does not apply"):
-        lieeuler.integrate(scene(name), method, 1e-3, [0.0, 0.01], reduce="joints")
+        lieeuler.integrate(library(name), method, 1e-3, [0.0, 0.01], reduce="joints")
 
 
 def test_look_alikes_are_left_alone():
     """A body without joint, a second joint between two bodies, a joint open by 1e-10, a joint that points inwards."""
-    problem = scene("geared_arm")
+    problem = library("geared_arm")
     assert joint_tree(problem)
     tree = Growing(3)
     tree.add("revolute", -1)
@@ -241,7 +230,7 @@ def test_look_alikes_are_left_alone():
 
 
 def test_steps_that_are_too_large_are_told():
-    problem = scene("geared_arm")
+    problem = library("geared_arm")
     with pytest.raises(lieeuler.IntegrationError) as ended:
         lieeuler.integrate(problem, "rkmk4", 5.0, [0.0, 500.0], reduce="joints")
     assert ended.value.status in ("map_domain", "non_finite", "singular_matrix")

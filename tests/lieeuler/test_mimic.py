@@ -1,4 +1,4 @@
-"""Coordinates that follow others: the kernel against dense algebra, orders against truth, loops."""
+"""Coordinates that follow others: accelerations, orders against truth, loops; test_armature.py has their algebra."""
 
 from __future__ import annotations
 
@@ -14,23 +14,7 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.model import Mimic
 from tests.lieeuler.accuracy import EPS, agrees_with_order, observed_orders
-from tests.lieeuler.test_armature import FIRST_ORDER, LADDERS, compared, ends_at_the_truth
-
-
-def coupled_arm(**changes):
-    """The scene of the library for a second."""
-    return crosscheck.load_scene("coupled_arm").replace(**{"duration": 1.0, "samples": 5} | changes)
-
-
-@pytest.mark.parametrize("method", ["DAE2L_LSE", "DAE2H_LE", "rattle2"])
-def test_kernel_agrees_with_dense_algebra(method):
-    compared(coupled_arm(), method, 2e-2, 2)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", [*FIRST_ORDER, "rattle2", "generalized_alpha"])
-def test_kernel_agrees_with_dense_algebra_in_every_method(method):
-    compared(coupled_arm(), method, 1e-2, 5)
+from tests.lieeuler.test_armature import FIRST_ORDER, LADDERS, coupled_arm
 
 
 def test_accelerations_are_those_of_the_dense_equations():
@@ -68,11 +52,6 @@ def test_order_of_other_methods(method):
     steps = STEPS.get(method) or LADDERS[lieeuler.METHODS[method].order]
     found = orders_of(method, steps, duration=0.3 if method == "rkmk853" else 1.0)
     assert agrees_with_order(found, method), found
-
-
-@pytest.mark.parametrize("method", ["taylor", "rkmk853", "rkmk54", "seulex"])
-def test_adaptive_methods_end_at_the_truth(method):
-    ends_at_the_truth(coupled_arm(), method)
 
 
 def followed(scene, follower, leader, ratio):

@@ -11,11 +11,10 @@ from scipy.spatial.transform import Rotation
 
 import crosscheck
 import lieeuler
-from crosscheck.adapters.lieeuler import build_problem
 from lieeuler.planar import plane_of
 from tests import random_mechanisms
+from tests.lieeuler.accuracy import largest_difference, library
 
-FIELDS = ("x", "R", "v", "w", "a", "alpha", "lam")
 PLANAR = ("four_bar", "parallelogram", "planar_slider", "driven_cart", "torsion_wheel", "hinge_pendulum")
 
 
@@ -43,16 +42,11 @@ def turned(problem, Q):
                             problem.v @ Q.T, np.einsum("bij,bj->bi", P, problem.w))
 
 
-def largest_difference(a, b):
-    return max(np.abs(getattr(a, name) - getattr(b, name)).max(initial=0.0)
-               / (1 + np.abs(getattr(a, name)).max(initial=0.0)) for name in FIELDS)
-
-
 @pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE1H_LSE", "generalized_alpha", "rattle4", "rkmk4"])
 @pytest.mark.parametrize("name", PLANAR)
 def test_a_plane_changes_nothing_but_the_cost(name, method):
     """Near singular positions the last digits of multipliers go as their pivots."""
-    problem = build_problem(crosscheck.load_scene(name))
+    problem = library(name)
     off, on = (lieeuler.integrate(problem, method, 5e-3, np.linspace(0, 0.5, 6), reduce=word)
                for word in ("off", "planar"))
     assert (on.stats.reduce, off.stats.reduce) == ("planar", "off")
@@ -63,7 +57,7 @@ def test_a_plane_changes_nothing_but_the_cost(name, method):
 @pytest.mark.parametrize("method", ["taylor", "rkmk853", "seulex"])
 @pytest.mark.parametrize("name", ["four_bar", "planar_slider", "torsion_wheel"])
 def test_adaptive_methods_are_in_the_plane_unless_told(name, method):
-    problem = build_problem(crosscheck.load_scene(name))
+    problem = library(name)
     off, on = (lieeuler.integrate(problem, method, t_eval=np.linspace(0, 0.5, 6), rtol=1e-11, reduce=word)
                for word in ("off", None))
     assert on.stats.reduce == ("axis" if name == "torsion_wheel" else "planar")
@@ -120,7 +114,7 @@ def test_a_run_in_its_plane_ends_where_the_whole_system_has_no_multipliers():
 @pytest.mark.parametrize("name", ["four_bar", "hinge_pendulum"])
 def test_any_plane_will_do(name):
     """An oblique plane, body axes that do not lie along it, and every body at another height."""
-    problem = turned(build_problem(crosscheck.load_scene(name)), Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix())
+    problem = turned(library(name), Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix())
     for method in ("rattle2", "DAE1H_LSE"):
         off, on = (lieeuler.integrate(problem, method, 5e-3, [0.0, 0.2, 0.4], reduce=word)
                    for word in ("off", "planar"))
@@ -174,7 +168,7 @@ def test_bodies_on_pins_are_angles(seed):
 @pytest.mark.parametrize("name", ["torsion_wheel", "hinge_pendulum"])
 def test_an_angle_follows_its_tolerance(name):
     """Errors go with the tolerance; the coarsest run takes few steps: an angle does not know that attitudes turn."""
-    problem = build_problem(crosscheck.load_scene(name))
+    problem = library(name)
     best = lieeuler.integrate(problem, "taylor", t_eval=[0.0, 2.0], rtol=1e-14, reduce="off")
     for rtol in 10.0 ** np.arange(-13, 0):
         run = lieeuler.integrate(problem, "taylor", t_eval=[0.0, 2.0], rtol=rtol)
@@ -185,7 +179,7 @@ def test_an_angle_follows_its_tolerance(name):
 
 def test_a_pin_that_a_function_of_time_drives_keeps_the_whole_series():
     """Loads that depend on time, and a prescribed angle, take the series of attitudes."""
-    problem = build_problem(crosscheck.load_scene("hinge_pendulum"))
+    problem = library("hinge_pendulum")
     gust = lieeuler.ConstantLoad(0, force=[3.0, 1.0, 2.0], factor=lieeuler.TimeFunction(terms=[(1.0, 5.0, 0.3)]))
     axis = [0.0, 0.8, 0.6]
     angle = lieeuler.Drive(lieeuler.TimeFunction([[0.0, 1.5, 0.8]]), lieeuler.Coordinate(axis, axis, problem.R[0].T))
@@ -198,7 +192,7 @@ def test_a_pin_that_a_function_of_time_drives_keeps_the_whole_series():
 
 def test_multipliers_carry_what_the_plane_leaves_out():
     """A load along the axis and the weight of a mechanism that lies flat."""
-    problem = build_problem(crosscheck.load_scene("four_bar"))
+    problem = library("four_bar")
     e = plane_of(problem, pins=False).normal
     loaded = dataclasses.replace(problem, gravity=problem.gravity + 7.0 * e, forces=(
         *problem.forces, lieeuler.ConstantLoad(1, force=30.0 * e, torque=[1.0, 2.0, 3.0], point=[0.1, 0.2, 0.3])))
@@ -211,7 +205,7 @@ def test_multipliers_carry_what_the_plane_leaves_out():
     ("double_pendulum", "no joint turns"), ("bricard", "does not keep its bodies"),
     ("branching_tree", "the start moves out of the plane"), ("rod_pendulum", "holds a distance")])
 def test_what_leaves_the_plane_is_told(name, why):
-    problem = build_problem(crosscheck.load_scene(name))
+    problem = library(name)
     with pytest.raises(lieeuler.ArgumentError, match=f"reduce='planar' does not apply: .*{why}"):
         lieeuler.integrate(problem, "rattle2", 1e-3, [0.0, 0.01], reduce="planar")
     done = "welded" if name == "branching_tree" else "off"
@@ -220,7 +214,7 @@ def test_what_leaves_the_plane_is_told(name, why):
 
 def test_look_alikes_are_left_alone():
     """A spring out of the plane, a start tilted by 1e-6, a joint open by 1e-10, a free body."""
-    problem = build_problem(crosscheck.load_scene("hinge_pendulum"))
+    problem = library("hinge_pendulum")
     e = plane_of(problem, pins=False).normal
     spring = lieeuler.LinearSpring(-1, 0, problem.x[0] + e, [0, 0, 0], 10.0, 0.5)
     open_ = dataclasses.replace(problem, x=problem.x + 1e-10)
@@ -232,7 +226,7 @@ def test_look_alikes_are_left_alone():
 
 
 def test_words():
-    problem = build_problem(crosscheck.load_scene("four_bar"))
+    problem = library("four_bar")
     with pytest.raises(lieeuler.ArgumentError,
                        match="reduce must be one of welded, planar, axis, joints, off, not 'plane'"):
         lieeuler.integrate(problem, "rattle2", 1e-3, [0.0, 0.01], reduce="plane")
@@ -243,7 +237,7 @@ def test_words():
 
 
 def test_a_run_that_ends_early_comes_back_whole():
-    problem = build_problem(crosscheck.load_scene("four_bar"))
+    problem = library("four_bar")
     with pytest.raises(lieeuler.IntegrationError) as ended:
         lieeuler.integrate(problem, "rattle2", 0.5, np.linspace(0, 50, 101), reduce="planar")
     solution = ended.value.solution

@@ -16,14 +16,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import crosscheck
 import lieeuler
-from crosscheck.adapters.lieeuler import build_problem
 from tests import ROOT
+from tests.lieeuler.accuracy import FIELDS, library
 from tests.lieeuler.systems import SYSTEMS, spring_chain
 
 STATES = ("x", "R", "v", "w")
-FIELDS = ("x", "R", "v", "w", "a", "alpha", "lam")
 EULER, RATTLE, RKMK, SEULEX, TAYLOR = "DAE1L_LSE", "rattle4", "rkmk853", "seulex", "taylor"
 
 
@@ -97,8 +95,7 @@ SINGLE, LARGE, CLOSED = ("--bodies=1",), ("--bodies=200",), ("--bodies=40", "--c
 
 
 @pytest.mark.parametrize(("method", "system"), [
-    *((method, system) for method in (EULER, RATTLE, RKMK, SEULEX, TAYLOR) for system in (SINGLE, LARGE)),
-    (EULER, CLOSED), (SEULEX, CLOSED),
+    (EULER, SINGLE), (RATTLE, LARGE), (RKMK, SINGLE), (SEULEX, LARGE), (TAYLOR, LARGE), (EULER, CLOSED),
 ], ids=str)
 def test_ctrl_c_carries_the_trajectory_so_far(method, system):
     watchdog = 120  # s; a run that ignored the interruption would take hours
@@ -149,7 +146,7 @@ def test_more_steps_between_two_samples_than_a_32_bit_number_holds():
 def test_rows_chosen_at_one_start_are_not_those_of_another(name):
     """A plan keeps what it finds of loops where a run starts. A run from there again, from a start whose last bits
     differ and from one far away have the bits of runs of problems made anew, multipliers included."""
-    given = build_problem(crosscheck.load_scene(name))
+    given = library(name)
     asked = lieeuler.prepare(given, TAYLOR, t_eval=[0.0, 0.1], reduce="off", spin_free=False)
     later = lieeuler.integrate(given, TAYLOR, t_eval=[0.0, 0.2], rtol=1e-12, reduce="off")
     there = {each: getattr(later, each)[-1].copy() for each in STATES}
@@ -166,7 +163,7 @@ def test_rows_chosen_at_one_start_are_not_those_of_another(name):
 @pytest.mark.parametrize("name", ["bricard", "four_bar", "slider_crank"])
 def test_accelerations_are_the_same_whether_asked_for_at_every_step_or_not(name, reduce):
     """Monitoring asks for them at every step, a run without it at its samples alone."""
-    problem = build_problem(crosscheck.load_scene(name))
+    problem = library(name)
     runs = [lieeuler.integrate(problem, TAYLOR, t_eval=[0.0, 0.3], monitor=monitor, reduce=reduce)
             for monitor in (True, False, True)]
     for other in runs[1:]:

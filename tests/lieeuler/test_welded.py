@@ -10,23 +10,13 @@ from scipy.spatial.transform import Rotation
 
 import crosscheck
 import lieeuler
-from crosscheck.adapters.lieeuler import build_problem
 from lieeuler.welded import welded_for
+from tests.lieeuler.accuracy import FIELDS, largest_difference, library
 from tests.random_mechanisms import axes, joint, vector
 
-FIELDS = ("x", "R", "v", "w", "a", "alpha", "lam")
 Z = np.array([0.0, 0.0, 1.0])
 MOVING = ("universal", "revolute", "cylindrical", "prismatic", "planar", "spherical", "distance", "point_on_line",
           "point_on_plane")
-
-
-def scene_problem(name):
-    return build_problem(crosscheck.load_scene(name))
-
-
-def largest_difference(a, b):
-    return max(np.abs(getattr(a, name) - getattr(b, name)).max(initial=0.0)
-               / (1 + np.abs(getattr(a, name)).max(initial=0.0)) for name in FIELDS)
 
 
 def both(problem, method="taylor", end=0.5, word="welded", samples=6, **options):
@@ -105,7 +95,7 @@ def random_tree(seed):
 @pytest.mark.parametrize("method", ["taylor", "rkmk853"])
 @pytest.mark.parametrize("name", ["fixed_pair", "branching_tree"])
 def test_welds_change_nothing_but_the_cost(name, method):
-    off, on = both(scene_problem(name), method, rtol=1e-13)
+    off, on = both(library(name), method, rtol=1e-13)
     assert (on.stats.reduce, off.stats.reduce) == ("welded", "off")
     assert largest_difference(off, on) < 1e-11
 
@@ -115,7 +105,7 @@ def test_welds_change_nothing_but_the_cost(name, method):
 @pytest.mark.parametrize("name", ["fixed_pair", "branching_tree"])
 def test_errors_are_those_of_the_method(name, method, step):
     """Against the whole system in the series: of the same size, welded or not, in every quantity."""
-    problem = scene_problem(name)
+    problem = library(name)
     best = both(problem, rtol=1e-13)[0]
     off, on = both(problem, method, **({"step": step} if step else {"rtol": 1e-11}))
     assert largest_difference(best, on) < 2 * largest_difference(best, off) + 1e-11
@@ -219,7 +209,7 @@ def test_a_welded_body_rolls(kind):
 
 
 def test_welds_are_closed_to_rounding_at_the_samples():
-    for problem in (scene_problem("fixed_pair"), scene_problem("branching_tree"), random_tree(1), random_tree(3)):
+    for problem in (library("fixed_pair"), library("branching_tree"), random_tree(1), random_tree(3)):
         on = both(problem, "rkmk4", step=0.02)[1]
         welds = [k for k in problem.joints if len(k.dots) == 3 and k.spherical]
         only = dataclasses.replace(problem, joints=tuple(welds), forces=())
@@ -276,7 +266,7 @@ def test_look_alikes_are_left_alone():
     bound = joint(random, "point_on_plane", 0, 2, problem.x, problem.R, 0.3).following(lieeuler.Mimic(
         index, angle_between(problem, 0, 2, z, 0.0), at, 0.0))
     spring = lieeuler.LinearSpring(0, 1, [0, 0, 0], [0, 0, 0], 3.0, 0.1)
-    single = dataclasses.replace(scene_problem("hinge_pendulum"), v=np.zeros((1, 3)), w=np.zeros((1, 3)))
+    single = dataclasses.replace(library("hinge_pendulum"), v=np.zeros((1, 3)), w=np.zeros((1, 3)))
     others = {
         "ground": dataclasses.replace(single, joints=(weld(single, -1, 0),)),
         "open": dataclasses.replace(problem, x=problem.x + np.outer([0, 1e-10, 0], Z)),
@@ -298,10 +288,10 @@ def test_look_alikes_are_left_alone():
 
 
 def test_words():
-    problem = scene_problem("fixed_pair")
+    problem = library("fixed_pair")
     for name in ("four_bar", "double_pendulum"):
         with pytest.raises(lieeuler.ArgumentError, match=r"^reduce='welded' does not apply: no two bodies are welded"):
-            lieeuler.integrate(scene_problem(name), "rkmk4", 1e-3, [0.0, 0.01], reduce="welded")
+            lieeuler.integrate(library(name), "rkmk4", 1e-3, [0.0, 0.01], reduce="welded")
     for method in ("DAE1L_LSE", "DAE3H_LE", "BAUMGARTE_LE"):
         assert lieeuler.integrate(problem, method, 1e-3, [0.0, 0.01]).stats.reduce == "off"
         assert lieeuler.integrate(problem, method, 1e-3, [0.0, 0.01], reduce="welded").stats.reduce == "welded"
@@ -316,7 +306,7 @@ def test_words():
 
 def welded_on(name, body):
     """A planar mechanism with a further body welded on one of its bodies, out of its plane, at an angle."""
-    problem = scene_problem(name)
+    problem = library(name)
     twist = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix()
     arm = np.array([0.2, 0.1, -0.3])
     x = problem.x[body] + problem.R[body] @ arm

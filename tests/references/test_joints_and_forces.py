@@ -23,7 +23,7 @@ from crosscheck.scene.model import GROUND, Force, Joint
 from tests.references.votes import accused
 from tests.scene_making import JOINT_TYPES, closed, drawn, make_scene, random_body, random_joint
 
-DURATION = {"duration": 0.6, "samples": 4}
+DURATION = {"duration": 0.3, "samples": 4}
 
 
 def loads(joint=None):

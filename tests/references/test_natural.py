@@ -19,7 +19,7 @@ def series(scene):
 
 @pytest.mark.parametrize("kind", JOINT_TYPES)
 def test_every_joint_and_force(kind):
-    scene = joined(kind, 55)
+    scene = joined(kind, 55, duration=0.3)
     found, other = natural.Natural(scene).run(), series(scene)
     assert difference(scene, found, other, scene.samples).size < 1e-12
     rate = max(np.abs(other.w).max(), 1.0)  # velocities carry it once, accelerations twice
@@ -36,7 +36,7 @@ def test_loops_with_dependent_rows_and_springs(name):
 
 def test_it_is_nearer_to_the_series_than_the_second_one_is():
     """An arbiter needs rounding errors far below the differences that it judges."""
-    scene = load_scene("double_pendulum")
+    scene = load_scene("double_pendulum").replace(duration=3.0, samples=31)
     first, second, third = series(scene), maximal.Maximal(scene).run(), natural.Natural(scene).run()
     apart = difference(scene, first, second, scene.samples).size
     assert difference(scene, first, third, scene.samples).size < 0.3 * apart

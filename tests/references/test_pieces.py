@@ -28,16 +28,16 @@ def words(reference):
 
 def test_a_mass_on_a_spring_with_dry_friction(tmp_path):
     """Half waves of the free period about +-c / k; each extreme is 2 c / k nearer; at rest within c / k."""
-    k, c = 4.0, 0.3
-    reference = compute(slide(tmp_path, {"position": 1.0, "dry_friction": c, "stiffness": k}, duration=12.0,
-                              samples=61))
-    np.testing.assert_allclose(times(reference), np.pi / 2 * np.arange(1, 8), rtol=0, atol=EXACT)
-    assert words(reference) == ["reverses"] * 6 + ["sticks"]
+    k, c = 4.0, 0.6
+    reference = compute(slide(tmp_path, {"position": 1.0, "dry_friction": c, "stiffness": k}, duration=5.5,
+                              samples=31))
+    np.testing.assert_allclose(times(reference), np.pi / 2 * np.arange(1, 4), rtol=0, atol=EXACT)
+    assert words(reference) == ["reverses"] * 2 + ["sticks"]
     t = reference.t
-    half = np.minimum(np.floor(t / (np.pi / 2)), 7).astype(int)
+    half = np.minimum(np.floor(t / (np.pi / 2)), 3).astype(int)
     extreme = (-1.0) ** half * (1.0 - 2 * c / k * half)
     middle = (-1.0) ** half * c / k
-    exact = np.where(half < 7, middle + (extreme - middle) * np.cos(2.0 * (t - np.pi / 2 * half)), extreme)
+    exact = np.where(half < 3, middle + (extreme - middle) * np.cos(2.0 * (t - np.pi / 2 * half)), extreme)
     np.testing.assert_allclose(reference.states.x[:, 0, 0], exact, rtol=0, atol=EXACT)
 
 
@@ -54,12 +54,12 @@ def test_a_braked_block(tmp_path):
 
 def test_a_bouncing_hinge_without_weight(tmp_path):
     """Between two stops the rate is constant; each impact halves it."""
-    reference = compute(pendulum(tmp_path, {"velocity": 1.0, "limits": {"lower": -0.3, "upper": 0.5,
+    reference = compute(pendulum(tmp_path, {"velocity": 4.0, "limits": {"lower": -0.3, "upper": 0.5,
                                                                        "restitution": 0.5}},
-                                 duration=6.0).replace(gravity=[0, 0, 0]))
-    np.testing.assert_allclose(times(reference), [0.5, 0.5 + 0.8 * 2, 0.5 + 0.8 * 6], rtol=0, atol=EXACT)
+                                 duration=1.5).replace(gravity=[0, 0, 0]))
+    np.testing.assert_allclose(times(reference), np.array([0.5, 0.5 + 0.8 * 2, 0.5 + 0.8 * 6]) / 4, rtol=0, atol=EXACT)
     assert words(reference) == ["hits_upper", "hits_lower", "hits_upper"]
-    np.testing.assert_allclose(reference.states.w[-1, 0, 1], -0.125, rtol=0, atol=EXACT)
+    np.testing.assert_allclose(reference.states.w[-1, 0, 1], -0.5, rtol=0, atol=EXACT)
 
 
 def test_a_saturated_double_integrator(tmp_path):
@@ -99,10 +99,10 @@ def test_sampled_control(tmp_path, delay):
 
 
 def test_the_braked_pendulum(tmp_path):
-    reference = compute(pendulum(tmp_path, {"position": 1.2, "dry_friction": 0.5}, duration=4.0, samples=5))
-    np.testing.assert_allclose(times(reference), [0.7976058331, 1.5708796875, 2.3278585004, 3.0743638557, 3.8150671359],
+    reference = compute(pendulum(tmp_path, {"position": 1.2, "dry_friction": 0.5}, duration=2.5, samples=5))
+    np.testing.assert_allclose(times(reference), [0.7976058331, 1.5708796875, 2.3278585004],
                                rtol=0, atol=6e-11)  # digits of another integration, with events, at 1e-12
-    assert words(reference) == ["reverses"] * 4 + ["sticks"]
+    assert words(reference) == ["reverses"] * 3
 
 
 AGREE = {
@@ -144,7 +144,7 @@ AGREE = {
     "a chain of three laws": lambda f: arm(f, {"position": 0.8, "dry_friction": 0.4, "limits": {"lower": -0.6}},
                                            {"dry_friction": 0.1}, forces=[servo("j2", effort_limit=1.0)]),
 }
-QUICK = ("two joints stick and slip", "motor line on an arm", "stop kicks a resting joint", "static above sliding",
+QUICK = ("motor line on an arm", "stop kicks a resting joint", "static above sliding",
          "force that jumps", "friction in a loop")
 EVENTS = {"two joints stick and slip": {"sticks", "slips"}, "servo saturates on an arm": {"saturates", "unsaturates"},
           "stop that bounces": {"hits_upper"}, "two stops that do not": {"hits_upper", "hits_lower", "leaves_lower"},
@@ -165,10 +165,12 @@ def test_both_references_agree_with_the_same_events(tmp_path, case):
 
 
 def test_velocities_and_accelerations_agree_in_every_mode(tmp_path):
-    """Accelerations of a held joint are those of what holds it."""
+    """Accelerations of a held joint are those of what holds it; as above, the references agree with the same events."""
     made = AGREE["two joints stick and slip"](tmp_path).replace(samples=21)
     known, other = Truth(made), LawfulMaximal(made)
-    known.prolong(made.duration)
+    reference = known.reference(made)
+    assert reference.disagreement <= reference.error <= 1e-11
+    assert EVENTS["two joints stick and slip"] <= set(words(reference))
     states, again = known.at(made.t), other.advance(other.begin, made.t)[0]
     for name, scale in (("v", 1.0), ("w", 10.0), ("a", 10.0), ("alpha", 100.0)):
         np.testing.assert_allclose(getattr(states, name), getattr(again, name), rtol=0, atol=1e-12 * scale)

@@ -2,49 +2,26 @@
 
 import os
 import random
-import signal
-import sqlite3
 import subprocess
 import sys
-import time
 
 import pytest
 
 from crosscheck.jobs import table
 from tests import ROOT
-from tests.history.test_nightly import results, timeless
+from tests.killing import killed, results, rows, timeless
 
 QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "lieeuler", "--jobs", "1", *(
     word for method in ("DAE3L_LE", "DAE2H_LE", "DAE1L_LSE", "rattle2", "rattle4") for word in ("--method", method)))
 
 
 def command(out, *words):
-    return [sys.executable, "-m", "crosscheck", "verify", *words, "--out", str(out)]
+    return {"args": [sys.executable, "-m", "crosscheck", "verify", *words, "--out", str(out)],
+            "text": True, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 
 
 def verify(out, *words):
-    return subprocess.run(command(out, *words), capture_output=True, text=True, timeout=1500)
-
-
-def rows():
-    """(key, session) of the rows that are in the table."""
-    with sqlite3.connect(os.environ[table.VARIABLE], timeout=60) as connection:
-        try:
-            return connection.execute("SELECT key, session FROM rows_1").fetchall()
-        except sqlite3.OperationalError:  # it is not made yet
-            return []
-
-
-def killed(out, words, moment, later=0.0):
-    """Start a run and kill it `later` (s) than the table has so many rows; whether it was still at work."""
-    process = subprocess.Popen(command(out, *words), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while process.poll() is None:
-        if len(rows()) >= moment:
-            time.sleep(later)
-            process.send_signal(signal.SIGKILL)
-            break
-        time.sleep(0.01)
-    return process.wait(60) == -signal.SIGKILL
+    return subprocess.run(**command(out, *words), timeout=1500)
 
 
 @pytest.fixture(autouse=True)
@@ -73,8 +50,8 @@ def said(done, words):
 @pytest.mark.parametrize("fresh", [(), ("--fresh",)])
 def test_a_killed_run_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, tmp_path, fresh):
     out = tmp_path / "out"
-    for moment in (1, 4):
-        assert killed(out, (*QUICK, *fresh), moment)
+    for moment in (4,) if fresh else (1, 4):
+        assert killed(command(out, *QUICK, *fresh), moment)
         assert not out.exists()
     before = rows()
     done = verify(out, *QUICK, *fresh)
@@ -84,6 +61,20 @@ def test_a_killed_run_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, t
     assert len({key for key, _ in rows()}) == len(rows()) == 6  # nothing that had ended was run again
     assert document(results(out)) == document(undisturbed)
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    if not fresh:
+        asking_again_computes_nothing(undisturbed, tmp_path)
+
+
+def asking_again_computes_nothing(undisturbed, tmp_path):
+    """It says so, unless it is told to start afresh."""
+    before = rows()
+    done = verify(tmp_path / "second", *QUICK)
+    assert rows() == before
+    assert said(done, "6 results were computed before, since ")
+    assert document(results(tmp_path / "second")) == document(undisturbed)
+    anew = verify(tmp_path / "third", *QUICK, "--fresh")
+    assert not said(anew, "were computed before")
+    assert sorted(key for key, _ in rows()) == sorted(2 * [key for key, _ in before])
 
 
 @pytest.mark.slow
@@ -96,24 +87,12 @@ def test_thirty_kills_at_random_moments(undisturbed, tmp_path):
             assert document(results(out)) == document(undisturbed)
             os.remove(os.environ[table.VARIABLE])
             out.rename(tmp_path / f"out{kills}")
-        kills += killed(out, QUICK, generator.choice(range(6)), generator.uniform(0.0, 1.0))
+        kills += killed(command(out, *QUICK), generator.choice(range(6)), generator.uniform(0.0, 1.0))
     done = verify(tmp_path / "out", *QUICK)
     assert done.returncode == 0, done.stdout + done.stderr
     assert document(results(tmp_path / "out")) == document(undisturbed)
     assert len({key for key, _ in rows()}) == len(rows()) == 6
     assert kills >= 25
-
-
-def test_asking_again_computes_nothing_and_says_so(undisturbed, tmp_path):
-    assert verify(tmp_path / "first", *QUICK).returncode == 0
-    before = rows()
-    done = verify(tmp_path / "second", *QUICK)
-    assert rows() == before
-    assert said(done, "6 results were computed before, since ")
-    assert document(results(tmp_path / "second")) == document(undisturbed)
-    anew = verify(tmp_path / "third", *QUICK, "--fresh")
-    assert not said(anew, "were computed before")
-    assert sorted(key for key, _ in rows()) == sorted(2 * [key for key, _ in before])
 
 
 def test_asking_for_more_computes_the_rest(tmp_path):
@@ -136,14 +115,14 @@ def test_an_edited_engine_or_helper_is_computed_again(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "engine.py:Mine", "--method", "RK4")
     counts = []
-    for edited in (None, None, "helper.py", "engine.py", None):
+    for edited in (None, "helper.py", "engine.py", None):
         if edited:
             with open(tmp_path / edited, "a", encoding="utf-8") as file:
                 file.write("# edited\nEDIT = 1\n")
         done = verify(tmp_path / "out", *words)
         assert done.returncode == 0, done.stdout + done.stderr
         counts.append(len(rows()))
-    assert counts == [2, 2, 3, 4, 4]
+    assert counts == [2, 3, 4, 4]
 
 
 def test_a_resumed_run_takes_no_row_of_an_engine_that_was_edited_meanwhile(tmp_path, monkeypatch):
@@ -157,7 +136,7 @@ def test_a_resumed_run_takes_no_row_of_an_engine_that_was_edited_meanwhile(tmp_p
         "        return super().run(scene, type(spec)('RK4', spec.step, spec.rtol, spec.form, monitor=spec.monitor))\n",
         "utf-8")
     words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "engine.py:Mine", "--jobs", "1")
-    assert killed(tmp_path / "out", words, 2)  # the truth and RK4; RK2 is asleep
+    assert killed(command(tmp_path / "out", *words), 2)  # the truth and RK4; RK2 is asleep
     before = {key for key, _ in rows()}
     (tmp_path / "helper.py").write_text("METHODS = ('RK4',)\n", "utf-8")
     done = verify(tmp_path / "out", *words)

@@ -68,7 +68,7 @@ def test_an_engine_that_crashes_before_its_run_is_one_failed_verdict():
     from crosscheck.verification.task import all_cells
 
     cell, = all_cells(["single_pendulum"], [bad("Moody")], profile("default"))
-    assert (cell.engine, cell.method) == (bad("Moody"), "Rest")
+    assert (cell.way.engine, cell.way.method) == (bad("Moody"), "Rest")
     record, = job.verify("smoke", ["single_pendulum"], [bad("Moody")]).records
     assert record.outcome == "error"
     assert "SIGSEGV" in record.message

@@ -9,8 +9,6 @@ from crosscheck.references.maximal import Maximal
 from crosscheck.references.series import safe_step
 from crosscheck.references.taylor import Taylor
 from crosscheck.scene.file import load_scene
-from tests.references.conftest import make_tree
-from tests.references.test_truth import thrown
 
 SCENES = ["double_pendulum", "four_bar", "planar_slider", "rolling_disk"]
 
@@ -78,16 +76,6 @@ def test_a_closed_form_is_confirmed_and_dense():
     states = known.at(scene.t)
     np.testing.assert_allclose(states.x, reference.states.x, rtol=0, atol=known.error)
     np.testing.assert_allclose(states.R, reference.states.R, rtol=0, atol=known.error)
-
-
-def test_the_end_of_a_truth_has_a_cause():
-    known = dense(thrown(make_tree, duration=0.5))
-    assert known.horizon == known.reach >= 0.5
-    assert known.horizon_cause == ""
-    known.prolong(10.0)
-    assert 1.0 < known.horizon < 10.0
-    assert "1e-10" in known.horizon_cause
-    assert known.error <= 1e-9
 
 
 @pytest.mark.parametrize("times", [[-1.0], [0.2, 0.1], [np.nan]])

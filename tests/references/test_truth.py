@@ -180,18 +180,37 @@ def thrown(build, **options):
     return build(bodies, [(GROUND, 0, [0, 0, 0], [0, 0, 1]), (0, 1, [0, 0, -1], [0, 0, 1])], **options)
 
 
-def test_chaotic_scene_is_compared_up_to_its_horizon(build):
-    reference = compute(thrown(build, duration=10.0, samples=61))
+@pytest.fixture(scope="module")
+def chaotic(build):
+    """A truth over half a second with its horizon, reach and cause, then prolonged beyond its horizon."""
+    known = dense_output.Truth(thrown(build, duration=0.5))
+    known.prolong(0.5)
+    first = known.horizon, known.reach, known.horizon_cause
+    known.prolong(10.0)
+    return known, first
+
+
+def test_the_end_of_a_truth_has_a_cause(chaotic):
+    known, (horizon, reach, cause) = chaotic
+    assert horizon == reach >= 0.5
+    assert cause == ""
+    assert 1.0 < known.horizon < 10.0
+    assert "1e-10" in known.horizon_cause
+    assert known.error <= 1e-9
+
+
+def test_chaotic_scene_is_compared_up_to_its_horizon(build, chaotic):
+    reference = chaotic[0].reference(thrown(build, duration=10.0, samples=61))
     assert 0 < reference.horizon < 10.0
     assert reference.amplification > 1e5
     assert reference.allowed <= 1e-9  # 1e-14 of the growth to 1e5 at the horizon, not of what follows
     assert reference.states.x.shape == (61, 2, 3)
 
 
-def test_horizon_before_the_first_output_is_refused(build):
+def test_horizon_before_the_first_output_is_refused(build, chaotic):
     scene = thrown(build, duration=10.0, samples=2)
     with pytest.raises(Chaotic, match="ask for a shorter duration or more samples") as raised:
-        compute(scene)
+        chaotic[0].reference(scene)
     assert 1.0 < raised.value.horizon < 10.0
 
 

@@ -19,17 +19,26 @@ error = 1e-6
 """
 
 
-def test_figures_are_compared_with_truth_and_never_make_it():
-    """Tables of ADAMS are off by more than their digits, the reference of the IVP test set by 1e-9, NESC by 1e-11."""
-    most = {"chrono_spherical": (1e-4, 1e-3), "nesc_brick": (0.0, 1e-11), "squeezer": (0.0, 2e-9)}
-    found = published.figures(list(most), ["lieeuler"])
-    assert len(found) == 11
-    for figure in found:
-        low, high = most[figure.scene]
+FIGURES = {"chrono_spherical": (2, 1e-4, 1e-3), "nesc_brick": (2, 0.0, 1e-11), "squeezer": (7, 0.0, 2e-9),
+           "heavy_top": (2, 0.0, 1e-4), "iftomm_slider_crank": (4, 3e-5, 2.1e-2)}
+"""Number of figures of a scene, and how far the nearest and the farthest are from truth.
+
+Tables of ADAMS are off by more than their digits, the reference of the IVP test set by 1e-9, NESC by 1e-11, what was
+sent to the IFToMM library by 3e-5 to 1e-2 and, with another inertia, by 2e-2; a heavy top to five digits is right.
+"""
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name.startswith("iftomm") else ())
+                                  for name in FIGURES])
+def test_figures_are_compared_with_truth_and_never_make_it(name):
+    count, low, high = FIGURES[name]
+    told = published.figures([name], ["lieeuler"])
+    assert len(told) == count
+    for figure in told:
         assert low <= figure.truth <= high, figure
         assert figure.engines["lieeuler"] < 1e-10
-    assert {figure.scene for figure in found if figure.differs} == set(most)
-    assert set(published.tagged(["published"])) >= set(most)
+    assert any(figure.differs for figure in told) == (name != "heavy_top")
+    assert name in published.tagged(["published"])
 
 
 def test_a_figure_counts_not_for_the_hash(tmp_path):

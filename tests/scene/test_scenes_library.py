@@ -102,10 +102,11 @@ def test_every_scene_moves_and_its_kernel_run_ends_well(library, name):
     scene = library[name].replace(duration=min(1.0, library[name].duration), samples=11)
     traj = crosscheck.run(scene, engine="lieeuler", method="DAE1H_LSE", step=STEP)
     assert traj.status == "success"
-    # every body takes part: by a tenth of a radian or of a metre; K5 of the squeezer swings by 0.034 rad
+    # every body takes part: by a tenth of a radian or of a metre; K5 of the squeezer swings by 0.034 rad, and the
+    # slider of the IFToMM crank goes 0.09 m
     turned = np.abs(traj.R - traj.R[0]).max(axis=(0, 2, 3))
     shifted = np.abs(traj.x - traj.x[0]).max(axis=(0, 2))
-    assert (np.maximum(turned, shifted) > (0.03 if name == "squeezer" else 0.1)).all()
+    assert (np.maximum(turned, shifted) > (0.03 if name in ("squeezer", "iftomm_slider_crank") else 0.1)).all()
 
 
 def test_the_parallelogram_passes_its_singular_position_on_its_own_branch(library):

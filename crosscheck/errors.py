@@ -6,8 +6,9 @@ Two more errors are defined where they are raised: `crosscheck.TruthError`, in `
 
 from __future__ import annotations
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 FAILED = "✗ "
 """Prefix of the label of a task that failed; the terminal prints such a label at once and leaves it on the screen."""
@@ -15,6 +16,20 @@ FAILED = "✗ "
 
 class CrosscheckError(Exception):
     """Base of all errors of crosscheck. The message is written for the user."""
+
+
+@contextlib.contextmanager
+def foreign(told: Callable[[Exception], Exception], *passing: type[Exception]) -> Iterator[None]:
+    """Code of others runs within, which may raise anything: `told` makes an error of ours of it.
+
+    Errors of ours and of the kinds in `passing` pass as they are.
+    """
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, (CrosscheckError, *passing)):
+            raise
+        raise told(error) from error
 
 
 class SceneError(CrosscheckError):
@@ -73,6 +88,11 @@ def unknown(what: str, given: object, allowed: Iterable[str]) -> str:
     near = difflib.get_close_matches(str(given).lower(), lower, n=1)
     guess = f"; did you mean {lower[near[0]]!r}?" if near else ";"
     return f"{what}: {given!r} is not known{guess} allowed: {', '.join(allowed)}"
+
+
+def named(error: BaseException) -> str:
+    """The class of an error and its message."""
+    return f"{type(error).__name__}: {error}"
 
 
 def said(error: BaseException) -> str:

@@ -65,10 +65,9 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         yield aside
         os.replace(aside, path)
-    except BaseException:
+    finally:
         with contextlib.suppress(OSError):
             aside.unlink()
-        raise
 
 
 def put(path: Path, text: str) -> None:

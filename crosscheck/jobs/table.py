@@ -93,12 +93,10 @@ class Table:
         """
         self._evict()
         found = Session(self.engine, ask, command, types, fresh)
-        try:
+        with contextlib.ExitStack() as unfinished:
+            unfinished.callback(found.leave)
             yield found
-        except BaseException:
-            with contextlib.suppress(ArgumentError, sql.exc.SQLAlchemyError):  # the first error is the one to tell
-                found.leave()
-            raise
+            unfinished.pop_all()
         found.end()
 
     def missing(self, stage: str, keys: Sequence[str]) -> set[str]:
@@ -242,8 +240,12 @@ class Session:
                 ended=_now(), seconds=self.seconds))
 
     def leave(self) -> None:
-        """This process does no more for the session, which the next one of the same ask continues."""
-        with self._engine.execution_options(writes=True).begin() as connection:
+        """This process does no more for the session, which the next one of the same ask continues.
+
+        No error of the database is raised, because another one was first.
+        """
+        with (contextlib.suppress(ArgumentError, sql.exc.SQLAlchemyError),
+              self._engine.execution_options(writes=True).begin() as connection):
             connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == self._id).values(process=""))
 
     def _typed(self, stage: str, content: bytes) -> Any:

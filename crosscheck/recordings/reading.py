@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.errors import ArgumentError, missing, unknown
+from crosscheck.errors import ArgumentError, foreign, missing, unknown
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 
@@ -327,7 +327,14 @@ def opened(data: Any, scene: Scene) -> Source:
         raise ArgumentError(f"recording: a path, a data frame or a mapping of arrays is wanted, not "
                             f"{type(data).__name__}")
     path = Path(data)
-    try:
+
+    def told(error: Exception) -> ArgumentError:  # each library has errors of its own for a broken file
+        if isinstance(error, ImportError):
+            return ArgumentError(f"{path}: {missing(error)}")
+        return ArgumentError(f"{path}: cannot be read ({error.strerror or error})" if isinstance(error, OSError) else
+                             f"{path}: no {path.suffix[1:] or 'CSV'} file that can be read ({error})")
+
+    with foreign(told):
         if path.is_dir() or not path.exists():
             raise ArgumentError(f"{path}: {'is a folder' if path.is_dir() else 'there is no such file'}; "
                                 "name a .csv, .npz or .parquet file")
@@ -339,14 +346,6 @@ def opened(data: Any, scene: Scene) -> Source:
         import pandas as pd
 
         return Source(str(path), _of_frame(pd.read_parquet(path))) if path.suffix == ".parquet" else Text(path)
-    except ImportError as error:
-        raise ArgumentError(f"{path}: {missing(error)}") from None
-    except OSError as error:
-        raise ArgumentError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except ArgumentError:
-        raise
-    except Exception as error:  # each library has errors of its own for a broken file
-        raise ArgumentError(f"{path}: no {path.suffix[1:] or 'CSV'} file that can be read ({error})") from None
 
 
 def _of_frame(frame: Any) -> dict[str, np.ndarray]:

@@ -18,7 +18,7 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, Stats, plain_events
 from crosscheck.document import Way as Way
-from crosscheck.errors import CrosscheckError, EngineDied, EngineError, Unsupported, install, said
+from crosscheck.errors import CrosscheckError, EngineDied, EngineError, Unsupported, foreign, install, named, said
 from crosscheck.files import plain, readable
 from crosscheck.running import arguments
 from crosscheck.running.trajectory import Trajectory, derive
@@ -89,25 +89,28 @@ def attempt(scene: Scene, way: Way, engine: Engine | None = None, **more: Any) -
     """
     asked, method = way.arguments | more, way.method
     name = label = way.engine
+
+    def told(error: Exception) -> EngineError:
+        lacks = isinstance(error, ImportError)
+        return EngineError(readable(f"{name} cannot be imported: {error}; {install(name)}" if lacks else
+                                    f"{name} {method}: {named(error)}"))
+
     try:
-        adapter = adapters.get(label if engine is None else engine)
-        name = adapter.name
-        spec = arguments.request(label, adapter, method, asked)
-        scene = arguments.overridden(scene, asked)
-        arguments.check_length(scene, spec)
-        reason = adapter.unsupported(scene, spec)
-        if reason is not None:
-            raise Unsupported(f"{label} {method} on scene {scene.name!r}: {reason}")
-        raw = _checked(f"{label} {method}", scene, adapter.run(scene, spec))
-        return Ran(derive(scene, label, method, raw), raw)
+        with foreign(told):
+            adapter = adapters.get(label if engine is None else engine)
+            name = adapter.name
+            spec = arguments.request(label, adapter, method, asked)
+            scene = arguments.overridden(scene, asked)
+            arguments.check_length(scene, spec)
+            reason = adapter.unsupported(scene, spec)
+            if reason is not None:
+                raise Unsupported(f"{label} {method} on scene {scene.name!r}: {reason}")
+            raw = _checked(f"{label} {method}", scene, adapter.run(scene, spec))
+            return Ran(derive(scene, label, method, raw), raw)
     except Unsupported as error:
         return Refused(error)
     except CrosscheckError as error:
         return Failed(error)
-    except ImportError as error:
-        return Failed(_wrapped(f"{name} cannot be imported: {error}; {install(name)}", error))
-    except Exception as error:
-        return Failed(_wrapped(f"{name} {method}: {type(error).__name__}: {error}", error))
 
 
 def lasting(outcome: Outcome) -> Outcome:
@@ -117,12 +120,6 @@ def lasting(outcome: Outcome) -> Outcome:
     if isinstance(outcome, Failed) and isinstance(outcome.error, EngineDied):
         raise outcome.error
     return outcome
-
-
-def _wrapped(text: str, cause: Exception) -> EngineError:
-    error = EngineError(readable(text))
-    error.__cause__ = cause
-    return error
 
 
 def _checked(who: str, scene: Scene, raw: RawRun) -> RawRun:

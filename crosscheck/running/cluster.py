@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import dataclasses
 import functools
 import importlib
 from collections.abc import Callable
 
-from crosscheck.errors import ArgumentError, CrosscheckError, install
+from crosscheck.errors import ArgumentError, CrosscheckError, foreign, install, named
 from crosscheck.running import versions
 
 CONNECT = 10.0
@@ -48,31 +49,29 @@ def connect(scheduler: str, engines: tuple[str, ...]) -> Cluster:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise ArgumentError(f"--scheduler {scheduler}: no scheduler answers there ({reason}); start one with "
                             "`dask scheduler` and workers with `dask worker tcp://host:8786`") from None
-    try:
-        found = client.run(versions.of, engines)
-        if not found:
+    with contextlib.ExitStack() as unfit:
+        unfit.callback(client.close)
+        try:
+            there = client.run(versions.of, engines)
+        except ModuleNotFoundError as error:
+            raise CrosscheckError(f"--scheduler {scheduler}: a worker there lacks {error.name}; install the same "
+                                  "environment on all machines") from None
+        if not there:
             raise ArgumentError(f"--scheduler {scheduler}: it has no workers; start one with `dask worker {scheduler}`")
         own = versions.of(engines)
-        for worker, theirs in found.items():
+        for worker, theirs in there.items():
             versions.refuse_others(own, theirs, f"worker {worker}")
-    except ModuleNotFoundError as error:
-        client.close()
-        raise CrosscheckError(f"--scheduler {scheduler}: a worker there lacks {error.name}; install the same "
-                              "environment on all machines") from None
-    except BaseException:
-        client.close()
-        raise
+        unfit.pop_all()
     workers = sum(client.nthreads().values())
     return Cluster(client.get_executor(pure=False), workers, functools.partial(client.close, timeout=5))
 
 
 def _made(name: str) -> Cluster:
     module, colon, factory = name.partition(":")
-    try:
+    with foreign(lambda error: ArgumentError(
+            f"--scheduler {name}: {named(error)}; give tcp://host:port, or module:factory of a function that returns a "
+            "concurrent.futures executor")):
         executor = getattr(importlib.import_module(module), factory)()
-    except Exception as error:  # the user's factory may raise anything
-        raise ArgumentError(f"--scheduler {name}: {type(error).__name__}: {error}; give tcp://host:port, or "
-                            "module:factory of a function that returns a concurrent.futures executor") from None
     if not colon or not hasattr(executor, "submit"):
         raise ArgumentError(f"--scheduler {name}: what it returns is no executor")
     return Cluster(executor, int(getattr(executor, "_max_workers", 2)), executor.shutdown)

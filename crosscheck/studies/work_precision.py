@@ -19,7 +19,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from crosscheck.document import Part
-from crosscheck.errors import CrosscheckError, Unsupported, said
+from crosscheck.errors import CrosscheckError, Unsupported, foreign, said
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference, TruthError
@@ -306,6 +306,12 @@ class Bound:
         """The run at a tolerance, with its errors; compiles the series."""
         rung = Rung(engine=BOUND, method="taylor", rtol=rtol, scene=self._scene.name, label="bound: heyoka")
         try:
+            return self._measured(rung, rtol)
+        except CrosscheckError as error:
+            return replace(rung, status="error", reason=said(error))
+
+    def _measured(self, rung: Rung, rtol: float) -> Rung:
+        with foreign(lambda error: CrosscheckError(said(error))):  # heyoka and LLVM raise several kinds
             unrolled = len(self._series.initial) <= LARGEST_UNROLLED
             integrator = self._series.integrator(rtol, compact_mode=not unrolled, high_accuracy=False)
             self._integrators[rtol] = integrator
@@ -315,8 +321,6 @@ class Bound:
             # At loose tolerances quaternions do not have unit length, which is not an error of the attitude.
             return with_errors(rung, self._scene, self._series.states(self._series.normalised(states)), self._truth,
                                self._scene.samples - 1)
-        except Exception as error:  # heyoka and LLVM raise several kinds; each is a row of the study
-            return replace(rung, status="error", reason=said(error))
 
     def timer(self, rtol: float) -> Callable[[Counters], float]:
         """A function that runs the rung of a tolerance, sets its counter and returns its stepping time, s."""

@@ -192,16 +192,7 @@ def test_a_wrong_stepping_time_is_a_row_of_a_sweep_and_of_a_study(tmp_path: Any)
 
 
 ANY = {
-    "running/attempt.py": "whatever an engine raises is its outcome",
-    "inspection/__init__.py": "whatever the model reader of an engine raises",
-    "adapters/foreign/own.py": "whatever a module of the user raises when it is imported, or its class when it is made",
-    "adapters/mujoco/native.py": "MuJoCo's own FatalError is no RuntimeError",
-    "scene/models/compiling.py": "MuJoCo's own FatalError, of a model file",
-    "scene/models/second.py": "urdfdom and Pinocchio raise several kinds",
-    "running/cluster.py": "the user's factory of a cluster may raise anything",
-    "studies/work_precision.py": "whatever heyoka raises when it compiles a series",
-    "recordings/reading.py": "each reader of a broken recording raises kinds of its own",
-    "jobs/workers/process.py": "answers of worker processes that cannot be read",
+    "errors.py": "code of others: engines, readers of their models, modules of the user, libraries of files",
     "jobs/workers/child.py": "whatever a task raises in a worker process goes to its parent",
     "cli/app.py": "the last resort: one line in place of a traceback",
 }

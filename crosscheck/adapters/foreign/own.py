@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib
 import importlib.util
@@ -18,7 +19,7 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec, StandIn, Stats, steps_per_sample
 from crosscheck.adapters.foreign import code
-from crosscheck.errors import ArgumentError, EngineError, unknown
+from crosscheck.errors import ArgumentError, EngineError, foreign, named, unknown
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -125,27 +126,22 @@ def load(name: str, known: Iterable[str], stated: str | None = None) -> Complete
                             "path/file.py:Class")
     try:
         own = code.digest(home) if Path(home).suffix == ".py" and Path(home).is_file() else ""  # what comes next
-        module = _module(home)
-    except ArgumentError:
-        raise
+        with foreign(lambda error: ArgumentError(f"engine: {home} cannot be imported: {named(error)}"),
+                     ModuleNotFoundError):
+            module = _module(home)
     except ModuleNotFoundError as error:
         if error.name != home.partition(".")[0]:  # a module that this module imports
             raise ArgumentError(f"engine: {home} cannot be imported: {error}; install it") from error
         raise ArgumentError(f"{unknown('engine', home, known)}; and there is no module of this name"
                             ) from None
-    except Exception as error:
-        raise ArgumentError(f"engine: {home} cannot be imported: {type(error).__name__}: {error}") from error
     kind = getattr(module, attribute, None)
     if not callable(kind):
         classes = [key for key, value in vars(module).items()
                    if hasattr(value, "unsupported") and hasattr(value, "run")]
         raise ArgumentError(f"engine: {home} has no class {attribute!r}"
                             + (f"; engines there: {', '.join(classes)}" if classes else ""))
-    try:
+    with foreign(lambda error: ArgumentError(f"engine: {name} cannot be made without arguments: {named(error)}")):
         engine = kind()
-    except Exception as error:
-        raise ArgumentError(f"engine: {name} cannot be made without arguments: {type(error).__name__}: {error}"
-                            ) from error
     stated = stated or getattr(module, "__version__", None)
     return completed(engine, name, None if stated is None else str(stated),
                      own or code.digest(home, getattr(module, "__file__", None)))
@@ -195,9 +191,8 @@ def _module(home: str) -> types.ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    try:
+    with contextlib.ExitStack() as broken:
+        broken.callback(sys.modules.pop, name)
         spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
+        broken.pop_all()
     return module

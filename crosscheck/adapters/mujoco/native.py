@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
-from crosscheck.errors import EngineError
+from crosscheck.errors import EngineError, foreign
 from crosscheck.scene.model import rotation_from_quaternion
 from crosscheck.scene.models import neutral, source
 from crosscheck.scene.models.compiling import listening
@@ -18,10 +18,14 @@ def _model(path: Path) -> tuple[Any, str]:
     """(model, MuJoCo's error if the file is a URDF that was read without its meshes because these cannot be opened)."""
     import mujoco
 
+    def refused(error: Exception) -> EngineError:  # a ValueError or MuJoCo's own FatalError
+        return EngineError(" ".join(str(error).split()).removeprefix("Error: "))
+
     try:
-        return mujoco.MjModel.from_xml_path(str(path.resolve())), ""
-    except Exception as error:  # ValueError, and MuJoCo's own FatalError
-        words = " ".join(str(error).split()).removeprefix("Error: ")
+        with foreign(refused):
+            return mujoco.MjModel.from_xml_path(str(path.resolve())), ""
+    except EngineError as error:
+        words = str(error)
     model = source.read(path)
     if "opening file" not in words or not model.is_urdf:
         raise EngineError(words)
@@ -29,11 +33,8 @@ def _model(path: Path) -> tuple[Any, str]:
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             if shape.find("geometry/mesh") is not None:
                 link.remove(shape)
-    try:
+    with foreign(lambda error: EngineError(f"{words}; without its meshes: {refused(error)}")):
         return mujoco.MjModel.from_xml_string(model.text), words
-    except Exception as error:
-        raise EngineError(f"{words}; without its meshes: {' '.join(str(error).split()).removeprefix('Error: ')}"
-                          ) from None
 
 
 def load(path: str, states: JointStates) -> Native:

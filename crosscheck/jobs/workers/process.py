@@ -111,7 +111,7 @@ class Worker:
         limits = limits or Limits()
         try:
             payload = pickle.dumps((function, arguments))
-        except Exception as error:
+        except (pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError) as error:
             return Crash(f"the task cannot be sent to a worker: {error}", error=error)
         os.ftruncate(self._printed.fileno(), 0)
         self._at = ""

@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from crosscheck.errors import SceneError, missing
+from crosscheck.errors import SceneError, foreign, missing
 from crosscheck.scene.models import known, source
 from crosscheck.scene.models.source import Source
 
@@ -55,18 +55,19 @@ def compiled(model: Source, base: str = "fixed", bare: bool = True, balance: boo
         _prepare_mjcf(model)
     if balance:
         _compiler(model).set("balanceinertia", "true")
-    with listening():
-        try:
-            spec = mujoco.MjSpec.from_string(model.text)
-            spec.modelfiledir = str(model.path.parent.resolve())
-            if base == "free":
-                _free(spec)
-            m = spec.compile()
-        except Exception as error:  # MuJoCo raises ValueError, and its own FatalError
-            words = model.told(str(error))
-            offer = "" if "balanceinertia" not in words or balance else (
-                "; --balance (balance=True) lets MuJoCo replace such inertias, and lists it")
-            raise SceneError(f"{model.path}: MuJoCo cannot read it: {words}{offer}") from None
+
+    def refused(error: Exception) -> SceneError:  # a ValueError or MuJoCo's own FatalError
+        words = model.told(str(error))
+        offer = "" if "balanceinertia" not in words or balance else (
+            "; --balance (balance=True) lets MuJoCo replace such inertias, and lists it")
+        return SceneError(f"{model.path}: MuJoCo cannot read it: {words}{offer}")
+
+    with listening(), foreign(refused):
+        spec = mujoco.MjSpec.from_string(model.text)
+        spec.modelfiledir = str(model.path.parent.resolve())
+        if base == "free":
+            _free(spec)
+        m = spec.compile()
     _check_finite(model, m)
     return m
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.errors import SceneError
+from crosscheck.errors import SceneError, foreign
 from crosscheck.scene.models.source import Source
 
 
@@ -23,12 +23,15 @@ def explained(build: Callable[[], Any]) -> Any:
     before = os.dup(2)
     with tempfile.TemporaryFile() as aside:
         os.dup2(aside.fileno(), 2)
-        try:
-            return build()
-        except Exception as error:  # urdfdom and Pinocchio raise several kinds
+
+        def refused(error: Exception) -> ValueError:  # urdfdom and Pinocchio raise several kinds
             aside.seek(0)
             said = aside.read(1000).decode(errors="replace").strip().partition("\n")[0].removeprefix("Error:")
-            raise ValueError("; ".join(" ".join(each.split()) for each in (str(error), said) if each.strip())) from None
+            return ValueError("; ".join(" ".join(each.split()) for each in (str(error), said) if each.strip()))
+
+        try:
+            with foreign(refused):
+                return build()
         finally:
             os.dup2(before, 2)
             os.close(before)

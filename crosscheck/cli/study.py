@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -81,9 +82,11 @@ def work_precision(
         labels = dict.fromkeys(label for front in reversed(some) for label in front.costs)
         print_table(terminal, [key(f"ms to an {error} of"), *figures(*(f"{front.level:.0e}" for front in some))],
                     [(label, *(figure(front.costs.get(label), "-") for front in some)) for label in labels])
-        count = [sum(rung.status == status for rung in each.rungs) for status in ("success", "error", "skipped")]
-        say(f"{counted(count[0], 'run')}, {count[1]} failed, {count[2]} left out for their time; each time is the "
-            f"median of {counted(repeats, 'round')}")
+        by_status = Counter(rung.status for rung in each.rungs)
+        good, skipped, unsupported = (by_status[status] for status in ("success", "skipped", "unsupported"))
+        say(f"{counted(good, 'run')}, {by_status.total() - good - skipped - unsupported} failed, {skipped} left out "
+            f"for their time{f', {unsupported} unsupported' if unsupported else ''}; each time is the median of "
+            f"{counted(repeats, 'round')}")
         print()
     say("factor: the time of the best of the others over that of lieeuler" + bounded * (
         "; to heyoka: the time of lieeuler over that of heyoka's Taylor series, which bounds what is possible"))

@@ -353,6 +353,6 @@ def word(run: Record) -> str:
     """The outcome in words, with the share of the run over which its motion was judged if that is not all of it."""
     if run.outcome in ("pass", "partly") and run.practical:
         return "stable"
-    said = {"unsupported": "n/a", "partly": "pass"}.get(run.outcome, run.outcome)
+    said = "pass" if run.outcome == "partly" else run.outcome
     share = _share(run.judged_until, run.duration)
     return (f"{said} over {100 * share:.2g} %" if share < 1 and run.outcome in ("pass", "partly", "known") else said)

@@ -101,7 +101,7 @@ def junit(document: Document) -> str:
             elif record.outcome in ("unsupported", "unjudged"):
                 ElementTree.SubElement(case, "skipped", message=record.message)
             output = ElementTree.SubElement(case, "system-out")
-            output.text = "\n".join([*lines, f"repeat: {record.command}"])
+            output.text = "\n".join([f"outcome: {record.outcome}", *lines, f"repeat: {record.command}"])
         for attribute, outcomes in (("failures", ("fail",)), ("errors", ("error",)),
                                     ("skipped", ("unsupported", "unjudged"))):
             suite.set(attribute, str(sum(record.outcome in outcomes for record in records)))

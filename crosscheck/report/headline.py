@@ -14,7 +14,7 @@ OUTCOMES = {"pass": ("✓", "pass", "behaves as documented: every check within i
             "error": ("‼", "error", "it did not run"),
             "unjudged": ("?", "unjudged", "not judged: the scene has no truth, or nothing moves in it"),
             "budgeted": ("◷", "budgeted", "the plan has no step that is fine enough for bounds of the motion"),
-            "unsupported": ("–", "n/a", "the engine cannot model this scene")}
+            "unsupported": ("–", "unsupported", "the engine cannot model this scene")}
 """Symbol, word and meaning of each state of a run (see `state`)."""
 
 

@@ -44,12 +44,18 @@ class Ran:
     trajectory: Trajectory
     raw: RawRun  # as the engine returned it, with plain numbers
 
+    @property
+    def status(self) -> str:
+        """What the run says of its end: "success", or a word of the engine."""
+        return self.trajectory.status
+
 
 @dataclasses.dataclass(frozen=True)
 class Refused:
     """The engine cannot model the scene, or not in this way. Nothing is wrong with it."""
 
     error: Unsupported
+    status = "unsupported"
 
     @property
     def why(self) -> str:

@@ -28,7 +28,7 @@ class Rung(Way, frozen=True, kw_only=True):
 
     scene: str
     label: str
-    status: str = "success"  # or "error", "skipped"
+    status: str = "success"  # or "skipped", "unsupported", or how it failed
     reason: str = ""
     steps: int | None = None
     rejected_steps: int | None = None

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from crosscheck.document import Way, extended
-from crosscheck.errors import ArgumentError, CrosscheckError, said
+from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported, said
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
@@ -29,7 +29,7 @@ class LongRun(Way, frozen=True, kw_only=True):
     scene: str
     label: str
     duration: float  # s
-    status: str = "success"  # or "error", "skipped"
+    status: str = "success"  # or "skipped", "unsupported", "failed"
     reason: str = ""
     wall_time: float | None = None  # s
 
@@ -72,7 +72,8 @@ def run_all(work: Work[Any, Row], scene: Scene, rows: Sequence[Row], before: Seq
         except TooLong as limit:
             done.append(msgspec.structs.replace(start, status="skipped", reason=str(limit)))
         except CrosscheckError as error:
-            done.append(msgspec.structs.replace(start, status="error", reason=said(error)))
+            status = "unsupported" if isinstance(error, Unsupported) else "failed"
+            done.append(msgspec.structs.replace(start, status=status, reason=said(error)))
         work.keep([*before, *done])
     return done
 

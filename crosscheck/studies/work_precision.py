@@ -111,7 +111,7 @@ def _walk(scene: Scene, way: GradedWay, truth: Reference, time_limit: float) -> 
                 break
         rung, wall = _explore(scene, rung, count, truth)
         rungs[-1] = rung
-        if rung.status == "error":
+        if rung.status != "success":
             if count is not None and count > MOST_FAILING * scene.duration / natural_time(scene):
                 break
             continue
@@ -141,7 +141,7 @@ def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> t
     intervals = INTERVALS if count is None else min(INTERVALS, count & -count)
     outcome = attempt(scene, rung, samples=intervals + 1, monitor=False)
     if not isinstance(outcome, Ran):
-        return replace(rung, status="error", reason=said(outcome.error)), 0.0
+        return replace(rung, status=outcome.status, reason=said(outcome.error)), 0.0
     traj = outcome.trajectory
     return with_errors(replace(rung, steps=traj.steps), scene, traj, truth, intervals), float(traj.wall_time)
 
@@ -182,7 +182,7 @@ class _Timed:
         try:
             self.times.append(undisturbed(functools.partial(self.once, counters), MOST_TRIES, PATIENCE))
         except CrosscheckError as error:  # it ran in the first pass, but fails now
-            self.rung = replace(self.rung, status="error", reason=f"when timed: {said(error)}")
+            self.rung = replace(self.rung, status="failed", reason=f"when timed: {said(error)}")
             return
         walls = [wall for wall, _ in self.times]
         self.rung = replace(
@@ -256,7 +256,7 @@ class WorkPrecision:
             found = replace(found, duration=sampled.duration, truth=Known(
                 source=truth.source, disagreement=truth.disagreement, amplification=truth.amplification))
             chosen, refused = ways(sampled, work.engines, ask.methods, asked_map=ask.coordinate_map)
-            missing = [rung_of(sampled, way, None, "skipped", reason) for way, reason in refused]
+            missing = [rung_of(sampled, way, None, "unsupported", reason) for way, reason in refused]
             results.append(found)
 
             def kept(rungs: list[Rung], found: SceneLadders = found, missing: list[Rung] = missing) -> None:
@@ -308,7 +308,7 @@ class Bound:
         try:
             return self._measured(rung, rtol)
         except CrosscheckError as error:
-            return replace(rung, status="error", reason=said(error))
+            return replace(rung, status="failed", reason=said(error))
 
     def _measured(self, rung: Rung, rtol: float) -> Rung:
         with foreign(lambda error: CrosscheckError(said(error))):  # heyoka and LLVM raise several kinds

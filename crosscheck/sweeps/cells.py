@@ -19,7 +19,7 @@ from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
 from crosscheck.references.base import TruthError
 from crosscheck.running import versions
-from crosscheck.running.attempt import Failed, Refused, attempt
+from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -189,9 +189,7 @@ def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
 def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: bool) -> Row:
     """The row of a cell with its values. If there is none, the row has its status and message instead."""
     outcome = attempt(member.scene, way)
-    if isinstance(outcome, Refused):
-        return replace(row, status="unsupported", message=outcome.why)
-    if isinstance(outcome, Failed):
+    if not isinstance(outcome, Ran):
         return replace(row, status=outcome.status, message=outcome.why)
     traj = outcome.trajectory
     found = {key: value for key, value in traj.maxima.items() if key in LEVELS}

@@ -63,7 +63,7 @@ def work_precision(out):
                       end_position=(10 * step) ** order, end_attitude=step**order, max_position=(20 * step) ** order,
                       max_attitude=step**order, samples=3, wall_ms=1e-3 * order / step, repeats=5)
                  for (engine, method), order in zip(WAYS, (1, 8, 2, 8, 2), strict=True) for step in (1e-2, 3e-3, 1e-3)]
-        rungs.append(Rung("mujoco", "Euler", 1e-2, scene=scene, label="mujoco Euler", status="error",
+        rungs.append(Rung("mujoco", "Euler", 1e-2, scene=scene, label="mujoco Euler", status="failed",
                           reason="it left the page"))
         scenes.append(SceneLadders(
             name=scene, description="A scene", duration=1.0, rungs=rungs,
@@ -80,7 +80,7 @@ def long_runs(drift, chaos):
     """Drift and chaos: runs that end and runs that fail."""
     each = [{"scene": scene, "engine": engine, "method": method, "form": None, "label": f"{engine} {method}",
              "step": 2.0**-8, "duration": 100.0} for scene, (engine, method) in itertools.product(SCENES, WAYS)]
-    lost = {"status": "error", "reason": "diverged"}
+    lost = {"status": "failed", "reason": "diverged"}
     runs = [Drift(**one, steps=25600, **(lost if index == 3 else {
         "wall_time": 0.3, "energy_band": 1e-6, "energy_slope": 1e-12, "energy_growth": 0.5, "energy_trend": 0.01,
         "energy_verdict": "without trend", "momentum_band": 1e-14, "momentum_verdict": "round-off",
@@ -96,7 +96,7 @@ def sweep(out):
     """Two methods, one parameter, a cell that failed."""
     rows = [{"cell": f"{index:04x}", "scene": "single_pendulum", "engine": engine, "method": method, "form": None,
              "step": 1e-2, "rtol": np.nan, "member": index, "bodies.pendulum.mass": 1.0 + index % 3,
-             "status": "error" if index == 5 else "success", "position_error": 1e-4 * (1 + index),
+             "status": "failed" if index == 5 else "success", "position_error": 1e-4 * (1 + index),
              **dict.fromkeys(summary.FIGURES[1:], 1e-4)} for engine, method in WAYS[1:3] for index in range(9)]
     found = summary.document(pd.DataFrame(rows), ["bodies.pendulum.mass"], summary.Report(cells=18, workers=2),
                              msgspec.convert(provenance.describe(["lieeuler"]), Origin), "reports/sweep")

@@ -102,7 +102,7 @@ def test_words_claim_no_more_than_was_judged(until, duration, partly, word):
     run = SimpleNamespace(judged_until=until, duration=duration, outcome="pass", practical=False)
     assert verdict.partly(run) == partly
     assert verdict.word(run) == word
-    for outcome, said in (("fail", "fail"), ("unsupported", "n/a"), ("error", "error")):
+    for outcome, said in (("fail", "fail"), ("unsupported", "unsupported"), ("error", "error")):
         run.outcome = outcome
         assert verdict.word(run) == said
     run.outcome = "known"

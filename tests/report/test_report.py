@@ -50,6 +50,10 @@ def test_junit_counts_outcomes_and_known_passes(folder):
     assert cases["fake Plain"].find("failure") is None
     assert cases["fake Flawed"].find("failure") is None
     assert "its makers say so" in cases["fake Flawed"].find("system-out").text
+    told = json.loads((folder / "results.json").read_text(encoding="utf-8"))["records"]
+    outcomes = {record["label"]: record["outcome"] for record in told if record["scene"] == suite.get("name")}
+    assert {name: case.find("system-out").text.splitlines()[0] for name, case in cases.items()} == {
+        name: f"outcome: {outcome}" for name, outcome in outcomes.items()}
     assert "it broke" in cases["fake Broken"].find("failure").get("message")
 
 

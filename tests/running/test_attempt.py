@@ -187,7 +187,7 @@ def test_a_wrong_stepping_time_is_a_row_of_a_sweep_and_of_a_study(tmp_path: Any)
     assert frame["wall_time"].isna().all()
     ask = WorkPrecisionAsk(("single_pendulum",), (UNTIMED,), repeats=1, bound=False)
     found, = conduct(WorkPrecision(), ask, tmp_path / "study", lambda *_: None).scenes
-    assert {rung.status for rung in found.rungs} == {"error"}
+    assert {rung.status for rung in found.rungs} == {"failed"}
     assert all("wall_time of " in rung.reason for rung in found.rungs)
 
 

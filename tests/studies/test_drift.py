@@ -77,7 +77,7 @@ def test_a_run_beyond_the_limit_and_a_failing_one_are_rows(tmp_path):
                                     "--steps", "100", "--step", "5", "--out", str(tmp_path / "coarse")])
     assert done.exit_code == 0, done.output
     (row,) = json.loads((tmp_path / "coarse" / "drift.json").read_text())["runs"]
-    assert row["status"] == "error"
+    assert row["status"] == "failed"
     assert "smaller step" in row["reason"]
 
 

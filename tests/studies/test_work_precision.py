@@ -87,7 +87,7 @@ def test_a_failed_run_is_a_row_and_the_others_go_on(swing, monkeypatch):
     monkeypatch.setattr(work_precision, "attempt", breaking)
     kept = []
     rungs = measure(scene, [way], truth, 2, 1e-4, quietly, lambda rungs: kept.append(len(rungs)), bound=False)
-    broken = {rung.step: rung for rung in rungs if rung.status == "error"}
+    broken = {rung.step: rung for rung in rungs if rung.status == "failed"}
     assert broken[0.25].reason == "it broke in two lines"
     assert broken[0.25].wall_ms is None
     assert broken[0.125].reason == "when timed: not twice"

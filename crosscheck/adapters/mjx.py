@@ -57,7 +57,7 @@ class MJX(Forms):
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `Unsupported` with MJX's words if it lacks an element, and `EngineError` on divergence."""
-        mjx = _library(self.double)
+        mjx = library(self.double)
         form, softness = self.form(scene, spec), spec.softness or "tight"
         h = stepping.fixed_step(scene, spec)[1]
         import jax
@@ -118,7 +118,7 @@ class MJXSingle(MJX):
     known_defects = _known(always=False)
 
 
-def _library(double: bool) -> Any:
+def library(double: bool) -> Any:
     """`mujoco.mjx`, set to one precision; compiled functions are kept in the cache folder."""
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     # XLA prints an alarm if it compiles for two minutes, as it may on an arm; what fails is raised, too.

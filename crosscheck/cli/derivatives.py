@@ -14,7 +14,7 @@ STEPS = ("1e-2", "1e-3", "1e-4", "1e-5", "1e-6", "1e-7", "1e-8", "1e-9")
 """Of MuJoCo's differences, for the curve of their error."""
 
 SOURCES = ("pinocchio:aba", *(f"mujoco:inverseFD@{step}" for step in STEPS), "mujoco:transitionFD",
-           "mujoco:differences", "pinocchio:differences", "exudyn:differences", "lieeuler:differences")
+           "exudyn:linearised", *(f"{engine}:differences" for engine in ("mujoco", "pinocchio", "exudyn", "lieeuler")))
 """What is asked by default."""
 
 Json = Annotated[bool, typer.Option("--json", help="print everything as JSON")]

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import importlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from crosscheck import adapters
+from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.common import open_tree
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
 from crosscheck.inspection import probe
 from crosscheck.jointspace.motion import JointSpace, positions, starting
@@ -44,8 +48,10 @@ class Blocks:
     rounding: float = 2.0**-52
 
 
-WAYS: dict[str, tuple[str, ...]] = {"pinocchio": ("aba", "differences"),
-                                    "mujoco": ("inverseFD", "transitionFD", "differences")}
+WAYS: dict[str, tuple[str, ...]] = {
+    "pinocchio": ("aba", "differences"), "mujoco": ("inverseFD", "transitionFD", "differences"),
+    "exudyn": ("linearised", "differences"), "drake": ("autodiff", "differences"),
+    "mjx": ("jacfwd", "jacrev", "differences")}
 """The ways of engines besides "differences", the first by default. One of MuJoCo may end with "@EPS"."""
 
 
@@ -79,9 +85,8 @@ def taken(scene: Scene, source: Any) -> tuple[str, Blocks]:
     if not isinstance(source, str):
         return str(getattr(source, "name", type(source).__name__)), _own(scene, source)
     name, _, way = source.partition(":")
-    if way and name not in adapters.names():  # module:Class
+    if name not in WAYS and way and name not in adapters.names():  # module:Class
         return source, _own(scene, adapters.get(source))
-    engine = adapters.get(name)
     ways = WAYS.get(name, ("differences",))
     way, _, step = (way or ways[0]).partition("@")
     if way not in ways and way not in adapters.methods(name):
@@ -93,11 +98,11 @@ def taken(scene: Scene, source: Any) -> tuple[str, Blocks]:
     if not 0 < eps < 1:
         raise ArgumentError(f"source: {source!r}: after @ a step between 0 and 1 is wanted, such as @1e-6")
     try:
-        if way == "aba":
-            return "pinocchio:aba", pinocchio_aba(scene)
         if way in ("inverseFD", "transitionFD"):
             return f"mujoco:{way}@{eps:g}", mujoco_differences(scene, way, eps)
-        return f"{name}:{way}", differences(scene, engine, None if way == "differences" else way)
+        if way in GIVEN:
+            return f"{name}:{way}", GIVEN[way](scene)
+        return f"{name}:{way}", differences(scene, adapters.get(name), None if way == "differences" else way)
     except ModuleNotFoundError as error:
         raise EngineError(f"{name} cannot be imported: {error}") from error
 
@@ -121,8 +126,12 @@ def pinocchio_at(scene: Scene) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray]
     q, v = made.initial_state()
     count = len(v)
     unit = made.states(np.zeros(count), np.tile(q, (count, 1)), np.eye(count), None)
-    motions = np.concatenate([unit.v, unit.w], axis=2).reshape(count, -1).T
-    return Dynamics(made), q, v, signed(JointSpace(scene), motions, "pinocchio")
+    return Dynamics(made), q, v, signed(JointSpace(scene), _motions(unit), "pinocchio")
+
+
+def _motions(unit: States) -> np.ndarray:
+    """(6n, count): body velocities of unit rates, each of which is a time of the states."""
+    return np.concatenate([unit.v, unit.w], axis=2).reshape(len(unit.v), -1).T
 
 
 def mujoco_at(scene: Scene) -> tuple[Any, Any, np.ndarray]:
@@ -186,6 +195,69 @@ def mujoco_differences(scene: Scene, way: str, eps: float) -> Blocks:
     mujoco.mjd_transitionFD(model, data, eps, 1, A, None, None, None)
     # The velocity after a step is v + h a, so that rounding of v is divided by h too.
     return Blocks(T @ A[n:, :n] @ T.T / h, T @ (A[n:, n:] - np.eye(n)) @ T.T / h, None, 2, eps, 2.0**-52 / h)
+
+
+def exudyn_linearised(scene: Scene) -> Blocks:
+    """M, K and D of `ComputeLinearizedSystem` of a kinematic tree; K and D are forward differences of the forces."""
+    from crosscheck.adapters.exudyn import kinematic_tree, solving
+
+    exudyn, space = solving.load(), JointSpace(scene)
+    model, linearised = kinematic_tree.kinematic_tree(scene, "XYZ"), importlib.import_module("exudyn.solver")
+    M, K, D = (np.array(part) for part in linearised.ComputeLinearizedSystem(model.system))
+    q, one = np.atleast_1d(model.system.GetSensorValues(model.sensors[0])), np.eye(space.size)
+    T = signed(space, _motions(model.convert(np.zeros(len(q)), [np.tile(q, (len(q), 1)), one, 0 * one])), "exudyn")
+    inverse = np.linalg.inv(M)
+    how = exudyn.SimulationSettings().timeIntegration.newton.numericalDifferentiation
+    steps = how.relativeEpsilon * (how.minimumCoordinateSize + np.array([0.0, np.abs([q, space.speeds]).max()]))
+    return Blocks(-T @ inverse @ K @ T.T, -T @ inverse @ D @ T.T, T @ inverse @ T.T, 1, steps[1],
+                  2.0**-52 * steps[1] / steps[0])
+
+
+def drake_autodiff(scene: Scene) -> Blocks:
+    """The plant over `AutoDiffXd`, forward mode."""
+    from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
+
+    from crosscheck.adapters import drake
+
+    engine, space = drake.Drake(), JointSpace(scene)
+    reason = engine.unsupported(scene, RunSpec(engine.methods[0]))
+    if reason or any(JOINT_TYPES[joint.type].coordinates == ("ball",) for joint in scene.joints):
+        raise Unsupported(f"drake on {scene.name!r}: {reason or 'its ball joint has angles'}")
+    model = drake.Model(scene)
+    model.start(scene, model.bench)
+    q, v = (np.array(get(model.bench)) for get in (model.plant.GetPositions, model.plant.GetVelocities))
+    convert = open_tree.converter(scene, model.set_state, model.body_state)
+    T = signed(space, _motions(convert(np.zeros(len(q)), np.tile(q, (len(q), 1)), np.eye(len(q)), None)), "drake")
+    plant = model.plant.ToAutoDiffXd()
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, InitializeAutoDiff(np.concatenate([q, v])))
+    slopes = ExtractGradient(plant.EvalTimeDerivatives(context).get_generalized_velocity().CopyToVector())
+    return Blocks(T @ slopes[:, :len(q)] @ T.T, T @ slopes[:, len(q):] @ T.T, None)
+
+
+def mjx_jacobian(scene: Scene, mode: str) -> Blocks:
+    """The accelerations of MJX, differentiated by JAX, `jacfwd` or `jacrev`."""
+    import jax
+
+    from crosscheck.adapters.mjx import library
+
+    mjx = library(True)
+    built, start, T = mujoco_at(scene)
+    if built.nq != built.nv:
+        raise Unsupported(f"mjx on {scene.name!r}: its positions are quaternions")
+    model, data = mjx.put_model(built), mjx.put_data(built, start)
+
+    def accelerated(q: Any, v: Any) -> Any:
+        return mjx.forward(model, data.replace(qpos=q, qvel=v)).qacc
+
+    da_dq, da_dv = (np.asarray(part) for part in jax.jit(getattr(jax, mode)(accelerated, (0, 1)))(data.qpos, data.qvel))
+    return Blocks(T @ da_dq @ T.T, T @ da_dv @ T.T, None)
+
+
+GIVEN: dict[str, Callable[[Scene], Blocks]] = {
+    "aba": pinocchio_aba, "linearised": exudyn_linearised, "autodiff": drake_autodiff,
+    **{mode: functools.partial(mjx_jacobian, mode=mode) for mode in ("jacfwd", "jacrev")}}
+"""Derivatives that an engine has by a way of its own, without a step to choose."""
 
 
 def differences(scene: Scene, engine: Any, method: str | None = None) -> Blocks:

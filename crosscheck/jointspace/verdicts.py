@@ -158,14 +158,17 @@ def _steps(scene: Scene, exact: Derivatives, wrong: dict[str, np.ndarray]) -> Mi
         digits = values * step / np.spacing(np.abs(a))[:, None]
         if np.abs(digits).max() < MOST_DIGITS and np.abs(digits - digits.round()).max() < WHOLE:
             yield f"differences with a step of {step:.0e}, which leaves nothing but rounding", wrong
-    by_q, by_v = (np.zeros((2, space.size, space.size)) for _ in range(2))
+    by_q, by_v, inertial = (np.zeros((2, space.size, space.size)) for _ in range(3))
     for k, row in enumerate(np.eye(space.size)):
         for part, made in enumerate((by_q, by_v)):
             shift = np.outer(np.eye(2)[part], DIFFERENCE * row)
             near = [JointSpace(space.moved(*each)) for each in (shift, -shift)]
+            inertial[part, :, k] = (near[0].mass - near[1].mass) @ a / (2 * DIFFERENCE)
             slopes = [each.derivative(each.accelerations)[part][:, k] for each in near]
             made[:, :, k] = ((slopes[0] - slopes[1]) / (2 * DIFFERENCE),
                              (slopes[0] - 2 * exact.blocks[("da_dq", "da_dv")[part]][:, k] + slopes[1]) / DIFFERENCE**2)
+    yield "the change of the mass matrix with position is left out", exact.blocks | {
+        "da_dq": exact.blocks["da_dq"] + exact.blocks["da_dtau"] @ inertial[0]}
     for order, words in enumerate(("forward", "central")):
         curved = {"da_dq": by_q[order], "da_dv": by_v[order]}
         if name in curved and curved[name].any():

@@ -95,7 +95,7 @@ def test_xla_prints_no_alarm_when_it_compiles_for_minutes_unless_it_is_asked_to(
     monkeypatch.setitem(sys.modules, "jax", SimpleNamespace(config=SimpleNamespace(update=update)))
     monkeypatch.setitem(sys.modules, "mujoco", SimpleNamespace(mjx="mjx"))
     monkeypatch.setattr(os, "environ", dict(os.environ))
-    assert mjx._library(True) == "mjx"
+    assert mjx.library(True) == "mjx"
     assert set(seen) == {used}
 
 

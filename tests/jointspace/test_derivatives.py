@@ -21,10 +21,21 @@ from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.states import States
 from tests.jointspace.arms import arm
 
-TREES = {"arm": lambda: arm(), "seven hinges": lambda: arm(7, armature=0.2, stiffness=1.0, seed=3),
+TREES = {"arm": lambda: arm(), "hanging": lambda: hanging(),
+         "seven hinges": lambda: arm(7, armature=0.2, stiffness=1.0, seed=3),
          **{name: (lambda name=name: crosscheck.load_scene(name)) for name in (
              "double_pendulum", "universal_pendulum", "cylindrical_pendulum", "heavy_top", "planar_slider",
              "branching_tree")}}
+
+
+def hanging():
+    """An arm at rest in equilibrium, but for a little damping."""
+    scene = arm(stiffness=0.0, forces=[])
+    for _ in range(30):  # Newton's method for no acceleration
+        space = JointSpace(scene)
+        a = np.real(space.accelerations(np.zeros(2), np.zeros(2)))
+        scene = space.moved(-np.linalg.solve(space.derivative(space.accelerations)[0], a), -space.speeds)
+    return scene
 
 
 def accelerations(scene):
@@ -115,7 +126,9 @@ def test_a_given_state():
 @pytest.mark.parametrize(("scene", "source", "right", "cause"), [
     ("arm", "pinocchio", False, "the damping of joints is left out (da_dv)"),
     ("arm", "mujoco", True, ""), ("arm", "mujoco:transitionFD", True, ""), ("arm", "mujoco:differences", True, ""),
-    ("arm", "pinocchio:differences", True, ""), ("arm", "lieeuler", True, ""), ("arm", "exudyn", True, ""),
+    ("arm", "pinocchio:differences", True, ""), ("arm", "lieeuler", True, ""), ("arm", "exudyn:differences", True, ""),
+    ("arm", "exudyn", False, "the change of the mass matrix with position is left out (da_dq)"),
+    ("hanging", "exudyn", True, ""), ("seven hinges", "exudyn", False, "change of the mass matrix"),
     ("double_pendulum", "pinocchio", True, ""), ("double_pendulum", "mujoco:inverseFD@1e-4", True, ""),
     ("heavy_top", "pinocchio", True, ""), ("heavy_top", "mujoco", True, ""),
     ("universal_pendulum", "pinocchio", False, "JointModelComposite"), ("universal_pendulum", "mujoco", True, ""),
@@ -127,6 +140,18 @@ def test_verdicts_on_engines(scene, source, right, cause):
     assert verdict.right == right, verdict
     assert cause in verdict.cause
     assert bool(cause) == bool(verdict.cause)
+
+
+@pytest.mark.parametrize(("source", "module"), [("drake:autodiff", "pydrake"), pytest.param(
+    "mjx:jacfwd", "jax", marks=pytest.mark.slow), pytest.param("mjx:jacrev", "jax", marks=pytest.mark.slow)])
+def test_automatic_derivatives_where_they_are_installed(source, module):
+    pytest.importorskip(module)
+    scene = arm(3, seed=4).replace(forces=())
+    verdict = judge(scene, source)
+    assert verdict.right
+    assert max(verdict.errors.values()) < 1e-13
+    with pytest.raises(crosscheck.Unsupported, match=r"ball|quaternions"):
+        judge(balls(), source)
 
 
 def test_mujocos_differences_have_the_error_of_their_order():

@@ -14,6 +14,7 @@ import numpy as np
 
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
+from crosscheck.judge.crossings import Crossed
 from crosscheck.judge.defects import RATES, SHARE, Defects
 from crosscheck.judge.flow import around
 from crosscheck.judge.intervals import ALIKE, WORTH
@@ -56,11 +57,17 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
     pairs = sorted(zip(runs, trajectories, strict=True), key=lambda pair: pair[0].claim.step or 0.0)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            gaps = {id(run): _gaps(scene, each, run.flow.index[run.flow.solvable] + 1) for run, each in pairs}
+            gaps = {id(run): _gaps(scene, each, run.flow.index[run.flow.solvable] + 1, run.flow.crossed)
+                    for run, each in pairs}
     except np.linalg.LinAlgError:
         return [Finding("acceleration", "fail", np.inf, None, "m/s^2",
                         "the equations of motion have no solution at the run's own states")]
     power = min(claim.order or 1, 2)  # of higher order, accelerations are either those of the state or of second order
+    calm = runs[0].flow.regular & ~np.any(
+        [run.flow.unsettled(WITHIN * (run.claim.step or 0.0)) for run in runs], axis=0)
+    if not calm.any():
+        return [Finding("acceleration", "unjudged", None, None, "m/s^2", "forces of joints jump next to every output "
+                        "time")]
     findings = []
     for name, unit in UNITS.items():
         given = [(run, gaps[id(run)][name]) for run, _ in pairs if name in gaps[id(run)]]
@@ -85,7 +92,7 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
                            _exact(scene, runs[0], sizes[own])))
         found = []
         for word, values, bound in candidates:
-            at = int(np.argmax(np.where(runs[0].flow.regular, values / bound, 0.0)))
+            at = int(np.argmax(np.where(calm, values / bound, 0.0)))
             found.append((float(values[at]) / length, float(bound[at]) / length,
                           f"{word}t = {traj.t[runs[0].flow.index[at] + 1]:.4g} s"))
         value, most, where = max(found, key=lambda each: each[0] / each[1])
@@ -156,10 +163,12 @@ def _sizes(vectors: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(np.isfinite(values), values, np.inf).max(axis=1))
 
 
-def _gaps(scene: Scene, traj: Any, at: np.ndarray) -> dict[str, np.ndarray]:
+def _gaps(scene: Scene, traj: Any, at: np.ndarray, crossed: Crossed | None) -> dict[str, np.ndarray]:
     """(I, n, 3) for each reported quantity: the difference from the index-1 equations at the output times `at`."""
+    efforts = None if crossed is None else crossed.efforts()
     angles = {name: values[at] for name, values in mechanics.torsion_angles(scene, traj.R, traj.w, traj.t).items()}
-    a, alpha, lam = mechanics.index1(scene, traj.x[at], traj.R[at], traj.v[at], traj.w[at], angles, traj.t[at])
+    a, alpha, lam = mechanics.index1(scene, traj.x[at], traj.R[at], traj.v[at], traj.w[at], angles, traj.t[at],
+                                       efforts)
     found = {}
     if traj.a is not None:
         found["acceleration"] = traj.a[at] - a

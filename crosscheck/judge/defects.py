@@ -16,6 +16,7 @@ import numpy as np
 from crosscheck.document import QUANTITIES, Scales
 from crosscheck.judge import tolerances
 from crosscheck.judge.claim import Claim
+from crosscheck.judge.crossings import across
 from crosscheck.judge.flow import Answer, Flow, flow
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
@@ -41,6 +42,9 @@ TERMS = 2.0
 
 SHARE = 1e-3
 """Share of the scene's size up to which open constraints are an error of the method; beyond it a joint is open."""
+
+AHEAD = 0.25
+"""Share of an interval beyond its end in which an event counts that the run may have had before."""
 
 Parts = dict[str, np.ndarray]
 
@@ -77,11 +81,28 @@ class Defects:
         found, claim = self.flow, self.claim
         if claim.fixed is None:
             pose = NORMS * found.growth * (claim.steps + 1.0) * (claim.rtol or 0.0)
-            return pose, RATES / NORMS * pose * np.maximum(found.rate, self.scale.rate)
+            return self._across(pose, RATES / NORMS * pose * np.maximum(found.rate, self.scale.rate))
         order, step = claim.fixed
         order, Y = order + more, found.sizes
         scaled = TERMS * found.growth * found.tau * step**order
-        return scaled * (Y[order + 1] + found.tau * Y[order + 2]), scaled * (Y[order + 2] + found.rate * Y[order + 1])
+        return self._across(scaled * (Y[order + 1] + found.tau * Y[order + 2]),
+                            scaled * (Y[order + 2] + found.rate * Y[order + 1]))
+
+    def _across(self, pose: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The bounds (I,) of y and dy/dt where surfaces of laws are crossed."""
+        return crossed(self.flow, pose, rate, self.claim.fixed)
+
+
+def crossed(found: Flow, pose: np.ndarray, rate: np.ndarray, claim: tuple[int, float] | None
+            ) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (I,) of y and dy/dt after the events of intervals, see `crosscheck.judge.crossings.across`."""
+    if found.crossed is None:
+        return pose, rate
+    pose, rate = pose.copy(), rate.copy()
+    for k, interval in enumerate(found.crossed.intervals):
+        if interval.events:
+            pose[k], rate[k] = across(interval.events, pose[k], rate[k], found.tau[k], found.sizes[:, k], claim)
+    return pose, rate
 
 
 def measured(scene: Scene, traj: Any, others: Sequence[Answer], truth: Reference, claim: Claim,
@@ -106,7 +127,8 @@ def measured(scene: Scene, traj: Any, others: Sequence[Answer], truth: Reference
 def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Scales, index: np.ndarray,
              answer: Answer | None) -> Defects:
     order = claim.order or 0
-    found = flow(scene, traj, truth, scale, max(5, order + 3) if claim.fixed else 2, index, answer)
+    ahead = min(4 * (claim.step or math.inf), AHEAD * float(traj.t[1] - traj.t[0]))
+    found = flow(scene, traj, truth, scale, max(5, order + 3) if claim.fixed else 3, index, answer, ahead)
     end, after = found.end, index + 1
     vectors = {"position": traj.x[after] - end.x, "velocity": traj.v[after] - end.v,
                "attitude": turn(end.R, traj.R[after]), "angular velocity": traj.w[after] - end.w}
@@ -115,6 +137,11 @@ def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Sca
     least = (DOUBT + 4 * tolerances.grading(scene) * claim.eps) * max(1.0, scene.n / CHAIN)
     steps = max(1.0, claim.steps) ** 0.6
     floor = {name: least * max(scale.of(name), scale.units[name]) * found.growth * steps for name in QUANTITIES}
+    if found.crossed is not None:
+        for pose, rate in (("position", "velocity"), ("attitude", "angular velocity")):
+            units = scale.units[pose], scale.units[rate] / scale.rate
+            grown = crossed(found, floor[pose] / units[0], floor[rate] / units[1], None)
+            floor[pose], floor[rate] = (part * unit for part, unit in zip(grown, units, strict=True))
     if claim.eps > tolerances.EPS and claim.step:
         # Velocities that are differences of positions over a step carry their roundings, 1e-4 m/s at 1 ms and 1 m.
         for name, size in (("velocity", scale.length), ("angular velocity", 1.0)):

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from crosscheck.document import Scales
+from crosscheck.judge.crossings import Crossed
 from crosscheck.references.base import Reference
 from crosscheck.references.maximal import fastest
+from crosscheck.references.modes import Mode
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
@@ -43,6 +46,7 @@ class Answer:
     begins: States  # (P,) where they begin: in the run's own states, with closed joints where an engine wants them
     turned: bool  # whether the other world was turned
     closed: bool = False  # whether joints had to be closed somewhere
+    memory: Sequence[Mode | None] = ()  # (P,) of a scene with laws of joints: what the states there lack
 
     @property
     def firsts(self) -> np.ndarray:
@@ -64,11 +68,24 @@ class Flow:
     jerks: np.ndarray  # (K, I) the same for the accelerations (a / L, alpha), 1/s^(k + 2)
     spring: float  # 1/s, the rate of the fastest spring
     regular: np.ndarray  # (I,) whether the constraints of closed loops are away from a loss of rank
+    crossed: Crossed | None = None  # of a scene with laws of joints
 
     @property
     def solvable(self) -> np.ndarray:
         """For every interval its own number or, if it is not regular, that of the last regular one before it, (I,)."""
         return _last(self.regular)
+
+    @property
+    def eventful(self) -> np.ndarray:
+        """Whether surfaces are crossed in it or shortly after, (I,)."""
+        return np.array([bool(each.events) for each in self.crossed.intervals] if self.crossed else self.tau < 0.0)
+
+    def unsettled(self, within: float) -> np.ndarray:
+        """Whether a mode or a held value changes at its end, or this time (s) before or after it, (I,)."""
+        if self.crossed is None:
+            return self.tau < 0.0
+        return np.array([any(abs(after - tau) <= within + 1e-9 * tau for after in each.changes)
+                         for each, tau in zip(self.crossed.intervals, self.tau.tolist(), strict=True)])
 
     @property
     def growth(self) -> np.ndarray:
@@ -77,10 +94,11 @@ class Flow:
 
 
 def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, index: np.ndarray,
-         answer: Answer | None = None) -> Flow:
+         answer: Answer | None = None, ahead: float = 0.0) -> Flow:
     """The flow over the intervals `index` of a run, with derivatives up to `degree`.
 
-    `answer`: where the engine was started, if `traj` has been put together of parts.
+    `answer`: where the engine was started, if `traj` has been put together of parts; `ahead`: how late (s) an event may
+    be.
 
     Raises `numpy.linalg.LinAlgError` if the equations of motion have no solution at a state of the run.
     """
@@ -96,23 +114,38 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
             getattr(begin, name)[fresh] = getattr(answer.begins, name)[np.isin(marks, index)]
     since = t - traj.t[marks[np.searchsorted(marks, index, side="right") - 1]]
     regular = _regular(scene, begin)
-    own = [part[_last(regular)] for part in (begin.t, begin.x, begin.R, begin.v, begin.w)]
-    end, nodes, fast = integrate(scene, States(*own), tau, count)
-    end = dataclasses.replace(end, t=t + tau)
     # Derivatives are the largest of those intervals in which the motion turns by about a radian.
     near = 2 * math.ceil(1.0 / (scale.rate * float(tau.mean()))) + 1 if len(index) > 1 else 1
-    a, R, alpha = (np.array(part).reshape(count + 1, len(tau), scene.n, -1) for part in zip(*nodes, strict=True))
-    with np.errstate(invalid="ignore", over="ignore"):
-        found = [around(_derivatives(parts, tau, degree - 1), near) for parts in (
-            (a / scale.length, R / math.sqrt(2.0)), (a / scale.length, alpha))]
+    crossed = None
+    if scene.has_laws:
+        begins = {} if answer is None else {int(k): (_row(answer.begins, j), answer.memory[j])
+                                            for j, k in enumerate(marks)}
+        crossed = Crossed(scene, traj, index, ahead, scale.length, begins)
+        end, fast = crossed.end, np.array([each.fast for each in crossed.intervals])
+        fast = np.maximum(fast, [each.stiff for each in crossed.intervals])
+        sizes = around(crossed.sizes(degree), near)
+        spring = max(spring, crossed.restarts.decay, *(each.stiff for each in crossed.intervals))
+        found = [sizes[2:degree + 1], sizes[2:]]
+    else:
+        own = [part[_last(regular)] for part in (begin.t, begin.x, begin.R, begin.v, begin.w)]
+        end, nodes, fast = integrate(scene, States(*own), tau, count)
+        end = dataclasses.replace(end, t=t + tau)
+        a, R, alpha = (np.array(part).reshape(count + 1, len(tau), scene.n, -1) for part in zip(*nodes, strict=True))
+        with np.errstate(invalid="ignore", over="ignore"):
+            found = [around(_derivatives(parts, tau, degree - 1), near) for parts in (
+                (a / scale.length, R / math.sqrt(2.0)), (a / scale.length, alpha))]
     sizes = np.concatenate([np.zeros((2, len(index))), found[0]])
     later = np.where(t + tau > truth.horizon * (1 + 1e-12), UNKNOWN, 1.0)
     for k in range(2, min(len(sizes), len(truth.position_derivatives))):
         most = max(truth.position_derivatives[k] / scale.length, truth.attitude_derivatives[k] / math.sqrt(2.0))
         sizes[k] = np.fmin(sizes[k], later**k * most)
     fall = math.sqrt(float(np.linalg.norm(scene.gravity)) / scale.length)
-    rate = np.maximum(around(fast, near), max(fall, spring))
-    return Flow(index, tau, begin, since, end, rate, sizes, found[1], spring, regular & _regular(scene, end))
+    rate = np.maximum(around(fast, near), max(fall, fastest(scene)))
+    return Flow(index, tau, begin, since, end, rate, sizes, found[1], spring, regular & _regular(scene, end), crossed)
+
+
+def _row(states: States, k: int) -> States:
+    return States(*(getattr(states, name)[k:k + 1] for name in "txRvw"))
 
 
 SINGULAR = 0.1

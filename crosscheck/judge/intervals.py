@@ -126,8 +126,9 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
     own, count = runs[0], DIFFERENCES
     if own.claim.fixed is None or len(own.flow.tau) < 3 * count or not np.isfinite(own.flow.sizes).all():
         return []
-    # Next to a singular position nothing is measured: a difference across it is not one of errors.
-    measured = np.lib.stride_tricks.sliding_window_view(own.flow.regular, count + 1).all(axis=1)
+    # Next to a singular position, or to an event, nothing is measured: a difference across it is not one of errors.
+    calm = own.flow.regular & ~own.flow.unsettled(math.inf)
+    measured = np.lib.stride_tricks.sliding_window_view(calm, count + 1).all(axis=1)
     if not measured.any():
         return []
     sizes, top = own.flow.sizes, len(own.flow.sizes) - 1
@@ -177,6 +178,7 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
     ratio = math.log((coarse.claim.step or 1.0) / (fine.claim.step or 1.0))
     close = (shares([fine, coarse], order)[1] < ALIKE) & fine.flow.regular & coarse.flow.regular
     # The error of a multistep method's start follows another power of h.
+    close &= ~(fine.flow.eventful | coarse.flow.eventful)
     close &= (fine.flow.since > 0.0) & (coarse.flow.since > 0.0)
     closed = {level: np.zeros(len(close)) for level in fine.opening}
     own = with_slack(*fine.local(), closed, fine.flow.tau, fine.scale)

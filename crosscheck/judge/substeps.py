@@ -65,6 +65,8 @@ def judge_substeps(scene: Scene, traj: Any, truth: Reference, order: int, asked:
     value, like, what = counted, 0.0, "as many as were asked for"
     if counted > MORE:
         what = "its own count"
+    elif scene.has_laws:
+        what += ", by its own count: where forces jump, no plain method stands beside it"
     else:
         like, alike = _like(scene, traj, truth, order, asked // (len(traj.t) - 1))
         if alike:

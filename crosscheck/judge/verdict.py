@@ -30,6 +30,7 @@ from crosscheck.document import (
 from crosscheck.document.known import Known
 from crosscheck.judge import known, tolerances
 from crosscheck.judge.claim import Claim
+from crosscheck.judge.crossings import near_impacts
 from crosscheck.judge.defects import Defects
 from crosscheck.judge.metrics import Error, Plateau, errors, observed_order
 from crosscheck.judge.tolerances import Tol
@@ -49,6 +50,7 @@ class Bounds:
     invariants: dict[str, Tol]  # bounds of the states, from which those of energy and momentum follow
     empty: frozenset[str]  # kinds of findings whose bound is too large to judge anything
     until: float  # s
+    near: np.ndarray | None = None  # (T,) output times next to an impact, where no bound of velocities holds
 
     @property
     def reach(self) -> float:
@@ -82,6 +84,10 @@ def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, c
     if tolerances.vacuous(scene, truth, states, invariants):
         used, until = window, min(float(window.t[-1]), window.horizon)
         states, invariants = bounds_for(window), bounds_for(window, growth)
+    near = near_impacts(scene, truth, states["position"].value, _late(claim))
+    if near.any():
+        v, w = (np.where(near[:, None, None], getattr(truth.states, name), getattr(traj, name)) for name in "vw")
+        traj = dataclasses.replace(traj, v=v, w=w)
     judged = errors(scene, traj, truth.states, until)
     empty = tolerances.vacuous(scene, used, states, invariants)
     bounds = Bounds(states, invariants, empty, until)
@@ -90,7 +96,12 @@ def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, c
                 for quantity, error in judged.items()]
     if claim.eps > tolerances.EPS:
         findings.append(_arithmetic(scene, used, claim, round(until / float(traj.t[-1]) * traj.steps)))
-    return findings, errors(scene, traj, truth.states), bounds
+    return findings, errors(scene, traj, truth.states), dataclasses.replace(bounds, near=near)
+
+
+def _late(claim: Claim) -> float:
+    """By how much (s) a method may take an event too late that does not look for it."""
+    return claim.step or 0.0 if claim.order == 1 else 0.0
 
 
 def too_coarse(claim: Claim, budgeted: bool) -> Finding:
@@ -131,6 +142,7 @@ def _conservative(scene: Scene, truth: Reference) -> bool:
 def judge_invariants(scene: Scene, traj: Any, truth: Reference, bounds: Bounds) -> list[Finding]:
     """Judge energy and vertical angular momentum against those of truth, up to the time that the bounds judge."""
     keep, where = truth.t <= bounds.until * (1 + 1e-12), f"up to {bounds.until:g} s"
+    keep &= True if bounds.near is None else ~bounds.near
     exact_energy = mechanics.energy(scene, truth.states)
     exact_momentum = mechanics.momentum_vertical(scene, truth.states)
     energy = np.abs(traj.energy - exact_energy)[keep].max() / tolerances.scales(scene, truth).kinetic

@@ -32,7 +32,7 @@ from crosscheck.references.generic import (
     turn_about,
 )
 from crosscheck.references.tree import FREE, Link
-from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.model import GROUND, Scene, rotation_from_quaternion
 
 ZERO = [0.0, 0.0, 0.0]
 IDENTITY = [1.0, 0.0, 0.0, 0.0]
@@ -87,6 +87,16 @@ class Tree:
              for body, record in enumerate(scene.bodies)} | {GROUND: IDENTITY}
         self.start = q
         self.kept = {link.body: quaternion_product(conjugate(q[link.parent]), q[link.body]) for link in links}
+
+    def coordinates_of(self, member: Scene) -> tuple[np.ndarray, Tree]:
+        """The state vector of the start of a scene of the same structure, angles within half a turn; and its tree."""
+        own = Tree(member, self.links)
+        state = own.initial()
+        for link in self.links:
+            if link.turn in (1, 2):
+                first = self.coordinates[link.body].start
+                state[first:first + link.turn] = _angles(link.axes, self.kept[link.body], own.kept[link.body])
+        return state, own
 
     def split(self, link: Link, state: Sequence[Any], table: dict[int, slice]) -> tuple[list[Any], list[Any]]:
         """The entries of a link for its turn and for its shift."""
@@ -220,3 +230,19 @@ class Tree:
             result[self.coordinates[link.body]] = [*turning, *shifting]
             result[self.speeds[link.body]] = accelerations[link.body]
         return result
+
+
+def _angles(axes: Sequence[list[float]], kept: list[float], other: list[float]) -> list[float]:
+    """Angles t with other = kept turn(a0, t0), or turn(a0, t0) kept turn(a1, t1), of unit quaternions."""
+    K, A = (rotation_from_quaternion(np.array(q) / np.linalg.norm(q)) for q in (kept, other))
+    if len(axes) == 1:
+        q = np.array(quaternion_product(conjugate(kept), other))
+        angle = 2.0 * np.arctan2(q[1:] @ np.array(axes[0]), q[0])
+        return [float(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))]
+    first, second = (np.array(axis) for axis in axes)
+    before, after = K @ second, A @ second
+    turn = np.arctan2(np.cross(before, after) @ first, before @ after - (before @ first) * (after @ first))
+    hat = np.array([[0, -first[2], first[1]], [first[2], 0, -first[0]], [-first[1], first[0], 0]])
+    rest = K.T @ (np.eye(3) + np.sin(turn) * hat + (1 - np.cos(turn)) * hat @ hat).T @ A
+    spin = np.array([rest[2, 1] - rest[1, 2], rest[0, 2] - rest[2, 0], rest[1, 0] - rest[0, 1]])
+    return [turn, np.arctan2(spin @ second, np.trace(rest) - 1.0)]

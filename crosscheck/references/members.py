@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crosscheck.references.base import TruthError
-from crosscheck.references.generic import conjugate, quaternion_product
 from crosscheck.references.joint_motion import Tree
 from crosscheck.references.tree import scene_length
-from crosscheck.scene.model import Scene, rotation_from_quaternion
+from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 if TYPE_CHECKING:
@@ -100,14 +98,7 @@ class Members:
 
     def _state(self, member: Scene) -> np.ndarray | None:
         """The member's start in the coordinates of the structure, None if they cannot express it."""
-        tree = self._taylor.tree
-        own = Tree(member, tree.links)
-        state = own.initial()
-        for link in tree.links:
-            if link.turn in (1, 2):
-                angles = _angles(link.axes, tree.kept[link.body], own.kept[link.body])
-                first = tree.coordinates[link.body].start
-                state[first:first + link.turn] = angles
+        state, own = self._taylor.tree.coordinates_of(member)
         if self._taylor.springs or not len(state):
             return None  # angles of springs in loops are measured from the start
         x, R = self._taylor.pose(state[None])
@@ -121,20 +112,3 @@ class Members:
         sprung = {force.joint for force in member.forces if force.type == "torsional_spring"}
         return all(abs(start_angle(joint, own.start) - start_angle(joint, self._taylor.tree.start)) < 2.0
                    for joint in member.joints if joint.name in sprung)
-
-
-def _angles(axes: Sequence[list[float]], kept: list[float], other: list[float]) -> list[float]:
-    """Angles t with other = kept turn(a0, t0), or turn(a0, t0) kept turn(a1, t1), of unit quaternions."""
-    K, A = (rotation_from_quaternion(np.array(q) / np.linalg.norm(q)) for q in (kept, other))
-    if len(axes) == 1:
-        q = np.array(quaternion_product(conjugate(kept), other))
-        angle = 2.0 * np.arctan2(q[1:] @ np.array(axes[0]), q[0])
-        return [float(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))]
-    first, second = (np.array(axis) for axis in axes)
-    before, after = K @ second, A @ second
-    turn = np.arctan2(np.cross(before, after) @ first, before @ after - (before @ first) * (after @ first))
-    hat = np.array([[0, -first[2], first[1]], [first[2], 0, -first[0]], [-first[1], first[0], 0]])
-    rest = K.T @ (np.eye(3) + np.sin(turn) * hat + (1 - np.cos(turn)) * hat @ hat).T @ A
-    spin = np.array([rest[2, 1] - rest[1, 2], rest[0, 2] - rest[2, 0], rest[1, 0] - rest[0, 1]])
-    return [turn, np.arctan2(spin @ second, np.trace(rest) - 1.0)]
-

@@ -25,6 +25,8 @@ RESTING = 1e-12
 """Rates below this part of the largest of the scene (1 at least) are zero at the start and after impacts."""
 SLACK = 1e-11
 """N m or N: a stop that carries nothing lets go beyond rounding."""
+CLOSED = 1e-6
+"""Relative distance from a stop at which a motion that was held there still is."""
 PILE = 1e-4
 """Bounces less than this (s) apart pile up."""
 SIDES = {-1: "lower", 1: "upper"}
@@ -202,9 +204,12 @@ class Machine:
         return {(i, side): value for side, value in ((-1, q - limits.lower), (1, limits.upper - q))
                 if np.isfinite(value).all()}
 
-    def begin(self, y: np.ndarray) -> Settled:
-        """The mode at the start; what happens there is no event."""
-        q, rate = (each[:, 0] for each in self.form.moving(np.zeros(1), y[None]))
+    def begin(self, y: np.ndarray, t: float = 0.0, before: Mode | None = None) -> Settled:
+        """The mode at a start; what happens there is no event.
+
+        `before`: the mode of a motion that comes there, with the memory that a state lacks.
+        """
+        q, rate = (each[:, 0] for each in self.form.moving(np.full(1, t), y[None]))
         tiny = RESTING * max(1.0, np.abs(rate).max(initial=0.0))
         parts, fired = [], list[tuple[int, Any]]()
         for i, law in enumerate(self.laws):
@@ -217,19 +222,24 @@ class Machine:
                     beyond = side * (q[i] - end)
                     if math.isinf(end):
                         continue
-                    if law.rigid and abs(beyond) <= 1e-12 * max(1.0, abs(end)) and side * rate[i] >= -tiny:
+                    stays = before is not None and before[i].held and before[i].side == side
+                    near = CLOSED if stays else 1e-12
+                    if law.rigid and abs(beyond) <= near * max(1.0, abs(end)) and side * rate[i] >= -tiny:
                         fired.append((i, side))
                     elif not law.rigid and beyond > 0.0:
                         pushing = bool(self.form.push(i, side, q[i], rate[i]) > 0.0)
                         part = dataclasses.replace(part, soft=side, pushing=pushing)
             if law.servo is not None:
-                part = self._started(i, part, float(q[i]), float(rate[i]))
+                part = self._started(i, part, t, float(q[i]), float(rate[i]))
+            if before is not None:
+                part = dataclasses.replace(part, acting=before[i].acting, waiting=before[i].waiting,
+                                           sample=before[i].sample, hit=before[i].hit)
             parts.append(part)
-        settled = self.settle(0.0, y, tuple(parts), fired)
+        settled = self.settle(t, y, tuple(parts), fired)
         settled.events = []
         return settled
 
-    def _started(self, i: int, part: Part, q: float, rate: float) -> Part:
+    def _started(self, i: int, part: Part, t: float, q: float, rate: float) -> Part:
         servo = self.laws[i].servo
         if servo.period is not None:
             held = servo.held or (0.0,) * (servo.delay + 1)
@@ -238,7 +248,7 @@ class Machine:
             part = dataclasses.replace(part, way=2 * part.way)
         if servo.effort_limit is None:
             return part
-        wanted = self.form.wanted(i, 0.0, q, rate)
+        wanted = self.form.wanted(i, t, q, rate)
         cut = (wanted > self.form.bound(i, part, 1, rate)) - 1 * (wanted < self.form.bound(i, part, -1, rate))
         return dataclasses.replace(part, cut=int(cut))
 

@@ -10,6 +10,7 @@ g, the multipliers of all rows follow from
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -20,9 +21,9 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import LONGEST, End, Piece, TruthError, values_at
-from crosscheck.references.modes import Law, Machine, Mode, Part, laws_of
+from crosscheck.references.modes import Law, Machine, Mode, Part, Settled, laws_of
 from crosscheck.references.monitors import Monitors
-from crosscheck.references.pieces import Values, first_crossing
+from crosscheck.references.pieces import Crossing, Values, first_crossing
 from crosscheck.references.taylor import SOURCE, Taylor
 from crosscheck.references.tree_loads import start_angle
 from crosscheck.scene.functions import Value, at
@@ -31,6 +32,22 @@ from crosscheck.scene.states import States
 
 AT_ONCE = 30
 """Most events at one instant."""
+SHORT = 1e-12
+"""Of the time, 1 s at least: what is due within it of the end of a motion is due after it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """A change of modes: its time in two parts, the piece before it, mode and state before it, and what follows."""
+
+    time: float
+    rest: float
+    piece: Piece
+    length: float
+    mode: Mode
+    state: np.ndarray
+    crossing: Crossing | None  # None: a function of time breaks, or a servo samples
+    settled: Settled
 
 
 class LawfulTaylor(Taylor):
@@ -248,11 +265,12 @@ class LawfulTaylor(Taylor):
     @functools.cached_property
     def begin(self) -> End:
         """The start of the scene, in its mode."""
-        return self._begun(self.initial)
+        return self.begun(self.initial)
 
-    def _begun(self, initial: np.ndarray) -> End:
-        start = self.machine.begin(initial)
-        return End(start.state, mode=start.mode, horizon=0.0 if start.cause else math.inf, cause=start.cause)
+    def begun(self, initial: np.ndarray, t: float = 0.0, before: Mode | None = None) -> End:
+        """A start at time t (s); `before` as of `Machine.begin`."""
+        start = self.machine.begin(initial, t, before)
+        return End(start.state, t, mode=start.mode, horizon=t if start.cause else math.inf, cause=start.cause)
 
     def _kept(self, initial: np.ndarray) -> np.ndarray:
         """An initial state near the scene's in which what friction or a stop finds at rest is at rest, too.
@@ -267,8 +285,13 @@ class LawfulTaylor(Taylor):
                 initial = self.settled(initial, i, end, 0.0)
         return initial
 
-    def advance(self, end: End, until: float) -> tuple[list[Piece], End]:
-        """The pieces from an end to `until` or beyond, cut at events, and their end."""
+    def advance(self, end: End, until: float, changes: list[Change] | None = None) -> tuple[list[Piece], End]:
+        """The pieces from an end to `until` or beyond, cut at events, and their end.
+
+        With `changes`, to which those of modes are added, they end at `until`; what is due there has not happened then.
+        """
+        exactly = changes is not None
+        due = until - SHORT * max(1.0, until) if exactly else math.inf
         integrator, pieces = self._integrator, list[Piece]()
         time, mode, events = (end.time, end.rest), end.mode, list(end.events)
         state, horizon, cause, fresh, stalled = end.state, end.horizon, end.cause, True, 0
@@ -279,7 +302,8 @@ class LawfulTaylor(Taylor):
             integrator.dtime = time
             integrator.state[:] = state
             scheduled = self.machine.next_time(time[0], mode)
-            self._step(min(time[0] + longest, scheduled))
+            scheduled = math.inf if scheduled >= due else scheduled
+            self._step(min(time[0] + longest, scheduled, until if exactly else math.inf))
             length, series = integrator.last_h, integrator.tc.copy()
             surfaces = functools.partial(self._on_step, mode, time, series, np.nextafter(scheduled, 0.0))
             crossing = first_crossing(surfaces, length, fresh) if self.laws else None
@@ -288,6 +312,8 @@ class LawfulTaylor(Taylor):
                     horizon, cause = time[0] + crossing.after, self._grazed(crossing.labels[0])
                 crossing = None
             settled, before = None, mode
+            if exactly and integrator.dtime[0] >= due:
+                integrator.dtime = until, 0.0
             if crossing is not None:
                 length = crossing.after
                 state = _polynomial(series, np.array([length]))[0]
@@ -315,6 +341,8 @@ class LawfulTaylor(Taylor):
             if settled is not None:
                 longest = min(LONGEST, 2.0 * (time[0] - last) or LONGEST)  # the next event may be as near as the last
                 last = time[0]
+                if changes is not None:
+                    changes.append(Change(*time, piece, length, mode, state, crossing, settled))
                 state, mode = settled.state, settled.mode
                 events += settled.events
                 if settled.cause and time[0] < horizon:
@@ -332,7 +360,7 @@ class LawfulTaylor(Taylor):
     def run(self, initial: np.ndarray | None = None, times: np.ndarray | None = None) -> np.ndarray:
         """State vectors (T, dimension) at `times`, by default the scene's output times, from `initial` at t = 0."""
         times = self.scene.t if times is None else times
-        start = self.begin if initial is None else self._begun(self._kept(initial))
+        start = self.begin if initial is None else self.begun(self._kept(initial))
         pieces, _ = self.advance(start, float(times[-1]))
         stacked = (np.array([piece.start for piece in pieces]), np.array([piece.rest for piece in pieces]),
                    np.array([piece.coefficients for piece in pieces]))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +31,10 @@ RANK_TOLERANCE = 1e-9
 
 FEW_BODIES = 96
 """Up to here dense index-1 systems take less time than sparse ones, or no more than some milliseconds."""
+
+
+Efforts = Sequence[tuple[Joint, bool, np.ndarray]]
+"""What laws of joints give, with what holds coordinates: the joint, whether its slide is meant, and (T,) N m or N."""
 
 
 def kinetic_energy(scene: Scene, states: Motion) -> np.ndarray:
@@ -172,12 +176,14 @@ def _torsion(joint: Joint, R: np.ndarray) -> np.ndarray:
 
 
 def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
-                   angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0) -> np.ndarray:
+                   angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0,
+                   efforts: Efforts | None = None) -> np.ndarray:
     """f(q, u, t) of M du/dt = f - G^T lam, (T, 6n): per body the force (world) and the torque - w x J w (body axes).
 
     Dry friction counts where a joint moves, soft limits do, rigid stops do not; of sampled servos nothing is known.
 
-    `angles` as from `torsion_angles`; by default they are unwrapped along the time axis of R. `t`: the times.
+    `angles` as from `torsion_angles`; by default they are unwrapped along the time axis of R. `t`: the times. `efforts`
+    take the place of all laws of joints.
     """
     f = np.zeros((len(x), scene.n, 6))
     f[:, :, :3] = scene.masses[:, None] * scene.gravity
@@ -186,8 +192,11 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
         angles = torsion_angles(scene, R)
     states = States(np.zeros(len(x)), x, R, v, w)
     for force in scene.forces:
-        _add_of_force(f, scene, force, states, angles, t)
-    for joint in scene.joints:
+        if efforts is None or force.type != "servo":
+            _add_of_force(f, scene, force, states, angles, t)
+    for joint, slides, size in efforts or ():
+        _add_along(f, R, joint, slides, size)
+    for joint in scene.joints if efforts is None else ():
         for k, (friction, limits) in enumerate(itertools.zip_longest(joint.dry_friction, joint.limits)):
             if friction is not None:
                 _add_along(f, R, joint, _slides(joint, k), friction.force(_rate(joint, k, states)))
@@ -290,14 +299,14 @@ def inverse_mass(scene: Scene) -> np.ndarray:
 
 
 def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
-           angles: dict[str, np.ndarray] | None = None,
-           t: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+           angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0,
+           efforts: Efforts | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Accelerations and multipliers that satisfy G du/dt + gamma = 0 at the given states and times.
 
     Returns a (T, n, 3) world, alpha (T, n, 3) body axes, lam (T, m). If rows are redundant lam has least norm, with the
     rank found at the first state. By dense algebra; open trees of more than `FEW_BODIES` without rotors by sparse.
     """
-    constraints, forces = Constraints(scene), applied_forces(scene, x, R, v, w, angles, t)
+    constraints, forces = Constraints(scene), applied_forces(scene, x, R, v, w, angles, t, efforts)
     gamma = constraints.gamma(x, R, v, w, t)
     closing = spanning_tree(scene)[1]
     turning = any(any(joint.armature) for joint in scene.joints)

@@ -9,6 +9,7 @@ of a scene by its name, its place or its clock is of no use there.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Mapping
 from typing import Any
@@ -18,13 +19,16 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck.adapters.base import RawRun, steps_per_sample
 from crosscheck.document import Record
+from crosscheck.judge.crossings import memories
 from crosscheck.judge.flow import Answer
+from crosscheck.references.modes import Mode, laws_of
 from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.running.trajectory import Trajectory, derive
 from crosscheck.scene import assembly
 from crosscheck.scene.checks import Draft
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.laws import Servo
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
 from crosscheck.scene.schema import EntryError
 from crosscheck.scene.starts import restarted
@@ -108,7 +112,8 @@ def turnable(scene: Scene) -> bool:
     """Whether nothing but gravity, points and axes of the ground depends on how the world is turned."""
     on_ground = {joint.name for joint in scene.joints if GROUND in (joint.parent, joint.child)}
     return not any(
-        joint.mimic is not None or joint.drive is not None or (joint.name in on_ground and joint.reference is not None)
+        joint.mimic is not None or joint.drive is not None
+        or (joint.name in on_ground and (joint.reference is not None or any(joint.limits)))
         for joint in scene.joints) and not any(
         force.joint in on_ground or force.type not in TURNABLE or force.functions for force in scene.forces)
 
@@ -121,9 +126,15 @@ def cuts(count: int) -> np.ndarray:
     return np.unique(np.round([0, *inner, count]).astype(int))
 
 
-def begun(scene: Scene, traj: Trajectory, first: int, last: int) -> Scene:
-    """The scene from the run's own state at sample `first` to the time of sample `last`."""
+def begun(scene: Scene, traj: Trajectory, first: int, last: int, memory: Mode | None = None) -> Scene:
+    """The scene from the run's own state at sample `first` to the time of sample `last`.
+
+    `memory`: what that state lacks of a scene with laws of joints.
+    """
     made = restarted(scene, traj, first, float(traj.t[last] - traj.t[first]), last - first + 1)
+    if memory is not None:
+        made = made.replace(forces=tuple(_remembering(scene, force, memory, float(traj.t[first]))
+                                         for force in made.forces))
     turned = {joint.mimic.joint for joint in scene.joints if joint.mimic is not None} | {
         joint.name for joint in scene.joints if joint.mimic is not None or joint.start is not None}
     if not turned:
@@ -133,6 +144,24 @@ def begun(scene: Scene, traj: Trajectory, first: int, last: int) -> Scene:
         dataclasses.replace(joint, start=tuple(float(value) for value in np.atleast_1d(
             places[joint.name].position[first]))) if joint.name in turned and joint.name in places
         and JOINT_TYPES[joint.type].positions != 4 else joint for joint in made.joints))
+
+
+def _remembering(scene: Scene, force: Force, memory: Mode, t: float) -> Force:
+    """A force of a scene that begins at time t (s) of this one; a sampled servo with what it holds."""
+    servo = Servo(**force.parameters) if force.type == "servo" else None
+    if servo is None or servo.period is None:
+        return force
+    part = next(part for law, part in zip(laws_of(scene), memory, strict=True)
+                if law.servo is not None and law.joint.name == force.joint)
+    first = next(servo.phase for name, servo in scene.servos.values() if name == force.joint)
+    left = first + part.sample * servo.period - t
+    return dataclasses.replace(force, parameters={
+        **force.parameters,
+        "phase": left if left > LATE * servo.period else 0.0, "held": (part.acting, *part.waiting)})
+
+
+LATE = 1e-9
+"""Share of a period below which a sample is due at once."""
 
 
 def closed(scene: Scene) -> Scene | None:
@@ -157,12 +186,18 @@ class Asked:
         """Samples at which parts begin, and the last one."""
         return cuts(len(self.traj.t) - 1)
 
+    @functools.cached_property
+    def memories(self) -> Mapping[int, Mode]:
+        """By sample what the run's states lack; nothing where no joint has laws."""
+        found = memories(self.scene, self.traj) if self.scene.has_laws else []
+        return {k: mode for k, mode in enumerate(found) if mode is not None}
+
     def part(self, first: int, last: int, step: float | None, world: World | None) -> tuple[Scene, Ran, bool] | str:
         """The scene of one part, its run, and whether joints were closed; or why there is none.
 
         Some engines want joints closed that are open.
         """
-        why, raw = "", begun(self.scene, self.traj, first, last).replace(
+        why, raw = "", begun(self.scene, self.traj, first, last, self.memories.get(first)).replace(
             name="elsewhere", description="", source="", tags=())
         for make in (lambda scene: scene, closed):
             scene = make(raw)
@@ -200,7 +235,8 @@ class Asked:
                             extra.get("lam")), 0.0, steps, step, form=traj.form)
         x, R, v, w = (np.array(part) for part in zip(*begins, strict=True))
         return Answer(derive(self.scene, traj.engine, traj.method, raw), marks, States(traj.t[marks[:-1]], x, R, v, w),
-                      world is not None and not np.array_equal(world.Q, np.eye(3)), any_closed)
+                      world is not None and not np.array_equal(world.Q, np.eye(3)), any_closed,
+                      [self.memories.get(int(k)) for k in marks[:-1]])
 
     def whole(self, step: float | None) -> Answer | str:
         """The run from the scene's start at another step, as one part."""
@@ -209,7 +245,7 @@ class Asked:
             return outcome.why
         first = States(np.zeros(1), *(part[None] for part in (
             self.scene.x0, self.scene.R0, self.scene.v0, self.scene.w0)))
-        return Answer(outcome.trajectory, np.array([0, len(self.traj.t) - 1]), first, False, False)
+        return Answer(outcome.trajectory, np.array([0, len(self.traj.t) - 1]), first, False, False, [None])
 
     def companions(self, whole: bool) -> list[Answer]:
         """The parts of the run at other steps, from which its error at vanishing steps is extrapolated.

@@ -54,7 +54,8 @@ def test_the_formulations_share_no_equations():
     for name, others in parts.items():
         modules = {f"crosscheck.references.{other}" for other in others}
         assert not {module for module in imported(FOLDER / f"{name}.py") if belongs(module, modules)}, name
-    frame = {"__init__", "agreement", "base", "cache", "conditioning", "dense_output", "members", "modes", "pieces"}
+    frame = {"__init__", "agreement", "base", "cache", "conditioning", "dense_output", "members", "modes", "pieces",
+             "restarts"}
     assert {file.stem for file in FOLDER.glob("*.py")} == frame | set(parts)  # a new module has to be placed
 
 

@@ -1,0 +1,133 @@
+"""Bounds of intervals in which a joint sticks, hits a stop or saturates: of the order that such an event allows.
+
+An error of the state moves the time of an event, and what jumps there makes an error of that: of an error e the jump J
+over the slope of the surface. A method of order one that does not look for events takes one at the end of a step, so
+that its force, or its velocity, is that of the other side for up to a step. A method that documents a higher order than
+this allows has to find the time. No bound reaches over an impact that may have been on either side of an output time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import Unsupported
+from crosscheck.references import dense
+from crosscheck.references.base import Reference
+from crosscheck.references.modes import Mode
+from crosscheck.references.restarts import Begin, Event, Restarts
+from crosscheck.references.tree_laws import LawfulTaylor
+from crosscheck.scene.coordinates import histories
+from crosscheck.scene.mechanics import Efforts
+from crosscheck.scene.model import Scene
+from crosscheck.scene.starts import restarted
+from crosscheck.scene.states import Motion, States
+
+STEPS = 2.0
+"""Steps by which an event may be late that a method of order one does not look for."""
+
+JUMPS = 1e-9
+"""Share of the largest acceleration below which one does not jump."""
+
+
+class Crossed:
+    """Intervals of one run, for `crosscheck.judge.flow`.
+
+    Parameters
+    ----------
+    index : the samples at which they begin, in order
+    ahead : s, how long beyond the end of an interval an event counts
+    begins : by sample, where they begin instead, and the memory there
+    """
+
+    def __init__(self, scene: Scene, traj: Any, index: np.ndarray, ahead: float, length: float,
+                 begins: dict[int, tuple[States, Mode | None]]) -> None:
+        self.scene, self.traj, self.index = scene, traj, index
+        self.restarts, self.turns = restarts_of(scene, length), _turns(scene, traj)
+        self.intervals, self.modes = self.restarts.follow(
+            (self._begin(k, *begins.get(k, (None, None))) for k in index.tolist()),
+            (traj.t[index + 1] - traj.t[index]).tolist(), ahead)
+
+    def _begin(self, k: int, own: Motion | None = None, mode: Mode | None = None) -> Begin:
+        here, at = (self.traj, k) if own is None else (own, 0)
+        return Begin(float(self.traj.t[k]), restarted(self.scene, here, at, 1.0),
+                     {name: float(angles[k]) for name, angles in self.turns.items()}, mode)
+
+    @property
+    def end(self) -> States:
+        """The states at the ends."""
+        parts = [[getattr(each.end, name)[0] for each in self.intervals] for name in "xRvw"]
+        return States(self.traj.t[self.index + 1], *(np.array(part) for part in parts))
+
+    def sizes(self, degree: int) -> np.ndarray:
+        """(degree + 3, I) the largest derivatives of y in each; beyond those that are known, by their last ratio."""
+        found = [*np.array([each.derivatives for each in self.intervals]).T]
+        while len(found) < degree + 3:
+            found.append(np.where(found[-2] > 0.0, found[-1] ** 2 / np.where(found[-2] > 0.0, found[-2], 1.0), 0.0))
+        return np.array(found[:degree + 3])
+
+    def efforts(self) -> Efforts:
+        """What the laws give at the ends of the intervals, in the run's own states."""
+        given = self.restarts.efforts(self._begin(k, None, mode) for k, mode in zip(
+            (self.index + 1).tolist(), self.modes[1:], strict=True))
+        return [(law.joint, not law.turns, given[:, i]) for i, law in enumerate(self.restarts.series.laws)]
+
+
+def _turns(scene: Scene, traj: Any) -> dict[str, np.ndarray]:
+    """(T,) angles of joints with laws over a run, with their whole turns."""
+    return {name: each.position.reshape(len(traj.t), -1)[:, 0] for name, each in histories(scene, traj).items()}
+
+
+def restarts_of(scene: Scene, length: float) -> Restarts:
+    """The series of a scene with laws, started again anywhere."""
+    series = dense(scene).series
+    if not isinstance(series, LawfulTaylor):
+        raise Unsupported("its truth does not know the laws of joints")
+    return Restarts(series, length)
+
+
+def memories(scene: Scene, traj: Any) -> list[Mode | None]:
+    """What the states of a run lack, by sample."""
+    return Crossed(scene, traj, np.arange(len(traj.t) - 1), 0.0, 1.0, {}).modes
+
+
+def near_impacts(scene: Scene, truth: Reference, position: float, step: float) -> np.ndarray:
+    """(T,) output times at which an error `position` (m) or so many seconds, `step`, may have an impact on either side.
+
+    There a velocity may be that before the impact or that after it.
+    """
+    near = np.zeros(len(truth.t), bool)
+    rigid = {joint.name for joint in scene.joints if any(each is not None and each.rigid for each in joint.limits)}
+    hits = [(t, name) for t, name, what in truth.events if name in rigid and what.startswith("hits")]
+    if not hits:
+        return near
+    rates = {name: np.abs(each.velocity.reshape(len(truth.t), -1)).max(axis=1)
+             for name, each in histories(scene, truth.states).items() if name in rigid}
+    length = max([float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.name in rigid] + [1e-3])
+    for t, name in hits:
+        after = min(int(np.searchsorted(truth.t, t)), len(near) - 1)
+        speed = rates[name][max(after - 1, 0):after + 1].max() * min(1.0, length)
+        near |= np.abs(truth.t - t) <= STEPS * (step + position / speed if speed else np.inf)
+    return near
+
+
+def across(events: tuple[Event, ...], pose: float, rate: float, tau: float, sizes: np.ndarray,
+           claim: tuple[int, float] | None) -> tuple[float, float]:
+    """Bounds of the errors of y and dy/dt over an interval of length tau with events, from those without.
+
+    `sizes`: its largest derivatives of y; `claim`: the order and the step of a method, None for one that finds events.
+    """
+    order, step = claim or (0, 0.0)
+    for event in events:
+        late = (STEPS * step if order == 1 else 0.0) + event.by_pose * pose + event.by_rate * rate
+        if event.after > tau + late:
+            continue
+        if order == 2 and event.acceleration <= JUMPS * sizes[2]:  # a slope jumps
+            rate += STEPS * step**2 * sizes[3]
+        change = event.acceleration + (2.0 * sizes[2] if event.velocity else 0.0)
+        pose += late * (event.velocity + change * tau)
+        rate += late * change
+        if abs(event.after - tau) <= late:
+            rate += event.velocity
+    return pose, rate

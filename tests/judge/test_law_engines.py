@@ -1,0 +1,94 @@
+"""Force laws of joints: every engine with a mistake in one of them fails, and right ones are accused of nothing."""
+
+import functools
+import pathlib
+import tempfile
+
+import pytest
+
+import crosscheck
+from crosscheck import adapters
+from crosscheck.adapters.base import RunSpec
+from crosscheck.document import Run
+from crosscheck.verification.cell import judge_run
+from tests.fake_engine import install
+from tests.law_mistakes import MISTAKES, SCENES, Wrong
+
+ORDERS = {1: 5e-4, 2: 1e-3, 4: 5e-3, 6: 1e-2, 8: 1e-2}
+"""Steps, s, by documented order: what a user would take for errors of 1e-3 to 1e-9."""
+
+
+@functools.cache
+def scene(name):
+    with tempfile.TemporaryDirectory() as folder:
+        return SCENES[name](pathlib.Path(folder)).replace(name=name)
+
+
+def judged(given, engine, method, **options):
+    """The verdict on one run without an order study."""
+    spec = RunSpec(method, rtol=1e-9) if method in engine.adaptive_methods else RunSpec(method, step=1e-3)
+    order = engine.documented_order(given, spec)
+    step = None if order is None else ORDERS[order]
+    traj = crosscheck.run(given, engine=engine.name, method=method, step=step, rtol=spec.rtol, **options)
+    run = Run(scene=given.name, engine=engine.name, version="1", method=method, form=traj.form, step=step,
+              rtol=spec.rtol, documented_order=order)
+    return judge_run(run, given, traj, engine.held_levels(given, spec), **options)
+
+
+def accused(verdict):
+    return {f"{finding.kind}: {finding.value} of {finding.bound}, {finding.detail}" for finding in verdict.findings
+            if finding.status == "fail"}
+
+
+CASES = [pytest.param(mistake, method, id=f"{mistake.what}-{method}")
+         for mistake in MISTAKES for method in mistake.methods]
+QUICK = ("friction 1 % high-rkmk4", "more friction on the way back-rkmk4", "more friction on the way there-rkmk4",
+         "restitution .51 instead of .5-rkmk4")
+
+
+def wrong(monkeypatch, mistake, method):
+    engine = install(monkeypatch, Wrong(mistake))
+    verdict = judged(scene(mistake.scene), engine, method)
+    assert verdict.outcome == "fail", f"{mistake.what} is not noticed"
+    return accused(verdict)
+
+
+@pytest.mark.parametrize(("mistake", "method"), [case for case in CASES if case.id in QUICK])
+def test_a_mistake_on_either_side_of_an_event_fails(monkeypatch, mistake, method):
+    kinds = {each.partition(":")[0] for each in wrong(monkeypatch, mistake, method)}
+    assert any(kind.startswith("interval") for kind in kinds), kinds
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mistake", "method"), CASES)
+def test_every_wrong_engine_fails(monkeypatch, mistake, method):
+    wrong(monkeypatch, mistake, method)
+
+
+RIGHT = [("friction", "DAE1L_LSE"), ("bounce", "rkmk4")]
+MORE = [(name, method) for name in SCENES for method in ("DAE3L_LE", "DAE1L_LSE", "DAE2H_LSE", "rattle2", "rkmk4",
+                                                         "rattle8", "rkmk853", "taylor")]
+
+
+@pytest.mark.parametrize(("name", "method"), RIGHT)
+def test_a_right_engine_is_accused_of_nothing(name, method):
+    verdict = judged(scene(name), adapters.get("lieeuler"), method)
+    assert not accused(verdict)
+    assert verdict.judged_until == pytest.approx(scene(name).duration)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "method"), MORE)
+def test_no_right_engine_is_accused(name, method):
+    verdict = judged(scene(name), adapters.get("lieeuler"), method)
+    assert not accused(verdict)
+
+
+OTHERS = [("pinocchio", name, method) for name in ("saturated", "motor", "following", "sampled", "soft")
+          for method in ("SymplecticEuler", "RKMK4")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("engine", "name", "method"), OTHERS)
+def test_other_right_engines_are_accused_of_nothing(engine, name, method):
+    assert not accused(judged(scene(name), adapters.get(engine), method))

@@ -9,7 +9,7 @@ import pytest
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
-from crosscheck.document import Run
+from crosscheck.document import Record
 from crosscheck.verification.cell import judge_run
 from tests.fake_engine import install
 from tests.law_mistakes import MISTAKES, SCENES, Wrong
@@ -24,15 +24,15 @@ def scene(name):
         return SCENES[name](pathlib.Path(folder)).replace(name=name)
 
 
-def judged(given, engine, method, **options):
+def judged(given, engine, method):
     """The verdict on one run without an order study."""
     spec = RunSpec(method, rtol=1e-9) if method in engine.adaptive_methods else RunSpec(method, step=1e-3)
     order = engine.documented_order(given, spec)
     step = None if order is None else ORDERS[order]
-    traj = crosscheck.run(given, engine=engine.name, method=method, step=step, rtol=spec.rtol, **options)
-    run = Run(scene=given.name, engine=engine.name, version="1", method=method, form=traj.form, step=step,
+    traj = crosscheck.run(given, engine=engine.name, method=method, step=step, rtol=spec.rtol)
+    run = Record(scene=given.name, engine=engine.name, version="1", method=method, form=traj.form, step=step,
               rtol=spec.rtol, documented_order=order)
-    return judge_run(run, given, traj, engine.held_levels(given, spec), **options)
+    return judge_run(run, given, traj, engine.held_levels(given, spec))
 
 
 def accused(verdict):

@@ -117,7 +117,9 @@ def scene(document: Document, described: Scene) -> str:
     records = [record for record in document.records if record.scene == described.name]
     # The reasons of bounds are numbered, because many findings share one.
     reasons = dict.fromkeys(finding.why for record in records for finding in record.findings if finding.why)
-    return _render("scene.html.j2", document, described.name, scene=described, records=records,
+    sensors = {name: error.unit for record in records for name, error in record.errors.items()
+               if name not in QUANTITIES}
+    return _render("scene.html.j2", document, described.name, scene=described, records=records, sensors=sensors,
                    reasons={why: count for count, why in enumerate(reasons, 1)},
                    data_file=data_file(described), compared=paper_rows(records),
                    support=support_rows(document, described))

@@ -59,7 +59,10 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
     own = laws.find(reading, joints, wants)
-    sites, sensors = watched.find(reading, joints)
+    try:
+        sites, sensors = watched.of_gazebo(model, reading, joints) if model.is_urdf else watched.find(reading, joints)
+    except ValueError as error:
+        raise SceneError(f"{model.path}: {error}; correct it there") from None
     if model.is_urdf:
         by_name = {each["name"]: each for each in joints}
         for name, mimic in _mimics(model):

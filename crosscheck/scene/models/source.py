@@ -183,7 +183,7 @@ def _tree(path: Path, data: bytes) -> Node:
         node.line = parser.CurrentLineNumber
 
     parser.StartDoctypeDeclHandler, parser.EntityDeclHandler = refuse, refuse
-    parser.StartElementHandler, parser.EndElementHandler = start, builder.end
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, builder.end, builder.data
     try:
         parser.Parse(data, True)
         root = builder.close()

@@ -1,14 +1,17 @@
-"""Sites and sensors of a compiled MuJoCo model as entries of a scene file."""
+"""Sites and sensors of a compiled MuJoCo model, and those of a URDF for Gazebo, as entries of a scene file."""
 
 from __future__ import annotations
 
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import quaternion_from_rotation
+from crosscheck.scene.models.compiling import finite
 from crosscheck.scene.models.neutral import Reading
+from crosscheck.scene.models.source import Source
 from crosscheck.scene.schema import Content as Table
 
 AT_SITE = {"ACCELEROMETER": "accelerometer", "VELOCIMETER": "velocity", "GYRO": "gyroscope"}
@@ -38,6 +41,62 @@ def find(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Table
         else:
             sensors.append({"name": name} | entry)
     return list(sites.values()), sensors
+
+
+def of_gazebo(model: Source, reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Table]]:
+    """(sites, sensors) of the <sensor> blocks of a URDF; links are sites then. Others are added to `reading.noted`.
+
+    Raises `ValueError` for a pose that is no six numbers.
+    """
+    blocks = [(gazebo.get("reference", ""), sensor) for gazebo in model.root.findall("gazebo")
+              for sensor in gazebo.findall("sensor")]
+    if not blocks:
+        return [], []
+    m, d = reading.model, reading.data
+    bodies = {m.body(k).name: k for k in range(m.nbody)}
+    numbers = {name: bodies.get(name, 0) for link in model.root.findall("link") if (name := link.get("name", ""))}
+    sites = {name: _site(reading, name, k, d.xpos[k], d.xmat[k]) for name, k in numbers.items()
+             if _is_there(reading, k)}
+    sensors: list[Table] = []
+    for reference, block in blocks:
+        name, kind = block.get("name", ""), block.get("type", "")
+        place, axes = _posed(block)
+        if kind == "imu" and reference in sites and place is not None and name not in sites:
+            k = numbers[reference]
+            R = d.xmat[k].reshape(3, 3)
+            sites[name] = _site(reading, name, k, d.xpos[k] + R @ place, R @ axes)
+            sensors += [{"name": f"{name} {each}", "type": each, "site": name}
+                        for each in ("accelerometer", "gyroscope")]
+            if block.findtext("imu/initial_orientation_as_reference", "true").strip() in ("false", "0"):
+                sensors.append({"name": f"{name} attitude", "type": "attitude", "site": name})
+            else:
+                reading.noted.append(f"orientation of sensor {name!r}, which counts from the start")
+            continue
+        child = {joint["name"]: joint["child"] for joint in joints}.get(reference)
+        frame = block.findtext("force_torque/frame", "child").strip()
+        if kind != "force_torque" or child not in sites or frame != "child":
+            reading.noted.append(f"sensor {name!r} ({kind})")
+            continue
+        sensors += [{"name": f"{name} {each}", "type": each, "joint": reference, "site": child}
+                    for each in ("force", "torque")]
+        if block.findtext("force_torque/measure_direction", "child_to_parent").strip() != "parent_to_child":
+            reading.noted.append(f"sign of sensor {name!r}, which reads the wrench on the parent: here it is that on "
+                                 "the child")
+    return list(sites.values()), sensors
+
+
+def _posed(block: Element) -> tuple[np.ndarray | None, np.ndarray]:
+    """Point and attitude of <pose> in its link; no point if it is in another frame."""
+    from scipy.spatial.transform import Rotation
+
+    pose = block.find("pose")
+    if pose is None:
+        return np.zeros(3), np.eye(3)
+    numbers = [finite(pose, word) for word in (pose.text or "").split()]
+    if len(numbers) != 6:
+        raise ValueError(f"sensor {block.get('name', '')!r}: its pose has {len(numbers)} numbers, not six")
+    away = pose.get("relative_to") or pose.get("frame")
+    return None if away else np.array(numbers[:3]), Rotation.from_euler("xyz", numbers[3:]).as_matrix()
 
 
 def _site(reading: Reading, name: str, body: int, place: np.ndarray, axes: np.ndarray) -> Table:

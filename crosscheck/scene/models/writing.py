@@ -26,7 +26,7 @@ FAR = 1e9
 
 def toml(content: Mapping[str, Any]) -> str:
     """The text of a scene file from its plain mapping."""
-    groups = ("bodies", "joints", "forces", "shapes", "monitors")
+    groups = ("bodies", "joints", "forces", "shapes", "monitors", "sites", "sensors", "published")
     lines = [f"{key} = {_value(value)}" for key, value in content.items() if key not in groups]
     for group in groups:
         for table in content.get(group, []):

@@ -1,4 +1,4 @@
-"""Sites and sensors of MJCF files: the imported scene reads what MuJoCo reads."""
+"""Sites and sensors of MJCF files, which MuJoCo reads alike, and those of a URDF for Gazebo."""
 
 from __future__ import annotations
 
@@ -55,3 +55,64 @@ def test_sensors_without_a_counterpart_are_left_out_by_name(line, said, tmp_path
     path = tmp_path / "arm.xml"
     path.write_text(ARM.replace("<sensor>", f"<sensor>{line}"))
     assert f"sensor 'x' ({said})" in crosscheck.import_model(path).left_out
+
+
+URDF = """<robot name="arm"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0.1 0 -.2" rpy="0 0 .3"/><mass value="2"/>
+<inertia ixx=".1" iyy=".2" izz=".15" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="tool"><inertial><mass value=".5"/>
+<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><origin xyz="0 0 1" rpy=".2 0 0"/>
+<axis xyz="0 1 0"/></joint>
+<joint name="grip" type="fixed"><parent link="upper"/><child link="tool"/><origin xyz="0 .1 -.4" rpy="0 .5 0"/></joint>
+<gazebo reference="tool"><sensor name="imu" type="imu"><pose>.01 .02 .03 .1 .2 .3</pose>
+<imu><initial_orientation_as_reference>false</initial_orientation_as_reference></imu></sensor></gazebo>
+<gazebo reference="upper"><sensor name="still" type="imu"/>
+<sensor name="eye" type="camera"><pose>0 0 0 0 0 0</pose></sensor></gazebo>
+<gazebo reference="shoulder"><sensor name="wrist" type="force_torque"><force_torque><frame>child</frame>
+<measure_direction>parent_to_child</measure_direction></force_torque></sensor>
+<sensor name="other" type="force_torque"/></gazebo>
+<gazebo reference="grip"><sensor name="held" type="force_torque"/></gazebo></robot>"""
+
+
+def test_gazebo_blocks_of_a_urdf(tmp_path):
+    from scipy.spatial.transform import Rotation
+
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF)
+    scene = crosscheck.import_model(path, qpos=[0.7], qvel=[2.0])
+    assert [site.name for site in scene.sites] == ["base", "upper", "tool", "imu", "still"]
+    assert {sensor.name: (sensor.type, sensor.site, sensor.joint) for sensor in scene.sensors} == {
+        "imu accelerometer": ("accelerometer", "imu", None), "imu gyroscope": ("gyroscope", "imu", None),
+        "imu attitude": ("attitude", "imu", None), "still accelerometer": ("accelerometer", "still", None),
+        "still gyroscope": ("gyroscope", "still", None), "wrist force": ("force", "upper", "shoulder"),
+        "wrist torque": ("torque", "upper", "shoulder"), "other force": ("force", "upper", "shoulder"),
+        "other torque": ("torque", "upper", "shoulder")}
+    assert set(scene.left_out) == {
+        "sensor 'eye' (camera)", "sensor 'held' (force_torque)", "orientation of sensor 'still', which counts from the "
+        "start", "sign of sensor 'other', which reads the wrench on the parent: here it is that on the child"}
+    read = readings(scene, States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]))
+    upper = Rotation.from_euler("x", 0.2) * Rotation.from_rotvec([0.0, 0.7, 0.0])
+    tool = upper * Rotation.from_euler("y", 0.5)
+    turned = (tool * Rotation.from_euler("xyz", [0.1, 0.2, 0.3])).as_quat(scalar_first=True)
+    np.testing.assert_allclose(read["imu attitude"][0] * np.sign(turned @ read["imu attitude"][0]), turned, atol=1e-12)
+    place = np.array([0.0, 0.0, 1.0]) + upper.apply([0.0, 0.1, -0.4]) + tool.apply([0.01, 0.02, 0.03])
+    imu = next(site for site in scene.sites if site.name == "imu")
+    np.testing.assert_allclose(scene.x0[0] + scene.R0[0] @ imu.position, place, atol=1e-12)
+    spin = (tool * Rotation.from_euler("xyz", [0.1, 0.2, 0.3])).inv().apply(upper.apply([0.0, 2.0, 0.0]))
+    np.testing.assert_allclose(read["imu gyroscope"][0], spin, atol=1e-12)
+
+
+@pytest.mark.parametrize(("pose", "said"), [
+    ("0 0 1", "its pose has 3 numbers, not six"), ("0 0 0 0 0 up", "'up' is not")])
+def test_a_wrong_pose_is_named(pose, said, tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF.replace(".01 .02 .03 .1 .2 .3", pose))
+    with pytest.raises(crosscheck.SceneError, match=said):
+        crosscheck.import_model(path)
+
+
+def test_a_urdf_without_sensors_has_no_sites(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF.replace("<sensor", "<plugin").replace("</sensor>", "</plugin>"))
+    assert not crosscheck.import_model(path).sites

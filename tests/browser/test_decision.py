@@ -15,9 +15,18 @@ from tests.browser.conftest import Watched
 SCENE = "scene-double_pendulum.html"
 
 
-@pytest.fixture(params=[(1280, "light"), (390, "dark"), pytest.param((1280, "dark"), marks=pytest.mark.slow),
-                        pytest.param((390, "light"), marks=pytest.mark.slow)],
-                ids=["wide-light", "phone-dark", "wide-dark", "phone-light"])
+VIEWS = {"wide-light": (1280, "light"), "phone-dark": (390, "dark"), "wide-dark": (1280, "dark"),
+         "phone-light": (390, "light")}
+
+
+def views(*quick):
+    """The test in every view; all but these are slow."""
+    return pytest.mark.parametrize("watched", [
+        pytest.param(view, id=name, marks=() if name in quick else pytest.mark.slow) for name, view in VIEWS.items()],
+        indirect=True)
+
+
+@pytest.fixture
 def watched(request, browser, site):
     width, scheme = request.param
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
@@ -28,6 +37,7 @@ def watched(request, browser, site):
     assert made.foreign == []
 
 
+@views("wide-light", "phone-dark")
 def test_the_decision_answers_and_the_address_keeps_it(watched, document):
     page = watched.open("index.html")
     page.select_option("#decide-engine", "mujoco")
@@ -56,6 +66,7 @@ OPACITIES = """() => [...document.querySelectorAll("[data-figure='speed'] .trace
   .filter((node) => node.__data__?.[0]?.trace?.meta).map((node) => [node.__data__[0].trace.meta, node.style.opacity])"""
 
 
+@views("wide-light")
 def test_a_click_isolates_a_run_and_escape_ends_it(watched):
     page = watched.open(SCENE)
     page.wait_for_selector("[data-figure='speed'] .main-svg")
@@ -71,6 +82,7 @@ def test_a_click_isolates_a_run_and_escape_ends_it(watched):
     assert {opacity for _, opacity in page.evaluate(OPACITIES)} == {""}
 
 
+@views("wide-light")
 def test_no_two_rendered_lines_are_alike(watched):
     page = watched.open(SCENE)
     page.select_option("#group", label="every run")
@@ -83,8 +95,13 @@ def test_no_two_rendered_lines_are_alike(watched):
     assert all(one != other for one, other in itertools.combinations(map(tuple, drawn), 2))
 
 
-@pytest.mark.parametrize("name", ["index.html", SCENE, "engine-mujoco.html", "study-convergence.html",
-                                  "study-speed.html", "study-conservation.html"])
+PAGES = ("index.html", SCENE, "engine-mujoco.html", "study-convergence.html", "study-speed.html",
+         "study-conservation.html")
+
+
+@pytest.mark.parametrize(("name", "watched"), [
+    pytest.param(name, view, id=f"{name}-{place}", marks=() if place == list(VIEWS)[index % 2] else pytest.mark.slow)
+    for index, name in enumerate(PAGES) for place, view in VIEWS.items()], indirect=["watched"])
 def test_pages_are_accessible(watched, name):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     page = watched.open(name)
@@ -94,6 +111,7 @@ def test_pages_are_accessible(watched, name):
     assert found.violations_count == 0, found.generate_report()
 
 
+@views("phone-dark")
 def test_the_run_selector_drives_playback_and_the_address_keeps_the_view(watched):
     page = watched.open(SCENE)
     page.select_option("#run", label="mujoco RK4")
@@ -114,6 +132,7 @@ def test_the_run_selector_drives_playback_and_the_address_keeps_the_view(watched
     assert page.locator("[data-body]").text_content() == "lower"
 
 
+@views("wide-light")
 def test_a_change_before_the_event_of_the_last_one_stays(watched):
     page = watched.open(SCENE)
     page.evaluate("""() => new Promise((heard) => {
@@ -129,6 +148,7 @@ def test_a_change_before_the_event_of_the_last_one_stays(watched):
 STAGE = "document.getElementById('stage').dataset"
 
 
+@views("wide-light")
 def test_views_stand_beside_each_other_and_the_address_keeps_them(watched):
     page = watched.open(SCENE)
     page.select_option("#views", "beside")
@@ -180,6 +200,7 @@ def test_a_joint_that_opens_reddens_and_errors_have_their_power_of_ten(watched, 
     assert page.locator("#power").inner_text() == "× 10¹"
 
 
+@views("phone-dark")
 def test_one_cursor_follows_playback_on_every_plot_over_time(watched):
     page = watched.open(SCENE)
     page.locator("#motion").scroll_into_view_if_needed()

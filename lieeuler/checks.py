@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
+from collections.abc import Callable
 from typing import SupportsFloat
 
 import numpy as np
@@ -122,6 +123,11 @@ def normals(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 class Frozen:
     """Base of frozen dataclasses. A copy or pickle holds the fields, arrays read-only, but no cached values."""
+
+    def _take(self, check: Callable[..., object], *names: str, **bounds: float) -> None:
+        """Replace fields by their checked values."""
+        for name in names:
+            object.__setattr__(self, name, check(name, getattr(self, name), **bounds))
 
     def __getstate__(self) -> dict[str, object]:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]

@@ -14,7 +14,7 @@ import numpy as np
 from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, real
 from lieeuler.errors import ArgumentError
-from lieeuler.integrate import plan_run
+from lieeuler.integrate import Arguments, plan_run
 from lieeuler.problem import CLOSED, Problem
 from lieeuler.solution import Status
 from lieeuler.spin_free import SpinFreeFrames, spin_free_frames, symmetric_bodies
@@ -112,8 +112,8 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     KeyboardInterrupt
         Ctrl-C.
     """
-    plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, spin_free,
-                    monitor=False)
+    plan = plan_run(problem, Arguments(method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius,
+                                       spin_free=spin_free, monitor=False))
     if problem.laws:
         raise ArgumentError("ensembles take no laws; integrate the members one by one, or leave laws out")
     if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 0 <= threads <= 1024:

@@ -44,12 +44,9 @@ class LinearSpring(Frozen):
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("parent", "child"):
-            object.__setattr__(self, name, body_index(name, getattr(self, name)))
-        for name in ("parent_point", "child_point"):
-            object.__setattr__(self, name, vector(name, getattr(self, name)))
-        for name in ("stiffness", "free_length", "damping"):
-            object.__setattr__(self, name, number(name, getattr(self, name), lowest=0.0))
+        self._take(body_index, "parent", "child")
+        self._take(vector, "parent_point", "child_point")
+        self._take(number, "stiffness", "free_length", "damping", lowest=0.0)
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""
@@ -92,14 +89,10 @@ class TorsionalSpring(Frozen):
     torque: float | TimeFunction = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("parent", "child"):
-            object.__setattr__(self, name, body_index(name, getattr(self, name)))
-        for name in ("parent_axis", "child_axis"):
-            object.__setattr__(self, name, unit(name, getattr(self, name)))
-        for name in ("stiffness", "damping"):
-            object.__setattr__(self, name, number(name, getattr(self, name), lowest=0.0))
-        for name in ("rest_angle", "torque"):
-            object.__setattr__(self, name, value(name, getattr(self, name)))
+        self._take(body_index, "parent", "child")
+        self._take(unit, "parent_axis", "child_axis")
+        self._take(number, "stiffness", "damping", lowest=0.0)
+        self._take(value, "rest_angle", "torque")
         if isinstance(self.rest_angle, TimeFunction) and isinstance(self.torque, TimeFunction):
             raise ArgumentError("only one of rest_angle and torque may depend on time; use two springs")
 
@@ -161,9 +154,8 @@ class ConstantLoad(Frozen):
     factor: TimeFunction | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "child", body_index("child", self.child))
-        for name in ("force", "torque", "point"):
-            object.__setattr__(self, name, vector(name, getattr(self, name)))
+        self._take(body_index, "child")
+        self._take(vector, "force", "torque", "point")
         if not isinstance(self.frame, str) or self.frame not in ("world", "body"):
             raise ArgumentError(f"frame must be 'world' or 'body', not {self.frame!r}")
         if not (self.factor is None or isinstance(self.factor, TimeFunction)):
@@ -204,12 +196,10 @@ class SlideForce(Frozen):
     force: float | TimeFunction
 
     def __post_init__(self) -> None:
-        for name in ("parent", "child"):
-            object.__setattr__(self, name, body_index(name, getattr(self, name)))
-        for name in ("parent_anchor", "child_anchor"):
-            object.__setattr__(self, name, vector(name, getattr(self, name)))
-        object.__setattr__(self, "parent_axis", unit("parent_axis", self.parent_axis))
-        object.__setattr__(self, "force", value("force", self.force))
+        self._take(body_index, "parent", "child")
+        self._take(vector, "parent_anchor", "child_anchor")
+        self._take(unit, "parent_axis")
+        self._take(value, "force")
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""

@@ -41,7 +41,7 @@ class TimeFunction(Frozen):
                 object.__setattr__(self, name, tuple(_numbers(name, row) for row in rows))
             except TypeError:
                 raise ArgumentError(f"{name} must be a sequence of rows of numbers, not {rows!r}") from None
-        object.__setattr__(self, "breaks", _numbers("breaks", self.breaks))
+        self._take(_numbers, "breaks")
         if not self.breaks or len(self.breaks) != len(self.pieces) or not all(self.pieces):
             raise ArgumentError("every piece needs a break and at least one coefficient")
         if (np.diff(self.breaks) <= 0).any():

@@ -7,7 +7,7 @@ import difflib
 import logging
 import operator
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,25 @@ KEPT = 16
 
 RTOL_RANGE = (1e-14, 0.1)
 """Below the first value rounding would control the steps; above the second the motion is not resolved."""
+
+
+class Arguments(NamedTuple):
+    """What `integrate` is given besides the problem and how its events are treated."""
+
+    method: str
+    step: float | None = None
+    t_eval: ArrayLike | None = None
+    rtol: float | None = None
+    coordinate_map: str = "exp"
+    alpha: float | None = None
+    beta: float | None = None
+    spectral_radius: float | None = None
+    correction: str = "mass"
+    spin_free: bool | None = None
+    reduce: str | None = None
+    conserve: bool = False
+    polish: bool = True
+    monitor: bool = True
 
 
 def integrate(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
@@ -111,17 +130,17 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     """
     if not (events is None or isinstance(events, bool)):
         raise ArgumentError(f"events must be True or False, not {events!r}")
-    arguments = (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction, spin_free,
-                 reduce, conserve, polish, monitor)
+    arguments = Arguments(method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction,
+                          spin_free, reduce, conserve, polish, monitor)
     laws = isinstance(problem, Problem) and problem.laws
     solution = _by_pieces(problem, arguments, events) if laws else _kept(problem, arguments)()
     if sensitivities:
         if laws and not _located(method, events):
             raise ArgumentError("sensitivities: steps over events have no derivative; give events=True")
-        rest = (RTOL if step is None else None, *arguments[4:-1], False)
+        quiet = arguments._replace(rtol=RTOL if step is None else None, monitor=False)
 
         def solve(changed: Problem, whole: bool) -> Solution:
-            how = (method, step, t_eval, *rest[:6], *((False, "off") if whole else rest[6:8]), *rest[8:])
+            how = quiet._replace(spin_free=False, reduce="off") if whole else quiet
             return _by_pieces(changed, how, events) if laws else PreparedRun(changed, how).unjudged()
 
         solution.sensitivities = differentiated(problem, sensitivities, solve)
@@ -132,19 +151,18 @@ def _located(method: str, events: bool | None) -> bool:
     return METHODS[method].order != 1 if events is None else events
 
 
-def _by_pieces(problem: Problem, arguments: tuple[Any, ...], events: bool | None) -> Solution:
+def _by_pieces(problem: Problem, arguments: Arguments, events: bool | None) -> Solution:
     """The run of a problem with laws."""
     without = PreparedRun(Problem.unchecked(problem, laws=()), arguments)  # checks the arguments
-    method, step, t, *others = arguments
+    method, step, t = arguments[:3]
 
     def solve(piece: Problem, times: np.ndarray) -> Solution:
         size = None if step is None else float(np.diff(times).max())
-        return PreparedRun(piece, (method, size, times, *others)).unjudged()
+        return PreparedRun(piece, arguments._replace(step=size, t_eval=times)).unjudged()
 
     def start(piece: Problem, times: np.ndarray) -> Solution:
-        size = float(times[1] - times[0])
-        return PreparedRun(piece, ("INDEX1_LE", size, times, None, "exp", None, None, None, "mass", None, "off", False,
-                                   True, False)).unjudged()
+        return PreparedRun(piece, Arguments("INDEX1_LE", float(times[1] - times[0]), times, reduce="off",
+                                            monitor=False)).unjudged()
 
     solution = Pieces(problem, solve, start, np.asarray(t, dtype=float), step, _located(method, events)).integrate()
     return without.ended(solution)
@@ -162,8 +180,8 @@ def prepare(problem: Problem, method: str, step: float | None = None, t_eval: Ar
     ArgumentError
         An argument is wrong.
     """
-    return PreparedRun(problem, (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction,
-                                 spin_free, reduce, conserve, polish, monitor))
+    return PreparedRun(problem, Arguments(method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius,
+                                          correction, spin_free, reduce, conserve, polish, monitor))
 
 
 State = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -178,16 +196,14 @@ class PreparedRun:
     a state plans anew.
     """
 
-    def __init__(self, problem: Problem, arguments: tuple[Any, ...]) -> None:
-        (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction, spin_free, reduce,
-         conserve, polish, monitor) = self._arguments = arguments
+    def __init__(self, problem: Problem, arguments: Arguments) -> None:
+        self._arguments, method, reduce = arguments, arguments.method, arguments.reduce
         if isinstance(problem, Problem) and problem.laws:
             raise ArgumentError("runs of problems with laws are not prepared; call integrate")
-        self._plan = plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius,
-                                     spin_free, monitor, polish, conserve, correction)
+        self._plan = plan = plan_run(problem, arguments)
         if any(joint.drive for joint in problem.joints) and plan.t[0] != problem.time:
             problem.check_closed(float(plan.t[0]))
-        self.problem, self.method, self._monitor, self._coordinate_map = problem, method, monitor, coordinate_map
+        self.problem, self.method = problem, method
         self._steps = reductions(problem, METHODS[method], reduce)
         within = self._steps[-1].problem if self._steps else problem
         self._frames = spin_free_frames(within) if plan.spin_free else None
@@ -240,7 +256,7 @@ class PreparedRun:
         if count < len(t):
             vectors, R, lam, angles, t = vectors[:, :count], R[:count], lam[:count], angles[:count], t[:count]
         x, v, w, a, alpha = vectors
-        stats = Stats(*counters, plan.step, wall_time, _named(*maxima) if self._monitor else {})
+        stats = Stats(*counters, plan.step, wall_time, _named(*maxima) if self._arguments.monitor else {})
         solution = Solution(t, x, R, v, w, a, alpha, lam, STATUSES[status], stats, self.method,
                             self._begin + reached)
         if self._frames is not None:
@@ -273,7 +289,7 @@ class PreparedRun:
         if status is Status.INTERRUPTED:
             raise Interrupted(solution)
         advice = status.advice
-        if status is Status.MAP_DOMAIN and self._coordinate_map == "ccsk":
+        if status is Status.MAP_DOMAIN and self._arguments.coordinate_map == "ccsk":
             advice += ", or coordinate_map='exp'"
         raise IntegrationError(status, advice, solution)
 
@@ -297,9 +313,9 @@ def _named(energy_error: float, kinetic: float, position: float, velocity: float
             "constraint_velocity": velocity, "constraint_acceleration": acceleration, "orthogonality": orthogonality}
 
 
-def _kept(problem: Problem, arguments: tuple[Any, ...]) -> PreparedRun:
+def _kept(problem: Problem, arguments: Arguments) -> PreparedRun:
     """The run of these arguments, planned once and kept with the problem."""
-    t_eval = arguments[2]
+    t_eval = arguments.t_eval
     if not isinstance(problem, Problem) or type(t_eval) is not np.ndarray or t_eval.dtype != float:
         return PreparedRun(problem, arguments)
     known: dict[object, PreparedRun] = vars(problem).setdefault("_runs", {})
@@ -334,11 +350,10 @@ class Plan:
     spin_free: bool
 
 
-def plan_run(problem: Problem, method: str, step: float | None, rtol: float | None, t_eval: ArrayLike | None,
-             coordinate_map: str, alpha: float | None, beta: float | None, spectral_radius: float | None,
-             spin_free: bool | None, monitor: bool, polish: bool = True, conserve: bool = False,
-             correction: str = "mass") -> Plan:
+def plan_run(problem: Problem, arguments: Arguments) -> Plan:
     """Check the arguments of a run, which `integrate` describes, and make the kernel's run of them."""
+    (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction, spin_free, _, conserve,
+     polish, monitor) = arguments
     if not isinstance(problem, Problem):
         raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
     for name, value in (("spin_free", spin_free), ("conserve", conserve), ("polish", polish), ("monitor", monitor)):
@@ -364,9 +379,9 @@ def plan_run(problem: Problem, method: str, step: float | None, rtol: float | No
         raise ArgumentError(f"conserve=True is for {able} with rtol; leave it out")
     spins = ("rtol" in record.controls or record.order != 1) if spin_free is None else spin_free
     if tolerance is not None:
-        arguments = [(t - t[0]).tolist(), tolerance, monitor, *([conserve] if record.conserves else [])]
-        run = (_kernel.adaptive_runge_kutta(record.tableau.kernel, *arguments) if record.tableau else
-               getattr(_kernel, method)(*arguments))
+        given = [(t - t[0]).tolist(), tolerance, monitor, *([conserve] if record.conserves else [])]
+        run = (_kernel.adaptive_runge_kutta(record.tableau.kernel, *given) if record.tableau else
+               getattr(_kernel, method)(*given))
         run.begin = float(t[0])
         return Plan(run, t, None, spins)
     assert step is not None  # _tolerance raises without step and rtol

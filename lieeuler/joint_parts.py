@@ -9,6 +9,7 @@ import numpy as np
 from lieeuler.checks import Frozen, body_index, normals, number, positive, rotation, unit, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.functions import TimeFunction
+from lieeuler.types import Measured
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,10 +31,8 @@ class Dot(Frozen):
         for carrier in (self.a, self.b):
             if not isinstance(carrier, str) or carrier not in ("difference", "parent", "child"):
                 raise ArgumentError(f"a dot row multiplies 'difference', 'parent' or 'child', not {carrier!r}")
-        for name in ("a_axis", "b_axis"):
-            object.__setattr__(self, name, vector(name, getattr(self, name)))
-        for name in ("constant", "scale"):
-            object.__setattr__(self, name, number(name, getattr(self, name)))
+        self._take(vector, "a_axis", "b_axis")
+        self._take(number, "constant", "scale")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,15 +52,13 @@ class Coordinate(Frozen):
     relative: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        for name in ("parent_axis", "child_axis"):
-            object.__setattr__(self, name, unit(name, getattr(self, name)))
+        self._take(unit, "parent_axis", "child_axis")
         if self.relative is not None:
-            object.__setattr__(self, "relative", rotation("relative", self.relative))
+            self._take(rotation, "relative")
 
     @property
-    def measured(self) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """As the kernel takes it: whether it turns, both axes, two normals of the parent's, the first one as the child
-        sees it at zero."""
+    def measured(self) -> Measured:
+        """As the kernel takes it."""
         n1, n2 = normals(self.parent_axis)
         turns = self.relative is not None
         return turns, self.parent_axis, self.child_axis, n1, n2, n1 if self.relative is None else self.relative @ n1
@@ -103,12 +100,11 @@ class Mimic(Frozen):
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joint", body_index("joint", self.joint))
+        self._take(body_index, "joint")
         for name in ("coordinate", "leader"):
             if not isinstance(getattr(self, name), Coordinate):
                 raise ArgumentError(f"{name} must be a lieeuler.Coordinate, not {getattr(self, name)!r}")
-        for name in ("ratio", "offset"):
-            object.__setattr__(self, name, number(name, getattr(self, name)))
+        self._take(number, "ratio", "offset")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,9 +130,8 @@ class Rotor(Frozen):
     turns: bool = True
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "inertia", positive("inertia", self.inertia))
-        for name in ("parent_axis", "child_axis"):
-            object.__setattr__(self, name, unit(name, getattr(self, name)))
+        self._take(positive, "inertia")
+        self._take(unit, "parent_axis", "child_axis")
         if not isinstance(self.turns, bool):
             raise ArgumentError(f"turns must be True or False, not {self.turns!r}")
 
@@ -164,12 +159,11 @@ class Contact(Frozen):
     def __post_init__(self) -> None:
         if self.kind not in ("edge", "disk", "sphere"):
             raise ArgumentError(f"kind must be 'edge', 'disk' or 'sphere', not {self.kind!r}")
-        for name in ("normal", "axis"):
-            object.__setattr__(self, name, unit(name, getattr(self, name)))
+        self._take(unit, "normal", "axis")
         if self.kind == "edge":
             object.__setattr__(self, "radius", 0.0)
         else:
-            object.__setattr__(self, "radius", positive("radius", self.radius))
+            self._take(positive, "radius")
 
     @property
     def across(self) -> tuple[np.ndarray, ...]:

@@ -78,10 +78,8 @@ class Joint(Frozen):
     mimic: Mimic | None = None
 
     def __post_init__(self) -> None:
-        for name in ("parent", "child"):
-            object.__setattr__(self, name, body_index(name, getattr(self, name)))
-        object.__setattr__(self, "parent_anchor", vector("parent_anchor", self.parent_anchor))
-        object.__setattr__(self, "child_anchor", vector("child_anchor", self.child_anchor))
+        self._take(body_index, "parent", "child")
+        self._take(vector, "parent_anchor", "child_anchor")
         if not isinstance(self.spherical, bool):
             raise ArgumentError(f"spherical must be True or False, not {self.spherical!r}")
         for name, kind in (("dots", Dot), ("rotors", Rotor)):
@@ -114,16 +112,16 @@ class Joint(Frozen):
             system.add_contact(_kernel.ContactKind[self.contact.kind], self.contact.normal, self.contact.axis,
                                self.contact.radius, self.contact.across)
         if self.drive is not None:
-            system.drive_joint(*self.drive.coordinate.measured, self.drive.function.kernel)
+            system.drive_joint(self.drive.coordinate.measured, self.drive.function.kernel)
         if self.mimic is not None:
-            system.follow(*self.mimic.coordinate.measured, self.mimic.ratio, self.mimic.offset)
+            system.follow(self.mimic.coordinate.measured, self.mimic.ratio, self.mimic.offset)
 
     def add_rotors_to(self, system: _kernel.System, index: int) -> None:
         """Add the rotor inertias of this joint, the system's `index`-th."""
         for rotor in self.rotors:
             n1, n2 = normals(rotor.parent_axis)
-            system.add_rotor(index, rotor.inertia, rotor.turns, rotor.parent_axis, rotor.child_axis, n1, n2,
-                             normals(rotor.child_axis)[0])
+            system.add_rotor(index, rotor.inertia, (rotor.turns, rotor.parent_axis, rotor.child_axis, n1, n2,
+                                                    normals(rotor.child_axis)[0]))
 
     def driven(self, drive: Drive) -> Joint:
         """The same joint with its coordinate prescribed."""

@@ -57,16 +57,12 @@ class Servo(Frozen):
     earlier: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("proportional", "derivative"):
-            object.__setattr__(self, name, number(name, getattr(self, name), lowest=0.0))
-        for name in ("target", "target_velocity", "feedforward"):
-            object.__setattr__(self, name, value(name, getattr(self, name)))
+        self._take(number, "proportional", "derivative", lowest=0.0)
+        self._take(value, "target", "target_velocity", "feedforward")
         if not self.lower <= 0.0 <= self.upper:
             raise ArgumentError(f"a cut lies around 0, not between {self.lower!r} and {self.upper!r}")
-        for name in ("no_load_speed", "period"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, positive(name, getattr(self, name)))
-        object.__setattr__(self, "delay", body_index("delay", self.delay))
+        self._take(positive, *(name for name in ("no_load_speed", "period") if getattr(self, name) is not None))
+        self._take(body_index, "delay")
         if self.delay < 0 or (self.earlier and len(self.earlier) != self.delay + 1):
             raise ArgumentError("delay is a whole number of periods, and earlier holds delay + 1 values")
 
@@ -143,17 +139,10 @@ class Law(Frozen):
     stops: Stops | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joint", body_index("joint", self.joint))
-        for name in ("start", "sliding", "static"):
-            object.__setattr__(self, name, number(name, getattr(self, name)))
+        self._take(body_index, "joint")
+        self._take(number, "start", "sliding", "static")
         if not 0 <= self.sliding <= self.static:
             raise ArgumentError(f"dry friction needs 0 <= sliding <= static, not {self.sliding!r} and {self.static!r}")
-
-    @property
-    def functions(self) -> tuple[TimeFunction, ...]:
-        """The functions of time of its servos."""
-        return tuple(each for servo in self.servos for each in (servo.target, servo.target_velocity, servo.feedforward)
-                     if isinstance(each, TimeFunction))
 
 
 def at(given: float | TimeFunction, t: Any) -> Any:

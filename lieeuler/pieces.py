@@ -30,6 +30,8 @@ Solve = Callable[[Problem, np.ndarray], Solution]
 """Integrates a problem without laws over these times, the first of which is that of its state."""
 Key = tuple[str, int, int]
 """A surface: its kind, the law, and the servo or the side."""
+Surface = tuple[Key, np.ndarray, np.ndarray | None]
+"""What stays at or above 0 within a piece, (T,), and its slope where that is known."""
 
 FINE = 8
 """Points of an interval between output times at which surfaces are looked at, for methods that choose their steps."""
@@ -112,7 +114,7 @@ class Pieces:
         self.modes = [Mode(cut=[0] * len(law.servos), region=[0] * len(law.servos),
                            waiting=[list(s.earlier) or [0.0] * (s.delay + 1) for s in law.servos]) for law in self.laws]
         self.grid, self.ticks, self.outputs = self._knots(step)
-        self.stats: Stats | None = None
+        self.stats: list[Stats] = []
         self.rows: list[tuple[Solution, int]] = []
         weight = sum(body.mass for body in problem.bodies) * float(np.linalg.norm(problem.gravity))
         self.push = PUSH * (1.0 + weight)
@@ -246,24 +248,11 @@ class Pieces:
         """Integrate the present piece from a state over further times."""
         problem, rows = self._piece(state)
         solution = self.solve(problem, np.concatenate([[state.t], times]))
-        self._count(solution.stats)
+        self.stats.append(solution.stats)
         stretch = self._stretch(solution, state, rows)
         keep = np.setdiff1d(np.arange(solution.lam.shape[1]), rows)
         solution.lam = solution.lam[:, keep]
         return stretch
-
-    def _count(self, stats: Stats) -> None:
-        """Add the counters of a stretch, and raise the maxima to its."""
-        if self.stats is None:
-            self.stats = dataclasses.replace(stats, maxima=dict(stats.maxima))
-            return
-        for name in ("steps", "rejected_steps", "force_evaluations", "newton_iterations", "factorizations"):
-            setattr(self.stats, name, getattr(self.stats, name) + getattr(stats, name))
-        self.stats.most_iterations = max(self.stats.most_iterations, stats.most_iterations)
-        if self.stats.step is not None and stats.step is not None:
-            self.stats.step = max(self.stats.step, stats.step)
-        for key, each in stats.maxima.items():
-            self.stats.maxima[key] = max(self.stats.maxima[key], each)
 
     def _index1(self, state: State, pushed: tuple[int, float] = (0, 0.0)) -> Stretch:
         """Accelerations and holding forces of the present modes in one state: the first row of a short run."""
@@ -272,9 +261,7 @@ class Pieces:
 
     # --- surfaces
 
-    def _surfaces(self, s: Stretch) -> Iterator[tuple[Key, np.ndarray, np.ndarray | None]]:
-        """What stays at or above 0 within the piece, (T,), and its slope where that is known."""
-        t = s.solution.t
+    def _surfaces(self, s: Stretch) -> Iterator[Surface]:
         for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
             q, rate, acceleration = s.q[:, i], s.rate[:, i], s.acceleration[:, i]
             if mode.held:
@@ -287,11 +274,10 @@ class Pieces:
                 yield from self._stop_surfaces(i, law.stops, mode, q, rate)
             for k, servo in enumerate(law.servos):
                 if servo.period is None:
-                    yield from self._servo_surfaces((i, k), servo, mode, t, q, rate)
+                    yield from self._servo_surfaces((i, k), servo, mode, s.solution.t, q, rate)
 
     @staticmethod
-    def _stop_surfaces(i: int, stops: Stops, mode: Mode, q: np.ndarray, rate: np.ndarray
-                       ) -> Iterator[tuple[Key, np.ndarray, np.ndarray | None]]:
+    def _stop_surfaces(i: int, stops: Stops, mode: Mode, q: np.ndarray, rate: np.ndarray) -> Iterator[Surface]:
         if mode.stop == 0:
             for side in (-1, 1):
                 if math.isfinite(stops.edge(side)):
@@ -304,8 +290,8 @@ class Pieces:
             yield ("pushes", i, mode.stop), force if mode.pushes else -force, None
 
     @staticmethod
-    def _servo_surfaces(who: tuple[int, int], servo: Servo, mode: Mode, t: np.ndarray, q: np.ndarray, rate: np.ndarray
-                        ) -> Iterator[tuple[Key, np.ndarray, np.ndarray | None]]:
+    def _servo_surfaces(who: tuple[int, int], servo: Servo, mode: Mode, t: np.ndarray, q: np.ndarray,
+                        rate: np.ndarray) -> Iterator[Surface]:
         k = who[1]
         wanted, (lower, upper) = servo.wanted(t, q, rate), servo.bounds(rate)
         if mode.cut[k] == 0:
@@ -331,9 +317,9 @@ class Pieces:
                 first = int(below.argmax()) + 1, key
         return first
 
-    def _value(self, s: Stretch, key: Key) -> float:
-        """The value of a surface at the last time of a stretch."""
-        return next(float(value[-1]) for each, value, _ in self._surfaces(s) if each == key)
+    def _values(self, s: Stretch, key: Key) -> list[float]:
+        """The values of one surface along a stretch."""
+        return next(value.tolist() for each, value, _ in self._surfaces(s) if each == key)
 
     def _crossing(self, state: State, until: float, key: Key) -> tuple[State, Key]:
         """Where a surface is first crossed between a state and a later time, by the rule of false position (Illinois).
@@ -342,15 +328,15 @@ class Pieces:
         """
         whole = self._run(state, np.linspace(state.t, until, FINE + 1)[1:])
         row, key = self._first(whole) or (FINE, key)
-        values = next(value for each, value, _ in self._surfaces(whole) if each == key)
-        (ta, fa), (tb, fb) = ((float(whole.solution.t[k]), float(values[k])) for k in (row - 1, row))
+        values = self._values(whole, key)
+        (ta, fa), (tb, fb) = ((float(whole.solution.t[k]), values[k]) for k in (row - 1, row))
         best, kept = (whole, row) if fa > 0.0 else (whole, row - 1), 0
         while fa > 0.0 > fb and tb - ta > 4e-16 * max(1.0, abs(tb)):
             middle = tb - fb * (tb - ta) / (fb - fa)
             if not ta < middle < tb:
                 break
             best = self._run(state, np.array([middle])), 1
-            f = self._value(best[0], key)
+            f = self._values(best[0], key)[-1]
             if f >= 0:
                 ta, fa, fb, kept = middle, f, fb / 2 if kept > 0 else fb, 1
             else:
@@ -360,8 +346,8 @@ class Pieces:
 
     # --- changes
 
-    def _tell(self, t: float, i: int, what: str) -> None:
-        self.events.append((t, self.laws[i].joint, what))
+    def _tell(self, t: float, i: int, what: str, side: int = 0) -> None:
+        self.events.append((t, self.laws[i].joint, what + ("", "_upper", "_lower")[side]))
 
     def _change(self, state: State, key: Key) -> State:
         """The state after a surface was crossed; the modes change."""
@@ -379,7 +365,7 @@ class Pieces:
             self._release(state, i, which)
             self._settle(state, set())
         elif kind == "hits":
-            self._tell(state.t, i, f"hits_{'upper' if which > 0 else 'lower'}")
+            self._tell(state.t, i, "hits", which)
             mode.stop = which
             assert law.stops is not None
             if law.stops.stiffness is None:
@@ -387,7 +373,7 @@ class Pieces:
             else:
                 mode.pushes = True
         elif kind == "leaves":
-            self._tell(state.t, i, f"leaves_{'upper' if which > 0 else 'lower'}")
+            self._tell(state.t, i, "leaves", which)
             mode.stop, mode.pushes = 0, False
         elif kind == "pushes":
             mode.pushes = not mode.pushes
@@ -409,7 +395,7 @@ class Pieces:
         law, mode = self.laws[i], self.modes[i]
         mode.held, mode.sign = False, sign
         if mode.stop:
-            self._tell(state.t, i, f"leaves_{'upper' if mode.stop > 0 else 'lower'}")
+            self._tell(state.t, i, "leaves", mode.stop)
             mode.stop = 0
         elif law.static:
             self._tell(state.t, i, "slips")
@@ -512,28 +498,29 @@ class Pieces:
         sign = (1 if rate > 0 else -1) if rate else (mode.sign or 1)
         return sign * (2 if abs(rate) > servo.no_load_speed else 1)
 
+    def _cut(self, state: State, i: int, k: int, told: bool) -> float:
+        """The force of a servo, after noting whether it is cut."""
+        servo, mode = self.laws[i].servos[k], self.modes[i]
+        wanted, (lower, upper) = servo.wanted(state.t, state.q[i], state.rate[i]), servo.bounds(state.rate[i])
+        cut = int(wanted > upper) - int(wanted < lower)
+        if told and cut != mode.cut[k]:
+            self._tell(state.t, i, "saturates" if cut else "unsaturates")
+        mode.cut[k] = cut
+        return float(np.clip(wanted, lower, upper))
+
     def _cuts(self, state: State, told: bool) -> None:
         """The cuts of all continuous servos, from the state: at the start, and after a jump of the rates."""
         for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
             for k, servo in enumerate(law.servos):
-                if servo.period is not None:
-                    continue
-                wanted, (lower, upper) = servo.wanted(state.t, state.q[i], state.rate[i]), servo.bounds(state.rate[i])
-                cut = int(wanted > upper) - int(wanted < lower)
-                if told and cut != mode.cut[k]:
-                    self._tell(state.t, i, "saturates" if cut else "unsaturates")
-                mode.cut[k], mode.region[k] = cut, self._region(servo, float(state.rate[i]), mode)
+                if servo.period is None:
+                    self._cut(state, i, k, told)
+                    mode.region[k] = self._region(servo, float(state.rate[i]), mode)
 
     def _tick(self, state: State, told: bool) -> None:
         """Evaluate the sampled servos that are due."""
         for i, k in self.ticks.get(state.t, ()):
-            servo, mode = self.laws[i].servos[k], self.modes[i]
-            wanted, (lower, upper) = servo.wanted(state.t, state.q[i], state.rate[i]), servo.bounds(state.rate[i])
-            cut = int(wanted > upper) - int(wanted < lower)
-            if told and cut != mode.cut[k]:
-                self._tell(state.t, i, "saturates" if cut else "unsaturates")
-            mode.cut[k] = cut
-            mode.waiting[k] = [*mode.waiting[k], float(np.clip(wanted, lower, upper))][-1 - servo.delay - 1:]
+            waiting = self.modes[i].waiting
+            waiting[k] = [*waiting[k], self._cut(state, i, k, told)][-2 - self.laws[i].servos[k].delay:]
 
     # --- the loop
 
@@ -648,10 +635,8 @@ class Pieces:
 
     def _whole(self, status: Status, begun: float) -> Solution:
         """The solution at the output times that were reached."""
-        stats, last = self.stats, self.rows[-1][0]
-        assert stats is not None
+        last, stats = self.rows[-1][0], _together(self.stats)
         stats.wall_time = time.perf_counter() - begun
-        stats.maxima.pop("energy_error", None)  # laws do work
         arrays: dict[str, Any] = {name: np.array([getattr(s, name)[row] for s, row in self.rows])
                                   for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam")}
         return Solution(**arrays, status=status, stats=stats, method=last.method, t_end=float(arrays["t"][-1]),
@@ -666,12 +651,21 @@ def held_range(law: Law, mode: Mode) -> tuple[float, float]:
     return (-math.inf if mode.stop > 0 else -law.static), (math.inf if mode.stop < 0 else law.static)
 
 
+def _together(runs: list[Stats]) -> Stats:
+    """The counters of several runs together, and the largest of their maxima; laws do work, so energy is left out."""
+    counts = ("steps", "rejected_steps", "force_evaluations", "newton_iterations", "factorizations")
+    return dataclasses.replace(
+        runs[0], **{name: sum(getattr(run, name) for run in runs) for name in counts},
+        most_iterations=max(run.most_iterations for run in runs),
+        step=max((run.step for run in runs if run.step is not None), default=None),
+        maxima={key: max(run.maxima[key] for run in runs) for key in runs[0].maxima if key != "energy_error"})
+
+
 def _functions(problem: Problem) -> Iterator[TimeFunction]:
     """All functions of time of a problem."""
-    for item in (*problem.forces, *(joint.drive for joint in problem.joints if joint.drive is not None)):
+    drives = [joint.drive for joint in problem.joints if joint.drive is not None]
+    for item in (*problem.forces, *drives, *(servo for law in problem.laws for servo in law.servos)):
         yield from (each for each in vars(item).values() if isinstance(each, TimeFunction))
-    for law in problem.laws:
-        yield from law.functions
 
 
 def _dips(t: np.ndarray, value: np.ndarray, slope: np.ndarray) -> np.ndarray:

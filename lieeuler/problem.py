@@ -35,7 +35,7 @@ class Body(Frozen):
     inertia: np.ndarray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mass", positive("mass", self.mass))
+        self._take(positive, "mass")
         inertia = array("inertia", self.inertia, (3, 3))
         if np.abs(inertia - inertia.T).max() > 1e-12 * np.abs(inertia).max():
             raise ArgumentError("inertia must be symmetric")
@@ -96,8 +96,8 @@ class Problem(Frozen):
                 if not isinstance(item, kind):
                     raise ArgumentError(f"{group}[{k}] is of another kind: {item!r}")
             object.__setattr__(self, group, items)
-        object.__setattr__(self, "gravity", vector("gravity", self.gravity))
-        object.__setattr__(self, "time", number("time", self.time))
+        self._take(vector, "gravity")
+        self._take(number, "time")
         n = len(self.bodies)
         if n == 0:
             raise ArgumentError("a problem needs at least one body")
@@ -160,7 +160,7 @@ class Problem(Frozen):
         # Multipliers of leaders and rotors come after those of all constraints.
         mimics = [joint.mimic for joint in self.joints if joint.mimic is not None]
         for place, mimic in enumerate(mimics):
-            system.add_leader(place, mimic.joint, *mimic.leader.measured)
+            system.add_leader(place, mimic.joint, mimic.leader.measured)
         for index, joint in enumerate(self.joints):
             joint.add_rotors_to(system, index)
         return system

@@ -27,5 +27,9 @@ import numpy as np
 
 ArrayLike = np.ndarray | Sequence[Any]
 
+Measured = tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""A joint's coordinate as the kernel takes it: whether it turns, its axis in parent and child, two normals of
+the parent's, the first one as the child sees it at zero."""
+
 GROUND = -1
 """Body index of the ground."""

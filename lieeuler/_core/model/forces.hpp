@@ -7,11 +7,6 @@
 
 namespace lieeuler {
 
-// Derivatives of the force on one side of a pair with respect to q and u of another.
-struct Linearised {
-  Stiffness q[2][2], u[2][2];
-};
-
 // One force at one configuration; its derivatives are computed on request.
 class ForceState {
  public:
@@ -19,19 +14,9 @@ class ForceState {
   ForceState(const Force& force, const Configuration& frames, const std::vector<Twist>& u, double last_angle)
       : force_(force), frame_{&frames[force.parent], &frames[force.child]}, u_{&u[force.parent], &u[force.child]} {
     if (force.drive) drive_ = (*force.drive)(frames.time);
-    switch (force.kind) {
-      case Force::Kind::linear_spring:
-        stretch();
-        break;
-      case Force::Kind::torsional_spring:
-        twist(last_angle);
-        break;
-      case Force::Kind::slide_force:
-        push();
-        break;
-      case Force::Kind::load:
-        break;
-    }
+    if (force.kind == Force::Kind::linear_spring) stretch();
+    if (force.kind == Force::Kind::torsional_spring) twist(last_angle);
+    if (force.kind == Force::Kind::slide_force) push();
   }
 
   // Length of a linear spring, unwrapped angle of a torsional one.
@@ -60,16 +45,9 @@ class ForceState {
   // Derivatives of the force on one side with respect to q and u of another. The force is f = -F g with
   // F = k (extent - rest) + c rate, g = d extent/dq, rate = g u.
   Stiffness by_position(Side row, Side column) const {
-    switch (force_.kind) {
-      case Force::Kind::linear_spring:
-        return line_stiffness(row, column);
-      case Force::Kind::torsional_spring:
-        return {.ww = twist_stiffness(row, column)};
-      case Force::Kind::slide_force:
-        return slide_stiffness(row, column);
-      case Force::Kind::load:
-        break;
-    }
+    if (force_.kind == Force::Kind::linear_spring) return line_stiffness(row, column);
+    if (force_.kind == Force::Kind::torsional_spring) return {.ww = twist_stiffness(row, column)};
+    if (force_.kind == Force::Kind::slide_force) return slide_stiffness(row, column);
     if (row != kChild || column != kChild) return {};
     Stiffness K = load_stiffness();
     if (force_.drive) K.vw *= drive_, K.ww *= drive_;
@@ -79,13 +57,6 @@ class ForceState {
     if (force_.kind == Force::Kind::linear_spring)
       return between_points(row, column, (force_.damping * line_) * line_.transpose());
     return {.ww = -force_.damping * gradient_[row].w * gradient_[column].w.transpose()};
-  }
-  Linearised linearised() const {
-    Linearised all;
-    for (Side row : kSides)
-      for (Side column : kSides)
-        all.q[row][column] = by_position(row, column), all.u[row][column] = by_velocity(row, column);
-    return all;
   }
 
  private:

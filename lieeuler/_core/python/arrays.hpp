@@ -36,23 +36,9 @@ inline void put(std::vector<double>& out, size_t at, const Mat3& R) {
 }
 
 inline const char* name_of(Status status) {
-  switch (status) {
-    case Status::success:
-      return "success";
-    case Status::newton_failed:
-      return "newton_failed";
-    case Status::singular_matrix:
-      return "singular_matrix";
-    case Status::map_domain:
-      return "map_domain";
-    case Status::non_finite:
-      return "non_finite";
-    case Status::step_too_small:
-      return "step_too_small";
-    case Status::interrupted:
-      return "interrupted";
-  }
-  return "unknown";
+  static constexpr const char* names[] = {"success",    "newton_failed",  "singular_matrix", "map_domain",
+                                          "non_finite", "step_too_small", "interrupted"};  // in the order of Status
+  return names[static_cast<int>(status)];
 }
 
 // The state number `index` of those in the arrays.

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <optional>
+#include <tuple>
 
 #include "model/sizes.hpp"
 #include "python/arrays.hpp"
@@ -38,9 +39,13 @@ inline void add_joint(System& system, int parent, int child, const Vec3& parent_
   measure(system, joint);
 }
 
-// A joint's angle about its axis, or its slide along it, as a row of its own.
-inline Part coordinate_part(bool turns, const Vec3& parent_axis, const Vec3& child_axis, const Vec3& normal,
-                            const Vec3& second_normal, const Vec3& pointer, int row) {
+// A joint's angle about its axis, or its slide along it: whether it turns, the axis in the parent and in the child, two
+// normals of the parent, and the first of them as the child sees it at zero.
+using Coordinate = std::tuple<bool, Vec3, Vec3, Vec3, Vec3, Vec3>;
+
+// The same as a row of its own.
+inline Part coordinate_part(const Coordinate& coordinate, int row) {
+  const auto& [turns, parent_axis, child_axis, normal, second_normal, pointer] = coordinate;
   const DotRow slide{Carrier::parent_axis, Carrier::difference, parent_axis};
   const DotRow unused{Carrier::parent_axis, Carrier::child_axis, parent_axis, child_axis};
   Part part{false, {turns ? unused : slide}, row};
@@ -49,11 +54,10 @@ inline Part coordinate_part(bool turns, const Vec3& parent_axis, const Vec3& chi
 }
 
 // Adds a row to the last joint: its angle about the axis, or its slide along it, is a function of time.
-inline void drive_joint(System& system, bool turns, const Vec3& parent_axis, const Vec3& child_axis, const Vec3& normal,
-                        const Vec3& second_normal, const Vec3& pointer, const TimeFunction& drive) {
+inline void drive_joint(System& system, const Coordinate& coordinate, const TimeFunction& drive) {
   require(!system.joints.empty() && !system.joints.back().driven, "there is no joint to drive");
   Joint& joint = system.joints.back();
-  Part part = coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer, system.rows());
+  Part part = coordinate_part(coordinate, system.rows());
   part.drive = drive;
   joint.parts.push_back(part), joint.driven = true;
 }
@@ -77,42 +81,37 @@ inline void add_contact(System& system, Contact::Kind kind, const Vec3& normal, 
 }
 
 // Makes the angle or slide of the last joint follow that of another joint, which add_leader() names.
-inline void follow(System& system, bool turns, const Vec3& parent_axis, const Vec3& child_axis, const Vec3& normal,
-                   const Vec3& second_normal, const Vec3& pointer, double ratio, double offset) {
+inline void follow(System& system, const Coordinate& coordinate, double ratio, double offset) {
   require(!system.joints.empty() && !system.joints.back().follows, "there is no joint to follow another");
   Joint& joint = system.joints.back();
-  Part part = coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer, system.rows());
+  Part part = coordinate_part(coordinate, system.rows());
   part.mimic = static_cast<int>(system.mimics.size());
-  system.mimics.push_back({ratio, offset, turns});
+  system.mimics.push_back({ratio, offset, std::get<0>(coordinate)});
   joint.parts.push_back(part), ++joint.others, joint.follows = true;
 }
 
 // Names the angle or slide that the mimic follows; call it after all joints and forces are added.
-inline void add_leader(System& system, int mimic, int joint, bool turns, const Vec3& parent_axis,
-                       const Vec3& child_axis, const Vec3& normal, const Vec3& second_normal, const Vec3& pointer) {
+inline void add_leader(System& system, int mimic, int joint, const Coordinate& coordinate) {
   require(0 <= mimic && mimic < static_cast<int>(system.mimics.size()) && 0 <= joint &&
               joint < static_cast<int>(system.joints.size()),
           "a leader needs a joint and a follower");
-  Part part =
-      coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer, system.rows() + system.others());
+  Part part = coordinate_part(coordinate, system.rows() + system.others());
   part.mimic = mimic;
   Joint& leader = system.joints[joint];
   leader.parts.push_back(part), ++leader.others;
-  if (!turns) return;
+  if (!part.turn) return;
   Force watched{Force::Kind::torsional_spring, leader.parent, leader.child};
-  watched.axis = parent_axis, watched.normal = normal, watched.second_normal = second_normal;
-  watched.pointer = pointer;
+  watched.axis = part.turn->parent_axis, watched.pointer = part.turn->pointer;
+  watched.normal = part.turn->normal, watched.second_normal = part.turn->second_normal;
   system.mimics[mimic].angle = static_cast<int>(system.forces.size());
   system.forces.push_back(watched);
 }
 
 // Adds a rotor on a joint's angle or slide; call it after all joints are added.
-inline void add_rotor(System& system, int joint, double inertia, bool turns, const Vec3& parent_axis,
-                      const Vec3& child_axis, const Vec3& normal, const Vec3& second_normal, const Vec3& pointer) {
+inline void add_rotor(System& system, int joint, double inertia, const Coordinate& coordinate) {
   require(0 <= joint && joint < static_cast<int>(system.joints.size()) && inertia > 0,
           "a rotor needs a joint and mass");
-  Part part =
-      coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer, system.rows() + system.others());
+  Part part = coordinate_part(coordinate, system.rows() + system.others());
   part.compliance = 1 / inertia;
   system.joints[joint].parts.push_back(part), ++system.joints[joint].others;
 }

@@ -11,7 +11,6 @@ machine. Exponents are fitted over sizes from 16 up.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import statistics
 import sys
@@ -22,14 +21,12 @@ from typing import Any
 
 import numpy as np
 
-import crosscheck
 import lieeuler
 from benchmarks import driver
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.running import provenance
-from crosscheck.scene.model import Scene
 
 SIZES = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
 COUNTED = (16, 64, 256, 1024)
@@ -39,27 +36,9 @@ STEP = 1e-3  # s
 FEWEST = 200  # steps of a run, over which the cost of its start, planning included, is spread
 
 
-def chain(n: int) -> Scene:
-    """n pendulum bodies of 1 kg and 2 m on spherical joints, laid out in an arc and at rest."""
-    base = crosscheck.load_scene("chain_8")
-    body, pivot, link = base.bodies[0], base.joints[0], base.joints[1]
-    half = np.array([0, 0, -1.0])
-    bodies, joints, tip = [], [], np.zeros(3)
-    for k in range(n):
-        angle = 1.0 + 0.1 * k * min(1.0, 10.0 / n)
-        arm = np.array([-np.sin(angle), 0.0, -np.cos(angle)])  # the half length turned about y
-        attitude = np.array([np.cos(0.5 * angle), 0.0, np.sin(0.5 * angle), 0.0])
-        bodies.append(dataclasses.replace(body, name=f"body {k}", position=tip + arm, attitude=attitude,
-                                          velocity=np.zeros(3), angular_velocity=np.zeros(3)))
-        tip = tip + 2 * arm
-        joint = dataclasses.replace(link, parent=k - 1, child=k, parent_anchor=half) if k else pivot
-        joints.append(dataclasses.replace(joint, name=f"joint {k}", child_anchor=-half))
-    return base.replace(name=f"chain of {n}", bodies=tuple(bodies), joints=tuple(joints))
-
-
 def wall_times(n: int, rounds: int) -> dict[str, float]:
     """Microseconds per step by contender, medians of interleaved rounds."""
-    scene = chain(n)
+    scene = driver.chain(n)
     steps = max(FEWEST, 20000 // n)
     problem, few = build_problem(scene), max(FEWEST // 10, steps // 10)
     times: dict[str, list[float]] = {}

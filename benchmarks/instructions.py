@@ -1,6 +1,6 @@
 """Instructions of one step of every method, by callgrind, whose counts do not depend on the load of the machine.
 
-Totals of a long run less those of a short one, on chains and on the four-bar linkage (tests/core/chain_driver.cpp).
+Totals of a long run less those of a short one, on chains and three mechanisms (tests/core/chain_driver.cpp).
 `--json FILE` keeps the counts, `--against FILE` prints how they have changed since.
 """
 
@@ -15,7 +15,7 @@ from pathlib import Path
 import lieeuler
 from benchmarks import driver
 
-SYSTEMS = ("1", "2", "64", "four_bar")
+SYSTEMS = ("1", "2", "8", "64", "four_bar", "bricard", "squeezer")
 STEP, RTOL = 1e-3, 1e-8  # s; of methods that choose their steps
 SHORT, LONG = 5, 25  # steps
 

@@ -1,13 +1,12 @@
-// A chain of n pendulum bodies, or the four-bar linkage, stepped by one method without Python: counts heap allocations
-// inside the step loop, and is the program that callgrind looks at.
+// A system stepped by one method without Python: counts heap allocations inside the step loop, and is the program that
+// callgrind looks at.
 //
-//   chain_driver METHOD BODIES|four_bar STEPS H [COEFFICIENTS]   prints   "allocations N  x X Y Z  iterations K"
+//   chain_driver METHOD SYSTEM STEPS H [COEFFICIENTS]   prints   "allocations N  x X Y Z  iterations K"
 //
-// COEFFICIENTS: a file of rows, each "length values...": the weights of a composition, or of a Runge-Kutta rule its
-// order and five groups "rows row..." (benchmarks/driver.py writes it). Methods that choose their steps take H for
-// their tolerance.
+// SYSTEM: a file of numbers (read_system). COEFFICIENTS: a file of rows, each "length values...": the weights of a
+// composition, or of a Runge-Kutta rule its order and five groups "rows row...". benchmarks/driver.py writes both.
+// Methods that choose their steps take H for their tolerance.
 #define EIGEN_RUNTIME_NO_MALLOC
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -26,65 +25,53 @@ void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 #include "methods/extrapolation.hpp"
 #include "methods/rkmk.hpp"
 #include "methods/taylor.hpp"
+#include "model/sizes.hpp"
 #include "run/loop.hpp"
 
 using namespace lieeuler;
 
-static System chain(int n) {
-  System system{{}, {}, {}, {0, 0, -9.81}};
-  const Mat3 J = Vec3(0.1, 0.2, 0.15).asDiagonal();
-  for (int b = 0; b < n; ++b) {
-    system.bodies.emplace_back(1.0, J);
-    system.joints.push_back(
-        {b == 0 ? n : b - 1, b, b == 0 ? Vec3::Zero() : Vec3(0, 0, -1), {0, 0, 1}, {Part{true, {}, 3 * b}}});
-  }
-  return system;
+static double number(std::istream& file) {
+  double value = 0;
+  file >> value;
+  return value;
+}
+static int whole(std::istream& file) { return static_cast<int>(number(file)); }
+static Vec3 three(std::istream& file) { return Vec3{number(file), number(file), number(file)}; }
+static Mat3 nine(std::istream& file) {
+  Mat3 m;
+  for (int i = 0; i < 3; ++i) m.row(i) = three(file);
+  return m;
 }
 
-static State hanging_sideways(const System& system) {
-  State state(system);
-  Vec3 tip = Vec3::Zero();
-  for (int b = 0; b < system.n(); ++b) {
-    state.frames[b].R = Eigen::AngleAxisd(1.0 + 0.1 * b, Vec3::UnitY()).toRotationMatrix();
-    const Vec3 half = state.frames[b].R * Vec3(0, 0, -1);
-    state.frames[b].x = tip + half;
-    tip += 2 * half;
+// A system with the frames and velocities of its bodies, as benchmarks/driver.py writes it.
+static System read_system(std::istream& file, std::vector<Frame>& frames, std::vector<Twist>& u) {
+  const int bodies = whole(file);
+  System system{{}, {}, {}, three(file)};
+  for (int b = 0; b < bodies; ++b) {
+    const double mass = number(file);
+    measure(system, system.bodies.emplace_back(mass, nine(file)));
+    frames.push_back({three(file), nine(file)}), u.push_back({three(file), three(file)});
   }
-  return state;
-}
-
-// scenarios/four_bar.toml
-static System four_bar() {
-  System system{{}, {}, {}, {0, 0, -9.81}};
-  const auto body = [&](double mass, const Vec3& moments) {
-    system.bodies.emplace_back(mass, Mat3(moments.asDiagonal()));
-  };
-  body(2, {0.1, 0.15, 0.1}), body(1.5, {0.004, 0.18, 0.18}), body(1.75, {0.005, 0.28, 0.28});
-  const auto hinge = [&](int parent, int child, double at_parent, double at_child) {
-    const int row = system.rows();
-    Joint joint{parent, child, {at_parent, 0, 0}, {at_child, 0, 0}, {Part{true, {}, row}, Part{false, {}, row + 3}}};
-    for (const Vec3& normal : {Vec3(1, 0, 0), Vec3(0, 0, -1)})
-      joint.parts[1].dots.push_back({Carrier::parent_axis, Carrier::child_axis, normal, {0, 1, 0}, 0, 1});
+  for (int joints = whole(file); joints > 0; --joints) {
+    Joint joint{whole(file), whole(file), three(file), three(file), {}};
+    int row = system.rows();
+    if (whole(file)) joint.parts.push_back({true, {}, row}), row += 3;
+    for (int k = 0, dots = whole(file); k < dots; ++k, ++row) {
+      if (k % 3 == 0) joint.parts.push_back({false, {}, row});
+      joint.parts.back().dots.push_back({static_cast<Carrier>(whole(file)), static_cast<Carrier>(whole(file)),
+                                         three(file), three(file), number(file), number(file)});
+    }
     system.joints.push_back(joint);
-  };
-  hinge(3, 0, 0, -0.2), hinge(0, 1, 0.2, -0.6), hinge(1, 2, 0.6, 0.7), hinge(3, 2, 1.8, -0.7);
-  return system;
-}
-
-static State cranked(const System& system) {
-  State state(system);
-  const double halves[] = {-1, -1.0 / 3, -2}, rates[] = {4.375, -0.875, 1};
-  const double from[] = {0.2, 0.6, -0.7}, to[] = {0.2, 0.6, -0.7};
-  Vec3 pin = Vec3::Zero(), speed = Vec3::Zero();
-  for (int b = 0; b < 3; ++b) {
-    Frame& frame = state.frames[b];
-    frame.R = Eigen::AngleAxisd(2 * std::atan(halves[b]), Vec3::UnitY()).toRotationMatrix();
-    const Vec3 w(0, rates[b], 0), first = frame.R * Vec3(from[b], 0, 0), second = frame.R * Vec3(to[b], 0, 0);
-    frame.x = pin + first;
-    state.u[b] = {speed + w.cross(first), w};
-    pin = frame.x + second, speed = state.u[b].v + w.cross(second);
+    measure(system, joint);
   }
-  return state;
+  for (int forces = whole(file); forces > 0; --forces) {
+    Force force{static_cast<Force::Kind>(whole(file)), whole(file), whole(file), three(file), three(file)};
+    force.stiffness = number(file), force.rest = number(file), force.damping = number(file);
+    force.force = three(file), force.torque = three(file);
+    system.forces.push_back(force);
+    measure(system, force);
+  }
+  return system;
 }
 
 // Steppers for `run`, and those for `run_adaptive`, which take as many steps as asked for in a time without end.
@@ -104,13 +91,12 @@ static Status step(Stepper& stepper, Counters& counters, Watch& watch) {
 }
 
 template <class Stepper>
-static int drive(Stepper&& stepper, const System& system, int steps, double h) {
+static int drive(Stepper&& stepper, const State& initial, const System& system, int steps, double h) {
   const FlushDenormals flush;
   Counters counters;
   const Interrupted never = [] { return false; };
   Watch watch(never, system);
-  const bool loop = system.joints.size() > system.bodies.size();
-  if (start(stepper, loop ? cranked(system) : hanging_sideways(system), h) != Status::success) return 2;
+  if (start(stepper, initial, h) != Status::success) return 2;
   if (step(stepper, counters, watch) != Status::success) return 2;
   const long before = allocations;
   Eigen::internal::set_is_malloc_allowed(false);
@@ -149,28 +135,28 @@ static Tableau read_tableau(std::istream& file) {
 
 int main(int argc, char** argv) {
   if (argc < 5) return 64;
-  const std::string method = argv[1], bodies = argv[2];
-  const Plan plan(bodies == "four_bar" ? four_bar() : chain(std::stoi(bodies)));
+  const std::string method = argv[1];
+  std::ifstream given(argv[2]);
+  std::vector<Frame> frames;
+  std::vector<Twist> u;
+  const Plan plan(read_system(given, frames, u));
+  State initial(plan.system);
+  std::copy(frames.begin(), frames.end(), initial.frames.begin()), std::copy(u.begin(), u.end(), initial.u.begin());
+  const auto run = [&](auto&& stepper, int steps, double h) { return drive(stepper, initial, plan.system, steps, h); };
   const int steps = std::atoi(argv[3]);
   const double h = std::atof(argv[4]);
   std::ifstream coefficients(argc > 5 ? argv[5] : "");
-  if (method == "rkmk4")
-    return drive(FixedMuntheKaas<BodyChart>(plan, read_tableau(coefficients)), plan.system, steps, h);
-  if (method.starts_with("rkmk"))
-    return drive(AdaptiveMuntheKaas<BodyChart>(plan, read_tableau(coefficients)), plan.system, steps, h);
-  if (method == "taylor") return drive(TaylorStepper(plan), plan.system, steps, h);
-  if (method == "seulex") return drive(AdaptiveExtrapolation(plan), plan.system, steps, h);
-  if (method.starts_with("rattle"))
-    return drive(CompositionStepper<ExpMap>(plan, read_row(coefficients)), plan.system, steps, h);
-  if (method == "generalized_alpha")
-    return drive(LagrangeStepper<ExpMap>(plan, GeneralizedAlpha(0.8)), plan.system, steps, h);
-  if (method == "INDEX1_LE")
-    return drive(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, {}), plan.system, steps, h);
-  if (method == "BAUMGARTE_LE")
-    return drive(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, {5, 5}), plan.system, steps, h);
+  if (method == "rkmk4") return run(FixedMuntheKaas<BodyChart>(plan, read_tableau(coefficients)), steps, h);
+  if (method.starts_with("rkmk")) return run(AdaptiveMuntheKaas<BodyChart>(plan, read_tableau(coefficients)), steps, h);
+  if (method == "taylor") return run(TaylorStepper(plan), steps, h);
+  if (method == "seulex") return run(AdaptiveExtrapolation(plan), steps, h);
+  if (method.starts_with("rattle")) return run(CompositionStepper<ExpMap>(plan, read_row(coefficients)), steps, h);
+  if (method == "generalized_alpha") return run(LagrangeStepper<ExpMap>(plan, GeneralizedAlpha(0.8)), steps, h);
+  if (method == "INDEX1_LE") return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, {}), steps, h);
+  if (method == "BAUMGARTE_LE") return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, {5, 5}), steps, h);
   const Level level =
       method[3] == '3' ? Level::position : (method.ends_with("LSE") ? Level::stabilised : Level::velocity);
   const bool index1 = method[3] == '1';
-  if (method[4] == 'H') return drive(HamiltonStepper<ExpMap>(plan, level, index1), plan.system, steps, h);
-  return drive(LagrangeStepper<ExpMap>(plan, level, index1, {}), plan.system, steps, h);
+  if (method[4] == 'H') return run(HamiltonStepper<ExpMap>(plan, level, index1), steps, h);
+  return run(LagrangeStepper<ExpMap>(plan, level, index1, {}), steps, h);
 }

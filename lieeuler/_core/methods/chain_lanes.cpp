@@ -15,7 +15,7 @@ using Mask = Registers<kWidth>::Mask;
 using Vec = Triple<Number>;
 using Mat = ColumnStack<Number, 3>;
 using Group = ChainGroup<kWidth>;
-using State = ChainState<kWidth>;
+using State = LaneState<kWidth>;
 using Twist = LaneTwist<kWidth>;
 
 constexpr double kEps = 0x1p-52, kFloor = 4 * kEps, kNoise = 1e3 * kEps;  // as in Projection

@@ -3,31 +3,15 @@
 // methods/chain_lanes.cpp is compiled once for each set of instructions.
 #pragma once
 
-#include "linalg/lanes.hpp"
+#include "methods/lane_state.hpp"
 
 namespace lieeuler {
 
 inline constexpr int kMostChainBodies = 4, kMostSlopes = 17;
 
 template <int width>
-struct LaneTwist {
-  using Number = typename Registers<width>::Number;
-  Triple<Number> v, w;
-};
-template <int width>
-struct ChainBody {
-  using Number = typename Registers<width>::Number;
-  Number mass, mass_inverse;
-  Triple<Number> weight, spin;
-  ColumnStack<Number, 3> deviation, inertia_inverse;
-};
-// The attitude, the place and the motion of a body.
-template <int width>
-struct ChainState {
-  using Number = typename Registers<width>::Number;
-  ColumnStack<Number, 3> R;
-  Triple<Number> x;
-  LaneTwist<width> u;
+struct ChainBody : LaneInertia<width> {
+  typename Registers<width>::Number mass;
 };
 // A ball joint; the parent may be the ground, whose index is the number of bodies. The rest as in TreeSchur: the blocks
 // of S of its two ends, that of the parent without its turn.
@@ -81,7 +65,7 @@ struct ChainGroup {
   ChainPair<width> pair[kMostChainBodies];
   Number length;                         // of the system
   typename Registers<width>::Mask fine;  // lanes that the equations here hold for; others run by themselves
-  ChainState<width> state[kMostChainBodies + 1], trial[kMostChainBodies + 1];  // last the ground
+  LaneState<width> state[kMostChainBodies + 1], trial[kMostChainBodies + 1];  // last the ground
   LaneTwist<width> a[kMostChainBodies];
   Triple<Number> slopes[kMostSlopes][kMostChainBodies][4];  // of x, theta, v, w
   Matrix block[ChainElimination::kMostBlocks], axes[kMostChainBodies], turns[kMostChainBodies];

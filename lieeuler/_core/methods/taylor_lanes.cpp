@@ -16,6 +16,7 @@ using Mat = ColumnStack<Number, 3>;
 using Group = LaneGroup<kWidth>;
 using Body = LaneBody<kWidth>;
 using Joint = LaneJoint<kWidth>;
+using Twist = LaneTwist<kWidth>;
 
 constexpr double kSingular = 1e-13, kGraded = 1e-3;  // as in SmallSchur; below the second one it refines
 constexpr double kLarge = 1e100;                     // accelerations might overflow beyond this
@@ -124,10 +125,6 @@ void solve_single(const Group& group, Number* lam) {
   for (int i = 0; i < 3; ++i) lam[i] = group.schur[0][i] * r[0] + group.schur[1][i] * r[1] + group.schur[2][i] * r[2];
 }
 
-struct Twist {
-  Vec v, w;
-};
-
 // G y = rows: adds -M^-1 G^T lam to y, and writes lam of order k.
 void correct(Group& group, Twist* y, const Vec* rows, int k) {
   Number lam[3 * kMostLaneBodies];
@@ -166,12 +163,12 @@ void start(Group& group) {
     const LaneState<kWidth>& state = group.state[b];
     for (int c = 0; c < 3; ++c)
       for (int i = 0; i < 3; ++i) body.R[0].part[c][i] = state.R.part[c][i];
-    body.w[0] = factors(state.w);
+    body.w[0] = factors(state.u.w);
     body.R[1] = {};
     add_turned(body.R[1], body.R[0], body.w[0]);
-    put_momentum(body.R[1], times(body.deviation, state.w) + body.spin);
+    put_momentum(body.R[1], times(body.deviation, state.u.w) + body.spin);
     body.x[0] = body.pinned ? body.place : state.x;
-    body.x[1] = body.pinned ? Vec{} : state.v;
+    body.x[1] = body.pinned ? Vec{} : state.u.v;
   }
 }
 
@@ -221,7 +218,7 @@ void choose_step(Group& group) {
   for (int b = 0; b < group.bodies; ++b) length = larger(length, largest(group.state[b].x));
   for (int b = 0; b < group.bodies; ++b) {
     const Body& body = group.body[b];
-    rate = larger(rate, larger(largest(group.state[b].v) / length, largest(group.state[b].w)));
+    rate = larger(rate, larger(largest(group.state[b].u.v) / length, largest(group.state[b].u.w)));
     square = larger(square, larger(largest(all<Number>(2) * body.x[2]) / length, largest(vector(body.w[1]))));
   }
   rate = larger(rate, square_root(square));
@@ -266,19 +263,20 @@ void evaluate(Group& group, LaneState<kWidth>* out) {
     const ColumnStack<Number, 4> R = horner(body.R, group.order + 1, h);
     for (int c = 0; c < 3; ++c)
       for (int i = 0; i < 3; ++i) out[b].R.part[c][i] = R.part[c][i];
-    out[b].w = vector(horner(body.w, group.order, h));
+    out[b].u.w = vector(horner(body.w, group.order, h));
     orthogonalise(out[b].R);
     if (body.pinned) continue;
     out[b].x = horner(body.x, group.order + 1, h);
-    out[b].v = all<Number>(group.order + 1) * body.x[group.order + 1];
-    for (int k = group.order; k > 0; --k) out[b].v = h * out[b].v + all<Number>(k) * body.x[k];
+    out[b].u.v = all<Number>(group.order + 1) * body.x[group.order + 1];
+    for (int k = group.order; k > 0; --k) out[b].u.v = h * out[b].u.v + all<Number>(k) * body.x[k];
   }
   for (int k = 0; k < group.hinges; ++k) {
     const LaneHinge<kWidth>& hinge = group.hinge[k];
     const LaneState<kWidth>& base = out[hinge.base];
     LaneState<kWidth>& body = out[hinge.body];
     body.x = base.x + times(base.R, hinge.base_anchor) - times(body.R, hinge.body_anchor);
-    body.v = base.v + times(base.R, cross(base.w, hinge.base_anchor)) - times(body.R, cross(body.w, hinge.body_anchor));
+    body.u.v = base.u.v + times(base.R, cross(base.u.w, hinge.base_anchor)) -
+               times(body.R, cross(body.u.w, hinge.body_anchor));
   }
 }
 

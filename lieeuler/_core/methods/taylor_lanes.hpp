@@ -3,29 +3,18 @@
 // set of instructions.
 #pragma once
 
-#include "linalg/lanes.hpp"
+#include "methods/lane_state.hpp"
 
 namespace lieeuler {
 
 inline constexpr int kMostLaneBodies = 4, kMostLaneOrder = 40;
 
-// The configuration and motion of a body.
-template <int width>
-struct LaneState {
-  using Number = typename Registers<width>::Number;
-  ColumnStack<Number, 3> R;
-  Triple<Number> x, v, w;
-};
-
 // What the equations of a body need, and its series (see BodySeries).
 template <int width>
-struct LaneBody {
+struct LaneBody : LaneInertia<width> {  // about the reference point
   using Number = typename Registers<width>::Number;
-  bool pinned;                         // to the ground, which is then its reference point
-  Triple<Number> centre, place;        // from the reference point; of the pin
-  Triple<Number> lever, weight, spin;  // mass times centre, mass times gravity
-  Number mass_inverse;
-  ColumnStack<Number, 3> deviation, inertia_inverse;  // about the reference point
+  bool pinned;                          // to the ground, which is then its reference point
+  Triple<Number> centre, place, lever;  // from the reference point; of the pin; mass times centre
   ColumnStack<Number, 4> R[kMostLaneOrder + 3];
   Factors<Number> w[kMostLaneOrder + 3];
   Triple<Number> x[kMostLaneOrder + 3];

@@ -111,8 +111,7 @@ class ChainLanes {
     if (own.stepper->start(initial, h) != Status::success || !is_finite(own.stepper->state())) return false;
     const State& state = own.stepper->state();
     for (int b = 0; b < group_->bodies; ++b) {
-      put_lane(group_->state[b].R, lane, state.frames[b].R), put_lane(group_->state[b].x, lane, state.frames[b].x);
-      put_lane(group_->state[b].u.v, lane, state.u[b].v), put_lane(group_->state[b].u.w, lane, state.u[b].w);
+      put_lane(group_->state[b], lane, state.frames[b], state.u[b]);
       put_lane(group_->a[b].v, lane, state.a[b].v), put_lane(group_->a[b].w, lane, state.a[b].w);
     }
     if (first) members_.record(own.member, 0, state);
@@ -130,10 +129,8 @@ class ChainLanes {
     for (int b = 0; b < system.n(); ++b) {
       const Body& body = system.bodies[b];
       ChainBody<width>& out = group.body[b];
-      out.mass[lane] = body.mass, out.mass_inverse[lane] = 1 / body.mass;
-      put_lane(out.weight, lane, body.mass * system.gravity), put_lane(out.spin, lane, body.spin);
-      put_lane(out.deviation, lane, body.inertia_deviation);
-      put_lane(out.inertia_inverse, lane, body.inertia_inverse);
+      out.mass[lane] = body.mass;
+      put_lane(out, lane, body, system.gravity, body.inertia_deviation, body.inertia_inverse);
     }
     for (int k = 0; k < plan.count(); ++k) {
       ChainJoint<width>& out = group.joint[k];
@@ -171,14 +168,8 @@ class ChainLanes {
   }
 
   const State& show(int lane) {
-    State& out = *lanes_[lane].state;
-    for (int b = 0; b < group_->bodies; ++b)
-      for (int i = 0; i < 3; ++i) {
-        const ChainState<width>& from = group_->state[b];
-        out.frames[b].x[i] = from.x[i][lane], out.u[b].v[i] = from.u.v[i][lane], out.u[b].w[i] = from.u.w[i][lane];
-        for (int c = 0; c < 3; ++c) out.frames[b].R(i, c) = from.R.part[c][i][lane];
-      }
-    return out;
+    show_lane(group_->state, lane, group_->bodies, *lanes_[lane].state);
+    return *lanes_[lane].state;
   }
 
   const ChainCode<width>& code_;

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "linalg/lanes.hpp"
+#include "methods/lane_state.hpp"
 #include "run/loop.hpp"
 #include "run/threads.hpp"
 
@@ -26,6 +26,28 @@ template <class Number>
 void put_lane(ColumnStack<Number, 3>& out, int lane, const Mat3& values) {
   for (int c = 0; c < 3; ++c)
     for (int i = 0; i < 3; ++i) out.part[c][i][lane] = values(i, c);
+}
+template <int width>
+void put_lane(LaneState<width>& out, int lane, const Frame& frame, const Twist& u) {
+  put_lane(out.R, lane, frame.R), put_lane(out.x, lane, frame.x);
+  put_lane(out.u.v, lane, u.v), put_lane(out.u.w, lane, u.w);
+}
+template <int width>
+void put_lane(LaneInertia<width>& out, int lane, const Body& body, const Vec3& gravity, const Mat3& deviation,
+              const Mat3& inertia_inverse) {
+  out.mass_inverse[lane] = 1 / body.mass;
+  put_lane(out.weight, lane, body.mass * gravity), put_lane(out.spin, lane, body.spin);
+  put_lane(out.deviation, lane, deviation), put_lane(out.inertia_inverse, lane, inertia_inverse);
+}
+// Writes the bodies of one lane to a system's state.
+template <int width>
+void show_lane(const LaneState<width>* from, int lane, int bodies, State& out) {
+  for (int b = 0; b < bodies; ++b)
+    for (int i = 0; i < 3; ++i) {
+      out.frames[b].x[i] = from[b].x[i][lane];
+      out.u[b].v[i] = from[b].u.v[i][lane], out.u[b].w[i] = from[b].u.w[i][lane];
+      for (int c = 0; c < 3; ++c) out.frames[b].R(i, c) = from[b].R.part[c][i][lane];
+    }
 }
 
 // The sets of instructions that this processor has code for, best first; "none": each member by itself. Two lanes, as

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import crosscheck
 import lieeuler
@@ -182,3 +183,18 @@ def test_a_spring_of_zero_length_has_no_series():
     t = np.linspace(0, 3, 7)
     run = lieeuler.integrate(spring(0.0), "taylor", rtol=1e-13, t_eval=t)
     assert np.abs(run.x[:, 0, 0] - np.sin(2 * t) / 2).max() < 1e-12  # amplitude 1/2 m, 3 s
+
+
+def test_a_flat_needle_on_a_pin_keeps_the_digits_of_its_moments():
+    """They differ by less than the rounding of those about the pin."""
+    J, w, t = np.array([2e-9, 1e-9, 2.5e-9]), np.array([1.0, 0.7, 3.0]), [0.0, 0.5]
+    about = J + np.array([1.0, 1.0, 0.0])
+    slopes = np.array([J[1] - J[2] + 1.0, J[2] - J[0] - 1.0, J[0] - J[1]]) / about
+    truth = solve_ivp(lambda _, w: slopes * w[[1, 2, 0]] * w[[2, 0, 1]], t, w, method="DOP853", rtol=1e-13, atol=1e-14)
+    centre = np.array([0.0, 0.0, 1.0])
+    needle = lieeuler.Problem([lieeuler.Body(1.0, np.diag(J))], [lieeuler.spherical_joint(-1, 0, (0, 0, 0), -centre)],
+                              (0, 0, 0), [centre], [np.eye(3)], [np.cross(w, centre)], [w])
+    run = lieeuler.integrate(needle, "taylor", t_eval=t, rtol=1e-14)
+    assert np.abs(run.w[-1, 0] - truth.y[:, -1]).max() < 3e-13
+    many = lieeuler.integrate_ensemble(needle, "taylor", t_eval=t, rtol=1e-14, w=np.tile(w, (9, 1, 1)))
+    assert np.abs(many.w[:, -1, 0] - truth.y[:, -1]).max() < 3e-13

@@ -24,7 +24,7 @@ class BodySeries {
         system_(system),
         points_(points) {
     put_upper(R.back()[0], Mat3::Identity());
-    for (int b = 0; b < system.n(); ++b) inertia_.push_back(deviation(points.inertia(b)));
+    for (int b = 0; b < system.n(); ++b) inertia_.push_back(points.deviation(b));
   }
 
   void start(const State& state) {

@@ -39,6 +39,12 @@ class ReferencePoints {
     return system_->bodies[body].inertia +
            system_->bodies[body].mass * (c.squaredNorm() * Mat3::Identity() - c * c.transpose());
   }
+  // The same less a multiple of the identity, which has no effect on w x (J w). Taken from that about the centre of
+  // mass: the moments of a needle or a thin plate differ by less than the rounding of those about a pin.
+  Mat3 deviation(int body) const {
+    return system_->bodies[body].inertia_deviation -
+           system_->bodies[body].mass * centre_[body] * centre_[body].transpose();
+  }
   // Turns rows of G for the velocities of the centre of mass into rows for those of the reference point.
   Rows moved(Rows G, int body, const Mat3& R) const {
     if (!pinned(body)) return G;

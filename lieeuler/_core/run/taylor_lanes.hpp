@@ -53,13 +53,10 @@ class LaneFiller {
  private:
   void put(LaneBody<width>& out, int b, const System& system, const ReferencePoints& points) {
     const Body& body = system.bodies[b];
-    const Mat3 inertia = points.inertia(b);
     out.pinned = points.pinned(b);
     put(out.centre, points.centre(b)), put(out.lever, body.mass * points.centre(b));
-    put(out.place, points.position(b, State(system))), put(out.weight, body.mass * system.gravity);
-    put(out.spin, body.spin);
-    out.mass_inverse[lane_] = 1 / body.mass;
-    put(out.deviation, deviation(inertia)), put(out.inertia_inverse, inertia.inverse());
+    put(out.place, points.position(b, State(system)));
+    put_lane(out, lane_, body, system.gravity, points.deviation(b), points.inertia(b).inverse());
   }
   void put(LaneJoint<width>& out, const Plan& plan, int k, const ReferencePoints& points) {
     for (Side side : kSides) {
@@ -68,9 +65,7 @@ class LaneFiller {
       put(out.anchors[side], anchor), put(out.points[side], points.local(out.bodies[side], anchor));
     }
   }
-  void put(LaneState<width>& out, const Frame& frame, const Twist& u) {
-    put(out.R, frame.R), put(out.x, frame.x), put(out.v, u.v), put(out.w, u.w);
-  }
+  void put(LaneState<width>& out, const Frame& frame, const Twist& u) { put_lane(out, lane_, frame, u); }
   void put(Triple<typename Registers<width>::Number>& out, const Vec3& values) { put_lane(out, lane_, values); }
   void put(ColumnStack<typename Registers<width>::Number, 3>& out, const Mat3& values) { put_lane(out, lane_, values); }
 
@@ -177,12 +172,7 @@ class TaylorLanes {
   }
   State& show(int lane, const LaneState<width>* from, double time) {
     State& out = *lanes_[lane].shown;
-    for (int b = 0; b < group_->bodies; ++b)
-      for (int i = 0; i < 3; ++i) {
-        out.frames[b].x[i] = from[b].x[i][lane];
-        out.u[b].v[i] = from[b].v[i][lane], out.u[b].w[i] = from[b].w[i][lane];
-        for (int c = 0; c < 3; ++c) out.frames[b].R(i, c) = from[b].R.part[c][i][lane];
-      }
+    show_lane(from, lane, group_->bodies, out);
     out.frames.time = begin_ + time;
     return out;
   }

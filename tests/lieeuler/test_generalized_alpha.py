@@ -101,6 +101,16 @@ def test_redundant_loops(name):
     assert np.abs(np.polyfit(np.log(STEPS[1:]), np.log(errors), 1)[0] - 2).max() < ORDER
 
 
+@pytest.mark.parametrize("step", [0.2, 0.25])
+def test_a_stiff_damper_at_the_largest_steps(step):
+    """From the motion at the start the iteration leaves the map's domain; from half the step it does not."""
+    scene = crosscheck.load_scene("stiff_damped")
+    problem = build_problem(scene)
+    run = lieeuler.integrate(problem, NAME, step, [0, scene.duration])
+    truth = lieeuler.integrate(problem, "seulex", rtol=1e-9, t_eval=[0, scene.duration])
+    assert np.abs(run.x - truth.x).max() < 0.25  # of 1.5 m
+
+
 def test_the_radius_is_checked_and_passed_on():
     problem = SYSTEMS["single_pendulum"]()
     for wrong in (-0.1, 1.1, float("nan"), "0.8", True):

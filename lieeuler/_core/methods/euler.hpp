@@ -85,6 +85,7 @@ class EulerStepper {
         predictor.guess(z_);
       status = newton_.solve(equations(), z_, target(), counters);
     }
+    if (status == Status::newton_failed || status == Status::map_domain) status = solve_by_halves(status, counters);
     if (status == Status::newton_failed && lu_.smallest_tail_pivot() < kNearlySingular) return Status::singular_matrix;
     if (status != Status::success) return status;
     forget_rates();
@@ -148,8 +149,8 @@ class EulerStepper {
         has_others_(!plan.plain() || !plan.slips.empty()),
         nodes_(plan, layout.doubled_unknowns),
         columns_(nodes_),
-        joints_(system_, true),
-        start_joints_(system_, true),
+        joints_(system_),
+        start_joints_(system_),
         saddle_(plan, layout.eliminates && plan.independent ? Elimination::independent : Elimination::complete),
         start_(system_),
         state_(system_),
@@ -320,6 +321,17 @@ class EulerStepper {
   void forget_rates() {
     for (const PlacedMimic& mimic : plan_.mimics)
       z_[3 * nodes_.lam(mimic.leader) + 1] = z_[3 * nodes_.mu(mimic.leader) + 1] = 0;
+  }
+
+  // Solves the step from the solution of half of it: a stiff force makes the motion at the start a bad guess.
+  [[gnu::noinline, gnu::cold]] Status solve_by_halves(Status failure, Counters& counters) {
+    const double h = std::exchange(h_, 0.5 * h_);
+    guess_afresh();
+    const Status status = newton_.solve(equations(), z_, target(), counters);
+    h_ = h;
+    if (status != Status::success) return failure;
+    for (size_t i = 3 * nodes_.lam(0); i < z_.size(); ++i) z_[i] *= 2;  // impulses go with the step
+    return newton_.solve(equations(), z_, target(), counters) == Status::success ? Status::success : failure;
   }
 
   // Guesses from the start of the step, after an attempt has changed z_.

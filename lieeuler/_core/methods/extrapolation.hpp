@@ -42,7 +42,6 @@ class Extrapolation {
     scales_ = Scales::of(system_, state_, slowest_);
     if (const Status status = projection_.settle(state_, scales_.length, counters); status != Status::success)
       return status;
-    rank_confirmed_ = projection_.redundant_rows() == 0;
     for (most_rows_ = 4; most_rows_ < kMostRows && magnification(most_rows_ + 1) < kRounding * rtol; ++most_rows_) {
     }
     step_ = 1e-2 / scales_.rate;  // step control corrects it in the first steps
@@ -74,8 +73,6 @@ class Extrapolation {
     std::swap(state_, next_);
     scales_ = Scales::of(system_, state_, slowest_);
     node_count_ = 0;
-    if (rank_confirmed_) return Status::success;
-    rank_confirmed_ = true;
     return projection_.confirm_rank();
   }
 
@@ -312,7 +309,7 @@ class Extrapolation {
   std::array<Node, 2 * (kMostInner + 2)> nodes_;
   int rows_ = 0, target_ = 0, node_count_ = 0, most_rows_ = kMostRows;
   double rtol_ = 0, slowest_ = 0, step_ = 0, h_ = 0;  // h_: of the step accepted last
-  bool rank_confirmed_ = false, refused_ = false;
+  bool refused_ = false;
 };
 using AdaptiveExtrapolation = AdaptiveSteps<Extrapolation>;
 

@@ -133,29 +133,16 @@ class MotionSeries {
       add_arm_of(on == Carrier::child_axis ? joint.child : joint.parent, local, -1, force, false, false);
   }
   void plan_force(const Force& force) {
-    switch (force.kind) {
-      case Force::Kind::linear_spring: {
-        const Joint ends{force.parent, force.child, force.parent_point, force.child_point, {}};
-        springs_.emplace_back(force, carried(ends, Carrier::difference, Vec3::Zero()));
-        add_arms(force.parent, force.child, force.parent_point, force.child_point, springs_.back().force.data(), true,
-                 false);
-        break;
-      }
-      case Force::Kind::slide_force: {
-        const Joint ends{force.parent, force.child, force.parent_point, force.child_point, {}};
-        drives_.emplace_back(force, carried(ends, Carrier::parent_axis, force.axis));
-        add_arms(force.parent, force.child, force.parent_point, force.child_point, drives_.back().force.data(), true,
-                 false);
-        break;
-      }
-      case Force::Kind::torsional_spring:
-        torsions_.emplace_back(force, static_cast<int>(&force - system_.forces.data()));
-        break;
-      case Force::Kind::load:
-        break;
-    }
-    if (force.drive && force.kind != Force::Kind::slide_force)
-      drives_.emplace_back(force, static_cast<int>(torsions_.size()) - 1);
+    if (force.kind == Force::Kind::torsional_spring)
+      torsions_.emplace_back(force, static_cast<int>(&force - system_.forces.data()));
+    const bool pulls = force.kind == Force::Kind::linear_spring, pushes = force.kind == Force::Kind::slide_force;
+    const Joint ends{force.parent, force.child, force.parent_point, force.child_point, {}};
+    if (pulls) springs_.emplace_back(force, carried(ends, Carrier::difference, Vec3::Zero()));
+    if (pushes) drives_.emplace_back(force, carried(ends, Carrier::parent_axis, force.axis));
+    if (pulls || pushes)
+      add_arms(force.parent, force.child, force.parent_point, force.child_point,
+               pulls ? springs_.back().force.data() : drives_.back().force.data(), true, false);
+    if (force.drive && !pushes) drives_.emplace_back(force, static_cast<int>(torsions_.size()) - 1);
   }
   // Adds a force V that pulls the anchors towards each other.
   void add_arms(int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor, const Quad* force,

@@ -10,28 +10,72 @@
 
 namespace lieeuler {
 
-class TaylorStepper {
+// What steppers of series have in common: where a run is, and the step that its tolerance allows.
+class SeriesStepper {
  public:
-  explicit TaylorStepper(const Plan& plan, bool conserves = false)
-      : system_(plan.system),
-        tree_(plan.hinges),
-        points_(plan, plan.expands_by == Elimination::small && plan.forest),
-        state_(system_),
-        projection_(plan),
-        conserves_(conserves),
-        free_(plan.system, conserves),
-        saddle_(plan, plan.expands_by),
-        series_(plan, points_) {}
-  TaylorStepper(const TaylorStepper&) = delete;  // members refer to each other
+  SeriesStepper(const SeriesStepper&) = delete;  // members refer to each other
 
-  Status start(const State& initial, double t, double t_end, double rtol) {
+  // The order of least cost. With products alone it would be -ln(rtol) / 2 + 1; the other costs of an order and a step
+  // make a higher order better. Measured on one and two bodies.
+  static int order_for(double rtol) {
+    return std::clamp(static_cast<int>(std::lround(5 - 0.57 * std::log(rtol))), 4, kMostOrder);
+  }
+  double time() const { return time_; }
+  double previous_time() const { return previous_time_; }
+
+ protected:
+  // use_pins: bodies turn about their pins on the ground (ReferencePoints).
+  SeriesStepper(const Plan& plan, bool use_pins)
+      : system_(plan.system), tree_(plan.hinges), points_(plan, use_pins), state_(system_) {}
+
+  void begin(const State& initial, double t, double t_end, double rtol) {
     state_ = initial;
     offset_ = initial.frames.time - t;
     time_ = previous_time_ = t, end_ = t_end, rtol_ = rtol;
     smallest_ = smallest_step(t, t_end);
     order_ = order_for(rtol_);
-    rank_confirmed_ = accelerated_ = projected_ = false;
+    accelerated_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
+  }
+  // Sets the time to a step h after the previous one; false if that is none.
+  bool advance(double h) {
+    time_ = previous_time_ + h < end_ ? previous_time_ + h : end_;
+    return time_ != previous_time_;
+  }
+  // The step, up to the end, for which the last two terms are at most rtol times their size.
+  double step_for(const double (&last)[2], double rate) const {
+    const double size = rtol_ * rate;
+    const Pair steps =
+        root<Pair, PairBits>(Pair{size / last[0], size / last[1]}, Pair{1.0 / (order_ - 1), 1.0 / order_});
+    double h = end_ - time_;
+    for (int i = 0; i < 2; ++i)
+      if (last[i] > 0) h = std::min(h, steps[i]);
+    return h;
+  }
+
+  const System& system_;
+  const HingeTree& tree_;
+  const ReferencePoints points_;
+  State state_;
+  double offset_ = 0;  // the problem's time minus the run's
+  double time_ = 0, previous_time_ = 0, end_ = 0, smallest_ = 0, rtol_ = 1e-8;
+  int order_ = 16;
+  bool accelerated_ = false;  // state_ has its accelerations
+};
+
+class TaylorStepper : public SeriesStepper {
+ public:
+  explicit TaylorStepper(const Plan& plan, bool conserves = false)
+      : SeriesStepper(plan, plan.expands_by == Elimination::small && plan.forest),
+        projection_(plan),
+        conserves_(conserves),
+        free_(plan.system, conserves),
+        saddle_(plan, plan.expands_by),
+        series_(plan, points_) {}
+
+  Status start(const State& initial, double t, double t_end, double rtol) {
+    begin(initial, t, t_end, rtol);
+    projected_ = false;
     if (const Status status = projection_.start(state_); status != Status::success) return status;
     free_.start(state_);
     if (!saddle_.find_redundancy(projection_.joints())) return Status::singular_matrix;
@@ -55,8 +99,7 @@ class TaylorStepper {
     h = std::min(h, system_.next_break(offset_ + time_, offset_ + end_) - offset_ - time_);
     previous_time_ = time_;
     for (int attempt = 1;; ++attempt) {
-      time_ = previous_time_ + h < end_ ? previous_time_ + h : end_;
-      if (time_ == previous_time_) return Status::step_too_small;
+      if (!advance(h)) return Status::step_too_small;
       evaluate(time_, state_);
       const Status status = settle(counters);
       if (status == Status::success) break;
@@ -69,14 +112,6 @@ class TaylorStepper {
     return Status::success;
   }
 
-  // The order of least cost. With products alone it would be -ln(rtol) / 2 + 1; the other costs of an order and a step
-  // make a higher order better. Measured on one and two bodies.
-  static int order_for(double rtol) {
-    return std::clamp(static_cast<int>(std::lround(5 - 0.57 * std::log(rtol))), 4, kMostOrder);
-  }
-
-  double time() const { return time_; }
-  double previous_time() const { return previous_time_; }
   // Solves for (a, lam) on the first call after a step.
   const State& state() {
     if (accelerated_) return state_;
@@ -124,9 +159,7 @@ class TaylorStepper {
     } else {
       update_angles(system_, state_.frames, state_.u, state_.angles);
     }
-    if (!rank_confirmed_)
-      if (const Status status = projection_.confirm_rank(); status != Status::success) return status;
-    rank_confirmed_ = true;
+    if (const Status status = projection_.confirm_rank(); status != Status::success) return status;
     free_.restore(state_);
     return factor();
   }
@@ -160,29 +193,15 @@ class TaylorStepper {
         sum += w.sum() + v.sum() + turn.sum();
       }
     if (!std::isfinite(sum)) return sum;
-    const double size = rtol_ * scales_.rate;
-    const Pair steps =
-        root<Pair, PairBits>(Pair{size / largest[0], size / largest[1]}, Pair{1.0 / (order_ - 1), 1.0 / order_});
-    double h = end_ - time_;
-    for (int i = 0; i < 2; ++i)
-      if (largest[i] > 0) h = std::min(h, steps[i]);
-    return h;
+    return step_for(largest, scales_.rate);
   }
 
-  const System& system_;
-  const HingeTree& tree_;
-  const ReferencePoints points_;
-  State state_;
   Projection projection_;
   const bool conserves_;
   FreeBodies free_;
   SaddleSolver saddle_;
   MotionSeries series_;
   Scales scales_;
-  double offset_ = 0;  // the problem's time minus the run's
-  double time_ = 0, previous_time_ = 0, end_ = 0, smallest_ = 0, rtol_ = 1e-8;
-  int order_ = 16;
-  bool rank_confirmed_ = false, accelerated_ = false;
   bool projected_ = false;  // its matrix is factored at the state
 };
 

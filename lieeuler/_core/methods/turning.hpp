@@ -128,26 +128,13 @@ class TurningSeries {
 };
 
 // The stepper of `run_adaptive` for bodies on fixed axes; a step is chosen as in TaylorStepper, from the rates alone.
-class TurningStepper {
+class TurningStepper : public SeriesStepper {
  public:
   explicit TurningStepper(const Plan& plan)
-      : system_(plan.system),
-        tree_(plan.hinges),
-        points_(plan, true),
-        state_(system_),
-        joints_(system_),
-        series_(plan, points_),
-        here_(series_) {}
-  TurningStepper(const TurningStepper&) = delete;  // members refer to each other
+      : SeriesStepper(plan, true), joints_(system_), series_(plan, points_), here_(series_) {}
 
   Status start(const State& initial, double t, double t_end, double rtol) {
-    state_ = initial;
-    offset_ = initial.frames.time - t;
-    time_ = previous_time_ = t, end_ = t_end, rtol_ = rtol;
-    smallest_ = smallest_step(t, t_end);
-    order_ = TaylorStepper::order_for(rtol);
-    accelerated_ = false;
-    update_angles(system_, state_.frames, state_.u, state_.angles);
+    begin(initial, t, t_end, rtol);
     return Status::success;
   }
 
@@ -158,8 +145,7 @@ class TurningStepper {
     if (!std::isfinite(h)) return Status::non_finite;
     if (h < std::min(smallest_, end_ - time_)) return Status::step_too_small;
     previous_time_ = time_;
-    time_ = previous_time_ + h < end_ ? previous_time_ + h : end_;
-    if (time_ == previous_time_) return Status::step_too_small;
+    if (!advance(h)) return Status::step_too_small;
     series_.evaluate(time_ - previous_time_, order_, state_);
     accelerated_ = false;
     ++counters.steps;
@@ -167,8 +153,6 @@ class TurningStepper {
     return Status::success;
   }
 
-  double time() const { return time_; }
-  double previous_time() const { return previous_time_; }
   // Settles positions and computes accelerations on the first call after a step. Multipliers stay zero: the caller
   // computes those of the whole system.
   const State& state() {
@@ -201,25 +185,11 @@ class TurningStepper {
     const double rate = std::max(series_.largest(0), std::sqrt(series_.largest(1)));
     const double last[2] = {series_.largest(order_ - 1), series_.largest(order_)};
     if (const double sum = rate + last[0] + last[1]; !std::isfinite(sum)) return sum;
-    const double size = rtol_ * rate;
-    const Pair steps =
-        root<Pair, PairBits>(Pair{size / last[0], size / last[1]}, Pair{1.0 / (order_ - 1), 1.0 / order_});
-    double h = end_ - time_;
-    for (int i = 0; i < 2; ++i)
-      if (last[i] > 0) h = std::min(h, steps[i]);
-    return h;
+    return step_for(last, rate);
   }
 
-  const System& system_;
-  const HingeTree& tree_;
-  const ReferencePoints points_;
-  State state_;
   Constraints joints_;
   TurningSeries series_, here_;  // about the start of the step, and for accelerations at its end
-  double offset_ = 0;            // the problem's time minus the run's
-  double time_ = 0, previous_time_ = 0, end_ = 0, smallest_ = 0, rtol_ = 1e-8;
-  int order_ = 16;
-  bool accelerated_ = false;
 };
 
 }  // namespace lieeuler

@@ -7,19 +7,6 @@
 
 namespace lieeuler {
 
-// For a row that is the product of two axes: their bodies and their cross product, in world axes.
-struct AxisProduct {
-  bool only;
-  Side a, b;
-  Vec3 normal;
-  AxisProduct(const DotRow& dot, const Frame* const (&frames)[2])
-      : only(dot.a != Carrier::difference && dot.b != Carrier::difference),
-        a(dot.a == Carrier::child_axis ? kChild : kParent),
-        b(dot.b == Carrier::child_axis ? kChild : kParent) {
-    if (only) normal = times(frames[a]->R, dot.a_local).cross(times(frames[b]->R, dot.b_local));
-  }
-};
-
 // Parts of a joint with such rows alone, at one configuration. They are evaluated once, because every residual,
 // derivative and reaction needs them.
 class AxisRows {

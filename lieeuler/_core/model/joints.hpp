@@ -286,10 +286,6 @@ class JointState {
     Vec3 rate = Vec3::Zero();
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
-      if (const AxisProduct axes{dot, frame_}; axes.only) {
-        rate[r] = dot.scale * (u.w[axes.a] - u.w[axes.b]).dot(axes.normal);
-        continue;
-      }
       const Carried A = a(dot), B = b(dot);
       rate[r] = dot.scale * (u.first(A).dot(B.value) + A.value.dot(u.first(B)));
     }
@@ -306,10 +302,6 @@ class JointState {
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const double l = dot.scale * lam[r];
-      if (const AxisProduct axes{dot, frame_}; axes.only) {
-        torque[axes.a] += l * axes.normal, torque[axes.b] -= l * axes.normal;
-        continue;
-      }
       const Carried A = a(dot), B = b(dot);
       for (Side side : kSides) {
         force[side] += l * (A.sign[side] * B.value + B.sign[side] * A.value);

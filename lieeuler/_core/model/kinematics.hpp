@@ -28,10 +28,7 @@ EIGEN_ALWAYS_INLINE void store(const Twist& twist, double* at) { store(twist.v, 
 // All joints at one configuration.
 class Constraints {
  public:
-  // `keeps_axes`: rows of axes are evaluated once a configuration; pays where they are differentiated.
-  explicit Constraints(const System& system, bool keeps_axes = false)
-      : system_(&system), states_(system.joints.size()) {
-    if (!keeps_axes) return;
+  explicit Constraints(const System& system) : system_(&system), states_(system.joints.size()) {
     for (int j = 0; j < static_cast<int>(states_.size()); ++j)
       for (const Part& part : system.joints[j].parts)
         if (AxisRows::suits(part)) axes_.emplace_back(part, j);

@@ -24,15 +24,18 @@ class Projection {
   // Counts the redundant rows at the start of a run and factors the matrix there.
   Status start(const State& state) {
     joints_.update(state.frames);
+    rank_confirmed_ = false;
     if (!saddle_.find_redundancy(joints_)) return Status::singular_matrix;
     return factor();
   }
   // Fails if the rank is higher here than at the start, which then was a singular position. Leaves the matrix factored.
+  // What it has confirmed it asks no more.
   Status confirm_rank() {
     const int expected = redundant_rows();
     int found;
-    if (expected == 0) return Status::success;
+    if (expected == 0 || rank_confirmed_) return Status::success;
     if (!saddle_.count_redundancy(joints_, found) || found < expected) return Status::singular_matrix;
+    rank_confirmed_ = true;
     return factor();
   }
 
@@ -141,6 +144,7 @@ class Projection {
   Constraints joints_;
   SaddleSolver saddle_;
   std::vector<Twist> change_;
+  bool rank_confirmed_ = false;
 };
 
 }  // namespace lieeuler

@@ -21,8 +21,8 @@ class TreeSchur {
     double inverse_mass;
     bool whole;  // whether a point needs V, W and N as matrices
     Vec3 s;
-    Mat3 V, W, N;
-    Mat3 own;  // child_point: its block of S; parent_point: that block without T
+    Mat3 V = Mat3::Zero(), W = V, N = V;
+    Mat3 own = V;  // child_point: its block of S; parent_point: that block without T
   };
   // The two blocks of S for two ends on one body. chain: share * T^T, for a child_point and a parent_point.
   struct Pair {
@@ -138,18 +138,13 @@ class TreeSchur {
     const int b = plan_.body(k, side);
     if (b == system_.n()) return;
     const Kind kind = !plan_.part(k).spherical ? Kind::dots : (side == kChild ? Kind::child_point : Kind::parent_point);
-    const Mat3 zero = Mat3::Zero();
     End end{kind,
             k,
             b,
             side,
             1 / system_.bodies[b].mass,
             false,
-            side == kChild ? joint.child_anchor : joint.parent_anchor,
-            zero,
-            zero,
-            zero,
-            zero};
+            kind == Kind::parent_point ? joint.parent_anchor : joint.child_anchor};
     if (kind != Kind::dots) {
       end.W = -hat(end.s);
       end.N = end.W * system_.bodies[b].inertia_inverse;

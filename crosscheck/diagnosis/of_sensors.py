@@ -87,7 +87,7 @@ def named(scene: Scene, states: States, sensor: Sensor, given: np.ndarray) -> tu
     before = float(gap(given, right).max()) / size
     if before <= AGREES:
         return before, None
-    for told in itertools.chain(_mistakes(reader, sensor, right), _followed(given, right)):
+    for told in itertools.chain(mistakes(reader, sensor, right), _followed(given, right)):
         if told[2].shape == given.shape and _left(given, told[2]) <= max(AGREES * size, EXPLAINED * before * size):
             return before, told
     for told in _filtered(given, right):
@@ -106,7 +106,7 @@ def _is_attitude(values: np.ndarray) -> bool:
     return values.shape[1:] == (4,)
 
 
-def _mistakes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told]:
+def mistakes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told]:
     """All mistakes that the type of the sensor can have, the plainest first."""
     for lag in LAGS:
         shifted = np.full_like(right, np.nan)

@@ -300,8 +300,9 @@ def _defects(scene: Scene, seen: Differences, since: float, allowed: Mapping[str
 
     missed = intervals(scene, seen, since)
     if missed is None:
-        notes.append("not judged: single intervals, because the columns do not determine the state of all bodies"
-                     if len(seen.recording.t) > 3 else "not judged: single intervals, of fewer than four rows")
+        notes.append("not judged: single intervals" + (
+            ", of fewer than four rows" if len(seen.recording.t) < 4 else
+            ", because the columns do not determine the state of all bodies, or a sampled servo has one of its own"))
         return []
     t, defects = missed
     verdict.defects = pd.DataFrame({"t": t, **{key: defect.sizes for key, defect in defects.items()}})

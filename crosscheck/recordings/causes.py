@@ -19,6 +19,7 @@ from crosscheck.diagnosis.fit import gauss_newton
 from crosscheck.diagnosis.hypotheses import Cause as Hypothesis
 from crosscheck.diagnosis.hypotheses import Context, causes
 from crosscheck.diagnosis.misreadings import placed
+from crosscheck.diagnosis.of_sensors import mistakes
 from crosscheck.diagnosis.physics import Physics, levers, of_scene
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import CrosscheckError
@@ -29,6 +30,7 @@ from crosscheck.references.maximal import fastest
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Force, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.sensors import Reader, read
 from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
 from crosscheck.scene.vectors import exponential
@@ -340,17 +342,15 @@ def _turned(case: Case) -> Iterator[Cause]:
 
 
 def _sensed(case: Case) -> Iterator[Cause]:
-    """Sensors that leave out gravity or have it twice, of another point, or in other axes."""
-    scene = case.scene
-    for name, said, changes in (
-            ("gravity left out", "accelerometers give the acceleration alone", {"gravity": 0 * scene.gravity}),
-            ("gravity twice", "accelerometers subtract gravity twice", {"gravity": 2 * scene.gravity}),
-            ("lever left out", "sites are at the centres of mass", {"sites": tuple(
-                dataclasses.replace(site, position=np.zeros(3)) for site in scene.sites)}),
-            ("site axes", "sites are in the axes of their bodies", {"sites": tuple(
-                dataclasses.replace(site, attitude=np.array([1.0, 0.0, 0.0, 0.0])) for site in scene.sites)})):
-        if any(group.key == group.owner for group in case.groups):
-            yield case.cause(name, said, Shown(scene.replace(**changes), case.groups).of(case.states))
+    """Mistakes of single sensors."""
+    sensors = {sensor.name: sensor for sensor in case.scene.sensors}
+    for k, group in enumerate(case.groups):
+        if group.key == group.owner:
+            reader, sensor = Reader(case.scene, case.states), sensors[group.owner]
+            for name, said, values in mistakes(reader, sensor, read(reader, sensor)):
+                flat = values.reshape(len(values), -1)
+                if flat.shape[1] > max(group.parts):
+                    yield case.cause(name, f"sensor {group.owner!r}: {said}", {k: flat[:, list(group.parts)]})
 
 
 # --- when it is reported ----------------------------------------------------------------------------------------------
@@ -565,7 +565,7 @@ def _models(case: Case, stepped: bool) -> Iterator[Cause]:
     """Altered parameters: the hypotheses of `crosscheck explain` that a scene can express, or the others (`stepped`).
     """
     scene, right = case.scene, of_scene(case.scene)
-    for cause in [*causes(Context(scene, (scene.R0[None],), right)), *_anchors(scene)]:
+    for cause in [*causes(Context(scene, (scene.R0[None],), right)), *_anchors(scene), *_frictions(scene)]:
         def build(theta: Any, cause: Hypothesis = cause) -> Scene | Physics | None:
             return _altered(scene, right, cause, np.array(theta, dtype=float))
 
@@ -595,14 +595,14 @@ SUPPORTED = ("gravity", "masses", "inertias", "stiffness", "rest", "damping", "l
 
 def _altered(scene: Scene, right: Physics, cause: Any, theta: np.ndarray) -> Scene | Physics | None:
     """The scene with a hypothesis' parameters; the parameters where a scene cannot have them; None: neither."""
-    if cause.family in GEOMETRY:
+    if cause.family in OF_JOINTS:
         made: Scene | None = cause.apply(scene, theta)
         return made
     p = cause.apply(right, theta)
     beyond = [field.name for field in dataclasses.fields(Physics) if field.name not in SUPPORTED
               and not np.array_equal(getattr(p, field.name), getattr(right, field.name))]
     if beyond or (p.joint_damping and any(joint.type != "revolute" for joint in scene.joints)):
-        return p if scene.n <= MOST_STEPPED and set(beyond) <= set(STEPPED) else None
+        return p if scene.n <= MOST_STEPPED and not scene.has_laws and set(beyond) <= set(STEPPED) else None
     if min(*p.masses, *np.linalg.eigvalsh(p.inertias[0]).ravel()) <= 0 or min([p.joint_damping, *p.damping]) < 0:
         return None
     forces = []
@@ -628,8 +628,24 @@ def _altered(scene: Scene, right: Physics, cause: Any, theta: np.ndarray) -> Sce
         for body, mass, J in zip(scene.bodies, p.masses, p.inertias[0], strict=True)))
 
 
-GEOMETRY = ("anchors", "joint axis")
-"""Families of hypotheses about where a joint holds, which no `Physics` expresses: they alter the scene."""
+OF_JOINTS = ("anchors", "joint axis", "dry friction")
+"""Families of hypotheses about joints, which no `Physics` expresses: they alter the scene."""
+
+
+def _frictions(scene: Scene) -> Iterator[Hypothesis]:
+    for k, joint in enumerate(scene.joints):
+        def scaled(given: Any, theta: np.ndarray, k: int = k) -> Any:
+            laws = [law and dataclasses.replace(law, sliding=float(theta[0] * law.sliding), static=float(
+                theta[0] * law.static)) for law in given.joints[k].dry_friction]
+            joints = list(given.joints)
+            joints[k] = dataclasses.replace(joints[k], dry_friction=tuple(laws))
+            return given.replace(joints=tuple(joints)) if theta[0] >= 0 else None
+
+        if joint.dry_friction:
+            yield Hypothesis("dry friction", scaled, ((1.1,),), lambda t, joint=joint:  # type: ignore[misc]
+                             f"dry friction of joint {joint.name!r} times {t[0]:.6g}", "check the friction",
+                             lambda t: "dry friction" if t[0] > CERTAIN else "missing friction",
+                             lambda t: ((0.0,),), target=joint.name)
 
 
 def _anchors(scene: Scene) -> Iterator[Hypothesis]:
@@ -653,5 +669,5 @@ def _anchors(scene: Scene) -> Iterator[Hypothesis]:
                 off = f"turned by {_numbers(np.degrees(theta))} deg" if turned else f"off by {_numbers(theta)} m"
                 return f"{field.replace('_', ' ')} of joint {joint.name!r} {off}"
 
-            yield Hypothesis(GEOMETRY[turned], moved, ((0.0, 0.0, 0.0),), say, "check where the joint holds",
+            yield Hypothesis(OF_JOINTS[turned], moved, ((0.0, 0.0, 0.0),), say, "check where the joint holds",
                              target=joint.name)

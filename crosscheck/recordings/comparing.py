@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from crosscheck.adapters.lieeuler import motion
 from crosscheck.judge.defects import turn
 from crosscheck.judge.flow import integrate
 from crosscheck.recordings.reading import Group, Recording
@@ -23,6 +24,7 @@ from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
 from crosscheck.scene.monitor import level_norms
 from crosscheck.scene.sensors import readings
+from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import Motion, States
 from crosscheck.scene.vectors import cross, exponential
 
@@ -33,8 +35,9 @@ FILL = 0.05
 CHUNK = 50_000
 """Instants of truth that are in memory at a time."""
 
-MOST_INTERVALS = 2000
-"""Intervals whose defects are measured; of a longer recording, so many over its whole length."""
+MOST_INTERVALS, MOST_OF_LAWS = 2000, 200
+"""Intervals whose defects are measured, and those of scenes with friction, stops or servos, where each takes a run; of
+a longer recording, so many over its whole length."""
 
 TURN = 0.1
 """Turn (rad) of the fastest motion in one step of the integration of an interval."""
@@ -257,11 +260,13 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
     """(times at which intervals begin, defects by quantity); None where the recording does not determine the state."""
     groups = [k for k, group in enumerate(seen.recording.groups) if group.key in POSES + RATES]
     recording = dataclasses.replace(seen.recording, groups=[seen.recording.groups[k] for k in groups])
-    if len(recording.t) < 4 or pieced(scene):
+    sampled = any(servo.period is not None for _, servo in scene.servos.values())  # what it holds is in no state
+    if len(recording.t) < 4 or sampled:
         return None
     rows = np.arange(len(recording.t))
-    if len(rows) > MOST_INTERVALS + 1:  # pieces of neighbours, evenly over the recording
-        firsts = np.linspace(0, len(rows) - 9, MOST_INTERVALS // 8).astype(int)
+    most = MOST_OF_LAWS if scene.has_laws else MOST_INTERVALS
+    if len(rows) > most + 1:  # pieces of neighbours, evenly over the recording
+        firsts = np.linspace(0, len(rows) - 9, most // 8).astype(int)
         rows = np.unique((firsts[:, None] + np.arange(9)).ravel())
     piece = part_of(recording, rows)
     states = restored(scene, piece, seen.truth.at(piece.t - since))
@@ -269,11 +274,10 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
         return None
     keep = np.flatnonzero(np.diff(rows) == 1)
     tau = np.diff(states.t)[keep]
-    begin = States(*(getattr(states, name)[keep] for name in ("t", "x", "R", "v", "w")))
     rate = max(float(np.linalg.norm(states.w, axis=-1).max(initial=0.0)), 1.0)
     count = int(min(200, max(2, np.ceil(rate * tau.max() / TURN))))
     with np.errstate(over="ignore", invalid="ignore"):
-        now = Shown(scene, recording.groups).of(integrate(scene, begin, tau, count)[0])
+        now = Shown(scene, recording.groups).of(_onward(scene, states, keep, tau, count))
     floors = [np.maximum(each[rows][keep], each[rows][keep + 1]) for each in (seen.floor[k] for k in groups)]
     known = any(group.key in RATES for group in recording.groups)
     noise = np.max([each if group.key in RATES else each * (rate if known else 1.0) / (1.0 if known else tau)
@@ -289,10 +293,17 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
     return piece.t[keep], defects
 
 
-def pieced(scene: Scene) -> bool:
-    """Whether a law has memory or pieces, across which no interval can be restarted from states alone."""
-    return any(force.type == "servo" for force in scene.forces) or any(
-        getattr(joint, "dry_friction", None) or getattr(joint, "limits", None) for joint in scene.joints)
+def _onward(scene: Scene, states: States, rows: np.ndarray, tau: np.ndarray, count: int) -> States:
+    """The states that follow those of some rows after the times tau (s), in `count` steps.
+
+    Laws of joints decide anew at the start of an interval, and wherever events fall within it.
+    """
+    begin = States(*(getattr(states, name)[rows] for name in ("t", "x", "R", "v", "w")))
+    if not scene.has_laws:
+        return integrate(scene, begin, tau, count)[0]
+    ends = [motion(restarted(scene, states, int(row), float(time)), "rkmk853", time / count, np.array([0.0, time]))
+            for row, time in zip(rows, tau, strict=True)]
+    return States(begin.t + tau, *(np.stack([getattr(end, name)[-1] for end in ends]) for name in "xRvw"))
 
 
 def whole(scene: Scene, recording: Recording) -> States | None:

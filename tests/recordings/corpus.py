@@ -17,6 +17,7 @@ from tests.recordings.motions import (
     by_mujoco,
     by_pinocchio,
     imu,
+    sled,
     slider,
     top,
     tumbler,
@@ -67,6 +68,7 @@ RIGHT = [
     Right("two", by_mujoco, "", "csv"), Right("two", lambda: by_mujoco("Euler", 1e-3), "", "tab", 0.5),
     Right("two", by_pinocchio, "", "npz"), Right("tumbler", by_exudyn, "", "csv"),
     Right("imu", imu, "", "csv"), Right("imu", imu, "acceleration", "parquet"), Right("imu", imu, "rate", "digits6"),
+    Right("sled", sled, "", "csv"), Right("sled", sled, "position", "digits6"),
 ]
 
 
@@ -319,13 +321,16 @@ WRONG = [
     Wrong("wrapped angle", "arm", lambda: wrapped(arm(np.linspace(0, 2, 201), rate=9.0), "pivot.position"), ()),
     Wrong("acceleration without gravity", "imu", lambda: imu() | {
         "acceleration.x": imu()["acceleration.x"] + 9.81 * np.sin(arm()["pivot.position"]),
-        "acceleration.z": imu()["acceleration.z"] - 9.81 * np.cos(arm()["pivot.position"])}, ("gravity left out",)),
-    Wrong("lever of an accelerometer", "imu", lambda: imu(s=(0.0, 0.0, 0.0)), ("lever left out",)),
+        "acceleration.z": imu()["acceleration.z"] - 9.81 * np.cos(arm()["pivot.position"])}, ("gravity",)),
+    Wrong("lever of an accelerometer", "imu", lambda: imu(s=(0.0, 0.0, 0.0)), ("lever",)),
     Wrong("accelerometer in g", "imu", lambda: scaled(imu(), 1 / 9.80665, "acceleration.x", "acceleration.z"),
           ("units",)),
     Wrong("gyroscope late", "imu", lambda: rows(only(imu(), "rate"), [0, *range(200)]), ("late sample", "time shift")),
     Wrong("sign of a gyroscope", "imu", lambda: scaled(imu(), -1.0, "rate.y"), ("sign", "scale")),
     Wrong("gravity", "imu", lambda: imu(g=9.7), ("gravity",)),
+    Wrong("dry friction", "sled", lambda: sled(friction=2.3), ("dry friction", "mass")),
+    Wrong("jump", "sled", lambda: {name: values + 0.05 * (name == "rail.position") * (TIMES > 1.0)
+                                   for name, values in sled().items()}, ()),
     Wrong("relative spin", "two", lambda: vectors(two(), "fore", "w", lambda w, R: w - np.outer(
         two()["shoulder.velocity"], [0, 1, 0])), ("velocity frame",)),
 ]

@@ -138,6 +138,8 @@ damping = 0.4
 """,
 }
 
+SCENES["sled"] = SCENES["slider"].partition("[[forces]]")[0].replace("schema = 2", "schema = 3").replace(
+    '"slider"', '"sled"').replace("velocity = -0.5", "velocity = 1.5\ndry_friction = 2.0")
 SCENES["imu"] = SCENES["arm"].replace("schema = 2", "schema = 3").replace('"arm"', '"imu"') + """
 [[sites]]
 name = "chip"
@@ -296,7 +298,11 @@ def slider(t=TIMES, m=2.0, k=80.0, free=0.9, c=0.4, x0=0.3, v0=-0.5, coulomb=0.0
     return columns
 
 
-MAKERS = {"arm": arm, "two": two, "tumbler": tumbler, "top": top, "slider": slider}
+def sled(t=TIMES, friction=2.0):
+    """That block without its spring, with dry friction: it stops, and stays."""
+    a = friction / 2.0
+    moving = np.minimum(t, 1.5 / a)
+    return {"t": t, "rail.position": 0.3 + 1.5 * moving - 0.5 * a * moving**2, "rail.velocity": 1.5 - a * moving}
 
 
 # --- engines, by their own scripts ------------------------------------------------------------------------------------
@@ -327,8 +333,8 @@ def by_mujoco(integrator="RK4", step=1e-3, every=10, count=201, **changes):
     return dict(zip(names, np.array(rows).T, strict=True))
 
 
-def by_pinocchio(step=1e-3, every=10, count=201):
-    """The two bars by Pinocchio's accelerations and a Runge-Kutta step of its own script."""
+def by_pinocchio():
+    """The two bars by Pinocchio's accelerations."""
     import pinocchio as pin
 
     model = pin.Model()
@@ -341,19 +347,9 @@ def by_pinocchio(step=1e-3, every=10, count=201):
     data = model.createData()
     none = np.zeros(2)
 
-    def rates(y):
-        return np.concatenate([y[2:], pin.aba(model, data, y[:2], y[2:], none)])
-
-    y, rows = np.array([0.4, -0.7, 1.5, -1.0]), []
-    for k in range(count):
-        rows.append([k * every * step, y[0], y[2], y[1], y[3]])
-        for _ in range(every):
-            a = rates(y)
-            b = rates(y + 0.5 * step * a)
-            c = rates(y + 0.5 * step * b)
-            y = y + step / 6 * (a + 2 * b + 2 * c + rates(y + step * c))
-    names = ["t", "shoulder.position", "shoulder.velocity", "elbow.position", "elbow.velocity"]
-    return dict(zip(names, np.array(rows).T, strict=True))
+    y = solved(lambda _, y: [*y[2:], *pin.aba(model, data, y[:2], y[2:], none)], [0.4, -0.7, 1.5, -1.0], TIMES)
+    return {"t": TIMES, "shoulder.position": y[:, 0], "shoulder.velocity": y[:, 2], "elbow.position": y[:, 1],
+            "elbow.velocity": y[:, 3]}
 
 
 def by_exudyn(step=1e-4, count=201):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import say
+from crosscheck.cli.console import say, waiting
 from crosscheck.cli.options import figure
 
 if TYPE_CHECKING:
@@ -29,7 +29,8 @@ def advise(
 
     from crosscheck.verification.advice import advise as find
 
-    advice = find(scene, engine=engine, error=error)
+    with waiting(f"runs of {engine} at a ladder of steps, against truth"):
+        advice = find(scene, engine=engine, error=error)
     if as_json:
         typer.echo(json.dumps(msgspec.to_builtins(advice), indent=1))
     else:

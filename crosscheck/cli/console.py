@@ -77,6 +77,14 @@ def progress_bar() -> Iterator[Progress]:
         yield shown
 
 
+@contextlib.contextmanager
+def waiting(what: str) -> Iterator[None]:
+    """Say in a terminal what is being done, and how long already, while nothing can be counted."""
+    with progress_bar() as progress:
+        progress(0, None, what)
+        yield
+
+
 class _Lines:
     """Progress in plain lines, the first after `PAUSE` seconds; failures are printed at once."""
 

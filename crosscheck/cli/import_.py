@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from crosscheck.cli.console import counted
+from crosscheck.cli.console import counted, waiting
 from crosscheck.cli.options import Drop, Keyframe, SceneName
 from crosscheck.errors import ArgumentError
 
@@ -41,10 +41,11 @@ def import_(
     from crosscheck.scene.models import import_file
     from crosscheck.scene.models.words import quoted, together
 
-    scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples,
-                        balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
-                        friction=friction, start=int(start) if start.isdigit() else start,
-                        controls=dict(_control(each) for each in control or ()))
+    with waiting(f"reading {model.name}"):
+        scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples,
+                            balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
+                            friction=friction, start=int(start) if start.isdigit() else start,
+                            controls=dict(_control(each) for each in control or ()))
     typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
                f"{counted(len(scene.forces), 'force')}")
     if scene.monitors:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import console, counted, say
+from crosscheck.cli.console import console, counted, say, waiting
 from crosscheck.cli.diff import diff
 from crosscheck.cli.options import SceneName
 from crosscheck.cli.tables import figures, key, print_table
@@ -46,10 +46,12 @@ def inspect(
     if against is not None:
         diff(scene, against)
     if is_model(scene):
-        native = examine_natively(scene, engine or None, states, seed)
+        with waiting(f"every engine reads {scene}"):
+            native = examine_natively(scene, engine or None, states, seed)
         printed(native, say)
         raise typer.Exit(0 if native.agree else 1)
-    result = examine(load_scene(scene), engine or None, form, states, seed)
+    with waiting(f"every engine's model of {scene}"):
+        result = examine(load_scene(scene), engine or None, form, states, seed)
     _print(result)
     if not result.probes:
         raise ArgumentError(f"{scene}: none of the engines asked for can be inspected on this scene")

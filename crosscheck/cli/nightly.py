@@ -23,8 +23,8 @@ def nightly(
     scheduler: options.Scheduler = None,
     time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
     memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
-    out: Annotated[Path, typer.Option(help="folder with a subfolder per run, and the link latest")] = Path(
-        "reports/nightly"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="folder with a subfolder per run, and the link latest")
+                   ] = Path("reports/nightly"),
     store: Annotated[str | None, typer.Option(help="history: an SQLite file or postgresql://...; default: "
                                               "CROSSCHECK_STORE, else history.sqlite beside the folder --out"
                                               )] = None,

@@ -48,7 +48,7 @@ def verify(
     memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
     tolerance_file: Annotated[Path | None, typer.Option("--tolerances", help="TOML file with your own bounds")] = None,
     tol: Annotated[list[str] | None, typer.Option(help="your own bound, as quantity=value; may be repeated")] = None,
-    out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
     strict: Annotated[bool, typer.Option(help="exit code 3 if nothing failed but a run could not be judged")] = False,
     fresh: options.Fresh = "CI" in os.environ,

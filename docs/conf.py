@@ -114,13 +114,34 @@ def formula(writer: HTML5Translator, node: math | math_block) -> None:
     text = re.sub(r"\\dots\b", r"\\ldots", TAG.sub("", text)).strip()
     text = re.sub(r"\\(d?dot|hat) ?(\w)(?=[_^])", r"\\\1 \2{}", text)  # else the index would stand below
     drawn = tex2mathml(text, as_block=block)
-    writer.body.append(f'<div class="formula">{drawn}<span>{f"({number[1]})" if number else ""}</span></div>'
-                       if block else drawn)
+    beside = f"({number[1]})" if number else ""
+    writer.body.append(f'<div class="formula" tabindex="0">{drawn}<span>{beside}</span></div>' if block else drawn)
     raise SkipNode
+
+
+ACCESS = [(re.compile(pattern), better) for pattern, better in (
+    (r'role="heading"', 'role="heading" aria-level="2"'),
+    (r'<aside class="sidebar-drawer"', r'\g<0> aria-label="pages"'),
+    (r'<aside class="toc-drawer[^"]*"', r'\g<0> aria-label="on this page"'),
+    (r"<pre(?=>)", '<pre tabindex="0"'),  # what scrolls sideways is reached by keys, too
+    (r'<div class="table-wrapper[^"]*"', r'\g<0> tabindex="0"'),
+    (r'<th class="head[^"]*"><p></p></th>', "<td></td>"),
+    (r'(<th class="head[^"]*"><p>)(?=<math)', r'\1<span class="unseen">symbol</span>'))]
+"""What the pages of the theme lack for readers of screens and users of keys, as axe finds it."""
+
+
+def accessible(app: Sphinx, error: Exception | None) -> None:
+    """Mend the written pages."""
+    for page in Path(app.outdir).rglob("*.html") if error is None else ():
+        text = page.read_text(encoding="utf-8")
+        for pattern, better in ACCESS:
+            text = pattern.sub(better, text)
+        page.write_text(text, encoding="utf-8")
 
 
 def setup(app: Sphinx) -> None:
     """Sphinx calls this."""
+    app.connect("build-finished", accessible)
     app.connect("source-read", take)
     app.add_html_math_renderer("mathml", (formula, None), (formula, None))
     app.add_css_file("site.css")

@@ -10,12 +10,26 @@ import contextlib
 import difflib
 from collections.abc import Callable, Iterable, Iterator
 
+from crosscheck.files import readable
+
+LONGEST = 2000
+"""Most characters of a message. Some engines put all that they have printed into theirs, and each report repeats it."""
+
 FAILED = "✗ "
 """Prefix of the label of a task that failed; the terminal prints such a label at once and leaves it on the screen."""
 
 
+def brief(text: str, most: int = LONGEST) -> str:
+    """The text without control characters, which terminals obey and XML refuses, cut after `most` characters."""
+    shown = readable(text[:most])
+    return shown if len(text) <= most else f"{shown}... ({len(text) - most} more characters)"
+
+
 class CrosscheckError(Exception):
-    """Base of all errors of crosscheck. The message is written for the user."""
+    """Base of all errors of crosscheck. The message is written for the user; all messages are cut here by `brief`."""
+
+    def __init__(self, *given: object) -> None:
+        super().__init__(*(brief(each) if type(each) is str else each for each in given))
 
 
 @contextlib.contextmanager
@@ -97,4 +111,4 @@ def named(error: BaseException) -> str:
 
 def said(error: BaseException) -> str:
     """The message of an error in one line, or the name of its class if the message is empty."""
-    return " ".join(str(error).split()) or type(error).__name__
+    return " ".join(brief(str(error)).split()) or type(error).__name__

@@ -73,6 +73,11 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
+        os.getcwd()
+    except FileNotFoundError:
+        complain("the current folder has been removed; change to another one")
+        raise SystemExit(2) from None
+    try:
         app()
     except SystemExit as end:
         if isinstance(end.__context__, BrokenPipeError):

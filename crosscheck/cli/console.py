@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
-from crosscheck.errors import FAILED
+from crosscheck.errors import FAILED, brief
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -103,7 +103,7 @@ class _Lines:
 
 def complain(message: str) -> None:
     """Print one line on stderr."""
-    print(f"crosscheck: {' '.join(message.split())}", file=sys.stderr)
+    print(f"crosscheck: {' '.join(brief(message).split())}", file=sys.stderr)
 
 
 def interrupted() -> str:

@@ -152,9 +152,9 @@ def shares(runs: Sequence[Defects], order: int) -> list[np.ndarray]:
                                   zip(parts, (length, 1.0, length * rate, rate), strict=True)], axis=(0, 2)))
 
     # A stiff spring that hardly swings has a small leading term, which changes by itself with what it swings.
-    with np.errstate(divide="ignore"):
-        stiff = np.maximum(1.0, fine.spring ** (order + 1) / fine.sizes[order + 1])
-    first = [(order + 2) * stiff * size(parts) for parts in apart]
+    with np.errstate(divide="ignore", invalid="ignore"):  # of what is at rest, all of this is zero
+        stiff = np.fmax(1.0, fine.spring ** (order + 1) / fine.sizes[order + 1])
+        first = [np.nan_to_num((order + 2) * stiff * size(parts), nan=0.0) for parts in apart]
     if len(runs) == 2:
         return [np.minimum(1.0, share) for share in first]
     h = [run.claim.step or 1.0 for run in runs]

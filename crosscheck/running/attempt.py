@@ -18,8 +18,18 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, Stats, plain_events
 from crosscheck.document import Way as Way
-from crosscheck.errors import CrosscheckError, EngineDied, EngineError, Unsupported, foreign, install, named, said
-from crosscheck.files import plain, readable
+from crosscheck.errors import (
+    CrosscheckError,
+    EngineDied,
+    EngineError,
+    Unsupported,
+    brief,
+    foreign,
+    install,
+    named,
+    said,
+)
+from crosscheck.files import plain
 from crosscheck.running import arguments
 from crosscheck.running.trajectory import Trajectory, derive
 from crosscheck.scene import sensors
@@ -35,6 +45,9 @@ MOST_STEPS = 2**53
 
 LONGEST = 500
 """Characters of the reason of an outcome. Some engines repeat a page with every failure."""
+
+WORD, MOST_STATS = 100, 10**6
+"""Characters of a status, a form or a word of an event, and of all of an engine's stats."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,8 +111,8 @@ def attempt(scene: Scene, way: Way, engine: Engine | None = None, **more: Any) -
 
     def told(error: Exception) -> EngineError:
         lacks = isinstance(error, ImportError)
-        return EngineError(readable(f"{name} cannot be imported: {error}; {install(name)}" if lacks else
-                                    f"{name} {method}: {named(error)}"))
+        return EngineError(f"{name} cannot be imported: {error}; {install(name)}" if lacks else
+                           f"{name} {method}: {named(error)}")
 
     try:
         with foreign(told):
@@ -151,9 +164,11 @@ def _checked(who: str, scene: Scene, raw: RawRun) -> RawRun:
         stats = cast(Stats, {**own, **known})
     except (TypeError, ValueError, RecursionError) as error:
         raise EngineError(f"{who} returned stats that are no dict of plain values: {said(error)}") from error
-    events = tuple((t, readable(joint), readable(what)) for t, joint, what in plain_events(raw.events))
-    return RawRun(raw.states, wall_time, int(raw.steps), step, readable(raw.status), stats, maxima or None,
-                  None if raw.form is None else readable(raw.form), events=events)
+    if len(msgspec.json.encode(own)) > MOST_STATS:
+        raise EngineError(f"{who} returned stats of more than {MOST_STATS} characters; return numbers and short texts")
+    events = tuple((t, brief(joint, WORD), brief(what, WORD)) for t, joint, what in plain_events(raw.events))
+    return RawRun(raw.states, wall_time, int(raw.steps), step, brief(raw.status, WORD), stats, maxima or None,
+                  None if raw.form is None else brief(raw.form, WORD), events=events)
 
 
 def _number(who: str, what: str, value: Any, least: float, most: float) -> float:

@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from crosscheck.errors import brief
 from crosscheck.scene import coordinates, joint_options, touching
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import joint_types
@@ -45,6 +46,12 @@ INERTIA_ROUNDING = 1e-12
 inequality (a thin disc: I_z = I_x + I_y) to about 1e-15; a thousand times that still catches every misprint."""
 
 SMALLEST = 1 / LARGEST
+
+LONGEST_NAME, LONGEST_FILE_NAME = 1000, 200
+"""Characters of a name; of the scene's, which is part of the names of files."""
+
+STIFFEST = 1e12
+"""Times the inertia of all bodies that an armature may be: doubles have sixteen digits."""
 """Smallest mass, moment of inertia, rod length or duration, so that its reciprocal stays in range."""
 
 START_TOLERANCE = 1e-8
@@ -132,6 +139,7 @@ def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
         monitors=tuple(_monitor(entry, i, monitor) for i, monitor in enumerate(entry.monitors)),
         sites=sites_of(entry.sites, bodies),
     )
+    _check_armature(scene)
     scene = scene.replace(sensors=sensors_of(entry.sensors, scene), published=tuple(
         _published(f"published[{k}]", figure, bodies, scene) for k, figure in enumerate(entry.published)))
     starts = (Start(i, *joint_options.start(f'joints[{i}] "{joint.name}"', joint, entry.joints, entry.duration))
@@ -151,6 +159,9 @@ def _check_run(entry: SceneEntry) -> None:
     if set(entry.name) & set("/\\") or not entry.name.isprintable() or not entry.name.strip("."):
         raise EntryError("name", f"{entry.name!r} cannot be part of a file's name, as reports need it",
                          "leave out slashes, backslashes and control characters, and add a letter")
+    if len(entry.name) > LONGEST_FILE_NAME:
+        raise EntryError("name", f"has {len(entry.name)} characters, and reports make names of files from it",
+                         f"write at most {LONGEST_FILE_NAME}")
     check_positive("duration", entry.duration, "s", SMALLEST)
     if entry.samples < 2:
         raise EntryError("samples", f"{entry.samples} is too few, start and end are two", "write a whole number >= 2")
@@ -163,6 +174,9 @@ def _check_run(entry: SceneEntry) -> None:
 def _check_names(group: str, names: Sequence[str]) -> None:
     first: dict[str, int] = {}
     for index, name in enumerate(names):
+        if len(name) > LONGEST_NAME or not name.isprintable():
+            raise EntryError(f"{group}[{index}]: name", f"{brief(repr(name), 60)} is too long or cannot be printed",
+                             f"write at most {LONGEST_NAME} characters, none of them a control character")
         entry = f'{group}[{index}] "{name}": name'
         if not name.strip():
             raise EntryError(f"{group}[{index}]: name", "is empty", "give it a name of its own")
@@ -170,6 +184,16 @@ def _check_names(group: str, names: Sequence[str]) -> None:
             raise EntryError(entry, '"ground" is the fixed world', "give the body another name")
         if first.setdefault(name, index) != index:
             raise EntryError(entry, f"{group}[{first[name]}] has the same name", "give each its own name")
+
+
+def _check_armature(scene: Scene) -> None:
+    levers = [anchor for joint in scene.joints for anchor in (joint.parent_anchor, joint.child_anchor)]
+    length = max(1.0, max((float(np.linalg.norm(lever)) for lever in levers), default=0.0))
+    most = STIFFEST * (float(scene.masses.sum()) * length**2 + float(np.abs(scene.inertias).sum()))
+    for i, joint in enumerate(scene.joints):
+        if max(joint.armature, default=0.0) > most:
+            raise EntryError(f'joints[{i}] "{joint.name}": armature', f"{max(joint.armature):g} is so large beside the "
+                             "bodies' inertia that the joint never moves", f"write a number below {most:.2g}")
 
 
 def _body(entry: str, body: BodyEntry) -> Body:

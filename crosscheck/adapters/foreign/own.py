@@ -19,12 +19,15 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec, StandIn, Stats, steps_per_sample
 from crosscheck.adapters.foreign import code
-from crosscheck.errors import ArgumentError, EngineError, foreign, named, unknown
+from crosscheck.errors import ArgumentError, EngineError, brief, foreign, named, unknown
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 COARSEST = 2.0**-23
 """Spacing at 1 of single precision: an engine cannot claim coarser numbers."""
+
+LONGEST_NAME = 100
+"""Characters of the name of a method: it stands in tables."""
 
 LONGEST = 1e9
 """Longest wall time (s) that is taken for one; any other is an error of its own."""
@@ -53,7 +56,8 @@ class Completed(StandIn):
         """The version that the engine or its package states, and the digest of its code."""
         stated = getattr(self._engine, "version", None)
         said = (stated() if callable(stated) else stated) or self._version
-        return ", ".join([*([] if said is None else [str(said)]), *([f"code {self._own}"] if self._own else [])])
+        return ", ".join([*([] if said is None else [brief(str(said), LONGEST_NAME)]),
+                          *([f"code {self._own}"] if self._own else [])])
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """From the engine's method of this name, else none."""
@@ -66,8 +70,8 @@ class Completed(StandIn):
             return reason
         if spec.form is not None and spec.form not in self.forms:
             return f"form {spec.form} is not among those of this engine: {', '.join(self.forms) or 'it names none'}"
-        found: str | None = self._engine.unsupported(scene, spec)
-        return found
+        reason = self._engine.unsupported(scene, spec)
+        return None if reason is None else brief(str(reason))
 
     @property
     def derivatives(self) -> Any:
@@ -147,6 +151,10 @@ def load(name: str, known: Iterable[str], stated: str | None = None) -> Complete
                      own or code.digest(home, getattr(module, "__file__", None)))
 
 
+def _is_name(given: object) -> bool:
+    return isinstance(given, str) and given.isprintable() and 0 < len(given) <= LONGEST_NAME
+
+
 def completed(engine: Any, name: str, version: str | None, own: str = "") -> Completed:
     """`engine` with its defaults; raises `ArgumentError` naming what it lacks.
 
@@ -160,11 +168,13 @@ def completed(engine: Any, name: str, version: str | None, own: str = "") -> Com
         if not callable(getattr(engine, method, None)):
             raise ArgumentError(f"engine: {name} has no method {method}(scene, spec); an engine needs `unsupported` "
                                 "and `run`, and the attributes `name` and `methods`")
-    if not isinstance(getattr(engine, "name", None), str):
-        raise ArgumentError(f"engine: {name} has no attribute `name`; give it one, a text")
+    if not _is_name(getattr(engine, "name", None)):
+        raise ArgumentError(f"engine: {name} has no attribute `name`; give it one, a text that is printable and has at "
+                            f"most {LONGEST_NAME} characters")
     methods = getattr(engine, "methods", None)
-    if not isinstance(methods, tuple | list) or not methods or not all(isinstance(each, str) for each in methods):
-        raise ArgumentError(f"engine: {name}: `methods` has to be a tuple of names with at least one, not {methods!r}")
+    if not isinstance(methods, tuple | list) or not methods or not all(map(_is_name, methods)):
+        raise ArgumentError(f"engine: {name}: `methods` has to be a tuple of names with at least one, printable and of "
+                            f"at most {LONGEST_NAME} characters, not {brief(repr(methods), LONGEST_NAME)}")
     orders = getattr(engine, "orders", None) or {}
     if not isinstance(orders, Mapping) or not set(orders) <= set(methods) or not all(
             isinstance(order, int) and order > 0 for order in orders.values()):

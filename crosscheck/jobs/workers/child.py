@@ -17,6 +17,7 @@ import time
 import traceback
 import warnings
 
+from crosscheck.errors import LONGEST, brief
 from crosscheck.jobs.workers import frames, output
 
 GRACE = 30.0
@@ -122,7 +123,7 @@ def _answer(payload: bytes, said: list[str]) -> bytes:
     said.clear()
     with warnings.catch_warnings():
         # Warnings are collected apart from what engines print: the parent shows them to the user.
-        warnings.showwarning = lambda *shown: said.append(warnings.formatwarning(*shown[:4]))
+        warnings.showwarning = lambda *shown: said.append(brief(warnings.formatwarning(*shown[:4])))
         try:
             function, arguments = pickle.loads(payload)
             content = frames.encode(function(*arguments))
@@ -131,7 +132,8 @@ def _answer(payload: bytes, said: list[str]) -> bytes:
                 raise ValueError(f"the result takes {len(content) / 2**30:.3g} GB; at most {frames.MOST / 2**30:g} GB "
                                  "can be sent")
         except Exception as error:
-            answer = frames.Raised(f"{type(error).__name__}: {error}", traceback.format_exc(),
-                                   tuple(kind.__name__ for kind in type(error).__mro__), str(error), tuple(said))
+            kinds = tuple(kind.__name__ for kind in type(error).__mro__)
+            answer = frames.Raised(brief(f"{kinds[0]}: {error}"), brief(traceback.format_exc(), 10 * LONGEST), kinds,
+                                   brief(str(error)), tuple(said))
     output.flush()
     return frames.packed(answer)

@@ -1,0 +1,114 @@
+"""Texts, numbers and files of strangers end in one clear line: nothing hangs, floods a report or reaches a terminal."""
+
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+
+from crosscheck import load_scene
+from crosscheck.adapters.base import RawRun
+from crosscheck.adapters.foreign.own import LONGEST_NAME, completed
+from crosscheck.cli import app as command
+from crosscheck.document import Run
+from crosscheck.errors import LONGEST, ArgumentError, CrosscheckError, SceneError
+from crosscheck.files import readable
+from crosscheck.jobs.workers.crew import isolated
+from crosscheck.running.attempt import WORD, Failed, Ran, Refused, attempt
+from crosscheck.scene.file import read_scene
+from crosscheck.verification.cell import judge_run
+from tests.bad_engines import Resting
+
+LONG = "\x1b[31m" + 10**6 * "x"
+HINGE = read_scene("hinge_pendulum")[0].read_text().replace("schema      = 1", "schema = 2")
+
+
+def loud(what):
+    """An engine that says `LONG` of something."""
+    class Loud(Resting):
+        def unsupported(self, scene, spec):
+            return LONG if what == "reason" else None
+
+        def run(self, scene, spec):
+            if what in ("error", "own"):
+                raise {"error": RuntimeError, "own": CrosscheckError}[what](LONG)
+            words = {"status": LONG, "form": LONG} if what == "status" else {"stats": {"said": LONG}}
+            return RawRun(super().run(scene, spec), 0.0, scene.samples - 1, 0.1, **words)
+    return completed(Loud(), "loud", "1")
+
+
+@pytest.mark.parametrize(("what", "kind"), [("error", Failed), ("own", Failed), ("reason", Refused), ("status", Ran),
+                                            ("stats", Failed)])
+def test_words_of_an_engine_are_cut_and_no_letter_of_them_commands_a_terminal(what, kind):
+    outcome = attempt(load_scene("single_pendulum"), loud(what), Resting.methods[0], 0.1)
+    assert isinstance(outcome, kind)
+    said = [outcome.raw.status, outcome.raw.form] if kind is Ran else [str(outcome.error)]
+    most = WORD if kind is Ran else LONGEST
+    assert all(len(text) < most + 200 and readable(text) == text for text in said)
+
+
+def shout(_task):
+    """Called in a worker."""
+    raise RuntimeError(LONG)
+
+
+def test_what_a_worker_raises_is_cut():
+    crash = isolated(shout, None)
+    assert len(crash.message) < LONGEST + 200
+    assert len(crash.details) < 11 * LONGEST
+    assert readable(crash.message) == crash.message
+
+
+@pytest.mark.parametrize("name", [LONG, "", "a\nb", 3])
+def test_names_of_engines_and_methods_are_short_and_printable(name):
+    for key in ("name", "methods"):
+        engine = Resting()
+        setattr(engine, key, name if key == "name" else (name,))
+        with pytest.raises(ArgumentError, match=f"at most {LONGEST_NAME} characters"):
+            completed(engine, "x", "1")
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ('"hinge_pendulum"', f'"{300 * "n"}"', "name: has 300 characters"),
+    ('"pendulum"', f'"{2000 * "n"}"', r"bodies\[0\]: name: .* too long"),
+    ('"pendulum"', '"a\\u001b[31m"', r"bodies\[0\]: name: .* cannot be printed"),
+    ("child_axis    = [0.0", "child_axis    = [nan", "child_axis.* not a finite number"),
+    ("parent_axis ", "armature = 1e89\nparent_axis ", "armature: 1e\\+89 is so large"),
+])
+def test_a_wrong_entry_of_a_scene_is_named(tmp_path, old, new, said):
+    file = tmp_path / "scene.toml"
+    file.write_text(HINGE.replace(old, new))
+    with pytest.raises(SceneError, match=said):
+        load_scene(file)
+
+
+def test_a_large_armature_is_taken(tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(HINGE + "armature = 1e9\n")
+    assert load_scene(file).joints[0].armature == (1e9,)
+
+
+def test_a_removed_folder_is_one_line(tmp_path, monkeypatch, capsys):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    try:
+        with pytest.raises(SystemExit, match="2"):
+            command.main()
+    finally:
+        os.chdir(tmp_path)
+    assert capsys.readouterr().err.splitlines() == [
+        "crosscheck: the current folder has been removed; change to another one"]
+
+
+@pytest.mark.parametrize("gravity", [9.81, 0.0])
+def test_a_pendulum_that_hangs_still_warns_of_nothing(gravity):
+    scene = load_scene("single_pendulum")
+    body = dataclasses.replace(scene.bodies[0], attitude=np.array([1.0, 0.0, 0.0, 0.0]), velocity=np.zeros(3),
+                               position=np.array([0.0, 0.0, -1.0]), angular_velocity=np.zeros(3))
+    still = scene.replace(name="still", duration=1.0, samples=11, bodies=(body,),
+                          gravity=gravity * scene.gravity / 9.81)
+    run = Run(scene="still", engine="lieeuler", version="1", method="rkmk4", form=None, step=0.1, documented_order=4)
+    judged = judge_run(run, still, attempt(still, "lieeuler", "rkmk4", 0.1).trajectory, frozenset())
+    assert judged.outcome == "unjudged"

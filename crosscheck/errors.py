@@ -10,8 +10,6 @@ import contextlib
 import difflib
 from collections.abc import Callable, Iterable, Iterator
 
-from crosscheck.files import readable
-
 LONGEST = 2000
 """Most characters of a message. Some engines put all that they have printed into theirs, and each report repeats it."""
 
@@ -21,7 +19,8 @@ FAILED = "✗ "
 
 def brief(text: str, most: int = LONGEST) -> str:
     """The text without control characters, which terminals obey and XML refuses, cut after `most` characters."""
-    shown = readable(text[:most])
+    shown = "".join(letter if letter.isprintable() or letter in "\n\t\xa0" else
+                    letter.encode("unicode_escape").decode() for letter in text[:most])
     return shown if len(text) <= most else f"{shown}... ({len(text) - most} more characters)"
 
 

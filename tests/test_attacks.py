@@ -10,7 +10,7 @@ from crosscheck import load_scene
 from crosscheck.adapters.base import RawRun
 from crosscheck.adapters.foreign.own import LONGEST_NAME, completed
 from crosscheck.cli import app as command
-from crosscheck.document import Run
+from crosscheck.document import Record, Way, extended
 from crosscheck.errors import LONGEST, ArgumentError, CrosscheckError, SceneError
 from crosscheck.files import readable
 from crosscheck.jobs.workers.crew import isolated
@@ -40,7 +40,7 @@ def loud(what):
 @pytest.mark.parametrize(("what", "kind"), [("error", Failed), ("own", Failed), ("reason", Refused), ("status", Ran),
                                             ("stats", Failed)])
 def test_words_of_an_engine_are_cut_and_no_letter_of_them_commands_a_terminal(what, kind):
-    outcome = attempt(load_scene("single_pendulum"), loud(what), Resting.methods[0], 0.1)
+    outcome = attempt(load_scene("single_pendulum"), Way("loud", Resting.methods[0], 0.1), loud(what))
     assert isinstance(outcome, kind)
     said = [outcome.raw.status, outcome.raw.form] if kind is Ran else [str(outcome.error)]
     most = WORD if kind is Ran else LONGEST
@@ -109,6 +109,7 @@ def test_a_pendulum_that_hangs_still_warns_of_nothing(gravity):
                                position=np.array([0.0, 0.0, -1.0]), angular_velocity=np.zeros(3))
     still = scene.replace(name="still", duration=1.0, samples=11, bodies=(body,),
                           gravity=gravity * scene.gravity / 9.81)
-    run = Run(scene="still", engine="lieeuler", version="1", method="rkmk4", form=None, step=0.1, documented_order=4)
-    judged = judge_run(run, still, attempt(still, "lieeuler", "rkmk4", 0.1).trajectory, frozenset())
+    way = Way.of("lieeuler", "rkmk4", 0.1)
+    run = extended(Record, way, scene="still", version="1", documented_order=4)
+    judged = judge_run(run, still, attempt(still, way).trajectory, frozenset())
     assert judged.outcome == "unjudged"

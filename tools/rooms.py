@@ -22,7 +22,7 @@ JUDGED = RUNS | {"judge"}
 REPORTED = JUDGED | {"verification", "report"}
 
 MAY_IMPORT: dict[str, set[str]] = {
-    "errors": {"files"},
+    "errors": set(),
     "files": set(),
     "jobs": BASE,
     "scene": BASE | {"jobs"},  # model files are read in a worker

@@ -41,6 +41,9 @@ SETTLED = 1e-12
 """A rate this small, as a part of the larger one of 1 and the rate before, is none."""
 LOWEST = 1e-15
 """A bounce whose height is below this, as a part of the larger one of 1 and the coordinate, is none."""
+BACK = 1e-2
+"""An acceleration this small, as a part of the largest one or 1, holds no coordinate that was let go just now: what
+drives it grows, and a method of first order finds the time of that by forces that are off by a part of its step."""
 PUSH = 1e4
 """The torque whose accelerations give those of an impulse, over the weights and one: so large that rounding of what the
 other forces do is small beside it."""
@@ -363,7 +366,7 @@ class Pieces:
                 self._tell(state.t, i, "reverses")
         elif kind == "held":
             self._release(state, i, which)
-            self._settle(state, set())
+            self._settle(state, set(), i)
         elif kind == "hits":
             self._tell(state.t, i, "hits", which)
             mode.stop = which
@@ -457,10 +460,11 @@ class Pieces:
         self._cuts(state, told=True)
         return state
 
-    def _settle(self, state: State, fresh: set[int]) -> None:
+    def _settle(self, state: State, fresh: set[int], freed: int = -1) -> None:
         """Choose, among the coordinates at rest, those that stay: Gauss' principle by single changes.
 
-        fresh: held since just now, so that letting them go is no event.
+        fresh: held since just now, so that letting them go is no event. freed: let go just now, where its acceleration
+        is as good as zero, of either sign.
         """
         resting = {i for i, mode in enumerate(self.modes) if mode.held} | {
             i for i, mode in enumerate(self.modes) if mode.sign and state.rate[i] == 0.0}
@@ -477,7 +481,8 @@ class Pieces:
                     room = 1e-12 * max(1.0, abs(holding))
                     if (over := max(holding - upper, lower - holding) - room) > worst:
                         worst, change = over, (i, -1 if holding > upper else 1)
-                elif (back := -mode.sign * float(s.acceleration[0, i])) > worst:
+                elif (back := -mode.sign * float(s.acceleration[0, i])) > max(worst, (i == freed) * BACK * max(
+                        1.0, float(np.abs(s.acceleration[0]).max()))):
                     worst, change = back, (i, 0)
             if change is None:
                 break

@@ -84,7 +84,7 @@ class Part:
     slip: int = 0  # direction in which dry friction slips
     soft: int = 0  # side of the range beyond which it is
     pushing: bool = False  # whether the spring and damper there push
-    cut: int = 0  # which limit cuts the servo
+    cut: int = 0  # which limit cuts the servo, a sampled one at its last sample
     way: int = 1  # sign of the rate, twice that beyond the no-load speed
     acting: float = 0.0  # what a sampled servo gives
     waiting: tuple[float, ...] = ()  # what it will give
@@ -233,7 +233,8 @@ class Machine:
                 part = self._started(i, part, t, float(q[i]), float(rate[i]))
             if before is not None:
                 part = dataclasses.replace(part, acting=before[i].acting, waiting=before[i].waiting,
-                                           sample=before[i].sample, hit=before[i].hit)
+                                           sample=before[i].sample, hit=before[i].hit,
+                                           cut=part.cut if law.bounded else before[i].cut)
             parts.append(part)
         settled = self.settle(t, y, tuple(parts), fired)
         settled.events = []
@@ -400,8 +401,11 @@ class _Change:
             if servo.effort_limit is not None:
                 value = min(max(value, float(self.form.bound(i, there, -1, rate[i]))),
                             float(self.form.bound(i, there, 1, rate[i])))
+            cut = int(np.sign(float(self.form.wanted(i, self.t, q[i], rate[i])) - value))
+            if cut != part.cut:
+                self.name(i, "saturates" if cut else "unsaturates")
             waiting = (*part.waiting, value)
-            self.change(i, acting=waiting[0], waiting=waiting[1:], sample=part.sample + 1)
+            self.change(i, cut=cut, acting=waiting[0], waiting=waiting[1:], sample=part.sample + 1)
 
     def gauss(self) -> None:
         """Which of the coordinates at rest stay there."""

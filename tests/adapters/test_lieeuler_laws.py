@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 import crosscheck
+from crosscheck.references import compute
 from tests.adapters.test_laws import SERVO, arm, coulomb, pendulum
+from tests.law_mistakes import SCENES
+from tests.references.law_scenes import pendulum as hanging
+from tests.references.law_scenes import servo
 
 SAMPLED = {"type": "servo", "joint": "elbow", "target": 0.1, "proportional": 30.0, "derivative": 1.0, "period": 0.025,
            "delay": 1}
@@ -62,3 +66,16 @@ def test_a_changed_law_moves_otherwise(seeded):
     right = crosscheck.run(arm(upper={"dry_friction": 0.6}), "lieeuler", "taylor", rtol=1e-10)
     wrong = crosscheck.run(arm(upper=seeded), "lieeuler", "taylor", rtol=1e-10)
     assert np.abs(right.x - wrong.x).max() > 1e-4
+
+
+@pytest.mark.parametrize("make", [SCENES["two"], lambda folder: hanging(folder, forces=[servo(
+    "h", effort_limit=[-2.0, 3.0], period=0.02, delay=1)], duration=1.0, samples=11)], ids=["two", "sampled"])
+def test_events_are_those_of_truth(tmp_path, make):
+    """Two joints that stick and slip; a sampled servo is cut, and free again, at samples."""
+    scene = make(tmp_path)
+    exact = compute(scene).events
+    assert len(exact) > 1
+    for method, size, near in (("taylor", {"rtol": 1e-12}, 1e-8), ("DAE1L_LSE", {"step": 5e-4}, 10 * 5e-4)):
+        found = crosscheck.run(scene, "lieeuler", method, **size).events
+        assert [event[1:] for event in found] == [event[1:] for event in exact]
+        assert np.abs(np.array([event[0] for event in found]) - [event[0] for event in exact]).max() < near

@@ -35,9 +35,10 @@ def derivatives(
     """
     from crosscheck.errors import ArgumentError, EngineError, Unsupported
     from crosscheck.jointspace.derivatives import truth
+    from crosscheck.jointspace.laws import smooth
     from crosscheck.jointspace.verdicts import Verdict, judge
 
-    asked = loaded(scene, drop, keyframe)
+    asked = smooth(loaded(scene, drop, keyframe))
     exact = truth(asked)
     verdicts: list[Verdict] = []
     skipped: dict[str, str] = {}

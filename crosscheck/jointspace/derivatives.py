@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import ArgumentError, Unsupported
+from crosscheck.jointspace.laws import smooth
 from crosscheck.jointspace.motion import JointSpace, TreeSpace, placed
 from crosscheck.jointspace.sources import allowed, condition, taken
 from crosscheck.references.base import TruthError
@@ -84,11 +85,11 @@ def derivatives(scene: Scene | str | os.PathLike[str], source: Any = "truth", st
     ArgumentError, SceneError
         An argument is wrong.
     Unsupported
-        The scene or the source has no such derivatives; the message says why.
+        The scene or the source has no such derivatives, or a law changes at just this state; the message says why.
     TruthError
         The two routes of the truth differ by more than 1e-8.
     """
-    loaded = at_state(scene_file.as_scene(scene), state)
+    loaded = smooth(at_state(scene_file.as_scene(scene), state))
     if source == "truth":
         return truth(loaded)
     return of(loaded, source)

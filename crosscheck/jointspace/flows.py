@@ -17,8 +17,10 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jointspace.derivatives import WEIGHTS
+from crosscheck.jointspace.laws import lawless
 from crosscheck.jointspace.motion import JointSpace, between, coordinates, posed
 from crosscheck.jointspace.parameters import altered, value_of
+from crosscheck.references import compute
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
 from crosscheck.running.attempt import Ran, Way, attempt
@@ -33,6 +35,10 @@ STEP = 2e-3
 """Of differences of runs, rad, m and relative to a number of the scene. With order four their truncation is 1e-11 times
 fifth derivatives, with order eight below rounding; rounding of a run, 1e-14, is 1e-11 over the step."""
 
+Ended = tuple[States, tuple[Any, ...]]
+"""States of a run, the last of which is its end, and the events of its laws."""
+
+End = Callable[[Scene], Ended]
 Weights = tuple[tuple[int, float], ...]
 FOURTH: Weights = ((1, 2 / 3), (2, -1 / 12))
 """Weights of the central difference of order four."""
@@ -75,7 +81,7 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
     ArgumentError, SceneError, EngineError
         An argument is wrong, or the engine fails.
     Unsupported
-        The scene has no joint coordinates, or laws that jump.
+        The scene has no joint coordinates, or the events of its laws change with the start or a number.
     TruthError
         The two routes of the truth differ by more than 1e-7.
     """
@@ -85,28 +91,32 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
     if isinstance(parameters, str):
         raise ArgumentError(f"parameters: give a tuple of paths, ({parameters!r},)")
     loaded = loaded.replace(duration=float(duration), samples=2)
-    space = JointSpace(loaded)
-    for path in parameters:
-        value_of(loaded, path)
+    space = JointSpace(lawless(loaded))
+    numbers = [value_of(loaded, path) for path in parameters]
     weights: Weights
-    if source == "truth":
-        end, weights = _exact(loaded), WEIGHTS
+    end, weights, error = (_exact(loaded), WEIGHTS, 1e-9) if source == "truth" else (
+        _engine(source, step, options), FOURTH, 1e-10)
+    base = end(loaded)
+
+    def along(row: np.ndarray) -> np.ndarray:
+        return _difference(lambda s: end(loaded.replace(bodies=space.moved(*np.split(s * row, 2)).bodies)), base,
+                           loaded, weights)
+
+    if source == "truth" and not loaded.has_laws:
         matrix = jet(space)
         direction = np.random.default_rng(1).normal(size=2 * space.size)
-        other = _difference(lambda s: end(space.moved(*np.split(s * direction, 2))), end(loaded), loaded, weights)
         scale = float(np.abs(matrix).max() * np.linalg.norm(direction))
-        error = max(float(np.abs(matrix @ direction - other).max()) / scale, 1e-13)
+        error = max(float(np.abs(matrix @ direction - along(direction)).max()) / scale, 1e-13)
         if not error <= AGREED:
             raise TruthError(f"derivative of the flow of {loaded.name!r}: two routes differ by {error:.1e}")
     else:
-        end, weights, error = _engine(source, step, options), FOURTH, 1e-10
-        base = end(loaded)
-
-        def along(row: np.ndarray) -> np.ndarray:
-            return _difference(lambda s: end(space.moved(*np.split(s * row, 2))), base, loaded, weights)
-
         matrix = np.stack([along(row) for row in np.eye(2 * space.size)], axis=1)
-    columns = [_by_number(loaded, path, end, weights) for path in parameters]
+
+    def by(path: str, value: float) -> np.ndarray:
+        size = abs(value) or 1.0
+        return _difference(lambda s: end(altered(loaded, path, value + s * size)), base, loaded, weights) / size
+
+    columns = [by(*each) for each in zip(parameters, numbers, strict=True)]
     return FlowDerivative(loaded.name, source, float(duration), loaded.coordinates, matrix,
                           np.array(columns).reshape(-1, 2 * space.size).T, error)
 
@@ -139,34 +149,37 @@ def _tangent(space: JointSpace) -> np.ndarray:
     return np.concatenate(space.derivative(lambda change, speeds: np.array(space.state(change, speeds))), axis=1)
 
 
-def _exact(scene: Scene) -> Callable[[Scene], States]:
-    return lambda changed: Maximal(changed).run(np.array([0.0, scene.duration]))
+def _exact(scene: Scene) -> End:
+    if scene.has_laws:  # both formulations, which have to find the same events
+        return lambda changed: ((found := compute(changed)).states, found.events)
+    return lambda changed: (Maximal(changed).run(np.array([0.0, scene.duration])), ())
 
 
-def _engine(source: str, step: float | None, options: dict[str, Any]) -> Callable[[Scene], States]:
+def _engine(source: str, step: float | None, options: dict[str, Any]) -> End:
     name, method = adapters.split(source)
     if not method:
         raise ArgumentError(f"source: {source!r}: name a method too, as in \"lieeuler:rattle2\"")
 
-    def end(scene: Scene) -> States:
+    def end(scene: Scene) -> Ended:
         outcome = attempt(scene, Way.of(name, method, step, **options), monitor=False)
         if isinstance(outcome, Ran):
-            return outcome.raw.states
+            return outcome.raw.states, outcome.raw.events or ()
         raise outcome.error
 
     return end
 
 
-def _by_number(scene: Scene, path: str, end: Callable[[Scene], States], weights: Weights) -> np.ndarray:
-    value = value_of(scene, path)
-    size = abs(value) or 1.0
-    return _difference(lambda s: end(altered(scene, path, value + s * size)), end(scene), scene, weights) / size
-
-
-def _difference(end: Callable[[float], States], base: States, scene: Scene, weights: Weights) -> np.ndarray:
-    """d/ds of the coordinates at the end, (2n,), at s = 0."""
-    return np.asarray(sum(sign * weight / STEP * change(scene, base, end(sign * k * STEP))
-                          for k, weight in weights for sign in (1.0, -1.0)))
+def _difference(end: Callable[[float], Ended], base: Ended, scene: Scene, weights: Weights) -> np.ndarray:
+    """d/ds of the coordinates at the end, (2n,), at s = 0; the jumps at events are in it."""
+    total = np.zeros(2 * len(scene.coordinates))
+    for k, weight in weights:
+        for sign in (1.0, -1.0):
+            states, events = end(sign * k * STEP)
+            if [event[1:] for event in events] != [event[1:] for event in base[1]]:
+                raise Unsupported(f"derivative of the flow of {scene.name!r}: the events of its laws, or their order, "
+                                  "change with the start or the number, so that it has none")
+            total += sign * weight / STEP * change(scene, base[0], states)
+    return total
 
 
 def change(scene: Scene, base: States, other: States) -> np.ndarray:

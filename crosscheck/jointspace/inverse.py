@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from typing import Any
 
 import numpy as np
 
 from crosscheck.errors import ArgumentError, Unsupported, unknown
+from crosscheck.jointspace.laws import lawless
 from crosscheck.jointspace.motion import JointSpace, placed
 from crosscheck.jointspace.sources import mujoco_at, pinocchio_at
 from crosscheck.references.base import TruthError
@@ -61,7 +61,9 @@ def inverse_dynamics(scene: Scene | str | os.PathLike[str], q: Any, v: Any, a: A
     closing = [joint.name for joint in loaded.joints if joint.mimic is not None or joint.drive is not None]
     if closing:
         raise Unsupported(f"inverse dynamics of {loaded.name!r}: the coordinate of joint {closing[0]!r} is not free")
-    rows = [ENGINES[engine](frictionless(placed(frictionless(loaded), *row[:2])), row[2]) + friction(loaded, row[1])
+    if any(limits is not None for joint in loaded.joints for limits in joint.limits):
+        raise Unsupported(f"inverse dynamics of {loaded.name!r}: it has limits, which push only where they are met")
+    rows = [ENGINES[engine](lawless(placed(loaded, *row[:2])), row[2]) + friction(loaded, row[1])
             for row in zip(Q, V, A, strict=True)]
     return rows[0] if single else np.array(rows).reshape(len(Q), count)
 
@@ -72,17 +74,9 @@ def passive(scene: Scene) -> Scene:
                                       if not force.type.startswith("joint_") and force.type != "servo"))
 
 
-def frictionless(scene: Scene) -> Scene:
-    """The scene without dry friction; limits have to go first."""
-    if any(limits is not None for joint in scene.joints for limits in joint.limits):
-        raise Unsupported(f"inverse dynamics of {scene.name!r}: it has limits, which push only where they are met")
-    joints = tuple(dataclasses.replace(joint, dry_friction=()) for joint in scene.joints)
-    return scene.replace(joints=joints, monitors=())
-
-
 def friction(scene: Scene, v: np.ndarray) -> np.ndarray:
     """What drives have to supply against dry friction, (n,); none at rest, where it may be anything up to its limit."""
-    force, places = np.zeros(len(v)), JointSpace(frictionless(scene)).of_joint
+    force, places = np.zeros(len(v)), JointSpace(lawless(scene)).of_joint
     for joint in scene.joints:
         for k, each in enumerate(joint.dry_friction, places[joint.name].start):
             if each is not None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.jointspace.derivatives import linearised
+from crosscheck.jointspace.laws import smooth
 from crosscheck.jointspace.motion import TreeSpace
 from crosscheck.references.tree import FREE
 from crosscheck.scene import file as scene_file
@@ -58,9 +59,9 @@ def modes(scene: Scene | str | os.PathLike[str]) -> Modes:
     SceneError
         As `crosscheck.load_scene`.
     Unsupported
-        The start is neither an equilibrium nor a steady motion, or the scene has laws that jump.
+        The start is neither an equilibrium nor a steady motion, or a law changes there.
     """
-    loaded = scene_file.as_scene(scene)
+    loaded = smooth(scene_file.as_scene(scene))
     space = TreeSpace(loaded)
     tangent, _, free = linearised(space)
     A = _coefficients(space)

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crosscheck.errors import Unsupported, install
+from crosscheck.jointspace.laws import lawless
 from crosscheck.references import loops
 from crosscheck.references.articulated import centripetal
 from crosscheck.references.generic import (
@@ -367,8 +368,9 @@ def placed(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
     Of a ball q is a rotation vector: the child is turned by it, in its own axes, from the attitude at zero coordinates.
     Of a free body it is the position, and such a vector for the attitude.
     """
-    space = JointSpace(scene)
-    return space.moved(between(scene, positions(scene), q), v - space.speeds).replace(joints=tuple(
+    space = JointSpace(lawless(scene))
+    moved = space.moved(between(scene, positions(scene), q), v - space.speeds)
+    return scene.replace(bodies=moved.bodies, joints=tuple(
         joint if joint.start is None or joint.type == "spherical" else
         dataclasses.replace(joint, start=tuple(q[space.of_joint[joint.name]])) for joint in scene.joints))
 

@@ -13,11 +13,13 @@ from typer.testing import CliRunner
 import crosscheck
 from crosscheck.cli.app import app
 from crosscheck.jointspace.derivatives import WEIGHTS, truth
+from crosscheck.jointspace.laws import smooth
 from crosscheck.jointspace.motion import JointSpace, placed, positions
 from crosscheck.jointspace.sources import Blocks, coordinate_accelerations
 from crosscheck.jointspace.verdicts import judge
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.laws import DryFriction, Limits
 from crosscheck.scene.states import States
 from tests.jointspace.arms import arm
 
@@ -121,6 +123,41 @@ def test_a_given_state():
                               for k, joint in enumerate(scene.joints)]))
     np.testing.assert_allclose(one.da_dq, other.da_dq, rtol=1e-12)
     np.testing.assert_allclose(one.da_dv, other.da_dv, rtol=1e-12, atol=1e-13)
+
+
+SERVO = {"type": "servo", "joint": "j0", "target": 0.9, "proportional": 8.0, "derivative": 1.5, "effort_limit": 50.0}
+
+
+def with_laws(servo=(), **law):
+    """An arm with a servo on its first hinge and a law on its second."""
+    given = arm(damping=0.0, forces=[SERVO | dict(servo)])
+    return given.replace(joints=(given.joints[0], dataclasses.replace(given.joints[1], **law)))
+
+
+@pytest.mark.parametrize(("servo", "law", "stiffness", "damping", "force"), [
+    ({}, {}, [8.0, 0.0], [1.5, 0.0], [8.0 * 0.6 - 1.5, 0.0]),
+    ({}, {"dry_friction": (DryFriction(0.4, 0.4),)}, [8.0, 0.0], [1.5, 0.0], [3.3, 0.4]),
+    ({"effort_limit": 2.0}, {}, [0.0, 0.0], [0.0, 0.0], [2.0, 0.0]),
+    ({"effort_limit": 2.0, "no_load_speed": 4.0}, {}, [0.0, 0.0], [0.5, 0.0], [1.5, 0.0]),
+    ({"period": 0.1}, {}, [0.0, 0.0], [0.0, 0.0], [3.3, 0.0]),
+    ({}, {"limits": (Limits(upper=0.4, stiffness=20.0, damping=0.1),)}, [8.0, 20.0], [1.5, 0.1], [3.3, -1.87]),
+])
+def test_laws_count_as_the_piece_that_acts(servo, law, stiffness, damping, force):
+    scene, given = with_laws(servo, **law), crosscheck.derivatives(with_laws(servo, **law))
+    plain = arm(damping=0.0, forces=[{"type": "joint_torque", "joint": f"j{k}", "torque": torque}
+                                     for k, torque in enumerate(force)])
+    exact = truth(plain)
+    np.testing.assert_allclose(given.da_dq, exact.da_dq - exact.da_dtau @ np.diag(stiffness), atol=1e-11)
+    np.testing.assert_allclose(given.da_dv, exact.da_dv - exact.da_dtau @ np.diag(damping), atol=1e-11)
+    assert judge(smooth(scene), "mujoco:differences").right
+
+
+@pytest.mark.parametrize(("law", "said"), [
+    ({"dry_friction": (DryFriction(0.4, 0.4),)}, "at rest with dry friction"),
+    ({"limits": (Limits(upper=0.5),)}, "at its limit")])
+def test_a_state_at_which_a_law_changes_has_no_derivative(law, said):
+    with pytest.raises(crosscheck.Unsupported, match=said):
+        crosscheck.derivatives(with_laws(**law), state=([0.3, 0.5], [1.0, 0.0]))
 
 
 @pytest.mark.parametrize(("scene", "source", "right", "cause"), [

@@ -37,6 +37,32 @@ def test_a_linear_oscillator():
     assert found.error < 1e-10
 
 
+def block(duration=2.0, **law):
+    """A block on a slide, at 1 m/s, with dry friction or a stop."""
+    return scene_from({
+        "schema": 3, "name": "block", "gravity": [0.0, 0.0, 0.0], "duration": duration, "samples": 2,
+        "bodies": [{"name": "block", "mass": 2.0, "inertia": np.diag([0.1] * 3).tolist()}],
+        "joints": [{"name": "slide", "type": "prismatic", "parent": "ground", "child": "block",
+                    "parent_anchor": [0.0] * 3, "child_anchor": [0.0] * 3, "parent_axis": [1.0, 0.0, 0.0],
+                    "child_axis": [1.0, 0.0, 0.0], "position": 0.0, "velocity": 1.0} | law]}, "block")
+
+
+@pytest.mark.parametrize(("law", "source", "wanted"), [
+    ({"dry_friction": 1.5}, "truth", [[1.0, 4 / 3], [0.0, 0.0]]),  # it stops after v^2 m / 2c
+    ({"dry_friction": 1.5}, "lieeuler:rattle2", [[1.0, 4 / 3], [0.0, 0.0]]),
+    ({"limits": {"upper": 0.5, "restitution": 0.6}}, "lieeuler:taylor", [[-0.6, -1.2], [0.0, -0.6]]),
+])
+def test_the_jump_at_an_event_is_in_the_derivative(law, source, wanted):
+    step = 0.01 if "rattle" in source else None
+    found = crosscheck.flow_derivative(block(**law), 2.0, source=source, step=step)
+    np.testing.assert_allclose(found.matrix, wanted, atol=1e-8)
+
+
+def test_events_that_change_with_the_start_leave_no_derivative():
+    with pytest.raises(crosscheck.Unsupported, match="events of its laws"):  # it comes to rest at just this time
+        crosscheck.flow_derivative(block(dry_friction=1.5), 4 / 3, source="lieeuler:rattle2", step=0.01)
+
+
 @pytest.mark.parametrize(("source", "order"), [("lieeuler:rattle2", 2), ("mujoco:RK4", 4)])
 def test_a_discrete_map_converges_at_its_order(source, order):
     scene, paths = arm(damping=0.0), ("bodies.b1.mass", "gravity.2", "joints.j1.parent_anchor.2")

@@ -35,8 +35,7 @@ from crosscheck.diagnosis.physics import of_scene
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.document import Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
-from crosscheck.running.arguments import engine_options
-from crosscheck.running.methods import best_method
+from crosscheck.running.arguments import best_method, engine_options
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
 

@@ -10,12 +10,6 @@ import math
 from typing import Literal
 
 from crosscheck.document.curves import RunCurves, SceneCurves
-from crosscheck.document.origin import AS_PLANNED as AS_PLANNED
-from crosscheck.document.origin import Asked as Asked
-from crosscheck.document.origin import Calibration as Calibration
-from crosscheck.document.origin import Machine as Machine
-from crosscheck.document.origin import Meta as Meta
-from crosscheck.document.origin import Origin as Origin
 from crosscheck.document.part import Part as Part
 from crosscheck.document.part import Way as Way
 from crosscheck.document.part import extended as extended
@@ -37,6 +31,68 @@ Status = Literal["ok", "fail", "known", "unjudged"]
 
 PASSING = ("pass", "partly", "known", "unsupported", "unjudged")
 """Outcomes with exit code 0."""
+
+
+# --- what results were made with
+
+
+class Machine(Part, frozen=True, kw_only=True):
+    """The machine that a run was made on."""
+
+    system: str
+    processor: str
+    cores: int | None
+
+
+class Calibration(Part, frozen=True, kw_only=True):
+    """A fixed piece of work. The times of runs are compared with its time."""
+
+    what: str
+    us: float | None  # median
+    deviation: float | None = None  # us, median absolute deviation
+
+
+class Origin(Part, frozen=True, kw_only=True):
+    """What results were made with, from `crosscheck.running.provenance.describe`."""
+
+    time: str  # UTC
+    engines: dict[str, str]  # name to version
+    packages: dict[str, str]
+    python: str
+    machine: Machine
+    commit: str | None
+
+
+class Asked(Part, frozen=True, kw_only=True, omit_defaults=True):
+    """Options that the user asked for in main runs instead of those of the plan; None: as planned."""
+
+    coordinate_map: str | None = None  # also in order studies, of the engines that have this option
+    step: float | None = None  # s, of methods with a fixed step
+    duration: float | None = None  # s
+
+    @property
+    def words(self) -> list[str]:
+        """The command-line options that ask for the same."""
+        given = (("--map", self.coordinate_map), ("--step", self.step), ("--duration", self.duration))
+        return [word for option, value in given if value is not None for word in (option, str(value))]
+
+
+AS_PLANNED = Asked()
+
+
+class Meta(Origin, frozen=True, kw_only=True):
+    """What the results of `crosscheck verify` were made with."""
+
+    profile: str
+    jobs: int
+    command: str
+    seconds: float  # of the whole run
+    calibration: Calibration | None = None
+    started: str | None = None  # UTC, ISO 8601; only of a nightly run
+    compared_with: str | None = None  # name of the earlier run that `changes` compare with
+    asked: Asked = AS_PLANNED
+    reused: int = 0  # number of results that were computed by earlier commands
+    reused_since: str | None = None  # UTC, when the oldest of them was computed
 
 
 # --- scenes

@@ -15,7 +15,7 @@ from crosscheck.errors import CrosscheckError
 from crosscheck.recordings.comparing import UNITS, Shown, gaps, norms
 from crosscheck.recordings.reading import Group
 from crosscheck.references import dense
-from crosscheck.running.methods import best_method
+from crosscheck.running.arguments import best_method
 from crosscheck.running.run import run
 from crosscheck.scene.file import load_scene, scene_names
 from crosscheck.scene.model import Published, Scene, rotation_from_quaternion

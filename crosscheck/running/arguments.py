@@ -135,3 +135,17 @@ def check_length(scene: Scene, spec: RunSpec) -> None:
     if spec.step is not None and not max(scene.duration / spec.step, scene.samples) <= MOST_STEPS:
         raise ArgumentError(f"step: {spec.step:g} s cuts {scene.duration:g} s with {scene.samples} samples into more "
                             f"than {MOST_STEPS:g} steps; give a larger step or a shorter duration")
+
+
+def best_method(adapter: Any, scene: Scene) -> str:
+    """The method with the highest documented order among those that can run this scene; the last of equal ones.
+
+    Raises `Unsupported` where the engine cannot run the scene with any method.
+    """
+    specs = [RunSpec(method, step=1e-3) for method in adapter.methods]
+    usable = [(adapter.documented_order(scene, spec) or 0, index) for index, spec in enumerate(specs)
+              if adapter.unsupported(scene, spec) is None]
+    if not usable:
+        raise Unsupported(f"{adapter.name}: {adapter.unsupported(scene, specs[0])}")
+    found: str = adapter.methods[max(usable)[1]]
+    return found

@@ -11,7 +11,7 @@ import platform
 import subprocess
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 from crosscheck.running.versions import NOT_INSTALLED as NOT_INSTALLED
 from crosscheck.running.versions import digest, of_package
@@ -20,27 +20,11 @@ from crosscheck.running.versions import engine_version as engine_version
 PACKAGES = ("lieeuler-crosscheck", "numpy", "scipy", "heyoka")
 
 
-class Machine(TypedDict):
-    """The machine that a run was made on."""
+def describe(engine_names: Iterable[str]) -> dict[str, Any]:
+    """The fields of `crosscheck.document.Origin`, ready for JSON.
 
-    system: str
-    processor: str
-    cores: int | None
-
-
-class Provenance(TypedDict):
-    """What results were made with, ready for JSON; the first fields of `crosscheck.document.Meta`."""
-
-    time: str
-    engines: dict[str, str]
-    packages: dict[str, str]
-    python: str
-    machine: Machine
-    commit: str | None
-
-
-def describe(engine_names: Iterable[str]) -> Provenance:
-    """Versions of engines, packages and Python, the machine, the time (UTC) and, in a git checkout, the commit."""
+    These are versions of engines, packages and Python, the machine, the time (UTC) and, in a git checkout, the commit.
+    """
     processor = platform.processor() or "unknown"
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

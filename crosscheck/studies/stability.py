@@ -1,24 +1,37 @@
-"""The stability map: the largest usable step of every engine and method on every scene.
+"""The stability map: the largest step at which each method of each engine still gives a usable answer on a scene.
 
-Every search (`crosscheck.studies.bisection`) runs in a worker process, and its result is a row.
+Every search runs in a worker process, and its result is a row. Its runs have two samples, so that any whole number of
+steps is possible. A run is usable if it reaches the end with an error against truth below `USABLE`. Because the error
+of one run may be small by accident, a step counts only if slightly shorter steps are usable, too.
 """
 
 from __future__ import annotations
 
+import collections
 import dataclasses
+import math
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
+import numpy as np
+from msgspec.structs import replace
 
-from crosscheck import adapters as all_engines
-from crosscheck import references
+from crosscheck import adapters, references
+from crosscheck.adapters.base import RunSpec
 from crosscheck.document import Part, Way, extended
+from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jobs.drive import Crash, Limits, run_tasks
 from crosscheck.jobs.table import Session
 from crosscheck.jobs.workers.process import GIGABYTE
+from crosscheck.judge import tolerances
+from crosscheck.judge.metrics import attitude_angle
+from crosscheck.judge.plan import natural_time
+from crosscheck.references.base import Reference
+from crosscheck.running.attempt import Failed, Refused, attempt, lasting
 from crosscheck.scene.file import load_scene, scene_names
-from crosscheck.studies.bisection import COMMON, USABLE, Row, Task, search
+from crosscheck.scene.model import Scene
 from crosscheck.studies.study import STAGE, Ask, Progress, StudyDocument, StudyMeta, Work
 
 TAG = "hard"
@@ -45,6 +58,183 @@ MEMORY = 4.0 * GIGABYTE
 SHADES = (0.95, 0.5, 0.1, 0.01)
 """Bounds of the shades of the map, as shares of the largest step on the scene. The first shade is as good as the best.
 """
+
+
+USABLE = 0.1
+"""Largest end error of a usable run: as a share of the distance that the bodies move, or in rad."""
+
+CLOSE = 1.05
+"""The bisection ends when the usable and the unusable step differ by less than this factor, or by one step."""
+
+FINER = (1.15, 1.35)
+"""A step counts as usable only if runs with these multiples of its number of steps are usable, too."""
+
+COMMON = 5
+"""The common step is the time in which the scene turns or falls by about a radian, divided by this."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Attempt:
+    """One run. `outcome` is "usable", "inaccurate", or the name of its failure."""
+
+    steps: int
+    outcome: str
+    error: float | None  # share of the motion, or rad
+    wall_time: float  # s, of stepping; of the whole run if it failed
+    message: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """The true end of one scene, with which its runs are compared, and the size of its motion."""
+
+    scene: Scene  # two samples
+    x: np.ndarray  # (n, 3) true positions at the end
+    R: np.ndarray  # (n, 3, 3) true attitudes at the end
+    moved: float  # m, largest distance of a body from its start; position errors are divided by it
+    attitudes: bool  # whether positions do not depend on attitudes, so that attitude errors count, too
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """One engine and method, in the engine's preferred form, on one scene (a name or a path)."""
+
+    scene: str
+    way: Way
+    time_limit: float  # s of one run
+    step: float | None = None  # s, the common one; None: one that suits the scene
+    duration: float | None = None  # s; None: the scene's
+
+    def scene_asked(self) -> Scene:
+        """The scene with the wanted duration."""
+        scene = load_scene(self.scene)
+        return scene.replace(duration=self.duration or scene.duration)
+
+    @property
+    def key(self) -> str:
+        """The name of the task in its row and in the progress bar."""
+        return f"{self.scene} {self.way.engine} {self.way.method}"
+
+
+class Row(Way, frozen=True, kw_only=True):
+    """The result of one task. `outcome` is "usable", "none within the limit", "unsupported" or "failed"."""
+
+    scene: str
+    outcome: str = ""
+    h_max: float | None = None  # s
+    steps: int | None = None
+    error: float | None = None  # at h_max
+    milliseconds: float | None = None  # of stepping, at h_max
+    common_step: float | None = None  # s
+    common_outcome: str = ""
+    common_error: float | None = None
+    failures: str = ""  # outcomes of the unusable runs, and the number of each
+    reason: str = ""
+    runs: tuple[Attempt, ...] = ()
+
+
+def target(scene: Scene, truth: Reference) -> Target:
+    """The true state at the last sample of a scene that is not past the horizon of its truth."""
+    last = int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1
+    if last < 1:
+        raise ArgumentError(f"scene {scene.name!r}: chaotic from its first sample on; give it more samples")
+    moved = float(np.linalg.norm(truth.states.x[:last + 1] - truth.states.x[0], axis=-1).max())
+    moved = moved or tolerances.scales(scene, truth).of("position")  # if nothing moves, use the size of the scene
+    tied = scene.joints or any(force.type in ("linear_spring", "constant_force") for force in scene.forces)
+    short = scene.replace(duration=float(truth.t[last]), samples=2)
+    return Target(short, truth.states.x[last], truth.states.R[last], moved, not tied)
+
+
+def tried(goal: Target, way: Way, steps: int) -> Attempt:
+    """Run with `steps` equal steps. A failure of the run is an outcome, too.
+
+    Raises `Unsupported` if the engine cannot run the scene with this method.
+    """
+    began = time.perf_counter()
+    outcome = lasting(attempt(goal.scene, way, step=goal.scene.duration / steps, monitor=False))
+    if isinstance(outcome, Refused) or (isinstance(outcome, Failed) and isinstance(outcome.error, ArgumentError)):
+        raise outcome.error
+    if isinstance(outcome, Failed):
+        word = "diverged" if "diverged" in outcome.why else "engine_error"
+        return Attempt(steps, word if outcome.status == "failed" else outcome.status, None,
+                       time.perf_counter() - began, outcome.why)
+    found = end_error(goal, outcome.trajectory.x[-1], outcome.trajectory.R[-1])
+    return Attempt(steps, "usable" if found <= USABLE else "inaccurate", found if math.isfinite(found) else None,
+                   outcome.trajectory.wall_time)
+
+
+def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
+    """Largest position error over `moved`, or attitude error (rad) where positions do not depend on attitudes."""
+    found = float(np.linalg.norm(x - goal.x, axis=-1).max()) / goal.moved
+    if goal.attitudes:
+        found = max(found, float(attitude_angle(R, goal.R).max()))
+    return found if math.isfinite(found) else math.inf
+
+
+class Search:
+    """The bisection for one way. It keeps every run."""
+
+    def __init__(self, goal: Target, way: Way, time_limit: float) -> None:
+        self._goal, self._way, self._time_limit = goal, way, time_limit
+        self.runs: dict[int, Attempt] = {}
+
+    def run(self, steps: int) -> Attempt:
+        """The run with this number of steps. It is made only once."""
+        if steps not in self.runs:
+            self.runs[steps] = tried(self._goal, self._way, steps)
+        return self.runs[steps]
+
+    def usable(self, steps: int) -> bool:
+        """Whether runs with this number of steps and with the larger numbers of `FINER` are usable."""
+        return all(self.run(math.ceil(factor * steps)).outcome == "usable" for factor in (1.0, *FINER))
+
+    def fewest(self) -> int | None:
+        """The smallest usable number of steps; None if runs reach the time limit before one is usable."""
+        steps = 1
+        while not self.usable(steps):
+            # Would twice as many steps take longer than the limit? Timed twice, as the machine may have been busy.
+            if 2 * self.runs[steps].wall_time > self._time_limit:
+                again = tried(self._goal, self._way, steps)
+                if 2 * min(again.wall_time, self.runs[steps].wall_time) > self._time_limit:
+                    return None
+            steps *= 2
+        low, high = steps // 2, steps  # unusable (or no step at all), usable
+        while high - low > 1 and high > CLOSE * low:
+            middle = max(low + 1, min(high - 1, round(math.sqrt(max(low, 1) * high))))
+            low, high = (low, middle) if self.usable(middle) else (middle, high)
+        return high
+
+
+def search(task: Task) -> Row:
+    """The row of one task, also if the scene is not supported or no step is usable within the time limit."""
+    scene = task.scene_asked()
+    row = extended(Row, task.way, scene=scene.name)
+    common = max(1, math.ceil(scene.duration / (task.step or natural_time(scene) / COMMON)))
+    goal = target(scene, references.truth(scene))
+    common = max(1, round(common * goal.scene.duration / scene.duration))
+    adapter = adapters.get(task.way.engine)
+    reason = adapter.unsupported(goal.scene, RunSpec(task.way.method, step=goal.scene.duration / common,
+                                                       coordinate_map=task.way.coordinate_map))
+    if reason is not None:
+        return replace(row, outcome="unsupported", reason=reason)
+    hunt = Search(goal, task.way, task.time_limit)
+    try:
+        shared = hunt.run(common)  # first, because it also loads the engine, which must not count in a search
+        fewest = hunt.fewest()
+    except Unsupported as error:  # some adapters notice it only when they build the model
+        return replace(row, outcome="unsupported", reason=str(error))
+    failures = collections.Counter(run.outcome for run in hunt.runs.values() if run.outcome != "usable")
+    worst = next((run.message for run in hunt.runs.values() if run.message), "")
+    row = replace(
+        row, common_step=goal.scene.duration / common, common_outcome=shared.outcome, common_error=shared.error,
+        failures=", ".join(f"{name} {count}" for name, count in sorted(failures.items())), reason=worst,
+        runs=tuple(hunt.runs[steps] for steps in sorted(hunt.runs)))
+    if fewest is None:
+        return replace(row, outcome="none within the limit", reason=(
+            f"finer runs would take more than {task.time_limit:g} s; {worst}".rstrip("; ")))
+    best = hunt.runs[fewest]
+    return replace(row, outcome="usable", h_max=goal.scene.duration / fewest, steps=fewest,
+                               error=best.error, milliseconds=1e3 * best.wall_time)
 
 
 class Best(Part, frozen=True, kw_only=True):
@@ -81,8 +271,8 @@ class MapLine(Way, frozen=True, kw_only=True, omit_defaults=True):
 class StabilityDocument(StudyDocument, frozen=True, kw_only=True):
     """stability.json."""
 
-    usable: float  # see `bisection.USABLE`
-    common: int  # see `bisection.COMMON`
+    usable: float  # see `USABLE`
+    common: int  # see `COMMON`
     scenes: list[Best]
     map: list[MapLine]
     rows: list[Row]
@@ -113,7 +303,7 @@ class Stability:
         ask = work.ask
         tasks = [Task(scene, Way.of(engine, method, coordinate_map=chart), ask.time_limit, ask.step, ask.duration)
                 for scene in ask.scenes or self.scenes() for engine in work.engines
-                for adapter in [all_engines.get(engine)] for chart in [adapter.takes_map(ask.coordinate_map)]
+                for adapter in [adapters.get(engine)] for chart in [adapter.takes_map(ask.coordinate_map)]
                 for method in adapter.fixed_step_methods if ask.methods is None or method in ask.methods]
         keys = [work.key(load_scene(task.scene), task.way.engine, task) for task in tasks]
         found: list[Row | None] = [None] * len(tasks)

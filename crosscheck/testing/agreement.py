@@ -19,7 +19,7 @@ from crosscheck.judge.metrics import differences
 from crosscheck.judge.plan import plan_from_truth
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
-from crosscheck.running.methods import best_method
+from crosscheck.running.arguments import best_method
 from crosscheck.running.run import run as run_scene
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene

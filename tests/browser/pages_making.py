@@ -13,11 +13,10 @@ from crosscheck.history.store import open_store, run_from_document, save, series
 from crosscheck.report.standalone import write_page
 from crosscheck.running import provenance
 from crosscheck.studies import frontier
-from crosscheck.studies.bisection import Row
 from crosscheck.studies.chaos import ChaosAsk, ChaosStudy, Comparison
 from crosscheck.studies.drift import Drift, DriftAsk, DriftStudy
 from crosscheck.studies.frontier import Rung
-from crosscheck.studies.stability import Stability, StabilityAsk
+from crosscheck.studies.stability import Row, Stability, StabilityAsk
 from crosscheck.studies.study import StudyMeta, write_folder
 from crosscheck.studies.work_precision import Known, SceneLadders, WorkPrecision, WorkPrecisionAsk
 from crosscheck.sweeps import summary

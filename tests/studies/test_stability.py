@@ -12,9 +12,8 @@ from crosscheck import load_scene
 from crosscheck.cli.app import app
 from crosscheck.document import Way
 from crosscheck.errors import ArgumentError
-from crosscheck.studies import bisection, stability, study
-from crosscheck.studies.bisection import Attempt, Row, Search, Task
-from crosscheck.studies.stability import Stability, StabilityAsk
+from crosscheck.studies import stability, study
+from crosscheck.studies.stability import Attempt, Row, Search, Stability, StabilityAsk, Task
 from crosscheck.studies.study import conduct
 
 ONE = ["study", "stability", "single_pendulum", "--engine", "lieeuler", "--time-limit", "20", "--jobs", "1"]
@@ -28,7 +27,7 @@ def pretend(monkeypatch, outcome, seconds=1e-6):
         made.append(steps)
         return Attempt(steps, outcome(steps), None, seconds * steps)
 
-    monkeypatch.setattr(bisection, "tried", tried)
+    monkeypatch.setattr(stability, "tried", tried)
     return made
 
 
@@ -36,7 +35,7 @@ def pretend(monkeypatch, outcome, seconds=1e-6):
 def test_the_bisection_finds_the_fewest_usable_steps(monkeypatch, limit):
     pretend(monkeypatch, lambda steps: "usable" if steps >= limit else "inaccurate")
     found = Search(None, Way("engine", "method"), 10.0).fewest()
-    assert limit <= found <= max(limit, math.ceil(bisection.CLOSE * limit))
+    assert limit <= found <= max(limit, math.ceil(stability.CLOSE * limit))
 
 
 def test_a_step_that_is_usable_by_chance_does_not_count(monkeypatch):
@@ -54,10 +53,10 @@ def test_the_error_counts_positions_and_of_free_bodies_attitudes():
     scene = load_scene("single_pendulum").replace(samples=2)
     x, R = np.zeros((1, 3)), np.eye(3)[None]
     quarter = np.array([[[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
-    jointed, free = (bisection.Target(scene, x, R, 2.0, attitudes) for attitudes in (False, True))
-    assert bisection.end_error(jointed, x + np.array([0.0, 0.3, 0.4]), quarter) == pytest.approx(0.25)
-    assert bisection.end_error(free, x, quarter) == pytest.approx(np.pi / 2)
-    assert bisection.end_error(jointed, np.full((1, 3), np.nan), R) == math.inf
+    jointed, free = (stability.Target(scene, x, R, 2.0, attitudes) for attitudes in (False, True))
+    assert stability.end_error(jointed, x + np.array([0.0, 0.3, 0.4]), quarter) == pytest.approx(0.25)
+    assert stability.end_error(free, x, quarter) == pytest.approx(np.pi / 2)
+    assert stability.end_error(jointed, np.full((1, 3), np.nan), R) == math.inf
 
 
 def row(scene, engine, method, step, outcome="usable"):

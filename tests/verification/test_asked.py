@@ -10,10 +10,9 @@ from crosscheck.cli.app import app
 from crosscheck.document import Asked, Way
 from crosscheck.history.nightly import Wanted
 from crosscheck.judge.plan import Profile
-from crosscheck.studies.bisection import Task, search
 from crosscheck.studies.chaos import ChaosAsk
 from crosscheck.studies.drift import DriftAsk
-from crosscheck.studies.stability import StabilityAsk
+from crosscheck.studies.stability import StabilityAsk, Task, search
 from crosscheck.studies.work_precision import WorkPrecisionAsk
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.job import labels

@@ -22,8 +22,9 @@ def inspect(
     states: Annotated[int, typer.Option(help="random admissible states beside the start", min=0, max=1000)] = 3,
     seed: Annotated[int, typer.Option(help="of the random states", min=0)] = 0,
     against: Annotated[str | None, typer.Option(help="another model or scene: as `crosscheck diff`")] = None,
-    torques: Annotated[bool, typer.Option("--torques", help="only what drives have to supply at the start for constant "
-                                                            "rates, by inverse dynamics of truth and engines")] = False,
+    torques: Annotated[bool, typer.Option("--torques", help="only what drives have to supply, by inverse dynamics "
+                                                            "of truth and engines: at the start for constant rates, "
+                                                            "and compared at random states")] = False,
 ) -> None:
     """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations, reactions.
 
@@ -32,7 +33,7 @@ def inspect(
     Exit code 0: all agree with truth; 1: one does not; 2: the check itself failed.
     """
     if torques:
-        raise typer.Exit(_torques(scene, engine))
+        raise typer.Exit(_torques(scene, engine, states, seed))
     from crosscheck.adapters.base import CHOICES
     from crosscheck.errors import ArgumentError, unknown
     from crosscheck.inspection import inspect as examine
@@ -58,28 +59,41 @@ def inspect(
     raise typer.Exit(0 if result.agree else 1)
 
 
-def _torques(name: str, engines: list[str] | None) -> int:
-    """Print generalized forces coordinate by coordinate; 1 if a source is off by more than 1e-10 of the largest."""
+def _torques(name: str, engines: list[str] | None, states: int, seed: int) -> int:
+    """Print generalized forces of the start, coordinate by coordinate, and compare the sources there and at random
+    states; 1 if one is off by more than 1e-10 of the largest."""
+    import numpy as np
+
     from crosscheck.errors import Unsupported
     from crosscheck.jointspace.inverse import ENGINES, inverse_dynamics
     from crosscheck.jointspace.motion import JointSpace, positions
     from crosscheck.scene.file import load_scene
+    from crosscheck.scene.models import import_model, is_model
 
-    scene = load_scene(name)
-    q, v = positions(scene), JointSpace(scene).speeds
-    by_source = {"truth": inverse_dynamics(scene, q, v, 0 * v)}
+    scene = import_model(name, drop=True) if is_model(name) else load_scene(name)
+    try:
+        start = positions(scene), JointSpace(scene).speeds
+    except Unsupported as error:
+        raise Unsupported(f"{error}; then drives give the same motion by several sets of forces, or have to follow one "
+                          "that is given") from None
+    rng = np.random.default_rng(seed)
+    q, v, a = (np.concatenate([[part], part + each]) for part, each in zip(
+        (*start, 0.0 * start[1]), rng.uniform(-1.0, 1.0, (3, states, len(start[1]))), strict=True))
+    by_source = {"truth": inverse_dynamics(scene, q, v, a)}
     skipped = {}
     for engine in engines or [each for each in ENGINES if each != "truth"]:
         try:
-            by_source[engine] = inverse_dynamics(scene, q, v, 0 * v, engine=engine)
+            by_source[engine] = inverse_dynamics(scene, q, v, a, engine)
         except Unsupported as error:
             skipped[engine] = str(error)
     say(f"{scene.name}: what drives supply at the start for constant rates (N m, N)")
     for k, coordinate in enumerate(scene.coordinates):
-        told = (f"{source} {values[k]:.12g}" for source, values in by_source.items())
+        told = (f"{source} {values[0, k]:.12g}" for source, values in by_source.items())
         say(f"{coordinate}: {', '.join(told)}", indent=2)
     gaps = {source: float(abs(values - by_source["truth"]).max(initial=0.0)) for source, values in by_source.items()}
-    wrong = {source: gap for source, gap in gaps.items() if gap > 1e-10 * max(1.0, *abs(by_source["truth"]))}
+    wrong = {source: gap for source, gap in gaps.items() if gap > 1e-10 * max(1.0, abs(by_source["truth"]).max())}
+    say(f"the start and {counted(states, 'random state')}, with accelerations: sources differ from truth by at most "
+        f"{max(gaps.values()):.1e}")
     for source, gap in wrong.items():
         say(f"✗ {source} differs from truth by {gap:.2g}")
     for source, reason in skipped.items():

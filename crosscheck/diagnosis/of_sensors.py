@@ -60,7 +60,7 @@ def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer
     for sensor in scene.sensors:
         if (given := (states.sensors or {}).get(sensor.name)) is None:
             continue
-        left, told = named(brief, states, sensor, given)
+        left, after, told = named(brief, states, sensor, given)
         if left <= AGREES:
             continue
         label = f"sensor {sensor.name!r}"
@@ -70,30 +70,29 @@ def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer
             name, text, _ = told
             answer.causes.append(NamedCause(name, f"{label}: {text}", MENDS.get(name, "read the sensor as METHODS "
                                  "define it: point, axes, sign and what it contains")))
-        answer.evidence.append(Evidence(told[0] if told else "sensor", "report", left, None, "difference of a reading "
+        answer.evidence.append(Evidence(told[0] if told else "sensor", "report", left, after, "difference of a reading "
                                         "from that of the same states, over its size", label, told is not None))
     if wrong or answer.causes:
         before = [answer.sentence.partition(": ")[2]] if answer.outcome == "unknown" else []
         answer.conclude([*before, *wrong])
 
 
-def named(scene: Scene, states: States, sensor: Sensor, given: np.ndarray) -> tuple[float, Told | None]:
-    """(the difference of readings from those of the states over their size, the first mistake that explains it)."""
+def named(scene: Scene, states: States, sensor: Sensor, given: np.ndarray) -> tuple[float, float | None, Told | None]:
+    """(difference of readings from those of the states over their size, what a mistake leaves of it, that mistake)."""
     bare = States(states.t, states.x, states.R, states.v, states.w)
     both = [bare] if states.a is None else [bare, dataclasses.replace(bare, a=states.a, alpha=states.alpha)]
     made = [(reader := Reader(scene, each), read(reader, sensor)) for each in both]
     reader, right = min(made, key=lambda pair: float(gap(given, pair[1])[1:].max()))
     size = 1.0 if _is_attitude(right) else max(float(np.nanmax(np.abs(right))), 1e-9)
     before = float(gap(given, right).max()) / size
-    if before <= AGREES:
-        return before, None
-    for told in itertools.chain(mistakes(reader, sensor, right), _followed(given, right)):
-        if told[2].shape == given.shape and _left(given, told[2]) <= max(AGREES * size, EXPLAINED * before * size):
-            return before, told
-    for told in _filtered(given, right):
-        if _left(given, told[2]) <= FOLLOWED * before * size:
-            return before, told
-    return before, None
+    if before > AGREES:
+        exact = itertools.chain(mistakes(reader, sensor, right), _followed(given, right))
+        for told, share in itertools.chain(((each, EXPLAINED) for each in exact),
+                                           ((each, FOLLOWED) for each in _filtered(given, right))):
+            after = _left(given, told[2]) / size if told[2].shape == given.shape else math.inf
+            if after <= max(AGREES, share * before):
+                return before, after, told
+    return before, None, None
 
 
 def _left(given: np.ndarray, predicted: np.ndarray) -> float:
@@ -294,6 +293,14 @@ def _parts(reader: Reader, sensor: Sensor, joint: Joint) -> Iterator[tuple[str, 
         pair = (along, cross(anchor - place, along)) if joint.kind.slides else (0.0 * along, along)
         yield UNCOUNTED, "what the drive supplies is left out", -pair[0], -pair[1]
     carried = _carried(scene, joint)
+    of_loads = [(0.0 * force, 0.0 * force)]
+    for load in scene.forces:
+        if load.joint is None and not load.is_spring and load.child in carried:
+            acts = mechanics.force_on_bodies(scene, load, reader.states, reader.angles)[:, load.child]
+            turn = reader.turned(load.child, acts[:, 3:]) + cross(reader.x[:, load.child] - place, acts[:, :3])
+            of_loads.append((acts[:, :3], turn))
+            yield "loads not counted", f"the {load.type} is left out", *of_loads[-1]
+    yield "loads not counted", "the loads are left out", *np.sum(of_loads, axis=0)
     arms, w = reader.x[:, carried] - place[:, None], reader.w[:, carried]
     weight = np.broadcast_to(scene.masses[carried, None] * scene.gravity, arms.shape)
     for sign, text in ((1, "weights are left out"), (-1, "weights count twice")):

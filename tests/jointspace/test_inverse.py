@@ -6,8 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import crosscheck
+from crosscheck.cli.app import app
 from crosscheck.jointspace.motion import placed
 from tests.jointspace.arms import arm
 from tests.jointspace.test_derivatives import accelerations
@@ -66,3 +68,23 @@ def crosscheck_friction(size):
 def test_what_cannot_be_asked(call, kind, said):
     with pytest.raises(kind, match=said):
         call()
+
+
+@pytest.mark.parametrize(("scene", "code", "said"), [
+    ("geared_arm", 0, ["shoulder: truth 14.8976389235, pinocchio 14.8976389235, mujoco 14.8976389235",
+                       "the start and 3 random states, with accelerations: sources differ from truth by at most"]),
+    ("model.urdf", 0, ["shoulder: truth -1.962, pinocchio -1.962, mujoco -1.962"]),
+    ("four_bar", 2, ["closes a loop; then drives give the same motion by several sets of forces"]),
+    ("driven_slider_crank", 2, ["is driven; then drives"]),
+])
+def test_torques_of_the_command_line(scene, code, said, tmp_path, monkeypatch):
+    (tmp_path / "model.urdf").write_text(
+        '<robot name="arm"><link name="base"/><link name="upper"><inertial><origin xyz="0.1 0 -.2"/><mass value="2"/>'
+        '<inertia ixx=".1" iyy=".2" izz=".15" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint>'
+        "</robot>")
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["inspect", scene, "--torques"])
+    assert result.exit_code == code or (code == 2 and isinstance(result.exception, crosscheck.Unsupported))
+    told = " ".join((result.output + str(result.exception or "")).split())
+    assert all(" ".join(each.split()) in told for each in said)

@@ -13,14 +13,8 @@ import numpy as np
 
 from lieeuler import _kernel
 from lieeuler.joints import Joint
-from lieeuler.problem import Problem
+from lieeuler.problem import DEPENDENT, ROUNDING, Problem
 from lieeuler.types import GROUND
-
-ROUNDING = 1e-12
-"""How far joints may be open at the start, as a part of the system's length and speed; the size of an angle between
-directions that is rounding."""
-DEPENDENT = 1e-6
-"""Sine of the angle below which two directions of one joint count as one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,20 +55,14 @@ class Node:
 def joint_tree(problem: Problem) -> tuple[Node, ...]:
     """The nodes, parents first; none if the problem is no tree of joints on the ground, or has ball joints only, which
     the methods know better. Computed once for each problem."""
-    known = vars(problem)
-    if "_tree" not in known:
-        known["_tree"] = _tree(problem)
-    found: tuple[Node, ...] = known["_tree"]
-    return found
+    return problem.once(_tree)
 
 
 def _tree(problem: Problem) -> tuple[Node, ...]:
     outward = _outward(problem)
     if len(outward) != problem.n or all(joint.spherical and not joint.dots for joint in problem.joints):
         return ()
-    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w,
-                                       problem.time, 0.0)
-    if not levels.max() <= ROUNDING:
+    if not problem.opening <= ROUNDING:
         return ()
     nodes: list[Node] = []
     carrying = {GROUND: -1}

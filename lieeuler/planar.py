@@ -18,21 +18,16 @@ import dataclasses
 
 import numpy as np
 
-from lieeuler import _kernel
 from lieeuler.checks import normals
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import ConstantLoad, Force, LinearSpring, SlideForce, start_angles
 from lieeuler.joint_parts import Coordinate, Dot, Drive, Rotor
 from lieeuler.joints import Joint
 from lieeuler.methods import Method
-from lieeuler.problem import Body, Problem
+from lieeuler.problem import DEPENDENT, ROUNDING, Body, Problem
 from lieeuler.solution import Solution
 from lieeuler.types import GROUND
 
-ROUNDING = 1e-12
-"""Relative size below which an angle between directions, a height, or a velocity out of the plane is rounding."""
-DEPENDENT = 1e-6
-"""Sine of the angle below which two directions of one joint count as one."""
 X, Y, Z = np.eye(3)
 
 
@@ -91,14 +86,7 @@ def plane_for(problem: Problem, method: Method, wanted: str | None) -> Plane | N
     NotPlanar
         The wanted reduction does not apply.
     """
-    pins = method.name == "taylor"
-    known = vars(problem).setdefault("_planes", {})
-    if pins not in known:
-        try:
-            known[pins] = plane_of(problem, pins)
-        except NotPlanar as refusal:
-            known[pins] = str(refusal)
-    found: Plane | str = known[pins]
+    found = problem.once(_plane_or_refusal, method.name == "taylor")
     if isinstance(found, Plane) and wanted == "axis" != found.word:
         found = "its bodies do not all turn about axes fixed in the ground"
     if isinstance(found, Plane):
@@ -106,6 +94,13 @@ def plane_for(problem: Problem, method: Method, wanted: str | None) -> Plane | N
     if wanted is None:
         return None
     raise NotPlanar(f"reduce={wanted!r} does not apply: {found}")
+
+
+def _plane_or_refusal(problem: Problem, pins: bool) -> Plane | str:
+    try:
+        return plane_of(problem, pins)
+    except NotPlanar as refusal:
+        return str(refusal)
 
 
 def plane_of(problem: Problem, pins: bool) -> Plane:
@@ -255,10 +250,9 @@ def _check(problem: Problem, e: np.ndarray) -> None:
     spins = np.cross(np.einsum("bij,bj->bi", problem.R, problem.w), e)
     if max(np.abs(problem.v @ e).max(), np.abs(spins).max() * length) > ROUNDING * speed:
         raise NotPlanar("the start moves out of the plane")
-    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w,
-                                       problem.time, 0.0)
-    if not levels.max() <= ROUNDING:
-        raise NotPlanar(f"the start leaves joints open by {levels.max():.1g} of the system's size, more than rounding")
+    if not problem.opening <= ROUNDING:
+        raise NotPlanar(f"the start leaves joints open by {problem.opening:.1g} of the system's size, more than "
+                        "rounding")
     beside: dict[int, set[int]] = {}
     for joint in problem.joints:
         beside.setdefault(joint.parent, set()).add(joint.child)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,8 +17,14 @@ from lieeuler.joints import Joint
 from lieeuler.laws import Law
 from lieeuler.types import GROUND
 
+Found = TypeVar("Found")
 CLOSED = 1e-8
 """How far joints may be open at the start, as a part of the system's length and speed."""
+ROUNDING = 1e-12
+"""The same where constraints are left out, as those of welds are; relative size below which an angle between
+directions, or a velocity out of a plane, is rounding."""
+DEPENDENT = 1e-6
+"""Sine of the angle below which two directions of one joint count as one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,6 +140,18 @@ class Problem(Frozen):
         for field in dataclasses.fields(cls):
             object.__setattr__(changed, field.name, changes.get(field.name, getattr(problem, field.name)))
         return changed
+
+    def once(self, find: Callable[..., Found], *arguments: object) -> Found:
+        """What a function finds of this problem, computed at the first call."""
+        known: dict[object, Found] = vars(self).setdefault("_known", {})
+        if (key := (find, arguments)) not in known:
+            known[key] = find(self, *arguments)
+        return known[key]
+
+    @functools.cached_property
+    def opening(self) -> float:
+        """How far the initial state opens joints and their rates, as a part of the system's length and speed."""
+        return float(_kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w, self.time, 0.0).max())
 
     def __repr__(self) -> str:
         return f"Problem({self.n} bodies, {len(self.joints)} joints of {self.rows} rows, {len(self.forces)} forces)"

@@ -70,23 +70,19 @@ def symmetric_bodies(problem: Problem) -> tuple[int, ...]:
 
 def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:
     """The spin-free frames of a problem, None if no symmetric body spins; computed once for each problem."""
-    known = vars(problem)
-    if "_spin_free_frames" in known:
-        frames: SpinFreeFrames | None = known["_spin_free_frames"]
-        return frames
-    found = _axes(problem)
-    rates = {b: float(axis @ problem.w[b]) for b, axis in found.items()}
-    bodies = tuple(b for b in found if rates[b] != 0.0)
-    frames = None
-    if bodies:
-        system, w = problem.new_system(), problem.w.copy()
-        for b in bodies:
-            w[b] -= rates[b] * found[b]
-            system.set_spin(b, rates[b] * (problem.bodies[b].inertia @ found[b]))
-        frames = SpinFreeFrames(bodies, np.array([found[b] for b in bodies]), np.array([rates[b] for b in bodies]),
-                                _kernel.Plan(system), w)
-    known["_spin_free_frames"] = frames
-    return frames
+    return problem.once(_frames)
+
+
+def _frames(problem: Problem) -> SpinFreeFrames | None:
+    spins = {b: (axis, rate) for b, axis in _axes(problem).items() if (rate := float(axis @ problem.w[b])) != 0.0}
+    if not spins:
+        return None
+    system, w = problem.new_system(), problem.w.copy()
+    for b, (axis, rate) in spins.items():
+        w[b] -= rate * axis
+        system.set_spin(b, rate * (problem.bodies[b].inertia @ axis))
+    axes, rates = map(np.array, zip(*spins.values(), strict=True))
+    return SpinFreeFrames(tuple(spins), axes, rates, _kernel.Plan(system), w)
 
 
 def _axes(problem: Problem) -> dict[int, np.ndarray]:

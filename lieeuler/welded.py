@@ -16,18 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from lieeuler import _kernel
 from lieeuler.forces import ConstantLoad, Force, TorsionalSpring, start_angles
 from lieeuler.joint_parts import Coordinate
 from lieeuler.joints import Joint
-from lieeuler.problem import Body, Problem
+from lieeuler.problem import DEPENDENT, ROUNDING, Body, Problem
 from lieeuler.solution import Solution
 from lieeuler.types import GROUND
-
-ROUNDING = 1e-12
-"""How far joints may be open at the start, as a part of the system's length and speed."""
-DEPENDENT = 1e-6
-"""Sine of the angle below which two rows of a weld count as one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,11 +79,7 @@ class Welded:
 def welded_for(problem: Problem) -> Welded | None:
     """The problem with its welded bodies as one; None if there are none, if a joint or force ties a composite to
     itself, or if joints are open at the start. Computed once for each problem."""
-    known = vars(problem)
-    if "_welded" not in known:
-        known["_welded"] = _weld(problem)
-    found: Welded | None = known["_welded"]
-    return found
+    return problem.once(_weld)
 
 
 def _weld(problem: Problem) -> Welded | None:
@@ -97,9 +87,7 @@ def _weld(problem: Problem) -> Welded | None:
     welds = [joint for k, joint in enumerate(problem.joints) if k not in kept]
     if not welds:
         return None
-    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w,
-                                       problem.time, 0.0)
-    if not levels.max() <= ROUNDING:
+    if not problem.opening <= ROUNDING:
         return None
     first = list(range(problem.n))  # of the bodies welded to each
     for weld in welds:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
+import functools
 import logging
 import numbers
 import os
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, real
 from lieeuler.errors import ArgumentError
 from lieeuler.integrate import Arguments, plan_run
+from lieeuler.paths import along, changed
 from lieeuler.problem import CLOSED, Problem
 from lieeuler.solution import Status
 from lieeuler.spin_free import SpinFreeFrames, spin_free_frames, symmetric_bodies
@@ -164,52 +166,14 @@ def _parameters(problem: Problem, given: Mapping[str, ArrayLike]) -> dict[str, n
         raise ArgumentError(f"parameters must map paths such as 'bodies.0.mass' to arrays, not {given!r}")
     found = {}
     for path, values in given.items():
-        shape = np.shape(_at(problem, path))
-        array = real(values)
+        value = np.asarray(along(problem, path, "parameters", (*GROUPS, "gravity"))[-1])
+        if value.dtype.kind != "f":
+            raise ArgumentError(f"parameters: {path!r} is no number and no array of numbers")
+        array, shape = real(values), value.shape
         if array is None or array.shape[1:] != shape or array.ndim == 0 or not np.isfinite(array).all():
             raise ArgumentError(f"parameters[{path!r}] must be finite numbers of shape {('N', *shape)}")
         found[path] = array
     return found
-
-
-def _split(problem: Problem, path: str) -> tuple[str, int, str, tuple[int, ...]]:
-    """Group, index in it, field, and index of a component of a path; ("", 0, "gravity", ...) for gravity."""
-    words = path.split(".") if isinstance(path, str) else []
-    tail = words[1:] if words[:1] == ["gravity"] else words[3:]
-    if not all(word.isdecimal() for word in tail) or not words:
-        raise ArgumentError(_unknown(path, "a path such as 'bodies.0.mass'"))
-    component = tuple(int(word) for word in tail)
-    if words[0] == "gravity":
-        return "", 0, "gravity", component
-    if words[0] not in GROUPS:
-        raise ArgumentError(_unknown(path, _among(words[0], [*GROUPS, "gravity"])))
-    items = getattr(problem, words[0])
-    if len(words) < 3 or not words[1].isdecimal() or int(words[1]) >= len(items):
-        raise ArgumentError(_unknown(path, f"{words[0]}.K.NAME with K from 0 to {len(items) - 1}"))
-    item = items[int(words[1])]
-    names = [field.name for field in dataclasses.fields(item)
-             if np.asarray(getattr(item, field.name)).dtype.kind == "f"]
-    if words[2] not in names:
-        raise ArgumentError(_unknown(path, _among(words[2], names)))
-    return words[0], int(words[1]), words[2], component
-
-
-def _among(word: str, allowed: list[str]) -> str:
-    near = difflib.get_close_matches(word, allowed, n=1)
-    return (f"did you mean {near[0]!r}? " if near else "") + f"one of {', '.join(allowed)}"
-
-
-def _unknown(path: str, wanted: str) -> str:
-    return f"parameters: there is no {path!r}: {wanted}"
-
-
-def _at(problem: Problem, path: str) -> np.ndarray:
-    """The value that a path names in the problem."""
-    group, index, field, component = _split(problem, path)
-    value = np.asarray(getattr(getattr(problem, group)[index] if group else problem, field))
-    if len(component) > value.ndim or any(i >= size for i, size in zip(component, value.shape, strict=False)):
-        raise ArgumentError(_unknown(path, f"{field} has the shape {value.shape}"))
-    return np.asarray(value[component])
 
 
 def _states(problem: Problem, given: Mapping[str, ArrayLike | None],
@@ -256,21 +220,16 @@ def _check_states(problem: Problem, states: Mapping[str, np.ndarray]) -> None:
                             f"of the system's {size}; project it first (bound {CLOSED:g})")
 
 
+def _new(value: Any, _: Any) -> Any:
+    return value if np.ndim(value) else float(value)
+
+
 def _member(problem: Problem, k: int, states: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]) -> Problem:
     """The problem of one member; its state and parameters are checked as those of any problem are."""
     try:
-        groups = {group: list(getattr(problem, group)) for group in GROUPS}
-        gravity = problem.gravity
+        member = Problem.unchecked(problem, **{name: states[name][k] for name in "xRvw"})
         for path, array in values.items():
-            group, index, field, component = _split(problem, path)
-            target = groups[group][index] if group else None
-            value = np.array(gravity if target is None else getattr(target, field))
-            value[component] = array[k]
-            if target is None:
-                gravity = value
-            else:
-                groups[group][index] = dataclasses.replace(target, **{field: value if value.ndim else float(value)})
-        return Problem(tuple(groups["bodies"]), tuple(groups["joints"]), gravity, states["x"][k], states["R"][k],
-                       states["v"][k], states["w"][k], tuple(groups["forces"]), problem.time)
+            member = changed(member, path.split("."), functools.partial(_new, array[k]))
+        return dataclasses.replace(member)
     except ArgumentError as error:
         raise ArgumentError(f"member {k}: {error}") from None

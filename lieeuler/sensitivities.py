@@ -7,15 +7,15 @@ not forward mode; a direction costs eight runs for each step that is tried, most
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lieeuler import _kernel
 from lieeuler.errors import ArgumentError, IntegrationError, LieEulerError
+from lieeuler.paths import along, changed
 from lieeuler.solution import Sensitivity, Solution, Status
 
 if TYPE_CHECKING:
@@ -149,8 +149,8 @@ def closed(problem: Problem) -> Problem:
 
 
 def _with(problem: Problem, path: str, change: float) -> Problem:
-    changed: Problem = altered(problem, path.split("."), change)
-    return closed(changed) if path.startswith("joints.") else changed
+    made: Problem = changed(problem, path.split("."), lambda number: number + change)
+    return closed(made) if path.startswith("joints.") else made
 
 
 def _starts(problem: Problem) -> list[Changed]:
@@ -187,41 +187,8 @@ def _starts(problem: Problem) -> list[Changed]:
 
 def _scale(problem: Problem, path: str) -> float:
     """The size of a number, by which steps are measured: its own, that of its array, or 1."""
-    node: Any = problem
-    last: Any = problem
-    for part in str(path).split("."):
-        known = _parts(node)
-        if part not in known:
-            names = [name for name, value in known.items() if not isinstance(value, str | bool | None)]
-            raise ArgumentError(f"sensitivities: there is no {path!r}: {part!r} is none of {', '.join(names) or 'it'}")
-        last, node = node, known[part]
+    last, node = along(problem, path, "sensitivities")[-2:]
     if isinstance(node, bool) or not isinstance(node, int | float):
         raise ArgumentError(f"sensitivities: {path!r} is no number; name one, such as 'gravity.2' or 'bodies.0.mass'")
     size = float(np.linalg.norm(last)) if isinstance(last, np.ndarray) else abs(float(node))
     return size if 0 < size < np.inf else 1.0
-
-
-def _parts(node: Any) -> dict[str, Any]:
-    """What there is below a part of a problem, by its name or number."""
-    if dataclasses.is_dataclass(node):
-        return {field.name: getattr(node, field.name) for field in dataclasses.fields(node)}
-    return {str(k): each for k, each in enumerate(node)} if isinstance(node, tuple | np.ndarray) else {}
-
-
-def altered(node: Any, path: Sequence[str], change: float) -> Any:
-    """The problem, or a part of it, with a number changed; an inertia stays symmetric."""
-    if not path:
-        return node + change
-    part = path[0]
-    if isinstance(node, np.ndarray) and len(path) == 2 and node.shape == (3, 3):
-        made = np.array(node)
-        for i, j in {(int(part), int(path[1])), (int(path[1]), int(part))}:
-            made[i, j] += change
-        return made
-    below = altered(_parts(node)[part], path[1:], change)
-    if isinstance(node, tuple | np.ndarray):
-        changed = [below if k == int(part) else each for k, each in enumerate(node)]
-        return tuple(changed) if isinstance(node, tuple) else np.array(changed)
-    if hasattr(node, "unchecked"):
-        return type(node).unchecked(node, **{part: below})
-    return dataclasses.replace(node, **{part: below})

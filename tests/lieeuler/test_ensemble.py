@@ -133,10 +133,12 @@ def test_other_threads_of_python_run_meanwhile():
     ({"w": np.ones((2, 2, 3))}, "member 0 violates the velocity constraints"),
     ({"parameters": {"bodies.0.mas": [1.0]}}, "did you mean 'mass'"),
     ({"parameters": {"bodys.0.mass": [1.0]}}, "did you mean 'bodies'"),
-    ({"parameters": {"bodies.7.mass": [1.0]}}, "with K from 0 to 1"),
+    ({"parameters": {"bodies.7.mass": [1.0]}}, "'7' is none of 0, 1"),
     ({"parameters": {"bodies.0.mass": 1.0}}, "must be finite numbers of shape"),
     ({"parameters": {"bodies.0.mass": [1.0, -1.0]}}, "member 1: mass must be positive"),
-    ({"parameters": {"gravity.3": [1.0]}}, "gravity has the shape"),
+    ({"parameters": {"gravity.3": [1.0]}}, "'3' is none of 0, 1, 2"),
+    ({"parameters": {"joints.0.spherical": [True]}}, "is no number"),
+    ({"parameters": {"x.0": [1.0]}}, "none of bodies"),
     ({"w": np.zeros((2, 2, 3)), "threads": -1}, "threads must be"),
 ])
 def test_a_wrong_argument_is_one_sentence(arguments, words):

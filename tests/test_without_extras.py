@@ -55,9 +55,9 @@ WORK = {  # and what they say
     "inspect brief.toml": "lieeuler-crosscheck[mujoco]", "export brief.toml -o out.xml": "written",
     "derivatives brief.toml": "lieeuler-crosscheck[pinocchio]", "modes bicycle": "-0.775341882",
     "reproduce brief.toml --engine mujoco --method RK4 --step 0.01": "import mujoco",
-    "sweep sweep.toml -o sweep --dry-run": "1 cell, of which 0 finished in sweep and 1 to be computed",
+    "sweep sweep.toml -o sweep --dry-run": "1 cell, of which 0 finished and 1 to be computed",
     f"verify --scene brief.toml {RATTLE} --profile smoke --jobs 1 --out report": "results.json",
-    f"nightly --scene brief.toml {RATTLE[:17]} --profile smoke --out nights": "first run, nothing to compare with",
+    "nightly --scene brief.toml --engine one.py:One --profile smoke --out nights": "first run, nothing to compare with",
     "history add report": "added: ", "history list": "smoke", "history show": "brief",
     "history accept latest": "accepted: ", "history compare latest latest": "nothing beyond rounding and noise",
     f"history trend outcome --scene brief.toml {RATTLE}": "pass"}
@@ -75,8 +75,9 @@ LACK = {  # and what
     "paper brief.toml": "report", "history page": "report", "sweep sweep.toml -o sweep": "data",
     "history list --store postgresql://somebody@127.0.0.1:1/some": "history",
     f"study work-precision brief.toml {RATTLE} --repeats 1": "truth",
-    f"study work-precision brief.toml {RATTLE} --repeats 1 --no-bound": "report",
-    "study work-precision brief.toml --engine mujoco": "mujoco", f"study stability brief.toml {RATTLE}": "report",
+    f"study work-precision brief.toml {RATTLE} --repeats 1 --time-limit 0.002 --no-bound": "report",
+    "study work-precision brief.toml --engine mujoco": "mujoco",
+    f"study stability brief.toml {RATTLE} --time-limit 0.01": "report",
     f"study drift brief.toml {RATTLE} --steps 100": "report", f"study chaos brief.toml {RATTLE} --duration 1": "truth"}
 
 
@@ -90,6 +91,8 @@ def ended(tmp_path_factory):
     (folder / "sweep.toml").write_text('scenes = ["single_pendulum"]\nsteps = [0.01]\nduration = 0.1\nsamples = 2\n'
                                        '[engines]\nlieeuler = ["rattle2"]\n')
     (folder / "arm.urdf").write_text(ARM_URDF)
+    (folder / "one.py").write_text("from crosscheck.adapters.lieeuler import LieEuler\n\n\nclass One(LieEuler):\n"
+                                   "    methods = ('rattle2',)\n")
     commands = [*WORK, *LACK]
     done = subprocess.run([sys.executable, "-c", DRIVER, json.dumps([command.split() for command in commands])],
                           capture_output=True, text=True, cwd=folder, check=False,

@@ -44,7 +44,8 @@ CASES = [(name, engine, method) for name in SCENES for engine, method in ENGINES
          if not (engine is Millimetres and name in FORCED)]
 
 
-@pytest.mark.parametrize(("name", "engine", "method"), CASES[::29])
+@pytest.mark.parametrize(("name", "engine", "method"), [
+    *(case for case in CASES[::29] if case[0] != "chain_8"), ("double_pendulum", Millimetres, "RK2")])
 def test_a_right_engine_is_accused_of_nothing(monkeypatch, name, engine, method):
     assert not accusations(monkeypatch, name, engine, method)
 

@@ -231,7 +231,7 @@ def test_an_engine_refuses_by_name_what_it_does_not_declare(element, kept, writt
 
 
 def test_truth_models_all_of_it_at_once(written):
-    reference = truth(load_scene(written({})).replace(monitors=(), duration=0.5))
+    reference = truth(load_scene(written({})).replace(monitors=(), duration=0.25))
     assert reference.error <= 1e-11
     assert {event[1] for event in reference.events} <= {"turn", "slide", "both"}
 

@@ -1,10 +1,8 @@
 """The command line: its output, and its answers to mistakes."""
 
 import ast
-import contextlib
 import csv
 import importlib.metadata
-import io
 import json
 import os
 import signal
@@ -12,29 +10,16 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
-from unittest import mock
 
 import pytest
 from typer.testing import CliRunner
 
-from crosscheck.cli.app import app, main
+from crosscheck.cli.app import app
 from crosscheck.scene.file import load_scene
 from tests import ROOT
+from tests.commands import crosscheck
 
 QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "mujoco")
-
-
-def crosscheck(*words):
-    """Exit code and output of a command, run in this process: starting Python for each takes longer than most run."""
-    said, complained, code = io.StringIO(), io.StringIO(), 0
-    with (mock.patch.object(sys, "argv", ["crosscheck", *words]), mock.patch.dict(os.environ, COLUMNS="200"),
-          contextlib.redirect_stdout(said), contextlib.redirect_stderr(complained)):
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-    return SimpleNamespace(returncode=code, stdout=said.getvalue(), stderr=complained.getvalue())
 
 
 @pytest.fixture(scope="module")

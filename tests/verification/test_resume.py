@@ -9,6 +9,7 @@ import pytest
 
 from crosscheck.jobs import table
 from tests import ROOT
+from tests.commands import crosscheck
 from tests.killing import killed, results, rows, timeless
 
 QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "lieeuler", "--jobs", "1", *(
@@ -21,11 +22,17 @@ def command(out, *words):
 
 
 def verify(out, *words):
+    """A run in a process of its own."""
     return subprocess.run(**command(out, *words), timeout=1500)
 
 
+def here(out, *words):
+    """A run in this process: nothing that it needs is edited meanwhile."""
+    return crosscheck("verify", *words, "--out", str(out))
+
+
 @pytest.fixture(autouse=True)
-def here(monkeypatch):
+def elsewhere_than_ci(monkeypatch):
     """CI computes everything anew by default."""
     monkeypatch.delenv("CI", raising=False)
 
@@ -33,7 +40,7 @@ def here(monkeypatch):
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     out = tmp_path_factory.mktemp("verify") / "out"
-    done = verify(out, *QUICK)
+    done = here(out, *QUICK)
     assert done.returncode == 0, done.stdout + done.stderr
     assert [path.name for path in out.parent.iterdir()] == ["out"]
     return results(out)
@@ -54,7 +61,7 @@ def test_a_killed_run_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, t
         assert killed(command(out, *QUICK, *fresh), moment)
         assert not out.exists()
     before = rows()
-    done = verify(out, *QUICK, *fresh)
+    done = here(out, *QUICK, *fresh)
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"going on with a run that was killed: {len(before)} results are kept" in done.stderr
     assert set(before) <= set(rows())
@@ -68,11 +75,11 @@ def test_a_killed_run_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, t
 def asking_again_computes_nothing(undisturbed, tmp_path):
     """It says so, unless it is told to start afresh."""
     before = rows()
-    done = verify(tmp_path / "second", *QUICK)
+    done = here(tmp_path / "second", *QUICK)
     assert rows() == before
     assert said(done, "6 results were computed before, since ")
     assert document(results(tmp_path / "second")) == document(undisturbed)
-    anew = verify(tmp_path / "third", *QUICK, "--fresh")
+    anew = here(tmp_path / "third", *QUICK, "--fresh")
     assert not said(anew, "were computed before")
     assert sorted(key for key, _ in rows()) == sorted(2 * [key for key, _ in before])
 
@@ -97,12 +104,12 @@ def test_thirty_kills_at_random_moments(undisturbed, tmp_path):
 
 def test_asking_for_more_computes_the_rest(tmp_path):
     few = QUICK[:-4]
-    assert verify(tmp_path / "few", *few).returncode == 0
+    assert here(tmp_path / "few", *few).returncode == 0
     before = rows()
-    done = verify(tmp_path / "more", *QUICK)
+    done = here(tmp_path / "more", *QUICK)
     assert said(done, f"{len(before)} results were computed before")
     assert len(rows()) == len(before) + 2
-    strict = verify(tmp_path / "strict", *QUICK, "--tol", "position=1e-30")
+    strict = here(tmp_path / "strict", *QUICK, "--tol", "position=1e-30")
     assert strict.returncode == 1  # another bound is another verdict
     assert said(strict, "1 results were computed before")  # the truth
 

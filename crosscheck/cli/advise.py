@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crosscheck.cli.console import say, waiting
-from crosscheck.cli.options import figure
+from crosscheck.cli.options import AsJson, figure, print_json
 
 if TYPE_CHECKING:
     from crosscheck.document import Advice
@@ -18,7 +17,7 @@ def advise(
     scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
     engine: Annotated[str, typer.Option(help="a name, name==version, or a class of your own as module:Class")],
     error: Annotated[float, typer.Option(help="m; largest |component of x - truth| over bodies and output times")],
-    as_json: Annotated[bool, typer.Option("--json", help="print everything as JSON")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Find the cheapest method of an engine for an error, its largest step, and the step at which it fails.
 
@@ -32,7 +31,7 @@ def advise(
     with waiting(f"runs of {engine} at a ladder of steps, against truth"):
         advice = find(scene, engine=engine, error=error)
     if as_json:
-        typer.echo(json.dumps(msgspec.to_builtins(advice), indent=1))
+        print_json(msgspec.to_builtins(advice))
     else:
         tell(advice)
     raise typer.Exit(int(advice.method is None))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any
 
 import typer
 
 from crosscheck.cli.console import say
-from crosscheck.cli.options import Drop, Keyframe, SceneName, loaded
+from crosscheck.cli.options import AsJson, Drop, Keyframe, SceneName, loaded, print_json
 
 STEPS = ("1e-2", "1e-3", "1e-4", "1e-5", "1e-6", "1e-7", "1e-8", "1e-9")
 """Of MuJoCo's differences, for the curve of their error."""
@@ -17,15 +16,13 @@ SOURCES = ("pinocchio:aba", *(f"mujoco:inverseFD@{step}" for step in STEPS), "mu
            "exudyn:linearised", *(f"{engine}:differences" for engine in ("mujoco", "pinocchio", "exudyn", "lieeuler")))
 """What is asked by default."""
 
-Json = Annotated[bool, typer.Option("--json", help="print everything as JSON")]
-
 
 def derivatives(
     scene: SceneName,
     source: Annotated[list[str] | None, typer.Option("--source", help="an engine, engine:way (aba, inverseFD@1e-6, "
                                                      "transitionFD, differences) or a class of your own as "
                                                      "module:Class; may be repeated")] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     drop: Drop = False,
     keyframe: Keyframe = None,
 ) -> None:
@@ -50,11 +47,11 @@ def derivatives(
     if source and exact.da_dq is None:
         raise ArgumentError(f"--source: {asked.name!r} has no joint coordinates in which sources give derivatives")
     if as_json:
-        typer.echo(json.dumps({
+        print_json({
             "scene": asked.name, "coordinates": exact.coordinates, "error": exact.error,
             **{name: values.tolist() for name, values in exact.blocks.items()},
             "verdicts": [{"source": each.source, "errors": each.errors, "bound": each.bound, "right": each.right,
-                          "cause": each.cause} for each in verdicts], "skipped": skipped}, indent=1))
+                          "cause": each.cause} for each in verdicts], "skipped": skipped})
     else:
         _print(exact, verdicts, skipped)
     if source and not verdicts:
@@ -87,7 +84,7 @@ def modes(
     over: Annotated[str | None, typer.Option(help="a number of the scene and its range, bodies.bob.mass=1:2 or "
                                              "speed=0:10")] = None,
     points: Annotated[int, typer.Option(help="values of that number", min=2, max=1001)] = 11,
-    as_json: Json = False,
+    as_json: AsJson = False,
     drop: Drop = False,
     keyframe: Keyframe = None,
 ) -> None:
@@ -99,7 +96,7 @@ def modes(
     from crosscheck.jointspace.parameters import altered
 
     asked = loaded(scene, drop, keyframe)
-    found = {"": find(asked).eigenvalues}
+    eigenvalues = {"": find(asked).eigenvalues}
     path = ""
     if over is not None:
         path, _, span = over.partition("=")
@@ -107,13 +104,13 @@ def modes(
             low, high = (float(each) for each in span.split(":"))
         except ValueError:
             raise ArgumentError(f"--over: {over!r} is not understood; write PATH=FROM:TO, such as speed=0:10") from None
-        found = {f"{value:.10g}": find(altered(asked, path, float(value))).eigenvalues
-                 for value in np.linspace(low, high, points)}
+        eigenvalues = {f"{value:.10g}": find(altered(asked, path, float(value))).eigenvalues
+                       for value in np.linspace(low, high, points)}
     if as_json:
-        typer.echo(json.dumps({"scene": asked.name, "over": path, "eigenvalues": {
-            key: [[value.real, value.imag] for value in values] for key, values in found.items()}}, indent=1))
+        print_json({"scene": asked.name, "over": path, "eigenvalues": {
+            key: [[value.real, value.imag] for value in values] for key, values in eigenvalues.items()}})
         return
-    for key, values in found.items():
+    for key, values in eigenvalues.items():
         zeros = int(np.count_nonzero(values == 0))
         text = "  ".join(f"{value.real:.14g}" if value.imag == 0 else f"{value.real:.14g} {value.imag:+.14g}i"
                          for value in values if value != 0)

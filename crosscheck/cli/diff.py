@@ -19,7 +19,7 @@ def diff(
     """
     from crosscheck.inspection.diff import diff as compare
 
-    found = compare(a, b)
-    for line in found.lines:
+    report = compare(a, b)
+    for line in report.lines:
         say(line)
-    raise typer.Exit(0 if found.same else 1)
+    raise typer.Exit(0 if report.same else 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any
 
 import typer
@@ -10,6 +9,7 @@ import typer
 from crosscheck.cli.console import say
 from crosscheck.cli.options import (
     Alpha,
+    AsJson,
     Beta,
     CoordinateMap,
     Drop,
@@ -21,8 +21,8 @@ from crosscheck.cli.options import (
     SpectralRadius,
     figure,
     loaded,
+    print_json,
 )
-from crosscheck.files import finite
 
 
 def explain(
@@ -38,7 +38,7 @@ def explain(
     beta: Beta = None,
     spectral_radius: SpectralRadius = None,
     reduce: Reduce = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print everything as JSON")] = False,
+    as_json: AsJson = False,
     drop: Drop = False,
     keyframe: Keyframe = None,
 ) -> None:
@@ -51,7 +51,7 @@ def explain(
     answer = find(loaded(scene, drop, keyframe), engine, method, form, step, coordinate_map=coordinate_map,
                   softness=softness, node=node, alpha=alpha, beta=beta, spectral_radius=spectral_radius, reduce=reduce)
     if as_json:
-        typer.echo(json.dumps(finite(answer.plain()), indent=1))
+        print_json(answer.plain())
     else:
         _print(answer)
     raise typer.Exit(answer.exit_code)

@@ -65,13 +65,13 @@ def show(run: Run = "latest", store: Store = None,
 
     wanted = metric or ["position error", "position order", "energy error", "us per step", "speed ratio"]
     with _opened(store) as opened:
-        found = load(opened, find(opened, run))
-    known = sorted({name for result in found.results.values() for name in result.figures})
+        past = load(opened, find(opened, run))
+    known = sorted({name for result in past.results.values() for name in result.figures})
     for name in wanted:
         if metric and name not in known:
             raise ArgumentError(_no("metric", name, known))
     rows = []
-    for result in found.results.values():
+    for result in past.results.values():
         if scene in (None, result.key[0]):
             row = [result.key[0], result.label, result.outcome]
             for name in wanted:
@@ -79,7 +79,7 @@ def show(run: Run = "latest", store: Store = None,
                 unit = f" {figure.unit}" if figure and figure.unit not in ("1", *name.split()) else ""
                 row.append(f"{figure.value:.4g}{unit}" if figure else "")
             rows.append(tuple(row))
-    say(f"{found.name}: {found.command}, exit code {found.exit_code}, commit {found.environment.commit or 'unknown'}")
+    say(f"{past.name}: {past.command}, exit code {past.exit_code}, commit {past.environment.commit or 'unknown'}")
     print_table(console(200), [key("scene"), key("run"), *figures("outcome", *wanted)], rows)
 
 
@@ -91,15 +91,15 @@ def compare(before: Run, after: Run = "latest", store: Store = None) -> None:
 
     with _opened(store) as opened:
         old, new = (load(opened, find(opened, name)) for name in (before, after))
-    found = changes.compare(old, new)
+    changed = changes.compare(old, new)
     typer.echo(f"{old.name} -> {new.name}")
-    for change in found:
+    for change in changed:
         mark = "✗" if change.bad else "·"
         place = f"{change.scene}, " if change.scene else ""
         say(f"{mark} {change.kind}: {place}{change.who or 'all engines'}: {change.text}")
-    if not found:
+    if not changed:
         typer.echo("nothing beyond rounding and noise")
-    raise typer.Exit(int(any(change.bad for change in found)))
+    raise typer.Exit(int(any(change.bad for change in changed)))
 
 
 @app.command()
@@ -130,23 +130,23 @@ def trend(
             typer.echo(f"{outcome}: {counted(len(names), 'run')} from {names[0]} on")
         return
     with _opened(store) as opened:
-        found = series(opened, metric, cell)
-        if not found:
+        seen = series(opened, metric, cell)
+        if not seen:
             raise ArgumentError(_no("metric", metric, figure_names(opened, cell)))
-    series_of = [figure for _, figure in found]
+    series_of = [figure for _, figure in seen]
     changed = changes.change_points(series_of)
     unit = "" if series_of[0].unit == "1" else f" {series_of[0].unit}"
     label = f"{engine} {method}" + (f" ({form})" if form else "")
-    typer.echo(f"{metric} of {label} on {scene}, {counted(len(found), 'run')}")
+    typer.echo(f"{metric} of {label} on {scene}, {counted(len(seen), 'run')}")
     typer.echo(changes.sparkline([figure.value for figure in series_of])
                + f"  {series_of[0].value:.4g} -> {series_of[-1].value:.4g}{unit}")
     if changed:
-        typer.echo("".join("◆" if index in changed else " " for index in range(len(found))).rstrip())
+        typer.echo("".join("◆" if index in changed else " " for index in range(len(seen))).rstrip())
     for index in changed:
-        typer.echo(f"◆ {found[index][0].name}: {series_of[index - 1].value:.4g} -> {series_of[index].value:.4g}{unit}, "
-                   f"commit {found[index][0].environment.commit or 'unknown'}")
+        typer.echo(f"◆ {seen[index][0].name}: {series_of[index - 1].value:.4g} -> {series_of[index].value:.4g}{unit}, "
+                   f"commit {seen[index][0].environment.commit or 'unknown'}")
     if page is not None:
-        write_trend(page, found, scene, engine, label)
+        write_trend(page, seen, scene, engine, label)
         typer.echo(f"page: {page}")
 
 

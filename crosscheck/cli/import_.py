@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from crosscheck.cli.console import counted, waiting
-from crosscheck.cli.options import Drop, Keyframe, SceneName
-from crosscheck.errors import ArgumentError
+from crosscheck.cli.options import Drop, Keyframe, SceneName, named_number
 
 
 def import_(
@@ -45,7 +44,7 @@ def import_(
         scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples,
                             balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
                             friction=friction, start=int(start) if start.isdigit() else start,
-                            controls=dict(_control(each) for each in control or ()))
+                            controls=dict(named_number("--control", each, "elbow=0.3") for each in control or ()))
     typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
                f"{counted(len(scene.forces), 'force')}")
     if scene.monitors:
@@ -56,15 +55,6 @@ def import_(
         typer.echo(f"left out: {words}")
     if (reason := adapters.get("lieeuler").unsupported(scene, RunSpec("taylor", rtol=1e-9))) is not None:
         typer.echo(f"lieeuler cannot run it: {reason}")
-
-
-def _control(text: str) -> tuple[str, float]:
-    """The name and the number of NAME=NUMBER."""
-    name, _, number = text.rpartition("=")
-    try:
-        return name, float(number)
-    except ValueError:
-        raise ArgumentError(f"--control: {text!r} is not NAME=NUMBER, such as elbow=0.3") from None
 
 
 def export(

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from crosscheck.cli.console import progress_bar, say
-from crosscheck.cli.options import Drop, Keyframe, SceneName, loaded
-from crosscheck.errors import ArgumentError
+from crosscheck.cli.options import AsJson, Drop, Keyframe, SceneName, loaded, named_number, print_json
 
 
 def judge(
@@ -22,7 +20,7 @@ def judge(
     tol: Annotated[list[str] | None, typer.Option(help="allowed error as quantity=value (SI); may be repeated")] = None,
     step: Annotated[list[float] | None, typer.Option(help="s; once for each file, in their order")] = None,
     order: Annotated[int | None, typer.Option(help="the order that is claimed")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print everything as JSON")] = False,
+    as_json: AsJson = False,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="folder of a page")] = None,
     drop: Drop = False,
     keyframe: Keyframe = None,
@@ -38,7 +36,7 @@ def judge(
     if suggest:
         typer.echo(recordings.suggest(files[0], described), nl=False)
         return
-    allowed = dict(_tolerance(each) for each in tol or ())
+    allowed = dict(named_number("--tol", each, "position=1e-3") for each in tol or ())
     given = files[0] if len(files) == 1 else list(files)
     with progress_bar() as progress:
         verdict = recordings.judge_recording(described, given, columns, start, allowed or None, step or None, order,
@@ -46,18 +44,10 @@ def judge(
     if out is not None:
         page = recordings.write_page(verdict, out)
     if as_json:
-        typer.echo(json.dumps(verdict.plain(), indent=1))
+        print_json(verdict.plain())
     else:
         for line in verdict.lines:
             say(line)
     if out is not None and not as_json:
         print(f"page: {page}")
     raise typer.Exit(verdict.exit_code)
-
-
-def _tolerance(text: str) -> tuple[str, float]:
-    key, _, value = text.partition("=")
-    try:
-        return key.strip(), float(value)
-    except ValueError:
-        raise ArgumentError(f"--tol {text}: quantity=value is wanted, as in position=1e-3") from None

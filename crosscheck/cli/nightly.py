@@ -12,17 +12,16 @@ from crosscheck.cli.console import progress_bar, say
 
 
 def nightly(
-    scene: Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated; "
-                                                    "default: all")] = None,
-    engine: Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")] = None,
+    scene: options.SceneNames = None,
+    engine: options.Engines = None,
     profile: Annotated[str, typer.Option(help="as in `crosscheck verify`")] = "full",
     coordinate_map: options.CoordinateMap = None,
     step: options.Step = None,
     duration: options.Duration = None,
-    jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
+    jobs: options.Jobs = 2,
     scheduler: options.Scheduler = None,
-    time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
-    memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
+    time_limit: options.TimeLimit = 1800.0,
+    memory_limit: options.MemoryLimit = 4.0,
     out: Annotated[Path, typer.Option("--out", "-o", help="folder with a subfolder per run, and the link latest")
                    ] = Path("reports/nightly"),
     store: Annotated[str | None, typer.Option(help="history: an SQLite file or postgresql://...; default: "

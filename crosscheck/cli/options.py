@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crosscheck.errors import ArgumentError, unknown
+from crosscheck.files import finite
 
 if TYPE_CHECKING:
     from crosscheck.scene.model import Scene
@@ -43,6 +45,10 @@ Scheduler = Annotated[str | None, typer.Option(help="use a Dask scheduler, tcp:/
                                                "module:factory; default: processes on this machine")]
 Fresh = Annotated[bool, typer.Option(help="compute everything anew; default: where CI is set")]
 Duration = Annotated[float | None, typer.Option(min=1e-6, help="s; default: the scene's")]
+Jobs = Annotated[int, typer.Option(help="worker processes")]
+TimeLimit = Annotated[float, typer.Option(help="s for one run and its order study")]
+MemoryLimit = Annotated[float, typer.Option(help="GB resident of one worker process")]
+AsJson = Annotated[bool, typer.Option("--json", help="print everything as JSON")]
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
 EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(
@@ -108,6 +114,20 @@ def methods(default: str) -> Any:
 def time_limit(consequence: str) -> Any:
     """The time limit of one run; `consequence` says what happens to longer ones."""
     return typer.Option(min=1e-3, help=f"s of one run; {consequence}")
+
+
+def print_json(values: object) -> None:
+    """Print a document as JSON, in which numbers that are not finite are null."""
+    typer.echo(json.dumps(finite(values), indent=1))
+
+
+def named_number(option: str, text: str, example: str) -> tuple[str, float]:
+    """The name and the number of an option NAME=NUMBER. Raises `ArgumentError` if it is none."""
+    name, _, number = text.rpartition("=")
+    try:
+        return name.strip(), float(number)
+    except ValueError:
+        raise ArgumentError(f"{option}: {text!r} is not NAME=NUMBER, such as {example}") from None
 
 
 def chosen(names: Iterable[str] | None) -> tuple[str, ...] | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
 import math
 import os
 import shlex
@@ -21,7 +20,6 @@ from crosscheck.cli.options import Drop, EngineNames, Keyframe, SceneNames, scen
 from crosscheck.cli.tables import figures, key, print_table
 from crosscheck.document import Document, Record
 from crosscheck.errors import ArgumentError, install
-from crosscheck.files import finite
 from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, state
 from crosscheck.report.overview import worst_first
 
@@ -42,10 +40,10 @@ def verify(
     coordinate_map: options.CoordinateMap = None,
     step: options.Step = None,
     duration: options.Duration = None,
-    jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
+    jobs: options.Jobs = 2,
     scheduler: options.Scheduler = None,
-    time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
-    memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
+    time_limit: options.TimeLimit = 1800.0,
+    memory_limit: options.MemoryLimit = 4.0,
     tolerance_file: Annotated[Path | None, typer.Option("--tolerances", help="TOML file with your own bounds")] = None,
     tol: Annotated[list[str] | None, typer.Option(help="your own bound, as quantity=value; may be repeated")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="folder of the report")] = Path("reports/latest"),
@@ -99,7 +97,7 @@ def verify(
     literature = published.figures(published.tagged(tag), tuple(results.meta.engines)) if tag else []
     if as_json:
         more = {"published": [dataclasses.asdict(figure) for figure in literature]} if tag else {}
-        typer.echo(json.dumps(finite(schema.plain(results) | {"report": str(page)} | more), indent=1))
+        options.print_json(schema.plain(results) | {"report": str(page)} | more)
     else:
         print_verdicts(results, page)
         _print_published(literature)

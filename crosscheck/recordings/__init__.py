@@ -350,32 +350,30 @@ def _orders(runs: list[Differences], steps: list[float], order: int | None, verd
     for key in fine.keys:
         which = [k for k, each in enumerate(layout) if each[0] == key]
         floor = max(float(run.floor[k][at].max()) for k in which for run, at in zip(runs, rows, strict=True))
-        found = _vanishing([np.concatenate([end[k].ravel() for k in which]) for end in ends], steps, floor, order)
+        tends = _vanishing([np.concatenate([end[k].ravel() for k in which]) for end in ends], steps, floor, order)
         for k in which:
-            limits[k] = ends[0][k] - (ends[1][k] - ends[0][k]) * found.gain
-            unsure[k] = found.unsure
+            limits[k] = ends[0][k] - (ends[1][k] - ends[0][k]) * tends.gain
+            unsure[k] = tends.unsure
         left = max(float(norms(limits[k]).max()) for k in which)
-        verdict.order[key], verdict.limit_error[key], verdict.limit_unsure[key] = found.order, left, found.unsure
+        verdict.order[key], verdict.limit_error[key], verdict.limit_unsure[key] = tends.order, left, tends.unsure
         name, unit = key.replace("_", " "), fine.groups[which[0]].unit
-        seen = (f"{found.order:.2f}" if found.order is not None else "none, exact" if found.converges else
+        seen = (f"{tends.order:.2f}" if tends.order is not None else "none, exact" if tends.converges else
                 "not told by two files")
         lines.append(f"{name}: observed order {seen}; the limit for vanishing steps is {left:.2g} {unit} from truth, "
-                     f"known to {found.unsure:.1g}")
-        if not found.converges and left > 3 * found.unsure + EXACT * floor:
+                     f"known to {tends.unsure:.1g}")
+        if not tends.converges and left > 3 * tends.unsure + EXACT * floor:
             failed.append(f"wrong limit: {name} converges to another motion, {left:.3g} {unit} from the scene's, "
                           "whatever the step")
-        elif order is not None and found.order is not None and found.order < order - (
+        elif order is not None and tends.order is not None and tends.order < order - (
                 order_margin(order) if len(runs) > 2 else CONSTANTS["order_margin_coarse"]):
-            failed.append(f"order: {name} falls with order {found.order:.2f}, and {order} is claimed")
+            failed.append(f"order: {name} falls with order {tends.order:.2f}, and {order} is claimed")
     if not any(each.startswith("wrong limit") for each in failed):
         return None, failed
-    exact = [value[rows[0]] for value in runs[0].values]
-    groups = [dataclasses.replace(g, floor=g.floor[rows[0]], values=true @ exponential(gap) if g.key == "attitude" else
-                                  true + gap) for g, true, gap in zip(fine.groups, exact, limits, strict=True)]
-    return dataclasses.replace(
-        runs[0], recording=dataclasses.replace(fine, t=fine.t[rows[0]], groups=groups), t=runs[0].t[rows[0]],
-        values=exact, gap=limits, floor=[each[rows[0]] + more for each, more in zip(runs[0].floor, unsure, strict=True)]
-    ), failed
+    kept, exact = part_of(fine, rows[0]), [value[rows[0]] for value in runs[0].values]
+    kept.groups = [dataclasses.replace(g, values=true @ exponential(gap) if g.key == "attitude" else true + gap)
+                   for g, true, gap in zip(kept.groups, exact, limits, strict=True)]
+    floors = [floor[rows[0]] + more for floor, more in zip(runs[0].floor, unsure, strict=True)]
+    return Differences(runs[0].shown, kept, runs[0].truth, runs[0].t[rows[0]], exact, limits, floors), failed
 
 
 class _Limit(NamedTuple):

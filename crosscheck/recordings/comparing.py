@@ -321,9 +321,9 @@ def whole(scene: Scene, recording: Recording) -> States | None:
 def invariants(scene: Scene, states: States, truth: States) -> dict[str, float]:
     """Largest errors of energy, over the largest kinetic energy, and of the momentum about the vertical, and levels."""
     kinetic = float(mechanics.kinetic_energy(scene, truth).max()) or 1.0
-    found = {"energy": float(np.abs(mechanics.energy(scene, states) - mechanics.energy(scene, truth)).max()) / kinetic,
+    errors = {"energy": float(np.abs(mechanics.energy(scene, states) - mechanics.energy(scene, truth)).max()) / kinetic,
              "momentum": float(np.abs(mechanics.momentum_vertical(scene, states)
                                       - mechanics.momentum_vertical(scene, truth)).max())}
     levels = level_norms(Constraints(scene), states.x, states.R, states.v, states.w, None, None, states.t)
-    return found | {name.replace("constraint_", "level "): float(np.max(series)) for name, series in levels.items()
+    return errors | {name.replace("constraint_", "level "): float(np.max(series)) for name, series in levels.items()
                     if isinstance(series, np.ndarray) and scene.joints}

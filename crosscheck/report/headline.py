@@ -22,7 +22,7 @@ def state(record: Record) -> str:
     """The outcome of a run, which also says how much of it was judged. Runs are coloured and counted by this state."""
     if record.outcome == "pass" and (record.partly or record.practical):
         return "partly"  # older files have the outcome "pass" here
-    if record.outcome == "unjudged" and any(found.kind == "step" for found in record.findings):
+    if record.outcome == "unjudged" and any(finding.kind == "step" for finding in record.findings):
         return "budgeted"
     return record.outcome
 

@@ -55,11 +55,11 @@ def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
 
 def leaders(scenes: Sequence[Scene]) -> dict[str, dict[str, int]]:
     """For every engine, the runs to trust with their numbers of scenes, the most frequent first."""
-    found: dict[str, collections.Counter[str]] = {}
+    counts_of: dict[str, collections.Counter[str]] = {}
     for row in (row for scene in scenes for row in scene.engines):
         if row.recommended is not None:
-            found.setdefault(row.engine, collections.Counter()).update(row.recommended.runs[:1])
-    return {engine: dict(counts.most_common()) for engine, counts in found.items()}
+            counts_of.setdefault(row.engine, collections.Counter()).update(row.recommended.runs[:1])
+    return {engine: dict(counts.most_common()) for engine, counts in counts_of.items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,8 +79,8 @@ def recommended(scenes: Sequence[Scene]) -> list[Advice]:
         key = ((advice.runs[0], advice.why.partition(",")[0]) if advice else
                (None, scene.trust.partition(" Not to be trusted here")[0]))
         groups.setdefault(key, []).append(scene)
-    found = [Advice(run, why, each) for (run, why), each in groups.items()]
-    return sorted(found, key=lambda group: (group.run is None, -len(group.scenes)))
+    runs = [Advice(run, why, each) for (run, why), each in groups.items()]
+    return sorted(runs, key=lambda group: (group.run is None, -len(group.scenes)))
 
 
 def by_method(document: Document) -> dict[str, list[tuple[str, dict[str, Record]]]]:
@@ -89,10 +89,10 @@ def by_method(document: Document) -> dict[str, list[tuple[str, dict[str, Record]
     for record in document.records:
         if not record.practical:
             rows.setdefault(record.label, {})[record.scene] = record
-    found: dict[str, list[tuple[str, dict[str, Record]]]] = {}
+    by_engine: dict[str, list[tuple[str, dict[str, Record]]]] = {}
     for label, cells in rows.items():
-        found.setdefault(next(iter(cells.values())).engine, []).append((label, cells))
-    return found
+        by_engine.setdefault(next(iter(cells.values())).engine, []).append((label, cells))
+    return by_engine
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,11 +106,11 @@ class Coarse:
 
 def at_coarse_steps(document: Document) -> list[Coarse]:
     """Runs at steps too coarse for bounds of the motion, grouped by scene and step."""
-    found: dict[tuple[str, float], list[Record]] = {}
+    groups: dict[tuple[str, float], list[Record]] = {}
     for record in document.records:
         if record.practical:
-            found.setdefault((record.scene, record.step or 0.0), []).append(record)
-    return [Coarse(name, step, records) for (name, step), records in found.items()]
+            groups.setdefault((record.scene, record.step or 0.0), []).append(record)
+    return [Coarse(name, step, records) for (name, step), records in groups.items()]
 
 
 MATTERS = {"position": "error of the motion beyond its bound", "attitude": "error of the motion beyond its bound",
@@ -150,12 +150,12 @@ def worst_first(records: Sequence[Record], changes: Sequence[Change] | None = No
     for record, finding in bad:
         engine = "" if record.outcome == "known" else record.engine
         groups.setdefault((record.outcome, engine, _matter(record, finding)), []).append((record, finding))
-    found = [Wrong(outcome, engine, why, runs, len({record.scene for record, _ in runs}),
+    wrong = [Wrong(outcome, engine, why, runs, len({record.scene for record, _ in runs}),
                    sum((record.scene, record.engine, record.label.removeprefix(f"{record.engine} ")) in worse
                        for record, _ in runs))
              for (outcome, engine, why), runs in groups.items()]
     # Sorting is stable: otherwise groups stay in the order of their worst runs.
-    return sorted(found, key=lambda group: (not group.new, SEVERITY.index(group.outcome)))
+    return sorted(wrong, key=lambda group: (not group.new, SEVERITY.index(group.outcome)))
 
 
 def _matter(record: Record, finding: Finding | None) -> str:

@@ -30,8 +30,8 @@ def from_plain(values: Any) -> Document:
     Raises `msgspec.ValidationError`, which says what is wrong.
     """
     if not isinstance(values, dict) or values.get("schema") != SCHEMA:
-        found = values.get("schema") if isinstance(values, dict) else None
-        raise msgspec.ValidationError(f"schema {found!r} is not {SCHEMA}")
+        version = values.get("schema") if isinstance(values, dict) else None
+        raise msgspec.ValidationError(f"schema {version!r} is not {SCHEMA}")
     # Older documents have {} for unknown scales and speeds, and fewer keys in failed scenes.
     failed = {"description": "", "source": "", "hash": "", "bodies": [], "duration": 0.0, "truth": None}
     scenes = [{"title": scene.get("name"), **failed, **scene, "scales": scene.get("scales") or None}
@@ -42,10 +42,10 @@ def from_plain(values: Any) -> Document:
 
 
 def _listed(values: dict[str, Any], key: str) -> list[dict[str, Any]]:
-    found = values.get(key)
-    if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+    entries = values.get(key)
+    if not isinstance(entries, list) or not all(isinstance(each, dict) for each in entries):
         raise msgspec.ValidationError(f"Expected `array` of `object` - at `$.{key}`")
-    return found
+    return entries
 
 
 def read_document(path: Path) -> Document:

@@ -5,156 +5,60 @@ Each motion is a dict of columns by the names that a recording of its scene has;
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-SCENES = {
-    "arm": """
-schema = 2
-name = "arm"
-gravity = [0.0, 0.0, -9.81]
-duration = 2.0
-samples = 101
-[[bodies]]
-name = "bar"
-mass = 1.2
-inertia = [[0.01, 0, 0], [0, 0.03, 0], [0, 0, 0.025]]
-[[joints]]
-name = "pivot"
-type = "revolute"
-parent = "ground"
-child = "bar"
-parent_anchor = [0.1, 0.0, 0.2]
-child_anchor = [-0.4, 0.0, 0.0]
-parent_axis = [0.0, 1.0, 0.0]
-child_axis = [0.0, 1.0, 0.0]
-position = 0.4
-velocity = 1.5
-damping = 0.02
-""",
-    "two": """
-schema = 2
-name = "two"
-gravity = [0.0, 0.0, -9.81]
-duration = 2.0
-samples = 101
-[[bodies]]
-name = "upper"
-mass = 1.2
-inertia = [[0.01, 0, 0], [0, 0.03, 0], [0, 0, 0.025]]
-[[bodies]]
-name = "fore"
-mass = 0.7
-inertia = [[0.004, 0, 0], [0, 0.012, 0], [0, 0, 0.011]]
-[[joints]]
-name = "shoulder"
-type = "revolute"
-parent = "ground"
-child = "upper"
-parent_anchor = [0.0, 0.0, 0.0]
-child_anchor = [-0.4, 0.0, 0.0]
-parent_axis = [0.0, 1.0, 0.0]
-child_axis = [0.0, 1.0, 0.0]
-position = 0.4
-velocity = 1.5
-[[joints]]
-name = "elbow"
-type = "revolute"
-parent = "upper"
-child = "fore"
-parent_anchor = [0.4, 0.0, 0.0]
-child_anchor = [-0.3, 0.0, 0.0]
-parent_axis = [0.0, 1.0, 0.0]
-child_axis = [0.0, 1.0, 0.0]
-position = -0.7
-velocity = -1.0
-""",
-    "tumbler": """
-schema = 1
-name = "tumbler"
-gravity = [0.0, 0.0, -9.81]
-duration = 2.0
-samples = 101
-[[bodies]]
-name = "brick"
-mass = 2.0
-inertia = [[0.03, 0, 0], [0, 0.05, 0], [0, 0, 0.07]]
-attitude = [0.8, 0.36, -0.48, 0.0]
-angular_velocity = [1.0, 2.5, -0.6]
-position = [0.2, -0.1, 5.0]
-velocity = [1.0, 0.5, 3.0]
-""",
-    "top": """
-schema = 1
-name = "top"
-gravity = [0.0, 0.0, -9.81]
-duration = 2.0
-samples = 101
-[[bodies]]
-name = "top"
-mass = 1.5
-inertia = [[0.02, 0, 0], [0, 0.03, 0], [0, 0, 0.015]]
-attitude = [0.9, 0.3, 0.3, 0.1]
-angular_velocity = [0.5, -0.3, 6.0]
-[[joints]]
-name = "tip"
-type = "spherical"
-parent = "ground"
-child = "top"
-parent_anchor = [0.0, 0.0, 0.0]
-child_anchor = [0.0, 0.0, -0.5]
-""",
-    "slider": """
-schema = 2
-name = "slider"
-gravity = [0.0, 0.0, -9.81]
-duration = 2.0
-samples = 101
-[[bodies]]
-name = "block"
-mass = 2.0
-inertia = [[0.03, 0, 0], [0, 0.05, 0], [0, 0, 0.07]]
-[[joints]]
-name = "rail"
-type = "prismatic"
-parent = "ground"
-child = "block"
-parent_anchor = [0.0, 0.0, 0.0]
-child_anchor = [0.0, 0.0, 0.0]
-parent_axis = [1.0, 0.0, 0.0]
-child_axis = [1.0, 0.0, 0.0]
-position = 0.3
-velocity = -0.5
-[[forces]]
-type = "linear_spring"
-parent = "ground"
-child = "block"
-parent_point = [-1.0, 0.0, 0.0]
-child_point = [0.0, 0.0, 0.0]
-stiffness = 80.0
-free_length = 0.9
-damping = 0.4
-""",
-}
+Y = [0.0, 1.0, 0.0]
 
-SCENES["sled"] = SCENES["slider"].partition("[[forces]]")[0].replace("schema = 2", "schema = 3").replace(
-    '"slider"', '"sled"').replace("velocity = -0.5", "velocity = 1.5\ndry_friction = 2.0")
-SCENES["imu"] = SCENES["arm"].replace("schema = 2", "schema = 3").replace('"arm"', '"imu"') + """
-[[sites]]
-name = "chip"
-body = "bar"
-position = [0.2, 0.0, 0.05]
-[[sensors]]
-name = "acceleration"
-type = "accelerometer"
-site = "chip"
-[[sensors]]
-name = "rate"
-type = "angular_velocity"
-site = "chip"
-frame = "site"
-"""
+
+def toml(name, *tables, schema=2):
+    """The text of a scene of two seconds; each table is a pair of its name and its entries."""
+    lines = [f"schema = {schema}", f'name = "{name}"', "gravity = [0.0, 0.0, -9.81]", "duration = 2.0", "samples = 101"]
+    for table, entries in tables:
+        lines += [f"[[{table}]]", *(f"{key} = {json.dumps(value)}" for key, value in entries.items())]
+    return "\n".join(lines) + "\n"
+
+
+def solid(name, mass, J, **more):
+    """A body with principal moments J."""
+    return "bodies", {"name": name, "mass": mass, "inertia": np.diag(J).tolist(), **more}
+
+
+def joint(name, kind, parent, child, parent_anchor, child_anchor, axis=None, **more):
+    """A joint whose axis, if it has one, is the same in both bodies."""
+    axes = {} if axis is None else {"parent_axis": axis, "child_axis": axis}
+    return "joints", {"name": name, "type": kind, "parent": parent, "child": child, "parent_anchor": parent_anchor,
+                      "child_anchor": child_anchor, **axes, **more}
+
+
+BAR, BRICK = (0.01, 0.03, 0.025), (0.03, 0.05, 0.07)
+ARM = (solid("bar", 1.2, BAR), joint("pivot", "revolute", "ground", "bar", [0.1, 0.0, 0.2], [-0.4, 0.0, 0.0], Y,
+                                     position=0.4, velocity=1.5, damping=0.02))
+BLOCK = solid("block", 2.0, BRICK)
+RAIL = "rail", "prismatic", "ground", "block", [0.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0]
+CHIP = (("sites", {"name": "chip", "body": "bar", "position": [0.2, 0.0, 0.05]}),
+        ("sensors", {"name": "acceleration", "type": "accelerometer", "site": "chip"}),
+        ("sensors", {"name": "rate", "type": "angular_velocity", "site": "chip", "frame": "site"}))
+SCENES = {
+    "arm": toml("arm", *ARM),
+    "two": toml("two", solid("upper", 1.2, BAR), solid("fore", 0.7, (0.004, 0.012, 0.011)),
+                joint("shoulder", "revolute", "ground", "upper", [0.0] * 3, [-0.4, 0.0, 0.0], Y, position=0.4,
+                      velocity=1.5),
+                joint("elbow", "revolute", "upper", "fore", [0.4, 0.0, 0.0], [-0.3, 0.0, 0.0], Y, position=-0.7,
+                      velocity=-1.0)),
+    "tumbler": toml("tumbler", solid("brick", 2.0, BRICK, attitude=[0.8, 0.36, -0.48, 0.0], position=[0.2, -0.1, 5.0],
+                                     angular_velocity=[1.0, 2.5, -0.6], velocity=[1.0, 0.5, 3.0])),
+    "top": toml("top", solid("top", 1.5, (0.02, 0.03, 0.015), attitude=[0.9, 0.3, 0.3, 0.1],
+                             angular_velocity=[0.5, -0.3, 6.0]),
+                joint("tip", "spherical", "ground", "top", [0.0] * 3, [0.0, 0.0, -0.5])),
+    "slider": toml("slider", BLOCK, joint(*RAIL, position=0.3, velocity=-0.5), ("forces", {
+        "type": "linear_spring", "parent": "ground", "child": "block", "parent_point": [-1.0, 0.0, 0.0],
+        "child_point": [0.0] * 3, "stiffness": 80.0, "free_length": 0.9, "damping": 0.4})),
+    "sled": toml("sled", BLOCK, joint(*RAIL, position=0.3, velocity=1.5, dry_friction=2.0), schema=3),
+    "imu": toml("imu", *ARM, *CHIP, schema=3)}
 
 TIMES = np.linspace(0.0, 2.0, 201)
 

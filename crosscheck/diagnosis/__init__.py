@@ -143,7 +143,9 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
         answer.evidence.append(Evidence(name, "numerics", None, None, "states at a fine step", text,
                                         noise.cause is not None))
         answer.tried += 1
-        if deviation <= max(of_output.SPREAD * noise.size, fit.EXPLAINED * first.noise):
+        exact = scale.flat(observe.true_motion(scene))
+        if deviation <= max(of_output.SPREAD * noise.size, fit.EXPLAINED * first.noise) or (
+                noise.cause is not None and of_output.between_samples(first.y, exact) is not None):
             answer.conclude([])
             return answer
     differs = deviation > max(AGREES, fit.EXPLAINED * first.noise)

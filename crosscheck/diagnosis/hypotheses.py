@@ -220,6 +220,10 @@ def _force(scene: Scene, k: int) -> Iterator[Cause]:
         yield Cause("point of a force", lambda q, t: q.replace(point=(k, t)), ((0.0,) * 3,),
                     lambda t: f"{where}: its point on body {scene.bodies[force.child].name!r} off by {_vector(t)} m",
                     mend, target=where, alone=True)
+    if force.type in ("constant_force", "constant_torque"):
+        yield Cause("frame of a load", lambda q, t: q.replace(reframed=(*q.reframed, k)), ((),),
+                    lambda t: f"{where}: its components are those of {p['frame']} axes and are taken in the other ones",
+                    mend, target=where)
     if force.functions:
         yield from _drive(scene, k, where, mend)
     elif force.type not in SPRINGS:

@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 
-from crosscheck.diagnosis import fit, misreadings, of_joints, of_output, variants
+from crosscheck.diagnosis import fit, misreadings, of_joints, of_output, of_run, variants
 from crosscheck.diagnosis.hypotheses import Context, causes
 from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, observe, rates, window
 from crosscheck.diagnosis.physics import Physics, Terms, of_scene
@@ -15,6 +15,9 @@ from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.diagnosis.shown import AMPLIFIED, FAITHFUL, Shown, data, points_of, undone
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
+
+CONSTANT = 1e-14
+"""Share of the largest number by which one that is constant may vary in a limit: runs are added with weights."""
 
 COPIES = 2
 """Number of further starts that are observed, for each joint structure."""
@@ -71,6 +74,10 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
     if told:  # equivalent hypotheses are named together
         result.causes.append(NamedCause(" or ".join(sorted({each.name for each in told})),
                                         ", or equally ".join(each.detail for each in told), told[0].mend))
+        result.told = True
+        return result
+    if stuck := of_run.clamped(first.states, rounding=CONSTANT):
+        result.causes.append(NamedCause("clamp", f"{stuck} in the first {scene.duration:.3g} s", of_run.UNCLAMPED))
         result.told = True
         return result
     report = _reports([each for each, _ in observations], result)

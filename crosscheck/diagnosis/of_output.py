@@ -16,6 +16,7 @@ from crosscheck.diagnosis import fit, misreadings
 from crosscheck.diagnosis.observe import FASTEST, REACH, Observation, Scale, Silent, Subject, rates, true_motion
 from crosscheck.diagnosis.physics import levers
 from crosscheck.diagnosis.result import Evidence, NamedCause
+from crosscheck.judge.flow import index1_rates
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene.model import GROUND, Joint, Scene
@@ -36,6 +37,12 @@ sixth differences magnify independent errors. Samples of a smooth motion 0.05 ra
 
 POINT = 1e-6
 """Distance, as a part of the length, below which a fitted point is the joint."""
+
+LATER = 0.1
+"""Relative difference of delays that makes two of them."""
+
+STRAIGHT = 0.01
+"""Share of the true bend of a motion below which samples lie on a straight line."""
 
 THIN = 4
 """Errors of times are estimated from one in so many samples."""
@@ -124,6 +131,8 @@ def hypotheses(first: Observation) -> Iterator[Told]:
     if 1 < scene.n <= MOST_ORDERS:
         yield from map(reordered, list(itertools.permutations(range(scene.n)))[1:])
     yield from _points(first)
+    yield from _attitudes(first)
+    yield from _filtered(first)
     yield from _geometry(scene)
     yield from _times(first)
 
@@ -158,6 +167,51 @@ def _points(first: Observation) -> Iterator[Told]:
                f"all positions are off by {_vector(away)} m",
                "check the origin of the world, and where joints hold on the ground",
                lambda given: dataclasses.replace(true_motion(given), x=true_motion(given).x + away))
+
+
+def _attitudes(first: Observation) -> Iterator[Told]:
+    """Attitudes that are turned by a constant in each body, or mirrored."""
+    scene, exact = first.scene, true_motion(first.scene)
+    mend = "report the attitude of the body axes of the scene, in its world axes"
+
+    def told(name: str, detail: str, R: Callable[[np.ndarray], np.ndarray],
+             w: Callable[[np.ndarray], np.ndarray]) -> Told:
+        return Told(name, detail, mend, lambda given: dataclasses.replace(
+            true_motion(given), R=R(true_motion(given).R), w=w(true_motion(given).w)))
+
+    U, _, V = np.linalg.svd(np.mean(np.swapaxes(exact.R, -1, -2) @ first.states.R, axis=0))
+    Q = U @ V
+    cosines = np.clip((np.trace(Q, axis1=1, axis2=2) - 1) / 2, -1, 1)
+    turned = [f"body {body.name!r} by {np.degrees(np.arccos(cosine)):.5g} deg"
+              for body, cosine in zip(scene.bodies, cosines, strict=True) if cosine < 1 - AGREES]
+    for text, spin in (("", lambda w: w), (", with its angular velocity", lambda w: np.einsum("nji,tnj->tni", Q, w))):
+        if turned and np.linalg.det(Q).min() > 0:
+            yield told("turned attitude", "; ".join(turned) + text, lambda R: R @ Q, spin)
+    for axis, letter in enumerate("xyz"):
+        S = np.diag([-1.0 if k == axis else 1.0 for k in range(3)])
+        for text, change in (("in world and body axes", lambda R, S=S: S @ R @ S),
+                             ("in world axes", lambda R, S=S: S @ R), ("in body axes", lambda R, S=S: R @ S)):
+            for more, spin in (("", lambda w: w), (", with angular velocities", lambda w, S=S: -w @ S)):
+                yield told("mirrored attitude", f"{letter} has the other sign {text}{more}", change, spin)
+
+
+def _filtered(first: Observation) -> Iterator[Told]:
+    """Velocities that lag by a time tau behind the motion: v - tau a."""
+    states = first.states
+    for names, text in ((("v", "w"), "all velocities"), (("v",), "velocities"), (("w",), "angular velocities")):
+        def filtered(given: Scene, tau: float, names: tuple[str, ...] = names) -> States:
+            true = true_motion(given)
+            rates = dict(zip("vw", index1_rates(given, true.t, true.x, true.R, true.v, true.w)[2:], strict=True))
+            return dataclasses.replace(true, **{name: getattr(true, name) - tau * rates[name] for name in names})
+
+        exact, late = filtered(first.scene, 0.0), filtered(first.scene, 1.0)
+        slopes, gaps = (np.concatenate([(getattr(one, name) - getattr(exact, name)).ravel() for name in names])
+                        for one in (late, states))
+        tau = float(slopes @ gaps / max(float(slopes @ slopes), 1e-300))
+        if abs(tau) * first.scale.rate > AGREES:
+            yield Told("filtered velocity", f"{text} are those of v - tau dv/dt, tau = {tau:.5g} s", "report the "
+                       "velocities of the state, not of a filter or of a difference of positions",
+                       lambda given, tau=tau, shown=filtered: shown(given, tau))  # type: ignore[misc]
 
 
 def _vector(values: np.ndarray) -> str:
@@ -210,9 +264,15 @@ def _times(first: Observation) -> Iterator[Told]:
     delays = shifts(few, first.scale, first.y[::THIN])
     if delays is None:
         return
-    offset, pace = float(np.median(delays[1:])), float(np.median(delays[1:] / few.t[1:]))
-    yield Told("time offset", f"the motion of {offset:+.6g} s later", "start at the scene's start, and report each "
-               "state at its time", lambda given: at_times(given, np.maximum(given.t + offset, 0.0)))
+    middle, last, pace = *(float(each) for each in (np.median(delays[1:]), delays[-1])), float(np.median(
+        delays[1:] / few.t[1:]))
+    # A motion that starts late, and rests in half of the samples, has the delay of the last one.
+    for offset in (middle, last) if abs(last - middle) > LATER * abs(last) else (middle,):
+        rests = offset <= -(1.0 - AGREES) * few.duration
+        yield Told("time offset", f"it stands still in the first {-offset:.6g} s, at least" if rests else
+                   f"the motion of {offset:+.6g} s later", "start at the scene's start, and report each "
+                   "state at its time",
+                   lambda given, offset=offset: at_times(given, np.maximum(given.t + offset, 0.0)))  # type: ignore[misc]
     if pace > STOPPED - 1.0:
         yield Told("time scale", f"times are those of a clock {1 + pace:.6g} as fast", "check the unit of time and the "
                "step that is really made", lambda given: at_times(given, (1.0 + pace) * given.t))
@@ -343,6 +403,8 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
                                 "numbers, no race between threads"), max(size, again))
     if size <= SEEN or rough(scale.flat(coarse) - exact) > GROWS * size:
         return None
+    if (shown := between_samples(y, exact)) is not None:
+        return Noise(shown, size)
     ways = ("rounded", np.round), ("cut off", lambda times, digits: np.floor(times * 10.0**digits) / 10.0**digits)
     for digits, (text, cut) in itertools.product(range(1, MOST_DIGITS), ways):
         if np.abs(y - scale.flat(at_times(scene, cut(scene.t, digits)))).max() <= 0.01 * size:
@@ -359,6 +421,21 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
         return Noise(NamedCause("precision floor", f"noise of {size:.1e} from sample to sample, as single precision "
                                 "leaves (float32)", mend), size)
     return Noise(NamedCause("noise", f"{size:.1e} from sample to sample", mend), size)
+
+
+def between_samples(y: np.ndarray, exact: np.ndarray) -> NamedCause | None:
+    """The cause if samples repeat the one before, or lie on straight lines between a few others."""
+    repeated = np.all(np.diff(y, axis=0) == 0.0, axis=(1, 2))
+    if repeated.any() and np.abs(y - exact)[1:][~repeated].max() <= STRAIGHT * np.abs(y - exact)[1:][repeated].max():
+        return NamedCause("dropped sample", f"{np.count_nonzero(repeated)} of {len(repeated)} samples repeat the one "
+                          "before, all others are right", "report the state of every output time")
+    bends, true = (np.abs(np.diff(each, 2, axis=0)).max(axis=(1, 2)) for each in (y, exact))
+    straight = bends <= STRAIGHT * true
+    if 2 * np.count_nonzero(straight) > len(true) and np.abs(y - exact)[1:-1][~straight].max(initial=0.0) <= (
+            0.1 * np.abs(y - exact).max()):
+        return NamedCause("interpolated output", "most samples lie on straight lines between others", "report states "
+                          "at the output times: let steps end on them, or use dense output of the method's order")
+    return None
 
 
 def rough(difference: np.ndarray) -> float:

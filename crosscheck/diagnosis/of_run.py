@@ -51,6 +51,8 @@ CLOSER = 16
 MOVING = 1e-6
 """Part of the largest velocity or position below which a change counts as none."""
 
+UNCLAMPED = "leave states as large as they are"
+
 REPEATED = 4
 """Number of samples in a row at which a clamped number is the same to the last bit."""
 
@@ -142,9 +144,9 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
     truth = _onward(scene, states, k)
     causes: list[NamedCause] = []
     text = f"from t = {time:.4g} s on the motion is not the scene's"
-    stuck = _clamped(closer, CLOSER * k)
+    stuck = clamped(closer, CLOSER * k)
     if stuck:
-        causes.append(NamedCause("clamp", f"{stuck}, from t = {time:.4g} s on", "leave states as large as they are"))
+        causes.append(NamedCause("clamp", f"{stuck}, from t = {time:.4g} s on", UNCLAMPED))
     elif truth is not None:
         turn = np.abs(states.R[k + 1] - truth.R[-1]).max(axis=(-2, -1))
         spin = np.abs(states.w[k + 1] - truth.w[-1]).max(axis=-1) / scale.rate
@@ -163,12 +165,16 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
     return Late(time, float(states.t[k + 1]), text, causes, evidence)
 
 
-def _clamped(states: States, k: int) -> str | None:
-    """In words, the number that stays the same to the last bit after the k-th sample although it moved before."""
+def clamped(states: States, k: int = 0, rounding: float = 0.0) -> str | None:
+    """In words, the number that stays the same to `rounding` after the k-th sample although it moved before.
+
+    Without k, although it moves at all: a number that follows from smooth equations is constant always or never.
+    """
     for name, what in (("w", "an angular velocity"), ("v", "a velocity"), ("x", "a position")):
         values = getattr(states, name).reshape(len(states.t), -1)
-        still = np.lib.stride_tricks.sliding_window_view(np.diff(values[k:], axis=0) == 0.0, REPEATED - 1, axis=0)
-        same = still.all(axis=-1) & (values[:k + 1].std(axis=0) > MOVING * np.abs(values).max())
+        steady = np.abs(np.diff(values[k:], axis=0)) <= rounding * np.abs(values).max()
+        still = np.lib.stride_tricks.sliding_window_view(steady, REPEATED - 1, axis=0)
+        same = still.all(axis=-1) & (values[:k + 1 if k else None].std(axis=0) > MOVING * np.abs(values).max())
         if same.any():
             at, index = np.argwhere(same)[0]
             return f"{what} stays at {values[k + at, index]:.6g}"

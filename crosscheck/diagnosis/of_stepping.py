@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.diagnosis import altered, fit, misreadings, of_output
+from crosscheck.diagnosis import altered, fit, misreadings, of_output, of_run
 from crosscheck.diagnosis.observe import (
     REACH,
     ROUNDING,
+    SAMPLES,
     STENCIL,
     Observation,
     Scale,
@@ -223,6 +224,15 @@ def keeps_plane(subject: Subject, copy: Scene, scale: Scale) -> bool:
 def _lower_order(subject: Subject, first: Observation, order: int, known: Known, found: Order,
                  result: NumericsFinding) -> None:
     quantity = f"observed order, documented {order}"
+    seen = first.scene.replace(duration=1.0 / first.scale.rate, samples=SAMPLES)
+    try:
+        stuck = of_run.clamped(subject.run(seen, seen.duration / (seen.samples - 1)).states)
+    except Silent:
+        stuck = None
+    if stuck is not None:  # its kink lowers the order of any method
+        result.causes.append(NamedCause("clamp", f"{stuck} in the first {seen.duration:.3g} s", of_run.UNCLAMPED))
+        result.evidence.append(Evidence("clamp", "report", found.observed, None, quantity, stuck, True))
+        return
     copy = planar(first.scene, first.scale, known.physics.gravity)
     plane = None
     if copy is not None and subject.unsupported(copy) is None and keeps_plane(subject, copy, first.scale):

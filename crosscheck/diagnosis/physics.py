@@ -45,6 +45,7 @@ class Physics:
     centripetal: float = 1.0  # factor of gamma in G du/dt + gamma = 0
     lever: np.ndarray | None = None  # per force, factor of its moments about the centres of mass; None: one
     point: tuple[int, np.ndarray] | None = None  # number of a force, and displacement (m) of its point on the child
+    reframed: tuple[int, ...] = ()  # numbers of loads whose components are taken in the other axes: body or world
     absent: int | None = None  # number of a body that the model does not have
     delay: np.ndarray | None = None  # s, of the function of time of each force; None: none
     phase: np.ndarray | None = None  # rad, per force, added to every sine; None: none
@@ -133,6 +134,10 @@ class Terms:
         for here, force, spring in zip(self.index, self.scene.forces, self.springs, strict=True):
             if p.point is not None and p.point[0] == here:
                 spring = _spring(self.scene, force, self.points, p.point[1])
+            if here in p.reframed:
+                other = "world" if force.parameters["frame"] == "body" else "body"
+                turned = dataclasses.replace(force, parameters={**force.parameters, "frame": other})
+                spring = _spring(self.scene, turned, self.points)
             kind, unit, length, rate, ends = spring
             if p.absent is not None and p.absent in ends:
                 continue

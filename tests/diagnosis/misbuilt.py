@@ -313,3 +313,10 @@ def build(cases, base=None):
     alter = tuple(change for case in cases for change in case.alter)
     report = tuple(change for case in cases for change in case.report)
     return Misbuilt(Stepper(Flaws(**flaws)) if flaws or base is None else base, alter, report)
+
+
+def reframed(scene):
+    """Components of loads in body axes taken in world axes, and the reverse."""
+    other = {"world": "body", "body": "world"}
+    return scene.replace(forces=tuple(dataclasses.replace(force, parameters={
+        **force.parameters, "frame": other[force.parameters["frame"]]}) for force in scene.forces))

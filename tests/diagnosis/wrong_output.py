@@ -5,11 +5,15 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from scipy.interpolate import interp1d
+from scipy.spatial.transform import Rotation
 
 from crosscheck import adapters
 from crosscheck.diagnosis import of_output, physics
+from crosscheck.diagnosis.observe import scale_of, window
 from crosscheck.diagnosis.of_run import restarted
 from crosscheck.references.maximal import Maximal
+from crosscheck.scene import mechanics
 from tests.diagnosis.misbuilt import Misbuilt
 
 
@@ -144,3 +148,46 @@ def jumped(given, states, after, begin):
 def shifted_later(given, states, after, begin):
     """Positions off by a thousandth of a metre."""
     return with_states(states, x=np.where(after[:, None, None], states.x + 1e-3, states.x))
+
+
+def filtered(*names):
+    """Velocities v - tau a."""
+    def build(rng, scene, states):
+        angles = mechanics.torsion_angles(scene, states.R, states.w, states.t)
+        a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w, angles, states.t)
+        return with_states(states, **{name: getattr(states, name) - 2e-3 * {"v": a, "w": alpha}[name]
+                                      for name in names})
+    return build
+
+
+def turned_attitude(rng, scene, states):
+    """The attitude of the last body, turned by a constant."""
+    R = states.R.copy()
+    R[:, -1] = R[:, -1] @ Rotation.from_rotvec([0.1, 0.2, -0.3]).as_matrix()
+    return with_states(states, R=R)
+
+
+def mirrored(rng, scene, states):
+    """y with the other sign in attitudes."""
+    S = np.diag([1.0, -1.0, 1.0])
+    return with_states(states, R=S @ states.R @ S)
+
+
+def dropped(rng, scene, states):
+    """One sample repeats the one before."""
+    places = np.arange(len(states.t))
+    places[len(places) // 2] -= 1
+    return with_states(states, **{name: getattr(states, name)[places] for name in "xRvw"})
+
+
+def straight(rng, scene, states):
+    """Straight lines between every fifth sample."""
+    chosen = np.unique(np.append(np.arange(0, len(states.t), 5), len(states.t) - 1))
+    return with_states(states, **{name: interp1d(chosen, getattr(states, name)[chosen], axis=0)(
+        np.arange(len(states.t))) for name in "xRvw"})
+
+
+def early(rng, scene):
+    """A limit of angular velocities that is reached within the first radian."""
+    sizes = np.abs(Maximal(window(scene, scale_of(scene))).run().w).max(axis=(1, 2))
+    return float(0.9 * sizes[0] + 0.1 * sizes.max())

@@ -43,8 +43,7 @@ def basis(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray) 
         return B
     _, sigma, Vt = np.linalg.svd(constraints.jacobian(x[None], R[None])[0] @ B)
     rank = int(np.count_nonzero(sigma > mechanics.RANK_TOLERANCE * sigma[0]))
-    found: np.ndarray = B @ Vt[rank:].T
-    return found
+    return np.asarray(B @ Vt[rank:].T)
 
 
 def states(scene: Scene, count: int, seed: int) -> States:

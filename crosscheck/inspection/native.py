@@ -234,8 +234,7 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     def coordinates(one: Scene) -> np.ndarray:
         a, alpha, _ = index1(one, *state)
-        found: np.ndarray = S @ np.concatenate([a[0], alpha[0]], axis=1).ravel() + s
-        return found
+        return np.asarray(S @ np.concatenate([a[0], alpha[0]], axis=1).ravel() + s)
 
     return M, -M @ coordinates(scene.replace(forces=())), coordinates(scene)
 

@@ -66,5 +66,4 @@ def _slide(joint: Joint, scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarr
 
 
 def _dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    found: np.ndarray = np.einsum("tk,tk->t", p, q)
-    return found
+    return np.asarray(np.einsum("tk,tk->t", p, q))

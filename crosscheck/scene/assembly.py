@@ -297,8 +297,7 @@ def _newton_step(constraints: Constraints, guess: Configuration, unweighted: np.
             hessian[first:first + 6] += (bent[:6] - bent[6:]) / (2 * _DIFFERENCE)
     curvatures, directions = np.linalg.eigh(along @ (hessian + hessian.T) @ along.T / 2)
     slope = directions.T @ along @ (z + hessian @ closing)
-    found: np.ndarray = closing - along.T @ (directions @ (slope / np.maximum(np.abs(curvatures), _LEAST_CURVATURE)))
-    return found
+    return np.asarray(closing - along.T @ (directions @ (slope / np.maximum(np.abs(curvatures), _LEAST_CURVATURE))))
 
 
 def _inverse_root_mass(scene: Scene) -> csr_array:
@@ -353,5 +352,4 @@ def _right_tangents(theta: np.ndarray) -> np.ndarray:
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 1 / 2 - angle**2 / 24 + angle**4 / 720, (1 - np.cos(safe)) / safe**2)
     second = np.where(small, 1 / 6 - angle**2 / 120 + angle**4 / 5040, (safe - np.sin(safe)) / safe**3)
-    found: np.ndarray = np.eye(3) - first * hat + second * hat @ hat
-    return found
+    return np.asarray(np.eye(3) - first * hat + second * hat @ hat)

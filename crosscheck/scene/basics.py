@@ -153,13 +153,11 @@ class Angle:
     def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """The angles, (T, K, 1)."""
         pointer = np.einsum("tkji,tkj->tki", R[:, self.parent], _turned(R[:, self.child], self.pointer))
-        found: np.ndarray = np.arctan2(dot(cross(self.axis, self.normal), pointer), dot(self.normal, pointer))
-        return found
+        return np.asarray(np.arctan2(dot(cross(self.axis, self.normal), pointer), dot(self.normal, pointer)))
 
     def rate(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Their rates, (T, K, 1)."""
-        found: np.ndarray = dot(self.own_axis, w[:, self.child]) - dot(self.axis, w[:, self.parent])
-        return found
+        return np.asarray(dot(self.own_axis, w[:, self.child]) - dot(self.axis, w[:, self.parent]))
 
     def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Zero, because the axes are fixed in both bodies."""
@@ -191,8 +189,7 @@ def stacked(items: Sequence[Any]) -> Any:
 
 def _turned(R: np.ndarray, s: np.ndarray) -> np.ndarray:
     """R s over the last axes, with broadcasting; the order of summation is the same for one state and for many."""
-    found: np.ndarray = R[..., 0] * s[..., :1] + R[..., 1] * s[..., 1:2] + R[..., 2] * s[..., 2:]
-    return found
+    return np.asarray(R[..., 0] * s[..., :1] + R[..., 1] * s[..., 1:2] + R[..., 2] * s[..., 2:])
 
 
 def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[AnyBasic]:

@@ -225,8 +225,7 @@ def _inertia(entry: str, inertia: np.ndarray) -> np.ndarray:
     if moments[2] > moments[0] + moments[1] + INERTIA_ROUNDING * size:
         raise EntryError(entry, f"principal moments {shown} kg m^2 break the triangle inequality: no body has them",
                          "make the largest at most the sum of the other two")
-    found: np.ndarray = symmetric
-    return found
+    return np.asarray(symmetric)
 
 
 def _unit(entry: str, vector: Sequence[float], mend: str) -> np.ndarray:

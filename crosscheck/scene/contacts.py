@@ -71,8 +71,7 @@ class KnifeEdge:
     def rate(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Its rows of G u, (T, K, rows)."""
         c, _, a, _, spin = self._contact(R, w)
-        found: np.ndarray = np.einsum("tkri,tki->tkr", self._directions(a), v[:, self.child] + cross(spin, c))
-        return found
+        return np.asarray(np.einsum("tkri,tki->tkr", self._directions(a), v[:, self.child] + cross(spin, c)))
 
     def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Its rows of gamma, (T, K, rows)."""

@@ -50,8 +50,7 @@ def zero_attitude(joint: Joint) -> np.ndarray:
 def turned(axis: np.ndarray, angle: float) -> np.ndarray:
     """The rotation (3, 3) by `angle` (rad) about the unit vector `axis`."""
     hat = cross(axis, np.eye(3)).T
-    found: np.ndarray = np.eye(3) + np.sin(angle) * hat + 2.0 * np.sin(angle / 2) ** 2 * hat @ hat
-    return found
+    return np.asarray(np.eye(3) + np.sin(angle) * hat + 2.0 * np.sin(angle / 2) ** 2 * hat @ hat)
 
 
 def relative_pose(joint: Joint, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -154,8 +153,7 @@ def accelerations(joint: Joint, states: States) -> np.ndarray:
     assert moved.spinning is not None
     assert moved.speeding is not None
     if joint.kind.coordinates == ("ball",):
-        found: np.ndarray = np.einsum("tji,tj->ti", moved.turn, moved.spinning)
-        return found
+        return np.asarray(np.einsum("tji,tj->ti", moved.turn, moved.spinning))
     columns = [_coordinate(word, joint, moved.turn, moved.spinning, moved.d, moved.speeding)[1]
                for word in joint.kind.coordinates]
     return np.stack(columns, axis=1) if len(columns) > 1 else columns[0]

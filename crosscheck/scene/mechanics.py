@@ -44,8 +44,7 @@ def kinetic_energy(scene: Scene, states: Motion) -> np.ndarray:
     u = np.concatenate([states.v, states.w], axis=-1).reshape(len(states.v), -1)
     for inertia, S, _ in rotors(scene, states.x, states.R, states.v, states.w):
         rotation = rotation + inertia * np.einsum("tk,tk->t", S, u) ** 2
-    found: np.ndarray = 0.5 * (translation + rotation)
-    return found
+    return np.asarray(0.5 * (translation + rotation))
 
 
 def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray],
@@ -64,15 +63,13 @@ def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[st
             energy = energy + 0.5 * p["stiffness"] * (angles[force.joint] - at(p["rest_angle"], t)) ** 2
     for joint, k, limits in _soft_limits(scene):
         energy = energy + limits.energy(_position(scene, joint, k, x, R, angles))
-    found: np.ndarray = energy
-    return found
+    return np.asarray(energy)
 
 
 def energy(scene: Scene, states: Motion) -> np.ndarray:
     """Kinetic energy - sum of m g . x + spring energies, (T,) in J."""
     angles = torsion_angles(scene, states.R, states.w, states.t)
-    found: np.ndarray = kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles, states.t)
-    return found
+    return np.asarray(kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles, states.t))
 
 
 def power(scene: Scene, states: Motion) -> np.ndarray:
@@ -85,8 +82,7 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
     u = np.concatenate([states.v, states.w], axis=-1)
 
     def pushed(force: Force) -> np.ndarray:
-        found: np.ndarray = np.einsum("tnk,tnk->t", force_on_bodies(scene, force, states, angles), u)
-        return found
+        return np.asarray(np.einsum("tnk,tnk->t", force_on_bodies(scene, force, states, angles), u))
 
     for force in scene.forces:
         p = force.parameters
@@ -128,8 +124,7 @@ def work(scene: Scene, states: Motion) -> np.ndarray:
     from scipy.interpolate import make_interp_spline
 
     degree = min(1 if scene.has_laws else 3 if scene.breaks else 7, len(states.t) - 1)
-    found: np.ndarray = make_interp_spline(states.t, power(scene, states), degree).antiderivative()(states.t)
-    return found
+    return np.asarray(make_interp_spline(states.t, power(scene, states), degree).antiderivative()(states.t))
 
 
 def momentum_vertical(scene: Scene, states: Motion) -> np.ndarray:
@@ -138,15 +133,13 @@ def momentum_vertical(scene: Scene, states: Motion) -> np.ndarray:
     up = -scene.gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
     orbital = np.einsum("n,tnk->tk", scene.masses, cross(states.x, states.v))
     spin = np.einsum("tnij,njk,tnk->ti", states.R, scene.inertias, states.w)
-    found: np.ndarray = (orbital + spin) @ up
-    return found
+    return np.asarray((orbital + spin) @ up)
 
 
 def orthogonality(R: np.ndarray) -> np.ndarray:
     """Largest entry of |R^T R - I| over all bodies, (T,)."""
     gap = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
-    found: np.ndarray = gap.reshape(len(R), -1).max(axis=1, initial=0.0)
-    return found
+    return np.asarray(gap.reshape(len(R), -1).max(axis=1, initial=0.0))
 
 
 def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: np.ndarray | None = None,
@@ -279,8 +272,7 @@ def _position(scene: Scene, joint: Joint, k: int, x: np.ndarray, R: np.ndarray,
     if _slides(joint, k):
         return of(x, R)
     started = of(scene.x0[None], scene.R0[None]) - _torsion(joint, scene.R0[None])
-    found: np.ndarray = angles[joint.name] + started
-    return found
+    return np.asarray(angles[joint.name] + started)
 
 
 def _rate(joint: Joint, k: int, states: Motion) -> np.ndarray:
@@ -381,8 +373,7 @@ def _root(inverse: np.ndarray) -> np.ndarray:
         return np.linalg.cholesky(inverse)
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(inverse)
-        found: np.ndarray = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-        return found
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
 
 def redundant_rows(scene: Scene) -> int:
@@ -399,15 +390,13 @@ def _point(x: np.ndarray, R: np.ndarray, body: int, s: tuple[float, ...]) -> np.
     """World position (T, 3) of a point fixed in a body or in the ground."""
     if body == GROUND:
         return np.broadcast_to(np.array(s), (len(x), 3))
-    found: np.ndarray = x[:, body] + R[:, body] @ np.array(s)
-    return found
+    return np.asarray(x[:, body] + R[:, body] @ np.array(s))
 
 
 def _point_velocity(R: np.ndarray, v: np.ndarray, w: np.ndarray, body: int, s: tuple[float, ...]) -> np.ndarray:
     if body == GROUND:
         return np.zeros((len(v), 3))
-    found: np.ndarray = v[:, body] + np.einsum("tij,tj->ti", R[:, body], cross(w[:, body], np.array(s)))
-    return found
+    return np.asarray(v[:, body] + np.einsum("tij,tj->ti", R[:, body], cross(w[:, body], np.array(s))))
 
 
 def _in_world(vector: tuple[float, ...], frame: str, R: np.ndarray) -> np.ndarray:
@@ -434,5 +423,4 @@ def _torsion_rate(joint: Joint, R: np.ndarray, w: np.ndarray) -> np.ndarray:
     spin = np.einsum("tij,tj->ti", R[:, joint.child], w[:, joint.child])
     if joint.parent != GROUND:
         spin = spin - np.einsum("tij,tj->ti", R[:, joint.parent], w[:, joint.parent])
-    found: np.ndarray = np.einsum("tk,tk->t", spin, _turn(R, joint.parent, joint.parent_axis))
-    return found
+    return np.asarray(np.einsum("tk,tk->t", spin, _turn(R, joint.parent, joint.parent_axis)))

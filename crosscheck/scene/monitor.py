@@ -62,8 +62,7 @@ class Monitor:
         self._angles = {joint: float(values[-1]) for joint, values in angles.items()}
         kinetic = mechanics.kinetic_energy(self._scene, batch)
         self._kinetic = float(np.maximum(self._kinetic, kinetic.max()))
-        found: np.ndarray = kinetic + mechanics.potential_energy(self._scene, x, R, angles)
-        return found
+        return np.asarray(kinetic + mechanics.potential_energy(self._scene, x, R, angles))
 
 
 class Levels(TypedDict):
@@ -80,8 +79,7 @@ def level_norms(constraints: Constraints, x: np.ndarray, R: np.ndarray, v: np.nd
     """Max-norms (T,) of the constraint levels at times t by their names in `Trajectory`; `leaders` as in
     `Constraints.position`."""
     def norm(rows: np.ndarray) -> np.ndarray:
-        found: np.ndarray = np.abs(rows).max(axis=1, initial=0.0)
-        return found
+        return np.asarray(np.abs(rows).max(axis=1, initial=0.0))
 
     acceleration = None
     if a is not None and alpha is not None:

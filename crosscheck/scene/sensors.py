@@ -77,18 +77,15 @@ class Reader:
 
     def turned(self, body: int, vector: np.ndarray) -> np.ndarray:
         """A vector of body axes, (3,) or (T, 3), in world axes, (T, 3)."""
-        turned: np.ndarray = np.einsum("tij,tj->ti", self.R[:, body], np.broadcast_to(vector, self.x[:, body].shape))
-        return turned
+        return np.asarray(np.einsum("tij,tj->ti", self.R[:, body], np.broadcast_to(vector, self.x[:, body].shape)))
 
     def place(self, site: Site) -> np.ndarray:
         """(T, 3) world."""
-        place: np.ndarray = self.x[:, site.body] + self.turned(site.body, site.position)
-        return place
+        return np.asarray(self.x[:, site.body] + self.turned(site.body, site.position))
 
     def axes(self, site: Site) -> np.ndarray:
         """(T, 3, 3), site to world."""
-        axes: np.ndarray = self.R[:, site.body] @ rotation_from_quaternion(site.attitude)
-        return axes
+        return np.asarray(self.R[:, site.body] @ rotation_from_quaternion(site.attitude))
 
     @functools.cached_property
     def _constraints(self) -> Constraints:
@@ -247,8 +244,7 @@ def _acceleration(reader: Reader, sensor: Sensor) -> np.ndarray:
     site = reader.sites[sensor.site or ""]
     w = reader.w[:, site.body]
     lever = cross(reader.alpha[:, site.body], site.position) + cross(w, cross(w, site.position))
-    acceleration: np.ndarray = reader.a[:, site.body] + reader.turned(site.body, lever)
-    return acceleration
+    return np.asarray(reader.a[:, site.body] + reader.turned(site.body, lever))
 
 
 def _angular_acceleration(reader: Reader, sensor: Sensor) -> np.ndarray:

@@ -65,5 +65,4 @@ class Touching:
             self._data.geom_xpos[g] = centre + attitude @ offset
             self._data.geom_xmat[g] = (attitude @ turn).ravel()
         found = [mujoco.mj_geomDistance(self._model, self._data, *pair, BEYOND, None) for pair in self._pairs]
-        gaps: np.ndarray = np.array(found) - self._margins
-        return gaps
+        return np.asarray(np.array(found) - self._margins)

@@ -43,8 +43,7 @@ def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
         return 2 * np.outer(n1, n1) - np.eye(3)
     x, y, z = cross(start, end)
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    found: np.ndarray = np.eye(3) + hat + hat @ hat / (1 + cosine)
-    return found
+    return np.asarray(np.eye(3) + hat + hat @ hat / (1 + cosine))
 
 
 def dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -63,16 +62,14 @@ def continuous(wrapped: np.ndarray, start: float | None, rate: np.ndarray | None
     if rate is not None and t is not None:
         steps[1:] = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
     gaps = np.diff(wrapped, prepend=wrapped[0] if start is None else start) - steps
-    found: np.ndarray = wrapped - 2 * np.pi * np.cumsum(np.round(gaps / (2 * np.pi)))
-    return found
+    return np.asarray(wrapped - 2 * np.pi * np.cumsum(np.round(gaps / (2 * np.pi))))
 
 
 def exponential(theta: np.ndarray) -> np.ndarray:
     """exp(hat(theta)), (..., 3, 3), of rotation vectors (..., 3)."""
     from scipy.spatial.transform import Rotation
 
-    found: np.ndarray = Rotation.from_rotvec(theta.reshape(-1, 3)).as_matrix().reshape(*theta.shape, 3)
-    return found
+    return np.asarray(Rotation.from_rotvec(theta.reshape(-1, 3)).as_matrix().reshape(*theta.shape, 3))
 
 
 def inverse_tangent(theta: np.ndarray, w: np.ndarray) -> np.ndarray:

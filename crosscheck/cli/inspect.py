@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli.console import console, counted, say, waiting
+from crosscheck.cli.derivatives import derivatives as judge_derivatives
 from crosscheck.cli.diff import diff
 from crosscheck.cli.options import SceneName
 from crosscheck.cli.tables import figures, key, print_table
@@ -25,6 +26,8 @@ def inspect(
     torques: Annotated[bool, typer.Option("--torques", help="only what drives have to supply, by inverse dynamics "
                                                             "of truth and engines: at the start for constant rates, "
                                                             "and compared at random states")] = False,
+    derivatives: Annotated[bool, typer.Option("--derivatives", help="only derivatives of accelerations at the start: "
+                                              "`crosscheck derivatives`, with --engine for its --source")] = False,
 ) -> None:
     """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations, reactions.
 
@@ -34,6 +37,8 @@ def inspect(
     """
     if torques:
         raise typer.Exit(_torques(scene, engine, states, seed))
+    if derivatives:
+        judge_derivatives(scene, engine)
     from crosscheck.adapters.base import CHOICES
     from crosscheck.errors import ArgumentError, unknown
     from crosscheck.inspection import inspect as examine

@@ -2,7 +2,7 @@
 
 Truth is the variational equations as a Taylor jet of the articulated formulation (heyoka), checked along a random
 direction by central differences of the maximal one; derivatives by numbers of the scene are such differences of order
-eight. Of an engine it is the derivative of its discrete map, by central differences of order four of its runs.
+eight. Of an engine it is the derivative of its discrete map, by central differences of order eight of its runs.
 """
 
 from __future__ import annotations
@@ -32,16 +32,13 @@ AGREED = 1e-7
 """Largest difference of the two routes of truth, relative to the largest entry; what it is counts as the error."""
 
 STEP = 2e-3
-"""Of differences of runs, rad, m and relative to a number of the scene. With order four their truncation is 1e-11 times
-fifth derivatives, with order eight below rounding; rounding of a run, 1e-14, is 1e-11 over the step."""
+"""Of differences of runs, rad, m and relative to a number of the scene. Their truncation is below rounding, which of a
+run, 1e-14, is 1e-11 over the step."""
 
 Ended = tuple[States, tuple[Any, ...]]
 """States of a run, the last of which is its end, and the events of its laws."""
 
 End = Callable[[Scene], Ended]
-Weights = tuple[tuple[int, float], ...]
-FOURTH: Weights = ((1, 2 / 3), (2, -1 / 12))
-"""Weights of the central difference of order four."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,14 +90,12 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
     loaded = loaded.replace(duration=float(duration), samples=2)
     space = JointSpace(lawless(loaded))
     numbers = [value_of(loaded, path) for path in parameters]
-    weights: Weights
-    end, weights, error = (_exact(loaded), WEIGHTS, 1e-9) if source == "truth" else (
-        _engine(source, step, options), FOURTH, 1e-10)
+    end, error = (_exact(loaded), 1e-9) if source == "truth" else (_engine(source, step, options), 1e-10)
     base = end(loaded)
 
     def along(row: np.ndarray) -> np.ndarray:
         return _difference(lambda s: end(loaded.replace(bodies=space.moved(*np.split(s * row, 2)).bodies)), base,
-                           loaded, weights)
+                           loaded)
 
     if source == "truth" and not loaded.has_laws:
         matrix = jet(space)
@@ -114,7 +109,7 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
 
     def by(path: str, value: float) -> np.ndarray:
         size = abs(value) or 1.0
-        return _difference(lambda s: end(altered(loaded, path, value + s * size)), base, loaded, weights) / size
+        return _difference(lambda s: end(altered(loaded, path, value + s * size)), base, loaded) / size
 
     columns = [by(*each) for each in zip(parameters, numbers, strict=True)]
     return FlowDerivative(loaded.name, source, float(duration), loaded.coordinates, matrix,
@@ -169,10 +164,10 @@ def _engine(source: str, step: float | None, options: dict[str, Any]) -> End:
     return end
 
 
-def _difference(end: Callable[[float], Ended], base: Ended, scene: Scene, weights: Weights) -> np.ndarray:
+def _difference(end: Callable[[float], Ended], base: Ended, scene: Scene) -> np.ndarray:
     """d/ds of the coordinates at the end, (2n,), at s = 0; the jumps at events are in it."""
     total = np.zeros(2 * len(scene.coordinates))
-    for k, weight in weights:
+    for k, weight in WEIGHTS:
         for sign in (1.0, -1.0):
             states, events = end(sign * k * STEP)
             if [event[1:] for event in events] != [event[1:] for event in base[1]]:

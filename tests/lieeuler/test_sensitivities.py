@@ -162,6 +162,26 @@ def test_springs_dampers_and_gains_against_complex_steps(method, servo):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9)
 
 
+def tilted(s):
+    """A body that slides down an axis, which is AXIS at s = 0."""
+    axis = (AXIS + s * np.array([-0.8, 0.0, 0.6])) / np.sqrt(1 + s * s)
+    joint = lieeuler.prismatic_joint(-1, 0, [0, 0, 0], [0, 0, 0], axis, axis, np.eye(3))
+    return lieeuler.Problem([lieeuler.Body(INERTIA, np.eye(3))], [joint], GRAVITY, [0.3 * axis], [np.eye(3)],
+                            [0.4 * axis], [np.zeros(3)])
+
+
+@pytest.mark.parametrize("method", MAPS)
+def test_an_axis_against_complex_steps(method):
+    run = lieeuler.integrate(tilted(0.0), method, 0.01, [0.0, 0.05], sensitivities={"axis": tilted})
+    axis = AXIS + SMALL * 1j * np.array([-0.8, 0.0, 0.6])
+    a, q, u = GRAVITY @ axis, 0.3 + 0j, 0.4 + 0j
+    late = 0.0 if METHODS[method].order > 1 else 0.5  # Euler's step has the velocity of its end
+    for _ in range(5):
+        q, u = q + 0.01 * u + (0.5 + late) * 1e-4 * a, u + 0.01 * a
+    np.testing.assert_allclose(run.sensitivities["axis"].x[-1, 0], np.imag(q * axis) / SMALL, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(run.sensitivities["axis"].v[-1, 0], np.imag(u * axis) / SMALL, rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_all_methods_converge_to_the_derivative_of_the_motion_at_their_order(method):
     record, t = METHODS[method], 0.4

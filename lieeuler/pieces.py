@@ -111,6 +111,8 @@ class Pieces:
         self.problem, self.solve, self.start, self.located = problem, solve, start, located
         self.laws, self.t = problem.laws, t
         self.events: list[tuple[float, int, str]] = []
+        self.freed: dict[int, float] = {}  # by law, when it was let go last
+        self.stays: dict[int, float] = {}  # and when it was found to be at rest all the same
         self.ends = [self._ends(law) for law in self.laws]
         self.springs = {k: force.start_angle(problem.R) for k, force in enumerate(problem.forces)
                         if isinstance(force, TorsionalSpring)}
@@ -314,6 +316,8 @@ class Pieces:
         for key, value, slope in self._surfaces(s):
             size = 1e-13 * max(1.0, float(np.abs(value).max(initial=0.0)))
             below = value[1:] < -size
+            if key[0] == "held" and self.stays.get(key[1]) == float(s.solution.t[0]):
+                below[0] = False
             if slope is not None:
                 below |= _dips(s.solution.t, value, slope)
             if below.any() and (first is None or int(below.argmax()) + 1 < first[0]):
@@ -360,11 +364,15 @@ class Pieces:
             was, mode.sign, mode.held = mode.sign, 0, True
             state = self._still(state, i)
             self._settle(state, {i})
-            if mode.held:
+            if mode.held and self.freed.get(i) == state.t:  # as good as at rest: it stays for a step
+                self.stays[i] = state.t
+                self.events = [event for event in self.events if event != (state.t, law.joint, "slips")]
+            elif mode.held:
                 self._tell(state.t, i, "sticks")
             elif mode.sign != was:
                 self._tell(state.t, i, "reverses")
         elif kind == "held":
+            self.freed[i] = state.t
             self._release(state, i, which)
             self._settle(state, set(), i)
         elif kind == "hits":

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from crosscheck.cli.console import counted, waiting
-from crosscheck.cli.options import Drop, Keyframe, SceneName, named_number
+from crosscheck.cli.options import Control, Drop, Keyframe, Limits, SceneName, controls
 
 
 def import_(
@@ -21,10 +21,8 @@ def import_(
                                           "balanceinertia does")] = False,
     root: Annotated[str | None, typer.Option(help="take only this link or body and what hangs on it")] = None,
     actuators: Annotated[str, typer.Option(help="keep those of hinges and slides, or drop them")] = "keep",
-    control: Annotated[list[str] | None, typer.Option(
-        help="NAME=NUMBER of an actuator or its joint; may be repeated")] = None,
-    limits: Annotated[str, typer.Option(
-        help="monitor: the scene holds until a joint reaches one; keep: rigid stops; or drop")] = "monitor",
+    control: Control = None,
+    limits: Limits = "monitor",
     contacts: Annotated[str, typer.Option(help="monitor: the scene holds until two bodies touch; or drop")] = "monitor",
     friction: Annotated[str, typer.Option(help="keep dry friction, or drop it")] = "keep",
     start: Annotated[str, typer.Option(help="model, random, or the seed of a random start")] = "model",
@@ -44,7 +42,7 @@ def import_(
         scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples,
                             balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
                             friction=friction, start=int(start) if start.isdigit() else start,
-                            controls=dict(named_number("--control", each, "elbow=0.3") for each in control or ()))
+                            controls=controls(control))
     typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
                f"{counted(len(scene.forces), 'force')}")
     if scene.monitors:

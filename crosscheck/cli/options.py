@@ -59,25 +59,38 @@ Engines = Annotated[list[str] | None, typer.Option("--engine", help="may be repe
 
 Drop = Annotated[bool, typer.Option("--drop", help="model files: leave out what a scene cannot hold")]
 Keyframe = Annotated[str | None, typer.Option(help="model files: start from this keyframe")]
+Control = Annotated[list[str] | None, typer.Option(
+    help="model files: NAME=NUMBER of an actuator or its joint; may be repeated")]
+Limits = Annotated[str, typer.Option(
+    help="model files: monitor, the scene holds until a joint reaches one; keep, rigid stops; or drop")]
 SceneName = Annotated[str, typer.Argument(help="a built-in name, a path to .toml or .json, or a model, .xml or .urdf")]
 
 
-def loaded(name: str, drop: bool, keyframe: str | None) -> Scene:
+def controls(given: Iterable[str] | None) -> dict[str, float]:
+    """The numbers of NAME=NUMBER by name."""
+    return dict(named_number("--control", each, "elbow=0.3") for each in given or ())
+
+
+def loaded(name: str, drop: bool, keyframe: str | None, control: Iterable[str] | None = None,
+           limits: str = "monitor") -> Scene:
     """The scene of a name, a scene file or a model file; prints what is left out of a model."""
     from crosscheck.scene.file import load_scene
     from crosscheck.scene.models import import_model, is_model
 
     if not is_model(name):
-        if drop or keyframe is not None:
-            raise ArgumentError(f"--drop and --keyframe go with a model file, .xml or .urdf, not with {name}")
+        if drop or keyframe is not None or control or limits != "monitor":
+            raise ArgumentError("--drop, --keyframe, --control and --limits go with a model file, .xml or .urdf, not "
+                                f"with {name}")
         return load_scene(name)
-    scene = import_model(name, keyframe=keyframe, drop=drop)
+    scene = import_model(name, keyframe=keyframe, drop=drop, controls=controls(control),
+                         limits=limits)  # type: ignore[arg-type]
     for words in scene.left_out:
         typer.echo(f"left out of {name}: {words}", err=True)
     return scene
 
 
-def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None) -> list[str] | None:
+def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None, control: Sequence[str] | None = None,
+                limits: str = "monitor") -> list[str] | None:
     """The names, with every model file replaced by its scene file, which is written to the cache folder."""
     if names is None:
         return None
@@ -91,10 +104,10 @@ def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None) -
         if not is_model(name):
             files.append(name)
             continue
-        key = hashlib.sha256(repr((os.path.abspath(name), drop, keyframe)).encode()).hexdigest()[:12]
+        key = hashlib.sha256(repr((os.path.abspath(name), drop, keyframe, control, limits)).encode()).hexdigest()[:12]
         target = cache_folder() / "models" / key / f"{Path(name).stem}.toml"
         target.parent.mkdir(parents=True, exist_ok=True)
-        scene = import_file(name, target, drop=drop, keyframe=keyframe)
+        scene = import_file(name, target, drop=drop, keyframe=keyframe, controls=controls(control), limits=limits)
         for words in scene.left_out:
             typer.echo(f"left out of {name}: {words}", err=True)
         files.append(str(target))

@@ -13,11 +13,13 @@ from crosscheck.cli.options import (
     Alpha,
     Beta,
     Conserve,
+    Control,
     CoordinateMap,
     Correction,
     Drop,
     Duration,
     Keyframe,
+    Limits,
     Node,
     Reduce,
     SceneName,
@@ -56,6 +58,8 @@ def run(
     duration: Duration = None,
     drop: Drop = False,
     keyframe: Keyframe = None,
+    control: Control = None,
+    limits: Limits = "monitor",
 ) -> None:
     """Run one scene with one method of one engine; print its figures and verdict, or write its trajectory as CSV.
 
@@ -73,7 +77,7 @@ def run(
              "beta": beta, "spectral_radius": spectral_radius, "correction": correction,
              "conserve": conserve, "reduce": reduce, "samples": samples, "duration": duration}
     options = {key: value for key, value in given.items() if value is not None}
-    prepared = loaded(scene, drop, keyframe)
+    prepared = loaded(scene, drop, keyframe, control, limits)
     traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **options)
     if csv_file is not None:
         write_csv(prepared, traj, csv_file)

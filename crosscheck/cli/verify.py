@@ -16,7 +16,7 @@ import typer
 
 from crosscheck.cli import options
 from crosscheck.cli.console import complain, console, progress_bar, say
-from crosscheck.cli.options import Drop, EngineNames, Keyframe, SceneNames, scene_files
+from crosscheck.cli.options import Control, Drop, EngineNames, Keyframe, Limits, SceneNames, scene_files
 from crosscheck.cli.tables import figures, key, print_table
 from crosscheck.document import Document, Record
 from crosscheck.errors import ArgumentError, install
@@ -52,6 +52,8 @@ def verify(
     fresh: options.Fresh = "CI" in os.environ,
     drop: Drop = False,
     keyframe: Keyframe = None,
+    control: Control = None,
+    limits: Limits = "monitor",
     tag: Annotated[list[str] | None, typer.Option(help="scenes with this tag; may be repeated; published: their "
                                                   "figures in the literature, too")] = None,
 ) -> None:
@@ -77,7 +79,7 @@ def verify(
             raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
     own = overrides.read(tolerance_file, tol or ())
     folder.check_out(out)
-    scene = scene_files(scene, drop, keyframe)
+    scene = scene_files(scene, drop, keyframe, control, limits)
     within = limits_of(time_limit, memory_limit)
     asked = Asked(coordinate_map=coordinate_map, step=step, duration=duration)
     identity = job.fingerprint(profile, scene, engine, dataclasses.astuple(within), own, method, asked.words)

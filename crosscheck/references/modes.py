@@ -316,8 +316,8 @@ class _Change:
         elif name == "inside":
             self.name(i, f"leaves_{SIDES[part.soft]}")
             self.change(i, soft=0, pushing=False)
-        elif name == "push":
-            self.change(i, pushing=not part.pushing)
+        elif name == "push":  # without damping the force ends where the range begins, and that may come first
+            self.change(i, pushing=bool(part.soft) and not part.pushing)
         elif name in ("above", "below"):
             self.change(i, cut=1 if name == "above" else -1)
             self.name(i, "saturates")

@@ -9,6 +9,7 @@ import crosscheck
 from crosscheck.references import compute
 from tests.adapters.test_laws import SERVO, arm, coulomb, pendulum
 from tests.law_mistakes import SCENES
+from tests.references.law_scenes import arm as swinging
 from tests.references.law_scenes import pendulum as hanging
 from tests.references.law_scenes import servo
 
@@ -68,11 +69,19 @@ def test_a_changed_law_moves_otherwise(seeded):
     assert np.abs(right.x - wrong.x).max() > 1e-4
 
 
-@pytest.mark.parametrize("make", [SCENES["two"], lambda folder: hanging(folder, forces=[servo(
-    "h", effort_limit=[-2.0, 3.0], period=0.02, delay=1)], duration=1.0, samples=11)], ids=["two", "sampled"])
-def test_events_are_those_of_truth(tmp_path, make):
+EVENTFUL = {
+    "two": SCENES["two"],
+    "more at the elbow": lambda folder: swinging(folder, {"position": 1.0, "dry_friction": 0.2},
+                                                 {"position": 0.5, "dry_friction": 0.3}, samples=11),
+    "sampled": lambda folder: hanging(folder, forces=[servo("h", effort_limit=[-2.0, 3.0], period=0.02, delay=1)],
+                                      duration=1.0, samples=11),
+}
+
+
+@pytest.mark.parametrize("name", EVENTFUL)
+def test_events_are_those_of_truth(tmp_path, name):
     """Two joints that stick and slip; a sampled servo is cut, and free again, at samples."""
-    scene = make(tmp_path)
+    scene = EVENTFUL[name](tmp_path)
     exact = compute(scene).events
     assert len(exact) > 1
     for method, size, near in (("taylor", {"rtol": 1e-12}, 1e-8), ("DAE1L_LSE", {"step": 5e-4}, 10 * 5e-4)):

@@ -62,6 +62,20 @@ def test_a_bouncing_hinge_without_weight(tmp_path):
     np.testing.assert_allclose(reference.states.w[-1, 0, 1], -0.5, rtol=0, atol=EXACT)
 
 
+def test_a_stop_without_damping_gives_back_what_it_took(tmp_path):
+    """Half a wave of the spring, whose force ends where the range begins; from there the block goes on at its speed."""
+    k, end = 100.0, 0.5
+    reference = compute(slide(tmp_path, {"velocity": 1.0, "limits": {"upper": end, "stiffness": k}}, duration=2.0,
+                              samples=21))
+    leaves = end + np.pi / math.sqrt(k)
+    np.testing.assert_allclose(times(reference), [end, leaves], rtol=0, atol=EXACT)
+    assert words(reference) == ["hits_upper", "leaves_upper"]
+    t = reference.t
+    inside = end + np.sin(math.sqrt(k) * (t - end)) / math.sqrt(k)
+    exact = np.where(t < end, t, np.where(t < leaves, inside, end - (t - leaves)))
+    np.testing.assert_allclose(reference.states.x[:, 0, 0], exact, rtol=0, atol=EXACT)
+
+
 def test_a_saturated_double_integrator(tmp_path):
     """Full force, then the servo's own harmonic motion from the state where it comes off its limit, then braking."""
     k, limit = 30.0, 2.0

@@ -301,6 +301,8 @@ def test_the_command_writes_a_scene_that_is_the_model(tmp_path, monkeypatch):
     assert scene.hash == crosscheck.import_model(path, drop=True).hash
     assert scene.left_out == ("limits of joint 'reach'",)
     assert CliRunner().invoke(app, ["run", "arm.urdf", "--drop", "--duration", "0.1"]).exit_code == 0
+    refused = CliRunner().invoke(app, ["run", "single_pendulum", "--limits", "keep"])
+    assert "--limits go with a model file" in " ".join(str(refused.exception or refused.output).split())
 
 
 def test_a_mimic_of_a_urdf_starts_where_its_leader_puts_it_and_runs(tmp_path):

@@ -585,10 +585,7 @@ def _models(case: Case, stepped: bool) -> Iterator[Cause]:
 
 
 STEPPED = ("drag", "spin_drag", "quadratic", "gyroscopic", "centripetal", "coulomb")
-"""Parameters that no scene has, for which Python steps."""
-
-MOST_STEPPED = 1
-"""Bodies of a scene for which it does."""
+"""Parameters that no scene has, for which Python steps a scene of one body without laws."""
 
 SUPPORTED = ("gravity", "masses", "inertias", "stiffness", "rest", "damping", "load", "joint_damping", "point")
 
@@ -602,7 +599,7 @@ def _altered(scene: Scene, right: Physics, cause: Any, theta: np.ndarray) -> Sce
     beyond = [field.name for field in dataclasses.fields(Physics) if field.name not in SUPPORTED
               and not np.array_equal(getattr(p, field.name), getattr(right, field.name))]
     if beyond or (p.joint_damping and any(joint.type != "revolute" for joint in scene.joints)):
-        return p if scene.n <= MOST_STEPPED and not scene.has_laws and set(beyond) <= set(STEPPED) else None
+        return p if scene.n == 1 and not scene.has_laws and set(beyond) <= set(STEPPED) else None
     if min(*p.masses, *np.linalg.eigvalsh(p.inertias[0]).ravel()) <= 0 or min([p.joint_damping, *p.damping]) < 0:
         return None
     forces = []

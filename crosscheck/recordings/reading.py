@@ -415,16 +415,13 @@ def assigned(scene: Scene, source: Source, rows: Mapping[str, Mapping[str, Any]]
             take(column, {"is": name, "unit": unit, "wrap": wrap})
         elif column in left and whole in known:
             take(whole, {"is": whole})
+    examples = [f"{body.name}.x" for body in scene.bodies] + [f"{joint.name}.position" for joint in scene.joints]
     for wanted, text in ((True, 'no column t; name the column of times t, or map it ("Time [s]" = { is = "t" })'),
-                         (False, f"no column is one of scene {scene.name!r}, such as {', '.join(_examples(scene))}; "
+                         (False, f"no column is one of scene {scene.name!r}, such as {', '.join(examples[:8])}; "
                           "name them so, or give a mapping (--suggest writes one)")):
         if not any((column.key == "t") is wanted for column in made):
             raise ArgumentError(f"{source.name}: {text}. Its columns: {', '.join(source.columns[:20])}")
     return made, left
-
-
-def _examples(scene: Scene) -> list[str]:
-    return [*(f"{body.name}.x" for body in scene.bodies), *(f"{joint.name}.position" for joint in scene.joints)][:8]
 
 
 def _mapped(known: Mapping[str, Column], scene: Scene, source: Source, key: str, row: Mapping[str, Any]) -> Column:

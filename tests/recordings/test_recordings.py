@@ -116,8 +116,8 @@ def test_a_small_error_of_an_inertia_is_measured_and_named(scenes, digits, tmp_p
     assert verdict.errors["angular_velocity"] == pytest.approx(effect, rel=0.02)
     assert verdict.outcome == "fail"
     assert "inertia" in verdict.cause
-    found = re.search(r"Jyy off by \+(\S+) kg", str(verdict))
-    assert float(found[1]) == pytest.approx(5e-6, rel=1e-2)
+    size = re.search(r"Jyy off by \+(\S+) kg", str(verdict))
+    assert float(size[1]) == pytest.approx(5e-6, rel=1e-2)
 
 
 def euler(step, g=9.81, semi=True):

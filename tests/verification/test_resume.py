@@ -8,7 +8,6 @@ import sys
 import pytest
 
 from crosscheck.jobs import table
-from tests import ROOT
 from tests.commands import crosscheck
 from tests.killing import killed, results, rows, timeless
 
@@ -117,10 +116,10 @@ def test_asking_for_more_computes_the_rest(tmp_path):
 def test_an_edited_engine_or_helper_is_computed_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "helper.py").write_text("GRAIN = 1\n", "utf-8")
-    (tmp_path / "engine.py").write_text("import helper\nfrom tests.right_engines import Projected\n\n\n"
-                                        "class Mine(Projected):\n    grain = helper.GRAIN\n", "utf-8")
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "engine.py:Mine", "--method", "RK4")
+    (tmp_path / "engine.py").write_text("import helper\nfrom crosscheck.adapters.lieeuler import LieEuler\n\n\n"
+                                        "class Mine(LieEuler):\n    methods = ('rattle2',)\n    grain = helper.GRAIN\n",
+                                        "utf-8")
+    words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "engine.py:Mine", "--method", "rattle2")
     counts = []
     for edited in (None, "helper.py", "engine.py", None):
         if edited:
@@ -134,33 +133,31 @@ def test_an_edited_engine_or_helper_is_computed_again(tmp_path, monkeypatch):
 
 def test_a_resumed_run_takes_no_row_of_an_engine_that_was_edited_meanwhile(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    (tmp_path / "helper.py").write_text("METHODS = ('RK4', 'RK2')\n", "utf-8")
+    (tmp_path / "helper.py").write_text("METHODS = ('rattle4', 'rattle2')\n", "utf-8")
     (tmp_path / "engine.py").write_text(
-        "import time, helper\nfrom tests.right_engines import Projected\n\n\nclass Mine(Projected):\n"
+        "import time, helper\nfrom crosscheck.adapters.lieeuler import LieEuler\n\n\nclass Mine(LieEuler):\n"
         "    methods = helper.METHODS\n    def run(self, scene, spec):\n"
-        "        if spec.method == 'RK2':\n            time.sleep(30)\n"
-        "        return super().run(scene, type(spec)('RK4', spec.step, spec.rtol, spec.form, monitor=spec.monitor))\n",
+        "        if spec.method == 'rattle2':\n            time.sleep(30)\n"
+        "        return super().run(scene, spec)\n",
         "utf-8")
     words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "engine.py:Mine", "--jobs", "1")
-    assert killed(command(tmp_path / "out", *words), 2)  # the truth and RK4; RK2 is asleep
+    assert killed(command(tmp_path / "out", *words), 2)  # the truth and rattle4; rattle2 is asleep
     before = {key for key, _ in rows()}
-    (tmp_path / "helper.py").write_text("METHODS = ('RK4',)\n", "utf-8")
+    (tmp_path / "helper.py").write_text("METHODS = ('rattle4',)\n", "utf-8")
     done = verify(tmp_path / "out", *words)
     assert done.returncode == 0, done.stdout + done.stderr
     assert len({key for key, _ in rows()} - before) == 1
 
 
-def test_a_run_that_was_killed_is_tried_again(tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+def test_a_run_that_was_killed_is_tried_again(tmp_path):
     (tmp_path / "engine.py").write_text(
-        "import os, pathlib\nfrom tests.right_engines import Projected\n\n\nclass Mine(Projected):\n"
+        "import os, pathlib\nfrom crosscheck.adapters.lieeuler import LieEuler\n\n\nclass Mine(LieEuler):\n"
         "    def run(self, scene, spec):\n"
         f"        mark = pathlib.Path({str(tmp_path / 'mark')!r})\n"
         "        if not mark.exists():\n            mark.touch()\n            os.kill(os.getpid(), 9)\n"
         "        return super().run(scene, spec)\n", "utf-8")
     words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", f"{tmp_path / 'engine.py'}:Mine",
-             "--method", "RK4")
+             "--method", "rattle2")
     first = verify(tmp_path / "out", *words)
     assert said(first, "SIGKILL"), first.stdout
     assert (first.returncode, len(rows())) == (1, 1)

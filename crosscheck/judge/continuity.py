@@ -98,7 +98,8 @@ def judge_orthogonality(trajectories: Sequence[Any], on_group: bool, eps: float,
 
     If an engine integrates matrices or quaternions and does not make rotations of them, they drift off the group. Such
     a drift passes if it falls with the step by the order of the method, which another run shows that begins with
-    rotations at the samples `starts`. A wrong factor in the attitudes does not fall, nor does it add up.
+    rotations at the samples `starts`. A wrong factor in the attitudes does not fall in the first part, nor does it add
+    up. In later parts the run goes on from attitudes off the group, whose R^T R turns with the body.
     """
     traj, *others = trajectories
     tol = tolerances.orthogonality(on_group, traj.steps, eps)
@@ -107,8 +108,9 @@ def judge_orthogonality(trajectories: Sequence[Any], on_group: bool, eps: float,
         own, other = _drifts(traj.R, starts, True), _drifts(others[0].R, starts, False)
         fine, coarse = (each.stats.get("step") for each in (traj, others[0]))
         ratio = coarse / fine if fine and coarse else 1.0
-        if ratio != 1.0 and own.sum() > drift / 2 and other.max() > 0.0:
-            observed = math.log(other.max() / own.max()) / math.log(ratio)
+        if ratio != 1.0 and own.sum() > drift / 2 and other.min() > 0.0:
+            first = other[0] / own[0] if own[0] > tol.value else math.inf
+            observed = math.log(min(float(first), float(other.sum()) / drift)) / math.log(ratio)
             if observed >= order - tolerances.CONSTANTS["order_margin_coarse"]:
                 return Finding("orthogonality", "ok", drift, None, "1", "attitudes that nothing keeps on SO(3), and "
                                f"whose drift falls with the step, by order {observed:.2g}", "every step")

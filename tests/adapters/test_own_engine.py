@@ -11,6 +11,7 @@ import pytest
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.errors import EngineDied
 from crosscheck.report import folder as report_folder
 from crosscheck.verification import job
 from tests import ROOT
@@ -142,6 +143,28 @@ class Shapes:
         with pytest.raises(crosscheck.EngineError) as caught:
             crosscheck.run("single_pendulum", f"{path}:Shapes", method, step=0.1, samples=251)
         assert words in str(caught.value)
+
+
+def test_an_error_of_its_own_is_a_failed_run_and_no_lost_process(tmp_path):
+    """A lost process may be the machine's fault, and is tried again; an error would only come again."""
+    path = tmp_path / "unlucky.py"
+    path.write_text("""
+class Unlucky:
+    name = "unlucky"
+    methods = ("run", "die")
+
+    def unsupported(self, scene, spec):
+        return None
+
+    def run(self, scene, spec):
+        if spec.method == "die":
+            __import__("os")._exit(3)
+        raise RuntimeError("no luck")
+""", encoding="utf-8")
+    for method, kind, words in (("run", crosscheck.EngineError, "Error: no luck"), ("die", EngineDied, "code 3")):
+        with pytest.raises(crosscheck.EngineError, match=words) as caught:
+            crosscheck.run("single_pendulum", f"{path}:Unlucky", method, step=0.1, samples=2)
+        assert type(caught.value) is kind
 
 
 def test_a_module_that_crashes_on_import_is_one_error(tmp_path):

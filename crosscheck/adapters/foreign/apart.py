@@ -35,7 +35,8 @@ class Process:
     def call(self, function: Callable[..., Any], *arguments: Any, loading: bool = False) -> Any:
         """The result of a function there.
 
-        Raises the error that it raises, or `EngineDied`, also if loading takes too long or too much memory.
+        Raises the error that it raises, as an `EngineError` if it is none of ours, or `EngineDied` if the process
+        ended, also because loading took too long or too much memory.
         """
         from crosscheck.jobs.workers.process import Crash, Limits, Worker
 
@@ -45,7 +46,7 @@ class Process:
         if isinstance(answer, Crash):
             if isinstance(answer.error, ArgumentError | EngineError | SceneError | Unsupported | ImportError):
                 raise answer.error
-            raise EngineDied(f"{self._name}: {answer.message}")
+            raise (EngineError if self._worker.alive else EngineDied)(f"{self._name}: {answer.message}")
         sys.stderr.write(self._worker.printed())
         return answer
 

@@ -20,6 +20,7 @@ from crosscheck import adapters
 from crosscheck.diagnosis import explain
 from crosscheck.diagnosis.observe import Silent, Subject, observe, scale_of, window
 from crosscheck.diagnosis.of_stepping import pushed
+from crosscheck.document import Way
 from crosscheck.errors import EngineError, SceneError, Unsupported
 from crosscheck.references import TruthError
 from tests.diagnosis import misbuilt
@@ -63,7 +64,7 @@ def drawn(seed: int, count: int):
             cases.append(case)
     flawed = any(case.flaws for case in cases)
     choice = None if flawed else BASES[rng.integers(len(BASES))]
-    if choice is not None and Subject(adapters.get(choice[0]), choice[1]).unsupported(scene):
+    if choice is not None and Subject(adapters.get(choice[0]), Way(*choice)).unsupported(scene):
         choice = None
     return scene, cases, choice
 
@@ -86,7 +87,7 @@ def effect(scene, cases, case, base, method) -> float:
     gain = case.name == "stabilisation gain"
     runs = []
     for kept in (cases, [other for other in cases if other is not case]):
-        subject = Subject(misbuilt.build(kept, base), method)
+        subject = Subject(misbuilt.build(kept, base), Way("misbuilt", method))
         try:
             runs.append(observe(subject, pushed(brief, scale), scale).y if gain else scale.flat(
                 subject.run(brief, brief.duration / (brief.samples - 1)).states))

@@ -15,7 +15,7 @@ from typing import Any
 from benchmarks.altered import BEGINS, NUMBERS, ORDERS, SHARES, Altered
 from crosscheck import adapters
 from crosscheck.adapters.foreign.own import completed
-from crosscheck.document import Finding
+from crosscheck.document import Finding, Way
 from crosscheck.judge.plan import PLANS
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
@@ -25,7 +25,7 @@ AIM = 1e-3
 
 def findings(engine: str, scene: str, method: str, number: str, share: float, begin: float) -> list[Finding]:
     """Those of the main run; a step that is too coarse for bounds of the motion catches nothing."""
-    found = run_cell(Cell(scene, engine, f"{method} {number} {share} {begin}", None, PLANS[scene], study=False))
+    found = run_cell(Cell(scene, Way(engine, f"{method} {number} {share} {begin}"), PLANS[scene], study=False))
     return [finding for finding in found.findings if finding.kind != "step"]
 
 

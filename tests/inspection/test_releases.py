@@ -75,7 +75,7 @@ def test_every_change_is_found_between_its_neighbours(changed, broken, monkeypat
 
     monkeypatch.setattr(releases, "released", lambda engine, span: order)
     monkeypatch.setattr(releases, "_run", run)
-    script = Reproduction("text", None, "title", "truth", "RK4", 1e-3, np.zeros((2, 1, 3)))
+    script = Reproduction("text", None, "title", "truth", 1e-3, np.zeros((2, 1, 3)))
     result = releases.bisect(script, "mujoco", "3.0.0..3.2.7")
     assert [each.after.version for each in result.changes] == changed
     for change in result.changes:
@@ -90,7 +90,7 @@ def test_every_change_is_found_between_its_neighbours(changed, broken, monkeypat
 
 def test_a_broken_end_and_a_wrong_span_are_one_line(monkeypatch):
     monkeypatch.setattr(releases.versions, "environment", lambda *given: sys.executable)
-    script = Reproduction("raise ValueError('no such model')", None, "t", "s", "RK4", 1e-3, np.zeros((2, 1, 3)))
+    script = Reproduction("raise ValueError('no such model')", None, "t", "s", 1e-3, np.zeros((2, 1, 3)))
     monkeypatch.setattr(releases, "released", lambda engine, span: ["3.0.0", "4.0.0"])
     with pytest.raises(EngineError, match="does not run the script: ValueError: no such model; take another end"):
         releases.bisect(script, "mujoco", "3.0.0..4.0.0")

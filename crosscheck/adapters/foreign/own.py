@@ -71,7 +71,7 @@ class Completed(StandIn):
         if spec.form is not None and spec.form not in self.forms:
             return f"form {spec.form} is not among those of this engine: {', '.join(self.forms) or 'it names none'}"
         reason = self._engine.unsupported(scene, spec)
-        return None if reason is None else brief(str(reason))
+        return brief(reason) if isinstance(reason, str) else reason
 
     @property
     def derivatives(self) -> Any:

@@ -35,8 +35,8 @@ def test_mjcf_there_and_back(name, tmp_path):
     same(scene, crosscheck.import_model(path, keyframe="start", drop=False))
 
 
-LOOPS = ("bricard", "double_four_bar", "driven_slider_crank", "four_bar", "parallelogram", "slider_crank",
-         "squeezer")
+LOOPS = ("bricard", "double_four_bar", "driven_slider_crank", "four_bar", "iftomm_slider_crank", "parallelogram",
+         "slider_crank", "squeezer")
 NOT_MJCF = dict.fromkeys(LOOPS, "closes a loop") | {
     "bead_on_line": "joint 'wire' of type point_on_line", "puck_on_plane": "joint 'plane' of type point_on_plane",
     "chaplygin_sleigh": "of type knife_edge", "rolling_ball": "of type rolling_sphere",

@@ -11,6 +11,10 @@ JOBS   ?= auto
 INSTALL = $(PY) -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 KERNEL := $(wildcard lieeuler/_core/*/*)
 
+# Tests and notebooks start some hundred processes, which share the bytecode of what they import.
+test docs: export PYTHONPYCACHEPREFIX := $(CURDIR)/build/bytecode
+test docs: export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: help ready setup verify smoke sample docs test sanitize coverage lint benchmark clean
 
 help:

@@ -68,8 +68,8 @@ def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer
             wrong.append(f"{label} differs from the reading of its own states by {left:.2g} of its size")
         else:
             name, text, _ = told
-            answer.causes.append(NamedCause(name, f"{label}: {text}", MENDS.get(name, "read the sensor as METHODS "
-                                 "define it: point, axes, sign and what it contains")))
+            answer.causes.append(NamedCause(name, f"{label}: {text}", MENDS.get(
+                name, "read the sensor as a scene defines it: point, axes, sign and what it contains")))
         answer.evidence.append(Evidence(told[0] if told else "sensor", "report", left, after, "difference of a reading "
                                         "from that of the same states, over its size", label, told is not None))
     if wrong or answer.causes:

@@ -14,7 +14,7 @@ from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.scene.building import scene_from
 from crosscheck.scene.model import Scene
 
-MASS, ARM, J, G = 1.0, 0.5, 0.27, 9.81  # the pendulum of METHODS 10: J about the hinge
+MASS, ARM, J, G = 1.0, 0.5, 0.27, 9.81  # J about the hinge
 AXIS = [0.0, 1.0, 0.0]
 
 

@@ -92,7 +92,7 @@ def test_truth_tells_its_source_and_doubt():
     done = crosscheck("truth", "heavy_top")
     assert done.returncode == 0, done.stderr
     assert "elliptic" in done.stdout
-    assert "x(1 s) = (0.17334396409" in done.stdout  # ENGINES.md, scene C
+    assert "x(1 s) = (0.17334396409" in done.stdout  # known from another computation
 
 
 def test_truth_is_printed_up_to_a_horizon_before_the_first_output(monkeypatch):

@@ -184,6 +184,13 @@ class Engine:
         """
         return range(scene.n)
 
+    def prefers_axes(self, scene: Scene, form: str | None) -> bool:
+        """Whether its coordinates have preferred axes, such as three angles, that are chosen anew for each start.
+
+        Then a run that begins at a state of another one has other errors than that.
+        """
+        return False
+
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why this engine cannot run this scene with this request, or None if it can."""
         raise NotImplementedError

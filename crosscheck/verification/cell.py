@@ -172,7 +172,7 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     try:
         own, = measured(scene, traj, [], reference, claim)
         told, forgets = ([_not_repeated(again)], False) if isinstance(again, str) else judge_repeat(traj, again, own)
-        whole = isinstance(again, str) or again.closed
+        whole = isinstance(again, str) or again.closed or adapters.get(run.engine).prefers_axes(scene, traj.form)
 
         def beside(others: Sequence[Answer]) -> list[Defects]:
             return [dataclasses.replace(each, forgets=forgets) for each in (

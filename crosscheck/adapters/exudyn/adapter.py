@@ -69,6 +69,10 @@ class Exudyn(Engine):
             return "maximal"
         return "pivot" if _turns_about_ground(scene) and not _springs(scene) else "tree"
 
+    def prefers_axes(self, scene: Scene, form: str | None) -> bool:
+        """A ball in a tree is three angles, in an order that depends on the motion."""
+        return form == "tree" and bool(kinematic_tree.balls(scene))
+
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Exudyn cannot run this, or None."""
         form = self.form(scene, spec)

@@ -17,7 +17,6 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jointspace.derivatives import WEIGHTS
-from crosscheck.jointspace.laws import lawless
 from crosscheck.jointspace.motion import JointSpace, between, coordinates, posed
 from crosscheck.jointspace.parameters import altered, value_of
 from crosscheck.references import compute
@@ -88,7 +87,7 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
     if isinstance(parameters, str):
         raise ArgumentError(f"parameters: give a tuple of paths, ({parameters!r},)")
     loaded = loaded.replace(duration=float(duration), samples=2)
-    space = JointSpace(lawless(loaded))
+    space = JointSpace(loaded.lawless)
     numbers = [value_of(loaded, path) for path in parameters]
     end, error = (_exact(loaded), 1e-9) if source == "truth" else (_engine(source, step, options), 1e-10)
     base = end(loaded)

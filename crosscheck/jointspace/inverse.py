@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import ArgumentError, Unsupported, unknown
-from crosscheck.jointspace.laws import lawless
 from crosscheck.jointspace.motion import JointSpace, placed
 from crosscheck.jointspace.sources import mujoco_at, pinocchio_at
 from crosscheck.references.base import TruthError
@@ -63,7 +62,7 @@ def inverse_dynamics(scene: Scene | str | os.PathLike[str], q: Any, v: Any, a: A
         raise Unsupported(f"inverse dynamics of {loaded.name!r}: the coordinate of joint {closing[0]!r} is not free")
     if any(limits is not None for joint in loaded.joints for limits in joint.limits):
         raise Unsupported(f"inverse dynamics of {loaded.name!r}: it has limits, which push only where they are met")
-    rows = [ENGINES[engine](lawless(placed(loaded, *row[:2])), row[2]) + friction(loaded, row[1])
+    rows = [ENGINES[engine](placed(loaded, *row[:2]).lawless, row[2]) + friction(loaded, row[1])
             for row in zip(Q, V, A, strict=True)]
     return rows[0] if single else np.array(rows).reshape(len(Q), count)
 
@@ -76,7 +75,7 @@ def passive(scene: Scene) -> Scene:
 
 def friction(scene: Scene, v: np.ndarray) -> np.ndarray:
     """What drives have to supply against dry friction, (n,); none at rest, where it may be anything up to its limit."""
-    force, places = np.zeros(len(v)), JointSpace(lawless(scene)).of_joint
+    force, places = np.zeros(len(v)), JointSpace(scene.lawless).of_joint
     for joint in scene.joints:
         for k, each in enumerate(joint.dry_friction, places[joint.name].start):
             if each is not None:

@@ -17,12 +17,6 @@ NEAR = 1e-9
 """Distance from a change of a law, rad or m and per second, below which a state counts as at it."""
 
 
-def lawless(scene: Scene) -> Scene:
-    """The scene without servos, dry friction, limits and monitors."""
-    return scene.replace(forces=tuple(force for force in scene.forces if force.type != "servo"), monitors=(),
-                         joints=tuple(dataclasses.replace(joint, dry_friction=(), limits=()) for joint in scene.joints))
-
-
 def smooth(scene: Scene) -> Scene:
     """The scene whose laws are the pieces that act at its start.
 
@@ -33,7 +27,7 @@ def smooth(scene: Scene) -> Scene:
     """
     if not scene.has_laws:
         return scene
-    plain, made = lawless(scene), []
+    plain, made = scene.lawless, []
     for joint, now in zip(scene.joints, plain.joints, strict=True):
         if joint.dry_friction or joint.limits or any(name == joint.name for name, _ in scene.servos.values()):
             stiffness, damping, effort = _piece(scene, joint)

@@ -17,7 +17,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crosscheck.errors import Unsupported, install
-from crosscheck.jointspace.laws import lawless
 from crosscheck.references import loops
 from crosscheck.references.articulated import centripetal
 from crosscheck.references.generic import (
@@ -368,7 +367,7 @@ def placed(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
     Of a ball q is a rotation vector: the child is turned by it, in its own axes, from the attitude at zero coordinates.
     Of a free body it is the position, and such a vector for the attitude.
     """
-    space = JointSpace(lawless(scene))
+    space = JointSpace(scene.lawless)
     moved = space.moved(between(scene, positions(scene), q), v - space.speeds)
     return scene.replace(bodies=moved.bodies, joints=tuple(
         joint if joint.start is None or joint.type == "spherical" else

@@ -356,6 +356,13 @@ class Scene(_Record):
         return bool(self.servos) or any(joint.dry_friction or joint.limits for joint in self.joints)
 
     @property
+    def lawless(self) -> Scene:
+        """The scene without servos, dry friction, limits and monitors."""
+        joints = tuple(dataclasses.replace(joint, dry_friction=(), limits=()) for joint in self.joints)
+        forces = tuple(force for force in self.forces if force.type != "servo")
+        return self.replace(joints=joints, forces=forces, monitors=())
+
+    @property
     def timed(self) -> bool:
         """Whether anything depends on time."""
         return bool(self.functions) or any(servo.period is not None for _, servo in self.servos.values())

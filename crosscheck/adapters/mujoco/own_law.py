@@ -53,8 +53,7 @@ class OwnLaw:
                  solimp: tuple[float, float, float, float, float] = SOLIMP) -> None:
         self.scene, self.solref, self.solimp = scene, solref, solimp
         self._order = _outward(scene)
-        self._bare = scene.replace(forces=tuple(force for force in scene.forces if force.type != "servo"), joints=tuple(
-            dataclasses.replace(joint, dry_friction=(), limits=()) for joint in scene.joints))
+        self._bare = scene.lawless
         self._rows = [_Row(k, law) for k, joint in enumerate(self._order)
                       for law in (*joint.dry_friction, *joint.limits) if law is not None]
         self._mass = np.linalg.inv(mechanics.inverse_mass(scene))

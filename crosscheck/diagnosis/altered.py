@@ -42,6 +42,11 @@ class Model:
         rates: np.ndarray = terms.rates(self.physics)[0]
         return rates
 
+    def flow(self, t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
+        """Rates of x, R, v, w at one state (1, n, ...) at a time (1,), as the steps of `judge.substeps` take them."""
+        a = self.rates(x[0], R[0], v[0], w[0], float(t[0]))[None]
+        return [v, R, a[..., :3], a[..., 3:]]
+
 
 def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> States:
     """States at the scene's output times, by DOP853, from these attitudes and angular velocities at the start."""
@@ -119,11 +124,8 @@ def stepped(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order:
     """The end of the scene after plain steps of order 1 (semi-implicit) or 4, in coordinates of bodies or of joints."""
     model, joints = Model(scene, physics), Joints(scene, physics)
 
-    def rates(t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
-        if of_joints:
-            return [v, R, v, joints.rates(R[0], w[0])[None]]
-        a = model.rates(x[0], R[0], v[0], w[0], float(t[0]))[None]
-        return [v, R, a[..., :3], a[..., 3:]]
+    def of_coordinates(_: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
+        return [v, R, v, joints.rates(R[0], w[0])[None]]
 
     x, v = misreadings.positions(scene, R, w) or (scene.x0, scene.v0)
     first = (0.0 * x, *joints.start(R, w)) if of_joints else (x, R, w)
@@ -132,6 +134,6 @@ def stepped(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order:
     stages, weights = TABLEAUX[4][0]
     step: Stepper = semi_implicit if order == 1 else partial(exponential_step, stages=stages, weights=weights)
     for k in range(steps):
-        state = step(rates, k * h, state, h)
+        state = step(of_coordinates if of_joints else model.flow, k * h, state, h)
     x, R, v, w = joints.state(state[1][0], state[3][0]) if of_joints else (part[0] for part in state)
     return States(scene.t[-1:], x[None], R[None], v[None], w[None])

@@ -502,17 +502,12 @@ def _run(case: Case, made: Scene | Physics | None, rows: int | None = None) -> V
 def _stepped(case: Case, physics: Physics, times: np.ndarray) -> States:
     """States at `times`; steps are fixed, since friction in nonsensical magnitudes would make those of others tiny."""
     model, scene, (stages, weights) = Model(case.scene, physics), case.scene, TABLEAUX[4][0]
-
-    def rates(t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
-        a = model.rates(x[0], R[0], v[0], w[0], float(t[0]))[None]
-        return [v, R, a[..., :3], a[..., 3:]]
-
     rows: list[State] = [[part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)]]
     for begin, end in itertools.pairwise(times):
         count, state = int(np.ceil((end - begin) / (0.7 * case.step))), rows[-1]
         h = np.array([(end - begin) / count])
         for k in range(count):
-            state = exponential_step(rates, begin + k * h, state, h, stages, weights)
+            state = exponential_step(model.flow, begin + k * h, state, h, stages, weights)
         rows.append(state)
     return States(times, *(np.concatenate(part) for part in zip(*rows, strict=True)))
 

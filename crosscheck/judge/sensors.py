@@ -48,6 +48,7 @@ def judge_sensors(scene: Scene, traj: Any, truth: Reference, until: float, state
     """
     if not scene.sensors:
         return [], {}
+    length, rounding = tolerances.scales(scene, truth).length, 16 * tolerances.grading(scene) * claim.eps
     exact, keep = readings(scene, truth.states), truth.t <= until * (1 + 1e-12)
     bare = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     itself = [readings(scene, bare)]  # of the run's own states: with the accelerations of the equations, then with its
@@ -77,8 +78,7 @@ def judge_sensors(scene: Scene, traj: Any, truth: Reference, until: float, state
                                 "a step", source, traj.t))
         if source == OWN:
             apart = np.min([gap(given, each[sensor.name]) for each in itself], axis=0)
-            opened = OPENED * traj.constraint_position / tolerances.scales(scene, truth).length
-            most = size * (ALIKE + opened + 16 * tolerances.grading(scene) * claim.eps)
+            most = size * (ALIKE + OPENED * traj.constraint_position / length + rounding)
             findings.append(_judged(f"{kind} of its state", apart, most, np.ones(len(keep), bool), size, si, False,
                                     "the engine's own reading against that of its own states: rounding, and what open "
                                     "joints leave", source, traj.t))

@@ -12,7 +12,6 @@ from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec, steps_per_sample
 from crosscheck.document import LEVELS, QUANTITIES, Finding, Level, Record, extended
 from crosscheck.errors import Unsupported
-from crosscheck.files import readable
 from crosscheck.judge import tolerances
 from crosscheck.judge.accelerations import judge_accelerations
 from crosscheck.judge.claim import Claim
@@ -39,7 +38,7 @@ from crosscheck.judge.verdict import (
 )
 from crosscheck.references import TruthError, truth
 from crosscheck.references.base import Reference
-from crosscheck.running.attempt import LONGEST, Failed, Ran, Refused, attempt, lasting
+from crosscheck.running.attempt import Failed, Ran, Refused, attempt, lasting
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene import mechanics
@@ -165,14 +164,14 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     if run.practical or not np.isfinite(traj.x).all():
         return _Seen(tolerances.EPS, [] if run.practical else unjudged("the run is not finite"), [], [], nothing)
     again = asked.repeat(scale.length)
-    said = adapters.get(run.engine).eps
-    eps = tolerances.EPS if said <= tolerances.EPS or isinstance(again, str) else seen_eps(
-        traj, again, {name: scale.of(name) for name in QUANTITIES}, said, SINGLE)
+    engine = adapters.get(run.engine)
+    eps = tolerances.EPS if engine.eps <= tolerances.EPS or isinstance(again, str) else seen_eps(
+        traj, again, {name: scale.of(name) for name in QUANTITIES}, engine.eps, SINGLE)
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, eps)
     try:
         own, = measured(scene, traj, [], reference, claim)
         told, forgets = ([_not_repeated(again)], False) if isinstance(again, str) else judge_repeat(traj, again, own)
-        whole = isinstance(again, str) or again.closed or adapters.get(run.engine).prefers_axes(scene, traj.form)
+        whole = isinstance(again, str) or again.closed or engine.prefers_axes(scene, traj.form)
 
         def beside(others: Sequence[Answer]) -> list[Defects]:
             return [dataclasses.replace(each, forgets=forgets) for each in (
@@ -272,7 +271,7 @@ def _ended(traj: Trajectory) -> Finding:
     """Whether the run says that it came to its end."""
     good = traj.status == "success"
     return Finding("run", "ok" if good else "fail", None, None, "", ENDED,
-                   "" if good else f"it says of itself: {readable(traj.status)[:LONGEST]}")
+                   "" if good else f"it says of itself: {traj.status}")
 
 
 def _steps(run: Record, scene: Scene, traj: Trajectory) -> list[Finding]:

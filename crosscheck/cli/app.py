@@ -10,27 +10,13 @@ from typing import Annotated
 
 import typer
 
-from crosscheck.cli.advise import advise
 from crosscheck.cli.console import INTERRUPTED, complain, interrupted
-from crosscheck.cli.derivatives import derivatives, modes
-from crosscheck.cli.diff import diff
-from crosscheck.cli.explain import explain
+from crosscheck.cli.engines import inspect, list_, support
 from crosscheck.cli.history import app as history
-from crosscheck.cli.import_ import export, import_
-from crosscheck.cli.inspect import inspect
-from crosscheck.cli.judge import judge
-from crosscheck.cli.law import law
-from crosscheck.cli.list import list_
-from crosscheck.cli.nightly import nightly
-from crosscheck.cli.paper import paper
-from crosscheck.cli.releases import bisect, reproduce
-from crosscheck.cli.report import report
-from crosscheck.cli.run import run
+from crosscheck.cli.models import bisect, derivatives, diff, export, import_, modes, reproduce
+from crosscheck.cli.runs import advise, explain, judge, law, run, truth
 from crosscheck.cli.study import app as study
-from crosscheck.cli.support import support
-from crosscheck.cli.sweep import sweep
-from crosscheck.cli.truth import truth
-from crosscheck.cli.verify import verify
+from crosscheck.cli.verify import nightly, paper, report, sweep, verify
 from crosscheck.errors import CrosscheckError, missing
 
 app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import console, counted, say
-from crosscheck.cli.tables import figures, key, print_table, words
+from crosscheck.cli.console import console, counted, figures, key, print_table, say, words
 from crosscheck.errors import ArgumentError
 
 if TYPE_CHECKING:

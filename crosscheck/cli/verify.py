@@ -1,9 +1,10 @@
-"""`crosscheck verify`: runs every method and engine over the scenes, judges the runs, and writes the report."""
+"""Many runs: `crosscheck verify`, `nightly` and `sweep`; what is made of them again: `report` and `paper`."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib
 import math
 import os
 import shlex
@@ -15,11 +16,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import complain, console, progress_bar, say
+from crosscheck.cli.console import complain, console, counted, figures, key, print_table, progress_bar, say
 from crosscheck.cli.options import Control, Drop, EngineNames, Keyframe, Limits, SceneNames, scene_files
-from crosscheck.cli.tables import figures, key, print_table
-from crosscheck.document import Document, Record
-from crosscheck.errors import ArgumentError, install
+from crosscheck.document import EULER, Asked, Document, Record
+from crosscheck.errors import ArgumentError, install, unknown
+from crosscheck.files import put
 from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, state
 from crosscheck.report.overview import worst_first
 
@@ -63,7 +64,6 @@ def verify(
     kill; times are measured anew. Exit code 0: all within tolerance; 1: a verdict
     failed; 2: the run itself failed; 3, with --strict: nothing failed, but a run could not be judged.
     """
-    from crosscheck.document import Asked
     from crosscheck.jobs.table import Table
     from crosscheck.judge import overrides
     from crosscheck.recordings import published
@@ -193,3 +193,168 @@ def _size(record: Record) -> str:
 
 def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.1e}" if value < 0.1 or value >= 1000 else f"{value:.2f}"
+
+
+def nightly(
+    scene: options.SceneNames = None,
+    engine: options.Engines = None,
+    profile: Annotated[str, typer.Option(help="as in `crosscheck verify`")] = "full",
+    coordinate_map: options.CoordinateMap = None,
+    step: options.Step = None,
+    duration: options.Duration = None,
+    jobs: options.Jobs = 2,
+    scheduler: options.Scheduler = None,
+    time_limit: options.TimeLimit = 1800.0,
+    memory_limit: options.MemoryLimit = 4.0,
+    out: Annotated[Path, typer.Option("--out", "-o", help="folder with a subfolder per run, and the link latest")
+                   ] = Path("reports/nightly"),
+    store: Annotated[str | None, typer.Option(help="history: an SQLite file or postgresql://...; default: "
+                                              "CROSSCHECK_STORE, else history.sqlite beside the folder --out"
+                                              )] = None,
+    fresh: Annotated[bool, typer.Option(help="compute everything anew")] = True,
+    keep: Annotated[int, typer.Option(help="number of reports to keep; the history keeps all runs")] = 14,
+) -> None:
+    """Run everything, compare with the last good run, store the result and write the report.
+
+    A run that was killed continues when the command is repeated.
+
+    Exit code 0: all within tolerance and no finding; 1: a verdict failed or something became worse; 2: the run failed.
+    """
+    from crosscheck.history import nightly as job
+    from crosscheck.verification.job import limits_of
+
+    wanted = job.Wanted(profile, scene, engine, jobs, limits_of(time_limit, memory_limit),
+                        Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler, fresh)
+    with progress_bar() as progress:
+        night = job.nightly(out, wanted, store, keep, progress)
+    for line in night.summary.splitlines():
+        say(line, hang=2)
+    raise typer.Exit(night.exit_code)
+
+
+def sweep(
+    file: Annotated[Path, typer.Argument(help="TOML file: scenes, engines, steps and/or rtols, parameters, perturb")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="folder of results and page; finished cells are kept")
+                   ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="processes of this machine")] = 2,
+    scheduler: options.Scheduler = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="only print the number of cells and the time")] = False,
+    fresh: options.Fresh = "CI" in os.environ,
+    cell: Annotated[str | None, typer.Option(help="run only this cell again, and print its row")] = None,
+) -> None:
+    """Run a sweep. Finished cells are not computed again, so the same command continues an interrupted sweep."""
+    import msgspec
+
+    from crosscheck.sweeps import job
+
+    target = out or Path("reports") / f"sweep-{file.stem}"
+    if dry_run:
+        count, missing, seconds = job.estimate(file, target, workers)
+        spoken = (f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min" if seconds < 7200 else
+                  f"{seconds / 3600:.1f} h")
+        say(f"{counted(count, 'cell')}, of which {count - missing} finished and {missing} to be computed, about "
+            f"{spoken} with {counted(workers, 'worker')}")
+        return
+    if cell is not None:
+        for name, value in msgspec.structs.asdict(job.one(file, cell)).items():
+            typer.echo(f"{name}: {value}")
+        return
+    with progress_bar() as progress:
+        frame = job.sweep(file, workers, scheduler, target, progress, fresh)
+    report = frame.attrs["report"]
+    counts = frame.groupby(["scene", "engine", "method"], dropna=False)
+    print_table(console(160), [key("scene"), key("engine"), key("method"), *figures(
+        "cells", "failed", "median position error, m", "largest, m")], [
+        (scene, engine, method, str(len(rows)), str(int((rows["status"] != "success").sum())),
+         f"{rows['position_error'].median():.3g}", f"{rows['position_error'].max():.3g}")
+        for (scene, engine, method), rows in counts])
+    say(f"{counted(len(frame), 'cell')}, {report['computed']} computed in {report['seconds']:.1f} s with "
+        f"{counted(report['workers'], 'worker')}: truth {report['truth_seconds']:.1f} s, runs "
+        f"{report['run_seconds']:.1f} s, overhead {1e3 * report['overhead']:.1f} ms a cell")
+    for text in report["trouble"]:
+        say(f"without truth: {text}")
+    page = target / "index.html"
+    typer.echo(f"page: {page}" if page.exists() else f"results: {target / 'parts'} (no page: pip install "
+               "'lieeuler-crosscheck[report]')")
+
+
+FORMATS = ("html", "pdf", "svg")
+
+
+def report(
+    run: Annotated[Path, typer.Argument(help="folder of a report, or its results.json")] = Path("reports/latest"),
+    format_: Annotated[str, typer.Option("--format", help=(
+        "html: write the pages again; pdf: a summary and the overview in report.pdf, printed by Chromium; svg: the "
+        "main plots in figures/"))] = "html",
+    appendix: Annotated[bool, typer.Option("--appendix", help="pdf: add all other pages")] = False,
+) -> None:
+    """Render a finished run again from its results.json, without running anything."""
+    from crosscheck import report as site
+
+    folder = run.parent if run.name == "results.json" else run
+    if format_ not in FORMATS:
+        raise ArgumentError(f"--format {format_!r} is unknown: choose {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
+    if not folder.is_dir():
+        raise ArgumentError(f"{run}: no such folder; name one that `crosscheck verify` wrote, such as reports/latest")
+    if format_ == "svg":
+        from crosscheck.report.figures import write_figures
+
+        written = write_figures(site.load_report(folder), folder / site.FIGURES)
+        typer.echo(f"{len(written)} figures: {folder / site.FIGURES}")
+    elif format_ == "pdf":
+        from crosscheck.report.pages import cover
+        from crosscheck.report.pdf import find_browser, write_pdf
+        from crosscheck.report.schema import read_document
+
+        browser = find_browser()
+        site.render_again(folder)
+        document = read_document(folder / "results.json")
+        put(folder / "summary.html", cover(document))
+        pages = [folder / "summary.html", *site.pages_in_order(folder)[:None if appendix else 1]]
+        try:
+            write_pdf(pages, folder / "report.pdf", browser, f"crosscheck, {document.meta.time[:10]}")
+        finally:
+            (folder / "summary.html").unlink()
+        typer.echo(f"report: {folder / 'report.pdf'}")
+    else:
+        typer.echo(f"report: {site.render_again(folder)}")
+
+
+def paper(
+    scene: Annotated[list[str], typer.Argument(help="names or paths")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="folder of figures, tables, data")] = Path("reports/paper"),
+    engine: Annotated[str, typer.Option(help="whose methods")] = "lieeuler",
+    method: Annotated[list[str] | None, options.methods("of fixed step; of lieeuler the eight Euler methods")] = None,
+    coordinate_map: options.CoordinateMaps = None,
+    correction: Annotated[list[str] | None, typer.Option(
+        help="mass or plain: weight of the correction of stabilised methods; may be repeated; default: both")] = None,
+    shown: Annotated[str | None, typer.Option("--show", help="the method in figures of a single method")] = None,
+    step: options.Step = None,
+    duration: options.Duration = None,
+    formats: Annotated[list[str] | None, typer.Option("--format", help="pdf or svg; may be repeated; default: both")
+                       ] = None,
+) -> None:
+    """Write figures and tables like those in the papers for any scenes: vector graphics, LaTeX, BibTeX and the data."""
+    from crosscheck import adapters
+    from crosscheck.adapters.base import CHOICES
+    from crosscheck.scene.file import load_scene
+    from crosscheck.studies.paper import bundle
+    from crosscheck.studies.paper.figures import FORMATS
+    from crosscheck.studies.paper.runs import Request
+
+    known = adapters.get(engine).fixed_step_methods
+    methods = tuple(dict.fromkeys(method or (EULER if engine == "lieeuler" else known)))
+    maps, kinds = tuple(coordinate_map or ("exp",)), tuple(formats or FORMATS)
+    corrections = tuple(correction or CHOICES["correction"])
+    for option, names, allowed in (("--method", methods, known), ("--show", (shown,) if shown else (), known),
+                                   ("--format", kinds, FORMATS), ("--correction", corrections, CHOICES["correction"])):
+        for name in names:
+            if name not in allowed:
+                raise ArgumentError(unknown(option, name, allowed))
+    scenes = [load_scene(name) for name in scene]
+    importlib.import_module("matplotlib")  # where it is not installed, all runs would be for nothing
+    with progress_bar() as progress:
+        request = Request(methods, maps, shown or "DAE1L_LSE", step, duration, engine, corrections)
+        document = bundle.write(scenes, out, request, kinds, lambda what: progress(0, None, what))
+    typer.echo(f"document: {document}")
+    typer.echo(f"tables: {', '.join(f'{each.name}-table.tex' for each in scenes)}; figures and data beside them")

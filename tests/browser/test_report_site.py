@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from crosscheck.cli.report import report
+from crosscheck.cli.verify import report
 from crosscheck.errors import ArgumentError
 from crosscheck.scene.file import load_scene
 

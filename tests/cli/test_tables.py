@@ -5,7 +5,7 @@ import re
 import pytest
 from rich.console import Console
 
-from crosscheck.cli.tables import figures, key, print_table, words
+from crosscheck.cli.console import figures, key, print_table, words
 
 ROWS = [("double_pendulum", "lieeuler DAE1L_LSE (maximal)", *(f"{k}.234e-{k:02d}" for k in range(1, 10)),
          "a remark of some words that may be folded"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from crosscheck import files, load_scene
-from crosscheck.cli import states_csv
+from crosscheck.cli import runs
 from crosscheck.studies.paper.figures import tex
 
 HOSTILE = r"\input{/etc/passwd}\write18{id}~^_{}$&#%"
@@ -27,6 +27,6 @@ def test_titles_of_states_are_no_formulas(name, capsys):
     body = types.SimpleNamespace(name=name)
     states = types.SimpleNamespace(t=np.zeros(1), x=np.zeros((1, 1, 3)), R=np.zeros((1, 1, 3, 3)),
                                    v=np.zeros((1, 1, 3)), w=np.zeros((1, 1, 3)))
-    states_csv.write_csv(types.SimpleNamespace(bodies=[body], sensors=scene.sensors, n=1), states, "-")
+    runs.write_csv(types.SimpleNamespace(bodies=[body], sensors=scene.sensors, n=1), states, "-")
     header = io.StringIO(capsys.readouterr().out).readline()
     assert all(title.startswith(f"'{name}") for title in header.strip().split(",")[1:])

@@ -1,4 +1,4 @@
-"""`crosscheck inspect`: compares the engines' models of a scene with independent truth, before any stepping."""
+"""What the engines make of scenes before any stepping: `crosscheck list`, `support` and `inspect`."""
 
 from __future__ import annotations
 
@@ -6,14 +6,82 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import console, counted, say, waiting
-from crosscheck.cli.derivatives import derivatives as judge_derivatives
-from crosscheck.cli.diff import diff
-from crosscheck.cli.options import SceneName
-from crosscheck.cli.tables import figures, key, print_table
+from crosscheck.cli.console import console, counted, figures, key, print_table, say, waiting, words
+from crosscheck.cli.models import derivatives as judge_derivatives
+from crosscheck.cli.models import diff
+from crosscheck.cli.options import EngineNames, SceneName
+from crosscheck.errors import PINNED, install
 
 if TYPE_CHECKING:
     from crosscheck.inspection import Deviation, Inspection
+    from crosscheck.running.support import Support
+
+
+def list_(engine: EngineNames = None) -> None:
+    """List the engines with their versions and methods, and the scenes."""
+    from crosscheck import adapters
+    from crosscheck.running.provenance import NOT_INSTALLED, engine_version
+    from crosscheck.scene.file import load_scene, scene_names
+
+    terminal = console(160)
+    rows = []
+    for name in engine or (*adapters.names(), *(name for name in PINNED if name not in adapters.names())):
+        try:
+            version = engine_version(name)
+            absent = version == NOT_INSTALLED and name in PINNED
+            rows.append((name, version, install(name) if absent else " ".join(adapters.methods(name))))
+        except ImportError:  # the adapter itself cannot be imported
+            rows.append((name, NOT_INSTALLED, ""))
+    print_table(terminal, [key("engine"), *figures("version"), words("methods")], rows)
+    terminal.print()
+    loaded = [load_scene(name) for name in scene_names()]
+    print_table(terminal, [key("scene"), *figures("bodies", "duration"), words("what it is")],
+                [(scene.name, str(scene.n), f"{scene.duration:g} s", scene.description) for scene in loaded])
+
+
+def support(
+    engine: Annotated[list[str] | None, typer.Option("--engine", help="a name; may be repeated; default: all")] = None,
+    reasons: Annotated[bool, typer.Option(help="give the reasons for what is missing")] = True,
+) -> None:
+    """Print the joints, forces and systems that each engine can model, in which form, and why not the others."""
+    from crosscheck import adapters
+    from crosscheck.running.support import matrix
+
+    entries = matrix(engine or None)
+    columns = list(dict.fromkeys((entry.engine, entry.form) for entry in entries))
+    cells = {(entry.engine, entry.form, entry.kind, entry.item): entry for entry in entries}
+    notes: dict[tuple[str, str], int] = {}  # footnote numbers, by engine with form and reason
+    for entry in entries:
+        if entry.reason is not None:
+            notes.setdefault(_note(entry), len(notes) + 1)
+    rows, last = [], ""
+    for kind, item in dict.fromkeys((entry.kind, entry.item) for entry in entries):
+        if kind != last:
+            rows.append((f"{kind}:", *("" for _ in columns)))
+        row = [cells[name, form, kind, item] for name, form in columns]
+        rows.append((f"  {item}", *(_cell(entry, len(adapters.methods(entry.engine)), notes if reasons else {})
+                                   for entry in row)))
+        last = kind
+    terminal = console(160)
+    print_table(terminal, [key(""), *figures(*(f"{name} {form or ''}".strip() for name, form in columns))], rows)
+    terminal.print("yes: by all methods; a/b: by a of b methods; -: not at all" + ("; [n]: why not" if reasons else ""),
+                   markup=False)
+    if reasons:
+        for (label, reason), number in notes.items():
+            terminal.print(f"[{number}] {label}: {reason}", markup=False)
+
+
+def _note(entry: Support) -> tuple[str, str]:
+    label = f"{entry.engine} {entry.form or ''}".strip()
+    return label, (entry.reason or "").replace(f"type {entry.item}", "this type")
+
+
+def _cell(entry: Support, methods: int, notes: dict[tuple[str, str], int]) -> str:
+    number = notes.get(_note(entry))
+    note = "" if number is None else f" [{number}]"
+    if not entry.methods:
+        return f"-{note}"
+    return f"yes{note}" if len(entry.methods) == methods else f"{len(entry.methods)}/{methods}{note}"
 
 
 def inspect(
@@ -58,7 +126,7 @@ def inspect(
         raise typer.Exit(0 if native.agree else 1)
     with waiting(f"every engine's model of {scene}"):
         result = examine(load_scene(scene), engine or None, form, states, seed)
-    _print(result)
+    _print_inspection(result)
     if not result.probes:
         raise ArgumentError(f"{scene}: none of the engines asked for can be inspected on this scene")
     raise typer.Exit(0 if result.agree else 1)
@@ -106,7 +174,7 @@ def _torques(name: str, engines: list[str] | None, states: int, seed: int) -> in
     return int(bool(wrong))
 
 
-def _print(result: Inspection) -> None:
+def _print_inspection(result: Inspection) -> None:
     from crosscheck.inspection.base import QUANTITIES
 
     terminal = console(200)
@@ -124,7 +192,7 @@ def _print(result: Inspection) -> None:
     rows = {quantity: [by_cell.get((probe.engine, probe.form, quantity)) for probe in result.probes]
             for quantity in QUANTITIES}
     print_table(terminal, [key("largest relative deviation"), *figures(*(probe.label for probe in result.probes))],
-                [[quantity, *map(_cell, cells)] for quantity, cells in rows.items() if any(cells)])
+                [[quantity, *map(_told, cells)] for quantity, cells in rows.items() if any(cells)])
     if result.probes:
         terminal.print("over the size of each quantity; -: this model does not tell it; !: beyond its bound")
     for probe in result.probes:
@@ -141,7 +209,7 @@ def _print(result: Inspection) -> None:
         terminal.print(f"  then: {offender}", markup=False)
 
 
-def _cell(deviation: Deviation | None) -> str:
+def _told(deviation: Deviation | None) -> str:
     """A relative deviation, with a mark if it exceeds its bound."""
     if deviation is None:
         return "-"

@@ -1,0 +1,254 @@
+"""Models and their equations: `crosscheck import`, `export`, `diff`, `derivatives`, `modes`, `reproduce`, `bisect`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from crosscheck.cli import options
+from crosscheck.cli.console import counted, say, waiting
+from crosscheck.errors import ArgumentError, EngineError, Unsupported
+from crosscheck.files import put
+
+
+def import_(
+    model: Annotated[Path, typer.Argument(help="an MJCF (.xml) or URDF (.urdf) file")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="the scene file, .toml")],
+    drop: options.Drop = False,
+    keyframe: options.Keyframe = None,
+    base: Annotated[str, typer.Option(help="fixed or free: the body or link that everything hangs on")] = "fixed",
+    balance: Annotated[bool, typer.Option("--balance", help="replace inertias that no body can have, as MuJoCo's "
+                                          "balanceinertia does")] = False,
+    root: Annotated[str | None, typer.Option(help="take only this link or body and what hangs on it")] = None,
+    actuators: Annotated[str, typer.Option(help="keep those of hinges and slides, or drop them")] = "keep",
+    control: options.Control = None,
+    limits: options.Limits = "monitor",
+    contacts: Annotated[str, typer.Option(help="monitor: the scene holds until two bodies touch; or drop")] = "monitor",
+    friction: Annotated[str, typer.Option(help="keep dry friction, or drop it")] = "keep",
+    start: Annotated[str, typer.Option(help="model, random, or the seed of a random start")] = "model",
+    duration: Annotated[float, typer.Option(help="s, of the scene")] = 2.0,
+    samples: Annotated[int, typer.Option(help="number of output times of the scene")] = 101,
+) -> None:
+    """Convert an MJCF or URDF model to a scene file; refuse what a scene cannot hold, or drop and list it.
+
+    Exit code 0: written; 2: refused, and nothing is written.
+    """
+    from crosscheck import adapters
+    from crosscheck.adapters.base import RunSpec
+    from crosscheck.scene.models import import_file
+    from crosscheck.scene.models.words import quoted, together
+
+    with waiting(f"reading {model.name}"):
+        scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples,
+                            balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
+                            friction=friction, start=int(start) if start.isdigit() else start,
+                            controls=options.controls(control))
+    typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
+               f"{counted(len(scene.forces), 'force')}")
+    if scene.monitors:
+        typer.echo(f"it holds until the first of {counted(len(scene.monitors), 'monitor')}: a joint leaves its range, "
+                   "or two bodies touch")
+    typer.echo(f"written: {out}")
+    for words in together(map(quoted, scene.left_out)):
+        typer.echo(f"left out: {words}")
+    if (reason := adapters.get("lieeuler").unsupported(scene, RunSpec("taylor", rtol=1e-9))) is not None:
+        typer.echo(f"lieeuler cannot run it: {reason}")
+
+
+def export(
+    scene: options.SceneName,
+    out: Annotated[Path, typer.Option("--out", "-o", help="the file: .xml (MJCF), .urdf, or .py, which runs Exudyn")],
+) -> None:
+    """Convert a scene to MJCF, URDF or a script for Exudyn; refuse, by name, what the format cannot hold."""
+    from crosscheck.adapters.export import export_model
+
+    export_model(scene, out)
+    typer.echo(f"written: {out}")
+
+
+def diff(
+    a: Annotated[str, typer.Argument(help="a model (.xml, .urdf), a scene file, or the name of a scene")],
+    b: Annotated[str, typer.Argument(help="another one")],
+) -> None:
+    """Compare two models by their trees, whatever their names, order and format: what differs, where, and the motion.
+
+    Exit code 0: the same motion; 1: something differs; 2: one of them cannot be read.
+    """
+    from crosscheck.inspection.diff import diff as compare
+
+    report = compare(a, b)
+    for line in report.lines:
+        say(line)
+    raise typer.Exit(0 if report.same else 1)
+
+
+STEPS = ("1e-2", "1e-3", "1e-4", "1e-5", "1e-6", "1e-7", "1e-8", "1e-9")
+"""Of MuJoCo's differences, for the curve of their error."""
+
+SOURCES = ("pinocchio:aba", *(f"mujoco:inverseFD@{step}" for step in STEPS), "mujoco:transitionFD",
+           "exudyn:linearised", *(f"{engine}:differences" for engine in ("mujoco", "pinocchio", "exudyn", "lieeuler")))
+"""What is asked by default."""
+
+
+def derivatives(
+    scene: options.SceneName,
+    source: Annotated[list[str] | None, typer.Option("--source", help="an engine, engine:way (aba, inverseFD@1e-6, "
+                                                     "transitionFD, differences) or a class of your own as "
+                                                     "module:Class; may be repeated")] = None,
+    as_json: options.AsJson = False,
+    drop: options.Drop = False,
+    keyframe: options.Keyframe = None,
+) -> None:
+    """Derivatives of the acceleration at a scene's start: truth, and each source with a verdict.
+
+    Exit code 0: all are right; 1: one is wrong; 2: it could not be done.
+    """
+    from crosscheck.jointspace.derivatives import truth
+    from crosscheck.jointspace.laws import smooth
+    from crosscheck.jointspace.verdicts import Verdict, judge
+
+    asked = smooth(options.loaded(scene, drop, keyframe))
+    exact = truth(asked)
+    verdicts: list[Verdict] = []
+    skipped: dict[str, str] = {}
+    for each in source or SOURCES if exact.da_dq is not None else ():
+        try:
+            verdicts.append(judge(asked, each, exact))
+        except (Unsupported, EngineError) as error:
+            skipped[each] = str(error)
+    if source and exact.da_dq is None:
+        raise ArgumentError(f"--source: {asked.name!r} has no joint coordinates in which sources give derivatives")
+    if as_json:
+        options.print_json({
+            "scene": asked.name, "coordinates": exact.coordinates, "error": exact.error,
+            **{name: values.tolist() for name, values in exact.blocks.items()},
+            "verdicts": [{"source": each.source, "errors": each.errors, "bound": each.bound, "right": each.right,
+                          "cause": each.cause} for each in verdicts], "skipped": skipped})
+    else:
+        _print_derivatives(exact, verdicts, skipped)
+    if source and not verdicts:
+        raise ArgumentError(next(iter(skipped.values())))
+    raise typer.Exit(0 if all(each.right for each in verdicts) else 1)
+
+
+def _print_derivatives(exact: Any, verdicts: Any, skipped: dict[str, str]) -> None:
+    say(f"{exact.scene}: {', '.join(exact.coordinates) or 'no joint coordinates'}")
+    for name, values in exact.blocks.items():
+        if name != "matrix" or exact.da_dq is None:
+            say(f"{name}, known to {exact.error:.0e} of its largest entry")
+            for row in values:
+                say("  ".join(f"{value: .10g}" for value in row), indent=2)
+    for each in verdicts:
+        told = "  ".join(f"{name} {error:.1e}" for name, error in each.errors.items())
+        say(f"{'✓' if each.right else '✗'} {each.source}: {told}; allowed {each.bound:.1e}"
+            + ("" if each.right else f"; {each.cause or 'the cause is unknown'}"))
+    curve = [each for each in verdicts if "inverseFD" in each.source]
+    if len(curve) > 2:
+        best = min(curve, key=lambda each: max(each.errors["da_dq"], each.errors["da_dv"]))
+        say(f"of MuJoCo's steps {best.source.partition('@')[2]} is the best; larger ones have the error of order one, "
+            "smaller ones that of rounding")
+    for name, reason in skipped.items():
+        say(f"{name} is left out: {reason}")
+
+
+def modes(
+    scene: options.SceneName,
+    over: Annotated[str | None, typer.Option(help="a number of the scene and its range, bodies.bob.mass=1:2 or "
+                                             "speed=0:10")] = None,
+    points: Annotated[int, typer.Option(help="values of that number", min=2, max=1001)] = 11,
+    as_json: options.AsJson = False,
+    drop: options.Drop = False,
+    keyframe: options.Keyframe = None,
+) -> None:
+    """Eigenvalues of small motions about a scene's start, an equilibrium or a steady motion."""
+    import numpy as np
+
+    from crosscheck.jointspace.modes import modes as find
+    from crosscheck.jointspace.parameters import altered
+
+    asked = options.loaded(scene, drop, keyframe)
+    eigenvalues = {"": find(asked).eigenvalues}
+    path = ""
+    if over is not None:
+        path, _, span = over.partition("=")
+        try:
+            low, high = (float(each) for each in span.split(":"))
+        except ValueError:
+            raise ArgumentError(f"--over: {over!r} is not understood; write PATH=FROM:TO, such as speed=0:10") from None
+        eigenvalues = {f"{value:.10g}": find(altered(asked, path, float(value))).eigenvalues
+                       for value in np.linspace(low, high, points)}
+    if as_json:
+        options.print_json({"scene": asked.name, "over": path, "eigenvalues": {
+            key: [[value.real, value.imag] for value in values] for key, values in eigenvalues.items()}})
+        return
+    for key, values in eigenvalues.items():
+        zeros = int(np.count_nonzero(values == 0))
+        text = "  ".join(f"{value.real:.14g}" if value.imag == 0 else f"{value.real:.14g} {value.imag:+.14g}i"
+                         for value in values if value != 0)
+        say(f"{asked.name}{f', {path} = {key}' if key else ''}: {text or 'none'}"
+            + (f"; {zeros} of zero" if zeros else "") + " (1/s)")
+
+
+Method = Annotated[str, typer.Option(help="an integrator of the engine")]
+Step = Annotated[float, typer.Option(help="fixed step, s")]
+Issue = Annotated[Path | None, typer.Option(help="write a text ready to file: versions, script, expected, observed")]
+
+
+def reproduce(
+    scene: options.SceneName,
+    engine: Annotated[str, typer.Option(help="mujoco")] = "mujoco",
+    method: Method = "RK4",
+    step: Step = 1e-3,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="file for the script; default: the terminal")] = None,
+    issue: Issue = None,
+    duration: options.Duration = None,
+    keyframe: options.Keyframe = None,
+) -> None:
+    """Print a script that imports the engine and NumPy alone and prints the engine's error against truth.
+
+    Exit code 0: written; 2: no script can hold it.
+    """
+    from crosscheck.inspection.bisect import issue as filed
+    from crosscheck.inspection.reproduce import reproduce as written
+
+    script = written(scene, engine, method, step, duration, keyframe)
+    for path, text in ((out, script.text), (issue, filed(script, engine))):
+        if path is not None:
+            put(path, text)
+            typer.echo(f"written: {path}", err=True)
+    if out is None:
+        typer.echo(script.text, nl=False)
+
+
+def bisect(
+    scene: options.SceneName,
+    versions: Annotated[str, typer.Option(help="the first and the last release, as 3.1.0..4.0.0")],
+    engine: Annotated[str, typer.Option(help="mujoco")] = "mujoco",
+    method: Method = "RK4",
+    step: Step = 1e-3,
+    issue: Issue = None,
+    duration: options.Duration = None,
+    keyframe: options.Keyframe = None,
+) -> None:
+    """Find the releases of an engine that changed its answer to a scene, and by how much beyond rounding.
+
+    An environment is made for each release that is run, by uv or pip, and kept. Exit code 0: nothing changed; 1: a
+    release changed the answer; 2: it could not be done.
+    """
+    from crosscheck.inspection import bisect as releases
+    from crosscheck.inspection.reproduce import reproduce as written
+
+    script = written(scene, engine, method, step, duration, keyframe)
+    result = releases.bisect(script, engine, versions, say)
+    for change in result.changes:
+        say(str(change))
+    if not result.changes:
+        say("no release changed the answer beyond rounding")
+    say(f"{len(result.tried)} of {result.count} releases were run in {result.seconds / 60:.1f} min"
+        + (f", {len(result.failed)} could not be run" if result.failed else ""))
+    if issue is not None:
+        put(issue, releases.issue(script, engine, result))
+        typer.echo(f"written: {issue}", err=True)
+    raise typer.Exit(1 if result.changes else 0)

@@ -1,0 +1,389 @@
+"""One run: `crosscheck run`, `truth`, `judge` (a run of some other program), `explain`, `law` and `advise`."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import math
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crosscheck.cli import options
+from crosscheck.cli.console import progress_bar, say, waiting
+from crosscheck.cli.options import figure
+from crosscheck.document import PASSING, Advice, Record, Way, extended
+from crosscheck.errors import ArgumentError
+from crosscheck.files import cell, replacing
+
+if TYPE_CHECKING:
+    from crosscheck.running.trajectory import Trajectory
+    from crosscheck.scene.model import Scene
+
+
+def run(
+    scene: options.SceneName,
+    engine: Annotated[str, typer.Option(help="see `crosscheck list`")] = "lieeuler",
+    method: Annotated[str | None, typer.Option(help="see `crosscheck list`; default: lieeuler's taylor, at rtol 1e-9")
+                      ] = None,
+    step: Annotated[float | None, typer.Option(help="fixed step, s")] = None,
+    rtol: Annotated[float | None, typer.Option(help="relative tolerance of an adaptive method")] = None,
+    csv_file: Annotated[str | None, typer.Option("--csv", help="file for the trajectory; - for the terminal")] = None,
+    form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the best for the scene")] = None,
+    coordinate_map: options.CoordinateMap = None,
+    softness: options.Softness = None,
+    node: options.Node = None,
+    alpha: options.Alpha = None,
+    beta: options.Beta = None,
+    spectral_radius: options.SpectralRadius = None,
+    correction: options.Correction = None,
+    conserve: options.Conserve = None,
+    reduce: options.Reduce = None,
+    samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
+    duration: options.Duration = None,
+    drop: options.Drop = False,
+    keyframe: options.Keyframe = None,
+    control: options.Control = None,
+    limits: options.Limits = "monitor",
+) -> None:
+    """Run one scene with one method of one engine; print its figures and verdict, or write its trajectory as CSV.
+
+    Exit code 0: the verdict passes; 1: it fails.
+    """
+    from crosscheck import adapters
+    from crosscheck.running.run import run as run_scene
+
+    if method is None:
+        if engine != "lieeuler":
+            raise ArgumentError(f"--method: {engine} has {', '.join(adapters.get(engine).methods)}: name one of them")
+        method = "taylor"
+        rtol = 1e-9 if step is None and rtol is None else rtol
+    given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "alpha": alpha,
+             "beta": beta, "spectral_radius": spectral_radius, "correction": correction,
+             "conserve": conserve, "reduce": reduce, "samples": samples, "duration": duration}
+    given = {key: value for key, value in given.items() if value is not None}
+    prepared = options.loaded(scene, drop, keyframe, control, limits)
+    traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **given)
+    if csv_file is not None:
+        write_csv(prepared, traj, csv_file)
+    if csv_file != "-":
+        judged = _judged(str(scene), traj, engine, step, rtol, given)
+        _print_run(traj.scene, traj, csv_file, step)
+        _print_verdict(judged, traj)
+        raise typer.Exit(int(judged is not None and judged.outcome not in PASSING))
+
+
+def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: float | None,
+            given: Mapping[str, Any]) -> Record | None:
+    """The verdict; None if there is neither a step nor a tolerance by which to judge."""
+    from crosscheck import adapters
+    from crosscheck.adapters.base import RunSpec
+    from crosscheck.running.provenance import engine_version
+    from crosscheck.verification.cell import judge_run
+
+    adapter, used = adapters.get(engine), step or traj.stats.get("step")
+    spec = RunSpec(traj.method, step=used if rtol is None else None, rtol=rtol, form=given.get("form"))
+    order = adapter.documented_order(traj.scene, spec)
+    if rtol is None and (order is None or used is None):
+        return None
+    more = {key: value for key, value in given.items() if key not in ("samples", "duration")}
+    way = Way.of(engine, traj.method, used if rtol is None else None, rtol, **(more | {"form": traj.form}))
+    asked = extended(Record, way, scene=name, version=engine_version(engine),
+                     documented_order=order if rtol is None else None)
+    return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec))
+
+
+def _print_verdict(judged: Record | None, traj: Trajectory) -> None:
+    from crosscheck.judge.verdict import word, worst
+
+    if judged is None:
+        say("verdict: none, because bounds follow from --step or --rtol and neither was given")
+        return
+    for name, error in judged.errors.items():
+        bound = "no bound at this step" if error.bound is None else f"bound {error.bound:.1e} {error.unit}"
+        until = "" if error.judged is None or error.judged == error.max else (
+            f"; as far as truth reaches {error.judged:.1e} {error.unit}")
+        say(f"{name} error against truth {error.max:.1e} {error.unit}, at t = {error.time:.4g} s{until}, {bound}")
+    if judged.energy_error is not None and math.isfinite(judged.energy_error):
+        where = "minus the work done, at the output times" if traj.scene.worked_on else "every step"
+        start = ("" if judged.energy_error_by_start is None else
+                 f" ({judged.energy_error_by_start:.1e} of |E(0)|)")
+        say(f"energy error {judged.energy_error:.1e} of the largest kinetic energy{start}, {where}")
+    first = worst(judged.findings)
+    reason = judged.message or ("" if first is None or judged.outcome in ("pass", "partly") else
+                                f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
+                                f"({first.why})")
+    for finding in judged.findings:
+        if finding.kind == "arithmetic":
+            say(finding.why)
+    say(f"verdict: {word(judged)}" + (f": {reason}" if reason else ""))
+
+
+def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: float | None) -> None:
+    used = traj.stats.get("step")
+    say(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.steps} steps"
+               + (f" of {used:.6g} s" if used else "") + f", {traj.wall_time:.3g} s of stepping, "
+               f"{1e6 * traj.wall_time / max(1, traj.steps):.3g} us per step")
+    if asked and used and used < asked * (1 - 1e-9):
+        say(f"the step {asked:g} s does not divide the {traj.t[1] - traj.t[0]:g} s between two output times, and was "
+            "shortened to the next one that does")
+    for body, position in zip(scene.bodies, traj.x[-1], strict=True):
+        say(f"{body.name}: x({traj.t[-1]:g} s) = ({', '.join(f'{value:.12g}' for value in position)}) m")
+    levels = [(name, getattr(traj, f"constraint_{name}"), unit)
+              for name, unit in (("position", "m"), ("velocity", "m/s"), ("acceleration", "m/s^2"))]
+    shown = ", ".join(f"{name} {abs(series).max():.1e} {unit}" for name, series, unit in levels if series is not None)
+    say(f"constraints, at the samples: {shown}; orthogonality {traj.orthogonality.max():.1e}")
+    if redundant := traj.stats.get("redundant_rows"):
+        say(f"{redundant} constraint rows depend on the others; the multipliers have least norm")
+    if csv_file is not None:
+        typer.echo(f"written: {csv_file}")
+
+
+def truth(
+    scene: options.SceneName,
+    csv_file: Annotated[str | None, typer.Option("--csv", help="file for the states; - for the terminal")] = None,
+    drop: options.Drop = False,
+    keyframe: options.Keyframe = None,
+    floor: Annotated[bool, typer.Option("--floor", help="say what rounding leaves in double precision")] = False,
+) -> None:
+    """Print the independent truth of a scene: its sources, its error, the end state."""
+    from crosscheck.references import Chaotic
+    from crosscheck.running.run import truth as truth_of
+
+    shown = options.loaded(scene, drop, keyframe)
+    try:
+        reference = truth_of(shown)
+    except Chaotic as error:
+        typer.echo(f"{error}. The following is the truth up to that time.", err=True)
+        shown = shown.replace(duration=float(f"{error.horizon:.2e}") * 0.99, samples=min(shown.samples, 51))
+        reference = truth_of(shown)
+    if csv_file is not None:
+        write_csv(shown, reference.states, csv_file)
+    if csv_file == "-":
+        return
+    say(f"{shown.name}: {reference.source}")
+    say(f"checked against: {reference.second_source}")
+    say(f"error of this truth: at most {reference.error:.1e} of the scene's length; the two differ by "
+        f"{reference.disagreement:.1e} (rounding explains up to {reference.allowed:.1e})")
+    if reference.outvoted:
+        say(f"outvoted: {reference.outvoted}")
+    say(f"a perturbation grows {reference.amplification:.3g}-fold over {shown.duration:g} s; "
+        f"runs are compared with truth up to {reference.horizon:g} s")
+    if floor:
+        from crosscheck.references import conditioning
+
+        left, when = conditioning.floor(shown)
+        say(f"floor of double precision: {left:.1e} of the length, radians; a rounding at {when:g} s grows most")
+    for body, position in zip(shown.bodies, reference.states.x[-1], strict=True):
+        say(f"{body.name}: x({shown.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")
+
+
+def write_csv(scene: Any, states: Any, target: str) -> None:
+    """Write states as CSV, one line per output time, in full precision; `target` is a path, or - for the terminal."""
+    from crosscheck.scene.sensors import columns, unit  # here: `crosscheck --help` does without NumPy
+
+    header = ["t [s]"]
+    for body in scene.bodies:
+        header += [f"{body.name} x_{axis} [m]" for axis in "xyz"]
+        header += [f"{body.name} R_{row}{column}" for row in "123" for column in "123"]
+        header += [f"{body.name} v_{axis} [m/s]" for axis in "xyz"]
+        header += [f"{body.name} w_{axis} [rad/s]" for axis in "xyz"]
+    extra = {"kinetic_energy": "kinetic energy [J]", "potential_energy": "potential energy [J]",
+             "energy": "energy [J]", "constraint_position": "constraint position",
+             "constraint_velocity": "constraint velocity", "constraint_acceleration": "constraint acceleration",
+             "orthogonality": "orthogonality"}
+    series = {title: getattr(states, name) for name, title in extra.items() if getattr(states, name, None) is not None}
+    units = {sensor.name: unit(scene, sensor) for sensor in scene.sensors}
+    read = getattr(states, "sensors", None) or {}
+    series |= {f"{column} [{units[name]}]": values for name in read
+               for column, values in columns({name: read[name]}).items()}
+    with _stream(target) as stream:
+        writer = csv.writer(stream)
+        writer.writerow([cell(title) for title in (*header, *series)])
+        for k, time in enumerate(states.t):
+            row = [time]
+            for i in range(scene.n):
+                row += [*states.x[k, i], *states.R[k, i].ravel(), *states.v[k, i], *states.w[k, i]]
+            writer.writerow([repr(float(value)) for value in [*row, *(values[k] for values in series.values())]])
+
+
+@contextlib.contextmanager
+def _stream(target: str) -> Iterator[IO[str]]:
+    """The terminal, a file that appears when it is complete, or an existing pipe or device."""
+    if target == "-":
+        yield sys.stdout
+        return
+    path = Path(target)
+    whole = contextlib.nullcontext(path) if path.exists() and not path.is_file() else replacing(path)
+    try:
+        with whole as aside, open(aside, "w", newline="", encoding="utf-8") as stream:
+            yield stream
+    except OSError as error:
+        raise ArgumentError(f"--csv {target}: cannot be written ({error.strerror})") from None
+
+
+def judge(
+    scene: options.SceneName,
+    files: Annotated[list[Path], typer.Argument(help=".csv, .npz or .parquet files of one run, each at another step")],
+    columns: Annotated[Path | None, typer.Option(help="TOML file with names and units of the columns")] = None,
+    suggest: Annotated[bool, typer.Option("--suggest", help="print such a file, of the names recognised")] = False,
+    start: Annotated[str, typer.Option(help="scene, or recorded: truth starts from the first row")] = "scene",
+    tol: Annotated[list[str] | None, typer.Option(help="allowed error as quantity=value (SI); may be repeated")] = None,
+    step: Annotated[list[float] | None, typer.Option(help="s; once for each file, in their order")] = None,
+    order: Annotated[int | None, typer.Option(help="the order that is claimed")] = None,
+    as_json: options.AsJson = False,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="folder of a page")] = None,
+    drop: options.Drop = False,
+    keyframe: options.Keyframe = None,
+) -> None:
+    """Judge a recorded run: how far it is from the scene's true motion, since when, and why.
+
+    Exit code 0: within the tolerances; 1: not; 2: a file cannot be read; 3: no verdict was asked for, or none is
+    possible.
+    """
+    from crosscheck import recordings
+
+    described = options.loaded(scene, drop, keyframe)
+    if suggest:
+        typer.echo(recordings.suggest(files[0], described), nl=False)
+        return
+    allowed = dict(options.named_number("--tol", each, "position=1e-3") for each in tol or ())
+    given = files[0] if len(files) == 1 else list(files)
+    with progress_bar() as progress:
+        verdict = recordings.judge_recording(described, given, columns, start, allowed or None, step or None, order,
+                                             progress)
+    if out is not None:
+        page = recordings.write_page(verdict, out)
+    if as_json:
+        options.print_json(verdict.plain())
+    else:
+        for line in verdict.lines:
+            say(line)
+    if out is not None and not as_json:
+        print(f"page: {page}")
+    raise typer.Exit(verdict.exit_code)
+
+
+def explain(
+    scene: options.SceneName,
+    engine: Annotated[str, typer.Option(help="a name, or a class of your own as module:Class")],
+    method: Annotated[str | None, typer.Option(help="default: the engine's best")] = None,
+    form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the engine's choice")] = None,
+    step: Annotated[float | None, typer.Option(help="s, of the whole run; default: one that suits the scene")] = None,
+    coordinate_map: options.CoordinateMap = None,
+    softness: options.Softness = None,
+    node: options.Node = None,
+    alpha: options.Alpha = None,
+    beta: options.Beta = None,
+    spectral_radius: options.SpectralRadius = None,
+    reduce: options.Reduce = None,
+    as_json: options.AsJson = False,
+    drop: options.Drop = False,
+    keyframe: options.Keyframe = None,
+) -> None:
+    """Name the likely cause of an engine's difference from truth, with the evidence.
+
+    Exit code 0: no difference; 1: a cause is named; 2: it differs, and the cause is unknown.
+    """
+    from crosscheck.diagnosis import explain as find
+
+    answer = find(options.loaded(scene, drop, keyframe), engine, method, form, step, coordinate_map=coordinate_map,
+                  softness=softness, node=node, alpha=alpha, beta=beta, spectral_radius=spectral_radius, reduce=reduce)
+    if as_json:
+        options.print_json(answer.plain())
+    else:
+        _print_cause(answer)
+    raise typer.Exit(answer.exit_code)
+
+
+def _print_cause(answer: Any) -> None:
+    """Print the verdict, the measured difference, the evidence, and what to change."""
+    mark = {"agrees": "✓", "named": "✗", "unknown": "?"}[answer.outcome]
+    say(f"{mark} {answer.sentence}")
+    say(f"difference from truth as steps vanish: {answer.deviation:.1e}, which is known to {answer.noise:.1e} (the "
+        f"largest of |dx|/L, |dR|, |dv|/(L W) and |dw|/W in the first {answer.window:.3g} s, where L is the longest "
+        "lever and W the fastest rate of the scene)")
+    if answer.explained is not None:
+        say(f"left of it once truth has the cause too: {answer.explained:.1e}")
+    if answer.documented_order is not None:
+        observed = "at rounding" if answer.observed_order is None else f"{answer.observed_order:.2f}"
+        say(f"observed order: {observed}, documented {answer.documented_order}")
+    if answer.evidence:
+        say(f"evidence; hypotheses tried: {answer.tried} (✓ explains, · does not)")
+    for each in answer.evidence:
+        told = [f"{each.quantity}: {figure(each.before, '–')} without, {figure(each.after, '–')} with it",
+                each.magnitude, each.note]
+        say(f"{'✓' if each.holds else '·'} {each.hypothesis}; {'; '.join(filter(None, told))}", indent=2)
+    for cause in answer.causes:
+        say(f"what to change: {cause.mend} ({cause.name})")
+
+
+def law(
+    scene: options.SceneName,
+    engine: Annotated[str, typer.Option(help="a name")],
+    method: Annotated[str | None, typer.Option(help="default: the engine's last one that takes a step")] = None,
+    step: Annotated[float | None, typer.Option(help="s, the largest of four; default: a thousandth of the run")] = None,
+    softness: options.Softness = None,
+    drop: options.Drop = False,
+    keyframe: options.Keyframe = None,
+) -> None:
+    """Three answers about friction, stops and servos: does the engine converge, to which law, how far apart.
+
+    Exit code 0: to the scene's law; 1: to another one, or not at all; 2: it could not be done, or truth is missing.
+    """
+    from crosscheck.diagnosis.laws import which_law
+
+    answers = which_law(options.loaded(scene, drop, keyframe), engine, method, step, softness)
+    say(str(answers))
+    raise typer.Exit(2 if answers.without else 0 if answers.way.limit() in ("the scene's", "both") else 1)
+
+
+def advise(
+    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    engine: Annotated[str, typer.Option(help="a name, name==version, or a class of your own as module:Class")],
+    error: Annotated[float, typer.Option(help="m; largest |component of x - truth| over bodies and output times")],
+    as_json: options.AsJson = False,
+) -> None:
+    """Find the cheapest method of an engine for an error, its largest step, and the step at which it fails.
+
+    The first call for a scene and engine compares runs with truth, for at most half a minute of processor time; later
+    calls read the results. Exit code 0: a method reaches the error; 1: none does.
+    """
+    import msgspec
+
+    from crosscheck.verification.advice import advise as find
+
+    with waiting(f"runs of {engine} at a ladder of steps, against truth"):
+        advice = find(scene, engine=engine, error=error)
+    if as_json:
+        options.print_json(msgspec.to_builtins(advice))
+    else:
+        tell(advice)
+    raise typer.Exit(int(advice.method is None))
+
+
+def tell(each: Advice) -> None:
+    """Print an advice; the line of the command is not folded, so that it can be copied."""
+    for line in words(each):
+        if line.startswith("command "):
+            print(line)
+        else:
+            say(line, hang=9)
+
+
+def words(each: Advice) -> list[str]:
+    """The lines of an advice."""
+    asked = f"{each.scene} with {each.engine}, position error at most {each.wanted:g} m up to {each.until:g} s"
+    if each.method is None:
+        least = "no run ended" if each.least is None else f"the least error found is {each.least:.1e} m"
+        return [f"{asked}: no method reaches it, {least}"]
+    size = f"step     {figure(each.step)} s" if each.step else f"rtol     {figure(each.rtol)}"
+    breaks = "at no step tried; the longest is the time between two outputs" if each.breaks_at is None else (
+        f"at {'step' if each.step else 'rtol'} {figure(each.breaks_at)}{' s' if each.step else ''}: there it fails, "
+        "or is wrong by a tenth of the scene's size")
+    return [asked, f"method   {each.method}{f', form {each.form}' if each.form else ''}", size,
+            f"error    {each.error:.1e} m", f"cost     {each.cost or 0.0:.3g} s of stepping",
+            f"breaks   {breaks}", f"command  {each.command}"]

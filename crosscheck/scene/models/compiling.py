@@ -96,6 +96,9 @@ def _prepare_urdf(model: Source, base: str, bare: bool) -> None:
         for link in model.root.iter("link"):
             for shape in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(shape)
+        held = {end.get("link") for joint in model.root.findall("joint") for end in joint.findall("parent")}
+        if "world" in held and all(link.get("name") != "world" for link in model.root.findall("link")):
+            SubElement(model.root, "link", name="world")  # Drake has it without a word
         try:
             _merge(model.root, drop_root=base == "fixed")
         except ValueError as error:
@@ -123,6 +126,8 @@ def _prepare_mjcf(model: Source) -> None:
             if child.tag in ("texture", "skin", "material") and parent.tag in ("asset", "default"):
                 parent.remove(child)
         parent.attrib.pop("material", None)
+        if parent.tag == "option":
+            parent.attrib.pop("apirate", None)  # of a remote control; MuJoCo 4 no longer takes it
     absent: dict[str | None, str] = {}
     for element, name, target in source.files(model):
         if element.tag != "mesh" and target is None:

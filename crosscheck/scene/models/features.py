@@ -11,9 +11,6 @@ from crosscheck.scene.models.laws import body_label, off
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.schema import Content as Table
 
-MOST_NAMED = 6
-"""Largest number of names of one kind in a message; the rest is counted."""
-
 MOST_OPEN, ROUNDED = 1e-3, 1e-9
 """rad, and relative to the model's size: a loop that is open by more is not closed by the start of the file; one open
 by less than the second is closed up to rounding."""
@@ -29,13 +26,6 @@ def collect(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Ta
     return _equalities(reading, joints), [*_tendons(reading), *_compensation(reading)]
 
 
-def _named(kind: str, names: list[str]) -> list[str]:
-    if not names:
-        return []
-    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-    return [f"{kind} {', '.join(repr(name) for name in names[:MOST_NAMED])}{more}"]
-
-
 def _nonlinear(reading: Reading) -> None:
     m = reading.model
     labels = [m.jnt(j).name or f"joint {j}" for j in range(m.njnt)]
@@ -44,8 +34,8 @@ def _nonlinear(reading: Reading) -> None:
         if values is not None and np.any(values) and not off(reading, flag):
             rows = np.flatnonzero(np.any(np.atleast_2d(values), axis=1))
             which = rows if owner is None else getattr(m, owner)[rows]
-            reading.lost += _named(f"nonlinear {'stiffness' if owner is None else 'damping'} of joint",
-                                   [labels[int(j)] for j in which])
+            reading.lost += [f"nonlinear {'stiffness' if owner is None else 'damping'} of joint {labels[int(j)]!r}"
+                             for j in which]
 
 
 def _tendons(reading: Reading) -> list[Table]:
@@ -54,7 +44,6 @@ def _tendons(reading: Reading) -> list[Table]:
 
     m, d = reading.model, reading.data
     made: list[Table] = []
-    lost = []
     for t in range(m.ntendon):
         k, c = float(m.tendon_stiffness[t]), float(m.tendon_damping[t])
         k, c = (0.0 if off(reading, "SPRING") else k), (0.0 if off(reading, "DAMPER") else c)
@@ -68,7 +57,7 @@ def _tendons(reading: Reading) -> list[Table]:
         sites = [int(m.wrap_objid[each]) for each in wraps if m.wrap_type[each] == mujoco.mjtWrap.mjWRAP_SITE]
         low, high = m.tendon_lengthspring[t]
         if hard or bent or len(sites) != 2 or len(wraps) != 2 or (k and low != high):
-            lost.append(m.tendon(t).name or f"tendon {t}")
+            reading.lost.append(f"tendon {m.tendon(t).name or f'tendon {t}'!r}")
             continue
         groups = [int(reading.groups[m.site_bodyid[site]]) for site in sites]
         if groups[1] == 0:
@@ -79,7 +68,6 @@ def _tendons(reading: Reading) -> list[Table]:
                                         for group, site in zip(groups, sites, strict=True))
         made.append({"type": "linear_spring", "parent": parent, "child": child, "parent_point": near,
                      "child_point": far, "stiffness": k, "free_length": float(low) if k else 0.0, "damping": c})
-    reading.lost += _named("tendon", lost)
     return made
 
 
@@ -99,7 +87,7 @@ def _compensation(reading: Reading) -> list[Table]:
         if not group or (idle and carried == {True}):
             continue
         if True in carried and (idle or np.any(m.jnt_actfrclimited & m.jnt_actgravcomp)):
-            reading.lost += _named("gravity compensation by actuators of body", [body_label(m, int(body))])
+            reading.lost.append(f"gravity compensation by actuators of body {body_label(m, int(body))!r}")
             continue
         name, point = reading.end(group, d.xipos[body])
         made.append({"type": "constant_force", "child": name, "child_point": point, "frame": "world",

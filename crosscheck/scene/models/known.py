@@ -35,7 +35,8 @@ MJCF: Mapping[str, str | None] = {
              "actuatorgravcomp stiffness damping armature frictionloss",
     "freejoint": "name group align", "geom": None, "site": None, "mesh": None, "hfield": None, "model": None,
     "plugin": None, "config": None, "extension": None, "instance": None,
-    "contact": None, "pair": None, "exclude": None, "tendon": "", "spatial": _TENDON, "fixed": _TENDON, "pulley": None,
+    "contact": None, "pair": None, "exclude": None, "tendon": "", "default tendon": _TENDON,
+    "spatial": _TENDON, "fixed": _TENDON, "pulley": None,
     "fixed joint": None, "equality": None, "equality joint": None, "connect": None, "weld": None, "distance": None,
     "equality tendon": None, "equality flex": None, "flexvert": None, "flexstrain": None,
     "keyframe": "", "key": "act ctrl mpos mquat name qpos qvel time"}
@@ -43,8 +44,10 @@ MJCF: Mapping[str, str | None] = {
 
 URDF: Mapping[str, str | None] = {
     "robot": "name version", "link": "name type", "inertial": "", "origin": "xyz rpy", "mass": "value",
-    "inertia": "ixx iyy izz ixy ixz iyz", "joint": "name type", "parent": "link", "child": "link", "axis": "xyz",
-    "limit": "lower upper effort velocity acceleration deceleration jerk", "dynamics": "damping friction",
+    "inertia": "ixx iyy izz ixy ixz iyz", "joint": "name type dont_collapse", "parent": "link", "child": "link",
+    "axis": "xyz", "dynamics": "damping friction",
+    "limit": "lower upper effort velocity acceleration deceleration jerk drake:acceleration drake:jerk current "
+             "command_effort gear_velocity",
     "mimic": "joint multiplier offset", "gazebo": "reference", "mujoco": "", "size": None, "option": MJCF["option"],
     "flag": MJCF["flag"],
     "compiler": "angle assetdir meshdir texturedir strippath discardvisual fusestatic usethread balanceinertia "
@@ -57,14 +60,15 @@ WHOLE: Mapping[str, frozenset[str]] = {
                          "velocity", "intvelocity", "orientation", "pid", "damper", "cylinder", "muscle", "adhesion",
                          "dcmotor")),
     "robot": frozenset(("visual", "collision", "contact", "material", "calibration", "safety_controller",
-                        "transmission"))}
-"""Elements known with all that is in them: pictures and sensors, what the compiled model names by itself, and the
-transmissions of a URDF, whose motors have no control: the import states them as such."""
+                        "transmission", "frame", "drake:collision_filter_group", "self_collision_checking",
+                        "collision_checking", "self_filter", "ros2_control"))}
+"""Elements known with all that is in them: pictures and sensors, frames, what filters contacts, what the compiled model
+names by itself, and the transmissions of a URDF, whose motors have no control: the import states them as such."""
 
 GAZEBO = frozenset(("material", "mu1", "mu2", "kp", "kd", "minDepth", "min_depth", "maxVel", "max_vel", "maxContacts",
                     "selfCollide", "self_collide", "fdir1", "laserRetro", "sensor", "plugin", "visual", "collision",
                     "provideFeedback", "stopCfm", "stopErp", "implicitSpringDamper", "disableFixedJointLumping",
-                    "preserveFixedJoint"))
+                    "preserveFixedJoint", "sensor:camera", "sensor:contact", "sensor:ray"))
 """Children of <gazebo>, from looks, sensors, contacts and how it integrates, that do not change the motion."""
 
 
@@ -81,11 +85,13 @@ def unknown(model: Source) -> Iterator[str]:
             return
         known = table[key]
         for attribute, value in element.items() if known is not None else ():
-            if attribute not in str(known).split() and not attribute.startswith("xmlns") and _says(value):
+            if attribute not in str(known).split() and not attribute.startswith("xmlns") and _says(value) and not (
+                    element.tag == "inertia" and value == element.get(f"i{attribute[:0:-1]}")):  # the other half
                 yield f"the attribute {attribute} of {label(element)}"
         for child in element:
             if element.tag == "gazebo":
-                if child.tag not in GAZEBO:
+                rest = {"gravity": ("1", "true"), "turnGravityOff": ("0", "false")}.get(child.tag, ())
+                if child.tag not in GAZEBO and (child.text or "").strip().lower() not in rest:
                     yield f"the element {child.tag} of {label(element)}"
             else:
                 yield from walk(child, element.tag)

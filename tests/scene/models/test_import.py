@@ -108,7 +108,7 @@ def test_a_free_base_falls(tmp_path):
 
 
 @pytest.mark.parametrize(("change", "words"), [
-    (('damping="0.3"', 'damping="0.3" limited="true" range="1 2"'), "limits of joint 'h'"),
+    (('<joint name="ball"', '<joint limited="true" range="0 2" name="ball"'), "limits of joint 'ball'"),
     (('<joint name="ball"', '<joint frictionloss="1" name="ball"'), "dry friction of joint 'ball'"),
     (('<motor joint="h"/>', '<intvelocity joint="h" kp="3" actrange="-1 1"/>'), "actuator of joint 'h'"),
     (('springlength="1.5"', 'springlength="1 2"'), "tendon 'rope'"),

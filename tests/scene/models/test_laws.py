@@ -147,6 +147,18 @@ def test_what_touches_or_is_beyond_its_range_at_the_start_is_refused_by_name(tmp
     assert any("ground - b" in words for words in crosscheck.import_model(path, drop=True).left_out)
 
 
+@pytest.mark.parametrize(("limits", "start"), [("1 2", 1.1), ("-3 -2.9", -2.95), ("-1 1", 0.0)])
+def test_a_joint_whose_limits_exclude_its_reference_starts_inside_which_is_told(limits, start, tmp_path):
+    """A knee or a finger often has zero outside its range; the file then says no start that it may have."""
+    text = (f'<mujoco><compiler angle="radian"/><worldbody><body><joint name="knee" axis="0 1 0" range="{limits}"/>'
+            '<inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>')
+    scene = crosscheck.import_model(written(tmp_path, text))
+    assert scene.joints[0].start == pytest.approx((start,), abs=1e-12)
+    told = " ".join(scene.left_out)
+    assert ("the reference of joint 'knee', which its limits exclude" in told) == (start != 0.0)
+    assert crosscheck.import_model(written(tmp_path, text), drop=True).joints[0].start == (0.0,)
+
+
 def test_a_scene_file_whose_shapes_touch_at_the_start_is_refused(tmp_path):
     target = tmp_path / "robot.toml"
     from crosscheck.scene.models import import_file

@@ -84,6 +84,20 @@ RIGHT = {
                                      '<joint axis="0 0 1"/>' + ROD + "</body>"),
     "a range that a motor's clamp leaves at rest": mjcf(rest=motors('<motor joint="j" ctrlrange="-1 2"/>')),
 }
+RIGHT |= {
+    "repeated in repeated": mjcf(world='<replicate count="2" offset="0 2 0"><replicate count="2" euler="0 0 70" '
+                                 'offset=".5 0 0"><body name="r"><joint axis="0 1 0"/>' + ROD + "</body></replicate>"
+                                 "</replicate>"),
+    "a keyframe that is not asked for": mjcf(rest='<keyframe><key name="up" qpos="1 -1" qvel="2 3"/></keyframe>'),
+    "a default of tendons": mjcf('<default><tendon width=".1" rgba="1 0 0 1" stiffness="3"/></default>',
+                                 rest='<tendon><spatial springlength=".2"><site site="s"/><site site="t"/></spatial>'
+                                 "</tendon>"),
+    "a class inside a class": mjcf('<default><joint damping=".2"/><default class="x"><joint armature=".1"/><default '
+                                   'class="y"><joint damping=".7"/></default></default></default>', k=' class="y"'),
+    "a frame in a body with a class": mjcf('<default><default class="x"><joint axis="0 0 1"/></default></default>',
+                                           a='<frame pos=".1 0 0" euler="0 40 0" childclass="x"><body name="f"><joint/>'
+                                           + ROD + "</body></frame>"),
+}
 CHAIN = ('<body name="c" pos="0 2 0"><joint name="c1" axis="1 0 0" armature=".02" damping=".1"/><joint name="c2" '
          'axis="0 1 .3" pos="0 .1 0" stiffness="2" springref=".1" range="-170 170"/>{}' + ROD + "</body>")
 RIGHT |= {
@@ -138,6 +152,33 @@ NAMED = {
     "another spelling of an attitude": (urdf(('rpy="0.2 0.1 0"', 'quat_xyzw="0 1 0 0"')), "quat_xyzw"),
     "gravity off in Gazebo": (urdf(end='<gazebo reference="upper"><turnGravityOff>1</turnGravityOff></gazebo>'),
                               "turnGravityOff"),
+}
+
+NAMED |= {
+    "halves of an inertia that differ": (urdf(('ixz="0.002"', 'ixz="0.002" izx="0.003"')), "izx of <inertia>"),
+    "gravity off in another spelling": (urdf(end='<gazebo reference="upper"><gravity>false</gravity></gazebo>'),
+                                        "the element gravity of <gazebo>"),
+    "parameters of a drive that nobody reads": (urdf(('damping="2"', 'damping="2" K="7000"')), "K of <dynamics>"),
+    "a joint that follows one that is not there": (
+        urdf(('<joint name="elbow" type="continuous">', '<joint name="elbow" type="continuous"><mimic joint="no"/>')),
+        "mimic of joint 'elbow'"),
+    "a rope of bodies": (mjcf(world='<body name="h" pos="0 5 2"><composite type="cable" curve="s 0 0" count="5 1 1" '
+                              'size="1"><geom type="capsule" size=".02"/></composite></body>'),
+                         "unrecognized element Element 'composite', line 1"),
+    "a body that bends": (mjcf(world='<body name="h" pos="0 5 2"><flexcomp name="x" type="grid" count="3 3 1" '
+                               'spacing=".1 .1 .1" radius=".01" mass="1" dim="2"/></body>'), "flexible bodies"),
+    "a coupled chain of joints that ends in a circle": (
+        mjcf(rest='<equality><joint joint1="j" joint2="k"/><joint joint1="k" joint2="j"/></equality>'),
+        "j follows k follows j"),
+}
+HARMLESS = {
+    "both halves of an inertia": (('ixz="0.002"', 'ixz="0.002" izx="0.002"'),),
+    "gravity on in Gazebo": (('<link name="base"/>', '<link name="base"/><gazebo reference="upper"><gravity>1</gravity>'
+                              "<turnGravityOff>false</turnGravityOff></gazebo>"),),
+    "a frame and a filter of contacts of Drake": (('<link name="base"/>', '<link name="base"/><frame name="f" '
+                                                   'link="base"/><drake:collision_filter_group name="g"/>'),),
+    "a world that is not declared": (('<link name="base"/>', ""), ('parent link="base"', 'parent link="world"')),
+    "limits of accelerations": (('effort="1"', 'effort="1" drake:acceleration="9" current="3"'),),
 }
 
 WELDS = {
@@ -197,6 +238,30 @@ def test_what_is_not_read_is_named(name, tmp_path):
     assert "\n" not in str(caught.value)
     if "give --drop" in str(caught.value):
         assert words in " ".join(crosscheck.import_model(path, drop=True).left_out)
+
+
+@pytest.mark.parametrize("name", HARMLESS)
+def test_what_says_nothing_about_the_motion_changes_nothing(name, tmp_path):
+    scenes = []
+    for place, text in (("a", urdf()), ("b", urdf(*HARMLESS[name]))):
+        (tmp_path / place).mkdir()
+        path = tmp_path / place / "robot.urdf"
+        path.write_text(text)
+        scenes.append(crosscheck.import_model(path))
+    assert scenes[0].hash == scenes[1].hash
+    assert scenes[1].left_out == ()
+
+
+def test_followers_of_followers_start_where_their_leaders_put_them(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(urdf(('<joint name="elbow" type="continuous">', '<joint name="elbow" type="continuous">'
+                          '<mimic joint="shoulder" multiplier="2" offset=".1"/>'),
+                         ('<joint name="reach" type="prismatic">', '<joint name="reach" type="prismatic">'
+                          '<mimic joint="elbow" multiplier="-.5" offset=".3"/>')))
+    scene = crosscheck.import_model(path, qpos=None, start=3)
+    q, e, r = (joint.start[0] for joint in scene.joints)
+    assert abs(q) > 1e-3
+    assert (e, r) == pytest.approx((2 * q + 0.1, 0.3 - 0.5 * e), abs=1e-12)
 
 
 def test_the_list_of_known_words_is_that_of_the_schema_of_mujoco():

@@ -1,0 +1,100 @@
+"""Import every robot model under some folders, let every engine read those that come in, and count what became of them.
+
+    python tools/survey.py FOLDER ... [--native]
+
+A line a file, then a table. "whole" is as it is, with monitors and actuators, its accelerations within 1e-8 of those
+of MuJoCo or with the difference named; "bare" is with `drop=True`. Parts that only stand in other files, and XML of
+other kinds, are not counted. With `--native` every engine that is installed reads each file that came in by itself.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+from crosscheck.errors import CrosscheckError
+from crosscheck.inspection.native import inspect
+from crosscheck.scene.models import import_model
+
+ROOTS = {"mujoco": (".xml", ".mjcf"), "robot": (".urdf", ".xml"), "sdf": (".sdf", ".world")}
+OTHER_FORMATS = (".sdf", ".world", ".usd", ".usda", ".usdc")
+
+
+def models(folder: Path) -> Iterator[Path]:
+    """The model files below a folder, by their first element."""
+    for path in sorted(folder.rglob("*")):
+        suffix = path.suffix.lower()
+        if suffix.startswith(".usd") and path.is_file():
+            yield path
+        elif suffix in {ending for endings in ROOTS.values() for ending in endings} and path.is_file():
+            head = re.sub(r"<!--.*?-->", "", path.read_bytes()[:200_000].decode(errors="replace"), flags=re.DOTALL)
+            first = re.search(r"<([A-Za-z:_]+)", head)
+            if first and suffix in ROOTS.get(first[1], ()):
+                yield path
+
+
+def kind(words: str) -> str:
+    """A reason without names, numbers and places, so that like ones count as one."""
+    words = re.sub(r" \((line \d+[^)]*)\)|, likewise .*| and \d+ more|(, )?'[^']*'", "", words)
+    return " ".join(re.sub(r"[-+.\d]+(e[-+]\d+)?", "#", words).split())[:110]
+
+
+def said(error: Exception, path: Path) -> list[str]:
+    """The reasons in an error."""
+    words = str(error).removeprefix(f"{path}: ")
+    held = re.match(r"a scene cannot hold (.*); give --drop", words)
+    return (held[1] if held else words.partition("; give")[0]).split("; ")
+
+
+def outcome(path: Path) -> tuple[str, list[str]]:
+    """("whole", "free", "bare", "still", "refused" or "other format", reasons or what is told)."""
+    if path.suffix.lower() in OTHER_FORMATS:
+        return "other format", [path.suffix.lower()]
+    try:
+        return "whole", list(import_model(path).left_out)
+    except CrosscheckError as error:
+        first = said(error, path)
+    base = "free" if "nothing in it moves" in first[0] else "fixed"
+    for name, drop in (("free", False), ("bare", True)) if base == "free" else (("bare", True),):
+        try:
+            left_out = import_model(path, base=base, drop=drop).left_out
+        except CrosscheckError as error:
+            first = said(error, path)
+        else:
+            return name, first if drop else list(left_out)
+    return ("still" if "nothing in it moves" in first[0] else "refused"), first
+
+
+def main() -> None:
+    """Print a line a file and the counts."""
+    native, folders = "--native" in sys.argv, [Path(each) for each in sys.argv[1:] if not each.startswith("--")]
+    tables: dict[str, Counter[str]] = {}
+    reasons: dict[str, Counter[str]] = {}
+    for folder in folders:
+        tables[folder.name] = table = Counter()
+        for path in models(folder):
+            began = time.process_time()
+            what, words = outcome(path)
+            table[what] += 1
+            if native and what in ("whole", "bare"):
+                try:
+                    result = inspect(path)
+                    table["every engine reads the same" if result.agree else "engines differ, named"] += 1
+                except CrosscheckError as error:
+                    words.append(f"inspect: {error}")
+            reasons.setdefault(what, Counter()).update({kind(each) for each in words})
+            print(f"{what}\t{path}\t{time.process_time() - began:.1f}\t{'; '.join(words)[:1500]}", flush=True)
+    for name, table in tables.items():
+        print(f"{name}: {table.total()} results: {', '.join(f'{each} {n}' for each, n in table.most_common())}")
+    print("all:", ", ".join(f"{each} {n}" for each, n in sum(tables.values(), Counter()).most_common()))
+    for what, counted in reasons.items():
+        for words, n in counted.most_common(25):
+            print(f"{what}: {n} x {words}")
+
+
+if __name__ == "__main__":
+    main()

@@ -40,16 +40,10 @@ class Dart(Engine):
         world.setTimeStep(stepping.fixed_step(scene, spec)[1])
         world.addSkeleton(model.skeleton)
 
-        def advance(count: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
-            q, v = np.empty((2, count // stride, model.skeleton.getNumDofs()))
-            for row in range(count // stride):
-                for _ in range(stride):
-                    world.step()
-                q[row], v[row] = model.skeleton.getPositions(), model.skeleton.getVelocities()
-            return q, v
+        def state() -> tuple[np.ndarray, np.ndarray]:
+            return np.array(model.skeleton.getPositions()), np.array(model.skeleton.getVelocities())
 
-        start = np.array(model.skeleton.getPositions()), np.array(model.skeleton.getVelocities())
-        raw = stepping.march(scene, spec, start, advance,
+        raw = stepping.march(scene, spec, state(), stepping.one_by_one(world.step, state),
                              open_tree.converter(scene, bench.set_state, bench.body_state),
                              open_tree.rows(bench.accelerations))
         raw.form = "tree"

@@ -64,8 +64,11 @@ class Way:
 
     @property
     def remaining(self) -> float:
-        """What the motion may still change by as the step falls on."""
-        return REMAINING * self.changes[-1]
+        """What the motion may still change by as the step falls on.
+
+        Steps that meet an event at the same time differ by less than what is left: the change before counts as well.
+        """
+        return REMAINING * max(self.changes[-1], self.changes[-2] / 4)
 
     @property
     def converges(self) -> bool:

@@ -7,7 +7,8 @@ import types
 import numpy as np
 import pytest
 
-from crosscheck.adapters.mujoco.own_law import OwnLaw
+from crosscheck.adapters.common.own_law import OwnLaw
+from crosscheck.adapters.mujoco.own_law import default
 from crosscheck.diagnosis import laws
 from crosscheck.errors import ArgumentError
 from crosscheck.scene.states import States
@@ -16,8 +17,9 @@ from tests.adapters.test_laws import SERVO, arm, coulomb, pendulum
 
 def states(scene, angles):
     """The states of the pendulum at these angles; rates are not compared."""
-    motions = [OwnLaw(scene)._motion(np.array([angle]), np.zeros(1)) for angle in angles]
-    return States(scene.t, *(np.array([motion[part] for motion in motions]) for part in range(4)))
+    rest = np.zeros((len(angles), 1))
+    moved = OwnLaw(scene, default, "mujoco").motion(np.array(angles)[:, None], rest, rest)
+    return States(scene.t, moved.x, moved.R, moved.v, moved.w)
 
 
 @pytest.fixture
@@ -61,7 +63,7 @@ def test_a_wrong_law_is_neither(coulombs, monkeypatch):
 
 def test_a_servo_is_the_scenes_and_has_no_other_law(monkeypatch):
     scene = arm(({**SERVO, "period": 0.02, "delay": 1},))
-    exact = OwnLaw(scene).states(1e-12)
+    exact = OwnLaw(scene, default, "mujoco").states(1e-12)
     monkeypatch.setattr(laws, "truth", lambda each: types.SimpleNamespace(states=exact))
     for engine, method in (("mujoco", "RK4"), ("pinocchio", "RKMK4")):
         answers = laws.which_law(scene, engine, method, 4e-3)

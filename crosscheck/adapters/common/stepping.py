@@ -37,6 +37,20 @@ def fixed_step(scene: Scene, spec: RunSpec) -> tuple[int, float]:
     return steps_per_sample(scene, spec.step)
 
 
+def one_by_one(step: Callable[[], object], state: Callable[[], tuple[np.ndarray, np.ndarray]]) -> Advance:
+    """Makes steps one by one, and keeps the state after every stride-th."""
+    def advance(steps: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
+        kept = []
+        for _ in range(steps // stride):
+            for _ in range(stride):
+                step()
+            kept.append([np.array(part) for part in state()])
+        q, v = (np.array(part) for part in zip(*kept, strict=True))
+        return q, v
+
+    return advance
+
+
 def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], advance: Advance, convert: Convert,
           accelerate: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]) -> RawRun:
     """Run a fixed-step engine over the scene; `wall_time` covers only the calls of `advance`.

@@ -19,10 +19,14 @@ from crosscheck.adapters.common.links import (
     separation,
 )
 from crosscheck.adapters.common.links import Link as Link
+from crosscheck.adapters.common.links import is_open_tree as is_open_tree
 from crosscheck.adapters.common.links import links as links
 from crosscheck.adapters.common.links import obstacle as obstacle
+from crosscheck.scene.coordinates import at_start
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Scene, quaternion_from_turn, quaternion_product, rotation_from_quaternion
 from crosscheck.scene.states import States
+from crosscheck.scene.vectors import cross
 
 LEVELS = frozenset({"position", "velocity", "acceleration"})
 """Joint coordinates satisfy every constraint level by construction."""
@@ -56,18 +60,28 @@ def initial_coordinates(scene: Scene, link: Link) -> tuple[np.ndarray, np.ndarra
     return q, np.linalg.lstsq(columns, np.concatenate([w, rate]), rcond=None)[0]
 
 
+def coordinate(scene: Scene, link: Link, k: int = 0) -> tuple[int, float, float]:
+    """(index among the parts, sign, the scene's value at its zero) of coordinate k of a hinge, slide or cylinder.
+
+    The scene's coordinate is sign times that of the part, plus the value.
+    """
+    word, sign = JOINT_TYPES[link.type].coordinates[k], 1.0 if link.outward else -1.0
+    part = [part.kind for part in link.parts].index(word)
+    return part, sign, float(at_start(scene)[link.joint][0][k] - sign * initial_coordinates(scene, link)[0][part])
+
+
 def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:
     """Joint position from the relative attitude and the vector between the anchors in the parent's axes."""
     turned = quaternion_product(link.zero * CONJUGATE, attitude)
     kinds = [part.kind for part in link.parts]
     if kinds == ["turn", "turn"]:  # of a universal joint: exp(first) exp(second) = turned, the axes at right angles
         T, first, second = rotation_from_quaternion(turned), link.parts[0].axis, link.parts[1].axis
-        third = np.cross(first, second)
+        third = cross(first, second)
         return np.array([np.arctan2(third @ T @ second, second @ T @ second),
                          np.arctan2(first @ T @ third, first @ T @ first)])
     if kinds == ["turn", "turn", "ball"]:  # of a rod
         first, rod = link.parts[0].axis, link.parts[2].offset
-        along, normal = rod / np.linalg.norm(rod), np.cross(first, rod / np.linalg.norm(rod))
+        along, normal = rod / np.linalg.norm(rod), cross(first, rod / np.linalg.norm(rod))
         angles = np.array([np.arctan2(gap @ normal, gap @ along),
                            np.arctan2(gap @ first, np.hypot(gap @ normal, gap @ along))])
         turned = IDENTITY
@@ -101,7 +115,7 @@ def compose(inner: Motion, outer: Motion) -> Motion:
     alpha = None
     if inner.alpha is not None and outer.alpha is not None:
         # in the outer frame the inner angular velocity rotates with -w of the outer motion
-        alpha = _turn_back(outer.R, inner.alpha) + outer.alpha - np.cross(outer.w, carried)
+        alpha = _turn_back(outer.R, inner.alpha) + outer.alpha - cross(outer.w, carried)
     return Motion(inner.R @ outer.R, carried + outer.w, alpha)
 
 
@@ -133,11 +147,11 @@ def motion(link: Link, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> Mo
 def _shifted(shift: Shift | None, turned: Motion, d: np.ndarray, rate: np.ndarray, second: np.ndarray) -> Shift:
     """`shift` plus a displacement d (T, 3) with its rates, given in axes that move with `turned`."""
     w = turned.w
-    speed = rate + np.cross(w, d)
+    speed = rate + cross(w, d)
     added = _turn(turned.R, d), _turn(turned.R, speed)
     acceleration = None
     if turned.alpha is not None:
-        acceleration = _turn(turned.R, second + np.cross(turned.alpha, d) + np.cross(w, rate + speed))
+        acceleration = _turn(turned.R, second + cross(turned.alpha, d) + cross(w, rate + speed))
     if shift is None:
         return (*added, acceleration)
     last = None if acceleration is None or shift[2] is None else shift[2] + acceleration
@@ -194,8 +208,8 @@ def _place(states: States, link: Link, relative: Motion) -> None:
     turned = compose(Motion(R, w), relative)
     states.R[:, body], states.w[:, body] = turned.R, turned.w
     states.x[:, body] = x + _turn(R, arm) - states.R[:, body] @ link.child_anchor
-    states.v[:, body] = v + _turn(R, np.cross(w, arm) + slide) - _turn(
-        states.R[:, body], np.cross(states.w[:, body], link.child_anchor))
+    states.v[:, body] = v + _turn(R, cross(w, arm) + slide) - _turn(
+        states.R[:, body], cross(states.w[:, body], link.child_anchor))
 
 
 def _accelerations(states: States, a: np.ndarray, alpha: np.ndarray, link: Link,
@@ -208,6 +222,6 @@ def _accelerations(states: States, a: np.ndarray, alpha: np.ndarray, link: Link,
     turned = compose(Motion(R, w, alpha_parent), relative)
     if turned.alpha is None:
         raise ValueError(f"body {link.body}: the relative motion has no accelerations")
-    joint = np.cross(alpha_parent, arm) + np.cross(w, np.cross(w, arm) + 2 * slide) + second
-    hang = np.cross(turned.alpha, link.child_anchor) + np.cross(turned.w, np.cross(turned.w, link.child_anchor))
+    joint = cross(alpha_parent, arm) + cross(w, cross(w, arm) + 2 * slide) + second
+    hang = cross(turned.alpha, link.child_anchor) + cross(turned.w, cross(turned.w, link.child_anchor))
     return a_parent + _turn(R, joint) - _turn(turned.R, hang), turned.alpha

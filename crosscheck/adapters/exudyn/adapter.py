@@ -16,10 +16,13 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats
 from crosscheck.adapters.common import stepping, tree
-from crosscheck.adapters.exudyn import kinematic_tree, models, solving
+from crosscheck.adapters.common.held import highest_order
+from crosscheck.adapters.common.own_law import OwnLaw
+from crosscheck.adapters.exudyn import kinematic_tree, laws, models, solving
 from crosscheck.adapters.exudyn.known import KNOWN
 from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
 from crosscheck.errors import EngineError
+from crosscheck.scene.events import events
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import redundant_rows
 from crosscheck.scene.model import GROUND, Joint, Scene
@@ -50,6 +53,22 @@ class Exudyn(Engine):
     known_defects = KNOWN
     pace = 1
 
+    def documented_order(self, scene: Scene, spec: RunSpec) -> int:
+        """That of the method, as far as the forces are smooth: nothing locates events.
+
+        Implicit methods carry the acceleration of one step into the next, and so over the jump of a sampled servo.
+        """
+        jumps = spec.method in IMPLICIT and any(servo.period is not None for _, servo in scene.servos.values())
+        return 1 if jumps else min(ORDERS[spec.method], highest_order(scene) or ORDERS[spec.method])
+
+    def own_law(self, scene: Scene, spec: RunSpec) -> States | None:
+        """That of limits that pull, where nothing else is as stiff as the step allows."""
+        ranges = [each for joint in scene.joints for each in joint.limits if each]
+        if any(any(joint.dry_friction) for joint in scene.joints) or not any(each.damping for each in ranges) or any(
+                each.rigid for each in ranges):
+            return None
+        return OwnLaw(scene, laws.pulling, self.name).states()
+
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All levels in joint coordinates; with constraints, the level of the method's index. Rows of rolling disks are
         of velocity, the height's too."""
@@ -76,12 +95,14 @@ class Exudyn(Engine):
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Exudyn cannot run this, or None."""
         form = self.form(scene, spec)
-        in_tree = ("armature", "mimic")
-        if reason := scene.beyond(("slip", "joint_torque", "function", *(in_tree if form == "tree" else ())), in_tree):
+        in_tree = ("armature", "mimic", "dry_friction", "static_friction", "limits", "soft_limits", "servo",
+                   "sampled_servo", "effort_limit", "no_load_speed")
+        known = ("slip", "joint_torque", "function", "hold", *(in_tree if form == "tree" else ()))
+        if reason := scene.beyond(known, in_tree):
             return reason
         if form == "tree" and (closing := _by_coordinates(scene) & {
                 joint.name for joint in kinematic_tree.spanned(scene)[1]}):
-            return f"joint {min(closing)!r} closes a loop, and armature and mimics need a coordinate of the tree"
+            return f"joint {min(closing)!r} closes a loop, and armature, mimics and laws need a coordinate of the tree"
         if any(force.type == "torsional_spring" and force.functions for force in scene.forces):
             return "a rest angle that moves: Exudyn's springs between markers have constant ones"
         if form not in self.forms:
@@ -130,7 +151,7 @@ class Exudyn(Engine):
             order = PREFERRED_ORDER
             if kinematic_tree.balls(scene):
                 order = stats["cardan_order"] = cardan_order(scene)
-            build = functools.partial(kinematic_tree.kinematic_tree, scene, order)
+            build = functools.partial(kinematic_tree.kinematic_tree, scene, order, h)
         else:
             stats["node"] = spec.node or "lie"
             build = functools.partial(models.maximal if form == "maximal" else models.pivot, scene, stats["node"])
@@ -156,7 +177,9 @@ class Exudyn(Engine):
         else:
             _drop_unknown_accelerations(states, every)
         maxima = _maxima(scene, model, t, data) if spec.monitor else None
-        return RawRun(states, found.wall_time, per * (scene.samples - 1), h, stats=stats, maxima=maxima, form=form)
+        happened = events(scene, model.convert(t, data)) if spec.monitor else ()
+        return RawRun(states, found.wall_time, per * (scene.samples - 1), h, stats=stats, maxima=maxima, form=form,
+                      events=happened)
 
 
 def _drop_unknown_accelerations(states: States, every: int) -> None:
@@ -203,8 +226,9 @@ def _unrolled(scene: Scene, form: str) -> str | None:
 
 
 def _by_coordinates(scene: Scene) -> set[str]:
-    """Joints with armature, that follow or that lead: rigid bodies on joints have no coordinates for it."""
-    found = {joint.name for joint in scene.joints if any(joint.armature) or joint.mimic is not None}
+    """Joints with armature or laws, that follow or that lead: rigid bodies on joints have no coordinates for it."""
+    found = {joint.name for joint in scene.joints if any((*joint.armature, *joint.dry_friction, *joint.limits))
+             or joint.mimic is not None} | {name for name, _ in scene.servos.values()}
     return found | {joint.mimic.joint for joint in scene.joints if joint.mimic is not None}
 
 

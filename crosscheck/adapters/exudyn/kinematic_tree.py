@@ -14,7 +14,7 @@ import numpy as np
 
 from crosscheck.adapters.common import links, tree
 from crosscheck.adapters.common.links import Link, Part
-from crosscheck.adapters.exudyn import items
+from crosscheck.adapters.exudyn import items, laws
 from crosscheck.adapters.exudyn.independent import dropped_axes
 from crosscheck.adapters.exudyn.items import Carrier
 from crosscheck.adapters.exudyn.models import Model, mark_frame, new_system, pose, watch
@@ -35,37 +35,24 @@ class _Seat:
 
 
 @dataclasses.dataclass
-class _Tree:
-    """The columns of ObjectKinematicTree, with one entry per joint."""
+class _Joint:
+    """A joint of ObjectKinematicTree, its frame in that of its parent, and the rigid body on it, in its own frame."""
 
-    kinds: list[str] = dataclasses.field(default_factory=list)
-    parents: list[int] = dataclasses.field(default_factory=list)
-    turns: list[np.ndarray] = dataclasses.field(default_factory=list)
-    offsets: list[np.ndarray] = dataclasses.field(default_factory=list)
-    masses: list[float] = dataclasses.field(default_factory=list)
-    centres: list[np.ndarray] = dataclasses.field(default_factory=list)
-    inertias: list[np.ndarray] = dataclasses.field(default_factory=list)
+    kind: str
+    parent: int
+    offset: np.ndarray
+    turn: np.ndarray
+    mass: float = 0.0
+    centre: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    inertia: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((3, 3)))
 
-    def hang(self, kind: str, parent: int, offset: np.ndarray, turn: np.ndarray) -> int:
-        """Add a massless joint, with its frame given in its parent's; returns its index."""
-        self.kinds.append(kind)
-        self.parents.append(parent)
-        self.offsets.append(offset)
-        self.turns.append(turn)
-        self.masses.append(0.0)
-        self.centres.append(np.zeros(3))
-        self.inertias.append(np.zeros((3, 3)))
-        return len(self.kinds) - 1
-
-    def load(self, joint: int, mass: float, centre: np.ndarray, inertia: np.ndarray) -> None:
-        """Add a rigid body to a joint; `centre` and `inertia` (about it) are in the joint's frame."""
-        if joint == GROUND:
-            return
-        total = self.masses[joint] + mass
-        middle = (self.masses[joint] * self.centres[joint] + mass * centre) / total
-        both = ((self.masses[joint], self.centres[joint], self.inertias[joint]), (mass, centre, inertia))
-        self.inertias[joint] = np.sum([own + part * _parallel(at - middle) for part, at, own in both], axis=0)
-        self.masses[joint], self.centres[joint] = total, middle
+    def load(self, mass: float, centre: np.ndarray, inertia: np.ndarray) -> None:
+        """Add a rigid body; `inertia` is about its centre."""
+        total = self.mass + mass
+        middle = (self.mass * self.centre + mass * centre) / total
+        both = (self.mass, self.centre, self.inertia), (mass, centre, inertia)
+        self.inertia = np.sum([own + part * _parallel(at - middle) for part, at, own in both], axis=0)
+        self.mass, self.centre = total, middle
 
 
 def _parallel(arm: np.ndarray) -> np.ndarray:
@@ -94,8 +81,11 @@ def expanded(link: Link, order: str) -> Link:
     return dataclasses.replace(link, parts=tuple(parts))
 
 
-def kinematic_tree(scene: Scene, order: str) -> Model:
-    """The model of the scene's tree with balls in Cardan `order`; loop joints are constraints between links."""
+def kinematic_tree(scene: Scene, order: str, h: float = 1e-3) -> Model:
+    """The model of the scene's tree with balls in Cardan `order`; loop joints are constraints between links.
+
+    Rigid stops and sticking joints are as stiff as steps h, s, resolve.
+    """
     import exudyn
     from exudyn.itemInterface import NodeGenericODE2, ObjectKinematicTree, SensorNode
 
@@ -120,12 +110,16 @@ def kinematic_tree(scene: Scene, order: str) -> Model:
     matrices: Any = exudyn.Matrix3DList
     springs: Any = _springs(scene, chain)
     body = system.AddObject(ObjectKinematicTree(
-        nodeNumber=node, jointTypes=[getattr(exudyn.JointType, kind) for kind in joints.kinds],
-        linkParents=joints.parents, gravity=scene.gravity, linkMasses=joints.masses,
-        jointTransformations=matrices(joints.turns), jointOffsets=vectors(joints.offsets),
-        linkCOMs=vectors(joints.centres), linkInertiasCOM=matrices(joints.inertias), **springs))
-    _couple(scene, system, node, carried, q)
+        nodeNumber=node, jointTypes=[getattr(exudyn.JointType, joint.kind) for joint in joints],
+        linkParents=[joint.parent for joint in joints], gravity=scene.gravity,
+        linkMasses=[joint.mass for joint in joints], jointTransformations=matrices([joint.turn for joint in joints]),
+        jointOffsets=vectors([joint.offset for joint in joints]), linkCOMs=vectors([joint.centre for joint in joints]),
+        linkInertiasCOM=matrices([joint.inertia for joint in joints]), **springs))
+    at = laws.places(scene, carried)
+    _couple(scene, system, node, at, q)
     _attach(scene, system, body, seats, closing)
+    if scene.has_laws:
+        laws.add(scene, system, node, at, h)
     slots = np.cumsum([0, *(link.dofs for link in chain)])
 
     def convert(t: np.ndarray, data: list[np.ndarray]) -> States:
@@ -137,30 +131,24 @@ def kinematic_tree(scene: Scene, order: str) -> Model:
     return Model(container, system, watch(system, functools.partial(SensorNode, nodeNumber=node), outputs), convert)
 
 
-def _couple(scene: Scene, system: Any, node: Any, carried: tuple[Link, ...], q: np.ndarray) -> None:
+def _couple(scene: Scene, system: Any, node: Any, at: dict[tuple[str, int], laws.Place], q: np.ndarray) -> None:
     """Armature as a further mass matrix on the node, mimics as constraints between its coordinates."""
     from exudyn.itemInterface import CoordinateConstraint, MarkerNodeCoordinate, ObjectGenericODE2
 
-    joints = {joint.name: joint for joint in scene.joints}
-    first = np.cumsum([0, *(link.dofs for link in carried)])
-    inertia, places = np.zeros(len(q)), {}
-    for link, at in zip(carried, first, strict=False):
-        if not link.joint:  # a free body
-            continue
-        values = joints[link.joint].armature
-        if values:  # a cylindrical joint is a slide and then a turn
-            inertia[at:at + link.dofs] = values[::-1] if len(values) == 2 else values
-        places[link.joint] = int(at), 1.0 if link.outward else -1.0
+    inertia = np.zeros(len(q))
+    for joint in scene.joints:
+        for k, value in enumerate(joint.armature):
+            inertia[at[joint.name, k].column] = value
     if inertia.any():
         system.AddObject(ObjectGenericODE2(nodeNumbers=[node], massMatrix=np.diag(inertia)))
     for joint in scene.joints:
         if joint.mimic is None:
             continue
-        (follower, sign), (leader, other) = places[joint.name], places[joint.mimic.joint]
-        ratio = joint.mimic.ratio * sign * other
-        markers = [system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=at)) for at in (follower, leader)]
+        ends = at[joint.name, 0], at[joint.mimic.joint, 0]
+        ratio = joint.mimic.ratio * ends[0].sign * ends[1].sign
+        markers = [system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=end.column)) for end in ends]
         system.AddObject(CoordinateConstraint(markerNumbers=markers, factor1=ratio,
-                                              offset=ratio * q[leader] - q[follower]))
+                                              offset=ratio * q[ends[1].column] - q[ends[0].column]))
 
 
 def middle_angles(scene: Scene) -> list[int]:
@@ -173,8 +161,8 @@ def middle_angles(scene: Scene) -> list[int]:
     return columns
 
 
-def _assembled(scene: Scene, chain: list[Link]) -> tuple[_Tree, dict[int, _Seat]]:
-    joints, seats = _Tree(), {GROUND: _Seat(GROUND, np.zeros(3), np.eye(3))}
+def _assembled(scene: Scene, chain: list[Link]) -> tuple[list[_Joint], dict[int, _Seat]]:
+    joints, seats = list[_Joint](), {GROUND: _Seat(GROUND, np.zeros(3), np.eye(3))}
     for link in chain:
         inner = seats[link.parent]
         at, turn = inner.at + inner.turn @ link.parent_anchor, inner.turn @ rotation_from_quaternion(link.zero)
@@ -184,10 +172,12 @@ def _assembled(scene: Scene, chain: list[Link]) -> tuple[_Tree, dict[int, _Seat]
             name = next((name for name, axis in AXES.items() if np.array_equal(part.axis, axis)), None)
             frame = np.eye(3) if name else np.column_stack([*normal_references(part.axis), part.axis])
             kind = "Revolute" if part.kind == "turn" else "Prismatic"
-            joint = joints.hang(kind + (name or "Z"), joint, at + turn @ part.offset, turn @ frame)
+            joints.append(_Joint(kind + (name or "Z"), joint, at + turn @ part.offset, turn @ frame))
+            joint = len(joints) - 1
             at, turn = np.zeros(3), frame.T
         seats[link.body] = seat = _Seat(joint, at - turn @ link.child_anchor, turn)
-        joints.load(joint, scene.masses[link.body], seat.at, turn @ scene.inertias[link.body] @ turn.T)
+        if joint != GROUND:
+            joints[joint].load(scene.masses[link.body], seat.at, turn @ scene.inertias[link.body] @ turn.T)
     return joints, seats
 
 
@@ -227,7 +217,8 @@ def _attach(scene: Scene, system: Any, tree_object: Any, seats: dict[int, _Seat]
     from exudyn.itemInterface import MarkerKinematicTreeRigid, ObjectGround
 
     closed = {joint.name for joint in closing}
-    forces = [force for force in scene.forces if force.type != "torsional_spring" or force.joint in closed]
+    forces = [force for force in scene.forces
+              if force.type != "servo" and (force.type != "torsional_spring" or force.joint in closed)]
     if not forces and not closing:
         return
     ground = system.AddObject(ObjectGround())

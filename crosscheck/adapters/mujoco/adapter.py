@@ -18,7 +18,8 @@ from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import stepping, tree
 from crosscheck.adapters.common.held import Held, highest_order
 from crosscheck.adapters.common.native import JointStates, Native
-from crosscheck.adapters.mujoco import models
+from crosscheck.adapters.common.own_law import OwnLaw
+from crosscheck.adapters.mujoco import models, own_law
 from crosscheck.adapters.mujoco.known import KNOWN
 from crosscheck.adapters.mujoco.models import INTEGRATORS, OBSERVED, build, set_initial_state
 from crosscheck.errors import EngineError
@@ -70,9 +71,8 @@ class Forms(Engine):
 
     def own_law(self, scene: Scene, spec: RunSpec) -> States | None:
         """That of its friction and limits at their default softness; the tight ones depend on the step."""
-        from crosscheck.adapters.mujoco.own_law import OwnLaw
-
-        return OwnLaw(scene).states() if models.of_own_law(scene) and spec.softness == "default" else None
+        own = models.of_own_law(scene) and spec.softness == "default"
+        return OwnLaw(scene, own_law.default, self.name).states() if own else None
 
     def nearest_law(self, scene: Scene, spec: RunSpec) -> RunSpec | None:
         """Friction and limits as stiff as the step allows."""

@@ -19,7 +19,6 @@ from crosscheck.adapters.pinocchio import mimics, models
 from crosscheck.adapters.pinocchio.dynamics import Dynamics
 from crosscheck.adapters.pinocchio.known import KNOWN
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
 
 ORDERS = MappingProxyType({"SymplecticEuler": 1, "RK4naive": 4, "RKMK4": 4, "RKMK8": 8})
 """Orders of the tableaus; for RK4naive its authors' claim, which a known defect corrects."""
@@ -103,22 +102,12 @@ class Pinocchio(Engine):
         if held:
             evaluate(*start)
 
-        def advance(steps: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
+        def advance() -> None:
             nonlocal done
-            q, v = state
-            positions, velocities = np.empty((steps // stride, len(q))), np.empty((steps // stride, len(v)))
-            for sample in range(len(positions)):
-                for _ in range(stride):
-                    q, v = step(done * h, q, v)
-                    done += 1
-                    if held:
-                        evaluate(q, v)
-                positions[sample], velocities[sample] = q, v
-            state[:] = q, v
-            return positions, velocities
-
-        def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
-            return model.states(t, q, v, a)
+            state[:] = step(done * h, *state)
+            done += 1
+            if held:
+                evaluate(*state)
 
         def accelerate(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
             a = np.empty_like(v)
@@ -128,7 +117,8 @@ class Pinocchio(Engine):
             dynamics.held = held.efforts
             return a
 
-        raw = stepping.march(scene, spec, start, advance, convert, accelerate)
+        rows = stepping.one_by_one(advance, lambda: (state[0], state[1]))
+        raw = stepping.march(scene, spec, start, rows, model.states, accelerate)
         raw.form = form
         raw.stats["forward_dynamics"] = dynamics.algorithm
         if dynamics.closure is not None:

@@ -12,11 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.adapters.common import tree
 from crosscheck.adapters.pinocchio import redundant
 from crosscheck.adapters.pinocchio.models import Model, closure, with_movable_joints
-from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.functions import at as value_at
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.model import GROUND, Force, Joint
 
@@ -83,11 +82,10 @@ class Dynamics:
 
     def coordinate(self, joint: Joint, k: int = 0) -> tuple[int, int, float, float]:
         """(index in q, index in v, sign, value at zero of its q) of coordinate k of a hinge or slide in the tree."""
-        at_q, at_v, sign = self._turn(joint)
-        if JOINT_TYPES[joint.type].coordinates[k] == "slide" and joint.type != "prismatic":
-            at_q, at_v = at_q - 1, at_v - 1
-        start = self.model.positions(self.model.initial_state()[0])[at_q]
-        return at_q, at_v, sign, float(at_start(self.model.scene)[joint.name][0][k] - sign * start)
+        link, (at_q, at_v) = next(pair for pair in zip(self.model.links, self.model.slots, strict=True)
+                                  if pair[0].joint == joint.name)
+        part, sign, zero = tree.coordinate(self.model.scene, link, k)
+        return at_q.start + part, at_v.start + part, sign, zero
 
     def __call__(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> np.ndarray:
         """Joint accelerations, as a copy, because Pinocchio overwrites its array in the next call."""

@@ -418,6 +418,7 @@ class Advice(Part, frozen=True, kw_only=True):
     cost: float | None = None  # s of stepping
     breaks_at: float | None = None  # step (s) or rtol of the finest of the coarser runs that fail or cannot be judged
     command: str | None = None
+    estimated: str = ""  # what the run is estimated from; empty: it was made
 
 
 class Document(Part, frozen=True, kw_only=True):
@@ -430,7 +431,7 @@ class Document(Part, frozen=True, kw_only=True):
     exit_code: int  # 0: every verdict passes; 1: one does not; 2: the run is incomplete
     changes: list[Change] | None = None
     support: list[Support] | None = None
-    advice: list[Advice] | None = None  # of those scenes and engines for which it was asked
+    advice: list[Advice] | None = None  # from ladders of runs where they were made, else estimated from the records
 
 
 def exit_code(scenes: list[Scene], records: list[Record]) -> int:

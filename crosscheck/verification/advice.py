@@ -1,6 +1,7 @@
 """Advice: the method and step of an engine that reach an error on a scene at the lowest cost, found by runs.
 
-`crosscheck.verification.walks` makes the runs once for all errors and compares them with truth.
+`crosscheck.verification.walks` makes the runs once for all errors and compares them with truth. Where a document has
+no such runs, its records say what to expect: the error and time of a run at one step, and the observed order.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from crosscheck.document import Advice
+from crosscheck.document import Advice, Record, SceneTruth
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, said
 from crosscheck.jobs.table import Table
 from crosscheck.running import versions
@@ -24,6 +25,10 @@ from crosscheck.verification.walks import USELESS, Step, Walk
 
 LEVELS = tuple(10.0**-power for power in range(2, 12))
 """Errors (m) for which a document has advice."""
+
+
+MARGIN = 1.5
+"""What an estimated error keeps from the wanted one: on the default scenes estimates were off by up to 1.25."""
 
 
 def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) -> Advice:
@@ -101,6 +106,58 @@ def of_walks(scenes: Sequence[str], found: Sequence[Walk | str | None]) -> list[
     """The advice for all `LEVELS` from the walks on scenes (names or paths) that could be made."""
     return [choose(walk, level, name) for name, walk in zip(scenes, found, strict=True) if isinstance(walk, Walk)
             for level in LEVELS]
+
+
+def from_records(scenes: Sequence[SceneTruth], records: Sequence[Record], known: Sequence[Advice]) -> list[Advice]:
+    """The advice for all `LEVELS` that records allow, for scenes and engines for which none is known."""
+    walks_of = {(each.scene, each.engine) for each in known}
+    return [_estimate(scene, [record for record in records if (record.scene, record.engine) == (scene.name, engine)],
+                      level)
+            for scene in scenes if scene.truth is not None and scene.plan is not None
+            for engine in dict.fromkeys(record.engine for record in records if record.scene == scene.name
+                                        and record.outcome != "unsupported")
+            if (scene.name, engine) not in walks_of for level in LEVELS]
+
+
+def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Advice:
+    """The cheapest of the passing runs of an engine, each at the largest step that its order promises the error for.
+
+    No step is longer than the coarsest one at which the order was observed, and none shorter than a hundredth of the
+    step of the run: beyond them the order is not known to hold.
+    """
+    passing = [record for record in records if record.outcome in ("pass", "partly")
+               and math.isfinite(record.judged_error) and record.wall_time]
+    advice = Advice(scene=scene.name, engine=records[0].engine, wanted=wanted, until=scene.duration,
+                    least=min((record.judged_error for record in passing), default=None))
+    expected = [each for record in passing if (each := _expected(scene, record, advice)) is not None]
+    return min(expected, key=lambda each: each.cost or 0.0, default=advice)
+
+
+def _expected(scene: SceneTruth, record: Record, asked: Advice) -> Advice | None:
+    """The run at the step that a record lets expect for an error; None if the record promises no such step."""
+    wanted = asked.wanted
+    error, step, order = record.judged_error, record.step, record.orders.get("position")
+    assert scene.plan is not None
+    assert record.wall_time is not None
+    estimated = f"the run at rtol {record.rtol:g}" if step is None else f"the run at {step:g} s"
+    stretch = 1.0
+    if step is not None and order is not None and order.observed and order.settled and error > order.rounding:
+        coarsest = max((rung.step for rung in record.ladder if rung.step and not rung.message), default=step)
+        interval = scene.duration / (scene.plan.samples - 1)
+        longest = min(step * (wanted / MARGIN / error) ** (1 / order.observed), max(coarsest, step), interval)
+        if longest < step / 100 or wanted < order.rounding:
+            return None
+        stretch = interval / math.ceil(interval / longest * (1 - 1e-9)) / step
+        error *= stretch**order.observed
+        estimated += f" and its observed order {order.observed:.2f}"
+    if error > wanted * (1 + 1e-9):
+        return None
+    command = record.command.partition(" --samples ")[0]
+    if step is not None:
+        command = command.replace(f"--step {step!r}", f"--step {step * stretch:.12g}")
+    return replace(asked, until=record.judged_until or scene.duration, method=record.method, form=record.form,
+                   step=None if step is None else step * stretch, rtol=record.rtol, error=error,
+                   cost=record.wall_time / stretch, command=command, estimated=estimated)
 
 
 def prepare(task: tuple[str, str]) -> Walk | str:

@@ -181,6 +181,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         records = timed(cells, records, settings.timing, stages, within)
     records, calibration = measure_speed(records, settings.speed, alone, within) if settings.speed else (records, None)
     advised = _advice(alone, keys, truths, engine_names, within, walk)
+    advised += advice.from_records(truths, records, advised)
     meta = provenance.describe(engine_names) | {
         "profile": profile, "jobs": jobs, "calibration": calibration, "asked": asked,
         "command": _command(profile, scenes, engines, jobs, overrides, methods, asked),

@@ -6,7 +6,8 @@
   const [scene, error, engine] = ["scene", "error", "engine"].map((name) => document.getElementById("decide-" + name));
   const answer = document.getElementById("decide-answer"), body = document.querySelector("#decide-table tbody");
   const levels = [...new Set(rows.map((row) => row.wanted))].sort((one, other) => other - one);
-  const engines = [...new Set(rows.map((row) => row.engine))];
+  const ours = (name) => name === "lieeuler";  // last: the reader came with another one
+  const engines = [...new Set(rows.map((row) => row.engine))].sort((one, other) => ours(one) - ours(other));
   const power = (value) => value.toExponential(0).replace("e-", "e\u2212");
   levels.forEach((level) => error.add(new Option(power(level) + " m", level)));
   engines.forEach((name) => engine.add(new Option(name, name)));
@@ -19,6 +20,7 @@
   const size = (row) => (row.step ? short(row.step) + " s" : "rtol " + short(row.rtol));
   const breaks = (row) => (row.breaks_at === null ? "at none tried"
     : row.step ? short(row.breaks_at) + " s" : "rtol " + short(row.breaks_at));
+  const about = (row) => (row.estimated ? "about " : "");
   const node = (tag, text) => Object.assign(document.createElement(tag), {textContent: text});
   // A line of a command ends at a space, never within "--step".
   function command(text) {
@@ -38,8 +40,9 @@
         + short(mine.least) + " m.");
     } else {
       parts.push(node("b", mine.method), (mine.form ? " (form " + mine.form + ")" : "") + " of " + mine.engine + " at "
-        + (mine.step ? "step " : "") + size(mine) + ": error " + short(mine.error) + " m for "
-        + short(1e3 * mine.cost) + " ms of stepping; breaks " + (mine.breaks_at === null ? "" : "at ") + breaks(mine) + ". ",
+        + (mine.step ? "step " : "") + size(mine) + ": error " + about(mine) + short(mine.error) + " m for "
+        + short(1e3 * mine.cost) + " ms of stepping; " + (mine.estimated ? "estimated from " + mine.estimated
+        : "breaks " + (mine.breaks_at === null ? "" : "at ") + breaks(mine)) + ". ",
         command(mine.command));
     }
     answer.replaceChildren(...parts);
@@ -50,7 +53,8 @@
       head.scope = "row";
       line.append(head);
       const cells = row.method === null ? ["none reaches it", "", short(row.least), "", ""]
-        : [row.method, size(row), short(row.error), short(1e3 * row.cost), breaks(row)];
+        : [row.method, size(row), about(row) + short(row.error), short(1e3 * row.cost),
+          row.estimated ? "not tried" : breaks(row)];
       ["method", "step", "error, m", "cost, ms", "breaks at"].forEach((label, index) => {
         const cell = node("td", cells[index]);
         cell.dataset.label = label;

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from crosscheck.adapters.common.native import JointStates, Native
     from crosscheck.document import Record
     from crosscheck.document.known import Known
+    from crosscheck.scene.sensors import Misreads
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,6 +147,7 @@ class Engine:
     on_group: bool = False  # attitudes stay on SO(3) by construction
     eps: float = 2.0**-52  # spacing at 1 of its numbers
     known_defects: tuple[Known, ...] = ()
+    misreads: Misreads = MappingProxyType({})  # what it reads instead of a sensor
     reads_models: bool = False  # it has `native`
 
     @functools.cached_property

@@ -68,6 +68,7 @@ def verify(
     from crosscheck.judge import overrides
     from crosscheck.recordings import published
     from crosscheck.report import folder, schema
+    from crosscheck.scene.file import as_scene
     from crosscheck.verification import job
     from crosscheck.verification.job import limits_of
 
@@ -77,9 +78,10 @@ def verify(
         scene = [*(scene or ()), *published.tagged(tag)]
         if not scene:
             raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
-    own = overrides.read(tolerance_file, tol or ())
     folder.check_out(out)
     scene = scene_files(scene, drop, keyframe, control, limits)
+    own = overrides.read(tolerance_file, tol or (), [sensor.name for each in (scene if tol or tolerance_file else None)
+                                                     or () for sensor in as_scene(each).sensors])
     within = limits_of(time_limit, memory_limit)
     asked = Asked(coordinate_map=coordinate_map, step=step, duration=duration)
     identity = job.fingerprint(profile, scene, engine, dataclasses.astuple(within), own, method, asked.words)

@@ -222,7 +222,7 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told
             yield ("gravity", text, right + times * shown(g))
         inward = reader.turned(site.body, cross(w, cross(w, arm)))
         tangent = reader.turned(site.body, cross(reader.alpha[:, site.body], arm))
-        coriolis = cross(spin, _velocity(reader, site.body, arm))
+        coriolis = cross(spin, reader.velocity(site))
         central = cross(spin, reader.v[:, site.body])
         for text, part in (("w x (w x s) is left out", -inward), ("w x (w x s) counts twice", inward),
                            ("w x (w x s) has the other sign", -2 * inward), ("alpha x s is left out", -tangent),
@@ -240,10 +240,6 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told
         a, alpha = np.split(free.reshape(len(s.t), scene.n, 6), 2, axis=2)
         yield ("before the constraint solve", "the reading is that of bodies on which no constraint acts yet",
                read(Reader(scene, dataclasses.replace(s, a=a, alpha=alpha)), sensor))
-
-
-def _velocity(reader: Reader, body: int, arm: np.ndarray) -> np.ndarray:
-    return np.asarray(reader.v[:, body] + reader.turned(body, cross(reader.w[:, body], arm)))
 
 
 def _of_joint(reader: Reader, sensor: Sensor, joint: Joint, right: np.ndarray) -> Iterator[Told]:
@@ -292,15 +288,11 @@ def _parts(reader: Reader, sensor: Sensor, joint: Joint) -> Iterator[tuple[str, 
         along = reader.turned(joint.child, joint.child_axis) * (effort if effort.ndim == 1 else effort[:, 0])[:, None]
         pair = (along, cross(anchor - place, along)) if joint.kind.slides else (0.0 * along, along)
         yield UNCOUNTED, "what the drive supplies is left out", -pair[0], -pair[1]
-    carried = _carried(scene, joint)
-    of_loads = [(0.0 * force, 0.0 * force)]
-    for load in scene.forces:
-        if load.joint is None and not load.is_spring and load.child in carried:
-            acts = mechanics.force_on_bodies(scene, load, reader.states, reader.angles)[:, load.child]
-            turn = reader.turned(load.child, acts[:, 3:]) + cross(reader.x[:, load.child] - place, acts[:, :3])
-            of_loads.append((acts[:, :3], turn))
-            yield "loads not counted", f"the {load.type} is left out", *of_loads[-1]
-    yield "loads not counted", "the loads are left out", *np.sum(of_loads, axis=0)
+    loads, carried = reader.loads(joint, site), reader.carried(joint)
+    for load, pull, turn in loads:
+        yield "loads not counted", f"the {load.type} is left out", pull, turn
+    yield ("loads not counted", "the loads are left out", sum((each[1] for each in loads), 0.0 * force),
+           sum((each[2] for each in loads), 0.0 * force))
     arms, w = reader.x[:, carried] - place[:, None], reader.w[:, carried]
     weight = np.broadcast_to(scene.masses[carried, None] * scene.gravity, arms.shape)
     for sign, text in ((1, "weights are left out"), (-1, "weights count twice")):
@@ -308,17 +300,6 @@ def _parts(reader: Reader, sensor: Sensor, joint: Joint) -> Iterator[tuple[str, 
     momentum = np.einsum("kij,tkj->tki", scene.inertias[carried], w)
     spin = np.einsum("tkij,tkj->ti", reader.R[:, carried], cross(w, momentum))
     yield "Coriolis or centripetal term", "w x J w is left out", 0.0 * force, -spin
-
-
-def _carried(scene: Scene, joint: Joint) -> list[int]:
-    """The bodies that only this joint connects to its parent; none where it is part of a loop."""
-    reached, rest = {joint.child}, [each for each in scene.joints if each.name != joint.name]
-    for _ in rest:
-        reached |= {end for each in rest for end in (each.parent, each.child)
-                    if {each.parent, each.child} & reached and end != GROUND}
-        if any(GROUND in (each.parent, each.child) and {each.parent, each.child} & reached for each in rest):
-            return []
-    return sorted(reached)
 
 
 def _borne(reader: Reader, joint: Joint) -> Iterator[tuple[str, np.ndarray]]:

@@ -63,8 +63,7 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
         return [Finding("acceleration", "fail", np.inf, None, "m/s^2",
                         "the equations of motion have no solution at the run's own states")]
     power = min(claim.order or 1, 2)  # of higher order, accelerations are either those of the state or of second order
-    calm = runs[0].flow.regular & ~np.any(
-        [run.flow.unsettled(WITHIN * (run.claim.step or 0.0)) for run in runs], axis=0)
+    calm = calm_ends(runs)
     if not calm.any():
         return [Finding("acceleration", "unjudged", None, None, "m/s^2", "forces of joints jump next to every output "
                         "time")]
@@ -76,8 +75,7 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
         length = 1.0 if unit == "m/s^2" else runs[0].scale.length
         ordered, sizes = [run for run, _ in given], [_sizes(gap) * length for _, gap in given]
         own = next(index for index, run in enumerate(ordered) if run is runs[0])
-        settling = _age(runs[:1]) < SETTLED * (claim.step or 0.0)  # of first order, whatever the method's is
-        bound = np.where(settling, _bound(scene, runs[0], 1), _bound(scene, runs[0], power))
+        bound = within_steps(scene, runs[0])
         candidates = [("", sizes[own], following(sizes, ordered, power) * bound)]
         if len(ordered) > 2:
             candidates.append(("alike at one, two and four times the step, ", sizes[own],
@@ -100,6 +98,18 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
             name, "ok" if value <= most else "fail", value, most, unit, "reported, against the index-1 system at "
             "the run's own state: what changes within one step, and what open constraints add", where))
     return findings
+
+
+def calm_ends(runs: Sequence[Defects]) -> np.ndarray:
+    """(I,) whether no force of a joint jumps next to the ends of the intervals."""
+    jumps = np.any([run.flow.unsettled(WITHIN * (run.claim.step or 0.0)) for run in runs], axis=0)
+    return np.asarray(runs[0].flow.regular & ~jumps)
+
+
+def within_steps(scene: Scene, run: Defects) -> np.ndarray:
+    """(I,) bound of accelerations, as `_bound`; they settle with order one, whatever the order of the method is."""
+    settling = _age([run]) < SETTLED * (run.claim.step or 0.0)
+    return np.where(settling, _bound(scene, run, 1), _bound(scene, run, min(run.claim.order or 1, 2)))
 
 
 def _age(runs: Sequence[Defects]) -> np.ndarray:
@@ -163,12 +173,17 @@ def _sizes(vectors: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(np.isfinite(values), values, np.inf).max(axis=1))
 
 
-def _gaps(scene: Scene, traj: Any, at: np.ndarray, crossed: Crossed | None) -> dict[str, np.ndarray]:
-    """(I, n, 3) for each reported quantity: the difference from the index-1 equations at the output times `at`."""
+def by_equations(scene: Scene, traj: Any, at: np.ndarray, crossed: Crossed | None
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `mechanics.index1`, in a run's own states at the output times `at`, the ends of the intervals of `crossed`."""
     efforts = None if crossed is None else crossed.efforts()
     angles = {name: values[at] for name, values in mechanics.torsion_angles(scene, traj.R, traj.w, traj.t).items()}
-    a, alpha, lam = mechanics.index1(scene, traj.x[at], traj.R[at], traj.v[at], traj.w[at], angles, traj.t[at],
-                                       efforts)
+    return mechanics.index1(scene, traj.x[at], traj.R[at], traj.v[at], traj.w[at], angles, traj.t[at], efforts)
+
+
+def _gaps(scene: Scene, traj: Any, at: np.ndarray, crossed: Crossed | None) -> dict[str, np.ndarray]:
+    """(I, n, 3) for each reported quantity: the difference from the index-1 equations at the output times `at`."""
+    a, alpha, lam = by_equations(scene, traj, at, crossed)
     found = {}
     if traj.a is not None:
         found["acceleration"] = traj.a[at] - a

@@ -18,8 +18,10 @@ Overrides = tuple[tuple[str, float, str], ...]
 """(kind of finding, bound in its unit, reason)."""
 
 
-def read(path: str | os.PathLike[str] | None, options: Sequence[str] = ()) -> Overrides:
+def read(path: str | os.PathLike[str] | None, options: Sequence[str] = (), sensors: Sequence[str] = ()) -> Overrides:
     """Bounds from a file and from options "quantity=value". Options replace bounds of the file.
+
+    `sensors` are names that count as quantities too; "sensor NAME" is meant where a quantity has the same name.
 
     Raises
     ------
@@ -29,7 +31,7 @@ def read(path: str | os.PathLike[str] | None, options: Sequence[str] = ()) -> Ov
     found: dict[str, tuple[float, str]] = {}
     if path is not None:
         for name, value in _table(path).items():
-            found[_known(f"{path}: {name}", name)] = _bound(f"{path}: {name}", value)
+            found[_known(f"{path}: {name}", name, sensors)] = _bound(f"{path}: {name}", value)
     for option in options:
         name, separator, value = option.partition("=")
         if not separator:
@@ -38,7 +40,7 @@ def read(path: str | os.PathLike[str] | None, options: Sequence[str] = ()) -> Ov
             number = float(value)
         except ValueError:
             raise ArgumentError(f"--tol {option}: {value!r} is no number") from None
-        found[_known(f"--tol {option}", name.strip())] = _bound(f"--tol {option}", number)
+        found[_known(f"--tol {option}", name.strip(), sensors)] = _bound(f"--tol {option}", number)
     return tuple((name, value, why) for name, (value, why) in found.items())
 
 
@@ -52,10 +54,12 @@ def _table(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise ArgumentError(f"--tolerances {path}: not TOML: {error}") from None
 
 
-def _known(where: str, name: str) -> str:
-    if name not in BOUNDS:
-        raise ArgumentError(f"{where}: {unknown('quantity', name, BOUNDS)}")
-    return name
+def _known(where: str, name: str, sensors: Sequence[str]) -> str:
+    if name in BOUNDS:
+        return name
+    if name.removeprefix("sensor ") in sensors:
+        return f"sensor {name.removeprefix('sensor ')}"
+    raise ArgumentError(f"{where}: {unknown('quantity', name, [*BOUNDS, *sensors])}")
 
 
 def _bound(where: str, value: Any) -> tuple[float, str]:

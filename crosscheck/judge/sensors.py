@@ -11,19 +11,20 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
-from crosscheck.judge.accelerations import SETTLED, WITHIN
+from crosscheck.judge.accelerations import SETTLED, WITHIN, by_equations, calm_ends, within_steps
 from crosscheck.judge.claim import Claim
-from crosscheck.judge.defects import RATES
+from crosscheck.judge.defects import RATES, Defects
 from crosscheck.judge.metrics import Error
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.mechanics import RANK_TOLERANCE
-from crosscheck.scene.model import Scene
-from crosscheck.scene.sensors import OWN, SENSOR_TYPES, gap, readings, unit
+from crosscheck.scene.model import Scene, Sensor
+from crosscheck.scene.sensors import OWN, SENSOR_TYPES, Misreads, Reader, Readings, gap, readings, unit
 from crosscheck.scene.states import States
 from crosscheck.scene.vectors import exponential
 
@@ -39,25 +40,59 @@ OPENED = 20.0
 of one body or of the other."""
 
 
+OF_STATE = " of its state"
+"""Ends the kind of a finding on what an engine reads itself, against its own states."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Run:
+    """What all sensors of a run are judged by."""
+
+    scene: Scene
+    traj: Any
+    truth: Reference
+    keep: np.ndarray  # (T,) the output times up to which bounds hold
+    itself: list[States]  # its states with the accelerations of the equations and, if it gives them, with its own
+    own: list[Readings]  # of these
+    rounding: np.ndarray  # (T,) of a reading of its own states, over its size
+    vacuous: bool
+
+    def judged(self, kind: str, error: np.ndarray, bound: np.ndarray, size: float, si: str, why: str) -> Finding:
+        """The finding on the time at which an error is largest over its bound."""
+        over = np.where(np.isfinite(error), error, np.inf) / bound
+        at = int(np.argmax(np.where(self.keep, over, -1.0)))
+        value, most = float(error[at]), float(bound[at])
+        name = kind.removeprefix("sensor ").removesuffix(OF_STATE)
+        where = f"{self.traj.sensors.source[name]}, t = {self.traj.t[at]:.4g} s"
+        if not kind.endswith(OF_STATE) and (self.vacuous or most > size):
+            return Finding(kind, "unjudged", value, None, si, f"at this step the bound, {most:.2g}, exceeds the size "
+                           "of the reading itself", where)
+        return Finding(kind, "ok" if value <= most else "fail", value, most, si, why, where)
+
+
 def judge_sensors(scene: Scene, traj: Any, truth: Reference, until: float, states: dict[str, Tol], claim: Claim,
-                  vacuous: bool = False) -> tuple[list[Finding], dict[str, Error]]:
-    """Findings on all sensors up to the time `until` (s), and their errors over the whole run.
+                  vacuous: bool = False, run: Defects | None = None, misreads: Misreads | None = None
+                  ) -> tuple[list[Finding], dict[str, Error], dict[str, tuple[float, str]]]:
+    """Findings on all sensors up to the time `until` (s), their errors over the whole run, and the largest of each.
 
     `states` are bounds of the states; with `vacuous` they bound nothing, and what an engine reads itself is judged by
-    its own states alone.
+    its own states alone. `run` has the laws of joints along the run, `misreads` what the engine is known to read
+    instead of a sensor: that is known as long as it shows.
     """
     if not scene.sensors:
-        return [], {}
-    length, rounding = tolerances.scales(scene, truth).length, 16 * tolerances.grading(scene) * claim.eps
+        return [], {}, {}
     exact, keep = readings(scene, truth.states), truth.t <= until * (1 + 1e-12)
+    there, length = truth.t <= truth.horizon * (1 + 1e-12), tolerances.scales(scene, truth).length
     bare = States(traj.t, traj.x, traj.R, traj.v, traj.w)
-    itself = [readings(scene, bare)]  # of the run's own states: with the accelerations of the equations, then with its
-    itself += [] if traj.a is None else [readings(scene, dataclasses.replace(bare, a=traj.a, alpha=traj.alpha))]
-    allowed = _allowed(scene, traj, truth, keep, states, claim)
-    findings, errors = [], {}
+    itself = [bare, *([] if traj.a is None else [dataclasses.replace(bare, a=traj.a, alpha=traj.alpha)])]
+    rounding = ALIKE + OPENED * traj.constraint_position / length + 16 * tolerances.grading(scene) * claim.eps
+    case = _Run(scene, traj, truth, keep, itself, [readings(scene, each) for each in itself], rounding, vacuous)
+    poses, rates, changes, within = _allowed(scene, traj, truth, keep, states, claim)
+    lawful = _by_laws(scene, traj, run) if scene.has_laws and run is not None and traj.a is not None else None
+    findings, errors, whole = [], {}, {}
     for sensor in scene.sensors:
-        kind, given, true = f"sensor {sensor.name}", traj.sensors[sensor.name], exact[sensor.name]
-        source = traj.sensors.source[sensor.name]
+        name, kind = sensor.name, f"sensor {sensor.name}"
+        given, true, source = traj.sensors[name], exact[name], traj.sensors.source[name]
         si = "rad" if true.shape[1:] == (4,) else unit(scene, sensor)
         if not np.isfinite(true[keep]).any():
             findings.append(Finding(kind, "unjudged", None, None, si, "redundant joints share this load in no unique "
@@ -67,38 +102,83 @@ def judge_sensors(scene: Scene, traj: Any, truth: Reference, until: float, state
         errors[kind] = Error(si, truth.t, error, source)
         size = max(1e-9, float(np.nanmax(np.abs(true[keep])))) if si != "rad" else 1.0
         if scene.has_laws and SENSOR_TYPES[sensor.type].dynamic:
-            findings.append(Finding(kind, "unjudged", float(error[keep].max()), None, si, "forces may jump with the "
-                                    "state, and the reading with them", source))
+            findings.append(_between_events(case, kind, given, lawful, changes[name], size, si))
+            calm = there if lawful is None else np.isin(np.arange(len(error)), lawful.at) & there
+            whole[kind] = float(error[calm].max(initial=0.0)), f"{source}, between events, as far as truth reaches"
             continue
-        by_states, within = allowed[sensor.name]
-        late = gap(itself[-1][sensor.name], itself[0][sensor.name])  # no more than its accelerations are off
-        bound = by_states + np.minimum(within, late) + (ALIKE + truth.error) * size
-        findings.append(_judged(kind, error, bound, keep, size, si, vacuous, "what the bounds of the states allow "
-                                "(times its derivative in the directions that joints allow), and what changes within "
-                                "a step", source, traj.t))
+        whole[kind] = float(error[there].max()), f"{source}, as far as truth reaches"
+        late = gap(case.own[-1][name], case.own[0][name])  # no more than its accelerations are off
+        bound = poses[name] + rates[name] + np.minimum(changes[name] * within, late) + (ALIKE + truth.error) * size
+        by_state, known = [each[name] for each in case.own], ""
+        if source == OWN and (misread := (misreads or {}).get((sensor.type, sensor.frame))):
+            true, by_state, known, gone = _misread(case, sensor, misread, given, true, by_state, bound)
+            findings += gone
+        judged = case.judged(kind, gap(given, true), bound, size, si, "what the bounds of the states allow (times its "
+                             "derivative in the directions that joints allow), and what changes within a step")
+        findings.append(judged if not known or judged.status != "ok" else
+                        replace(judged, status="known", value=float(error[keep].max()), detail=known))
         if source == OWN:
-            apart = np.min([gap(given, each[sensor.name]) for each in itself], axis=0)
-            most = size * (ALIKE + OPENED * traj.constraint_position / length + rounding)
-            findings.append(_judged(f"{kind} of its state", apart, most, np.ones(len(keep), bool), size, si, False,
-                                    "the engine's own reading against that of its own states: rounding, and what open "
-                                    "joints leave", source, traj.t))
-    return findings, errors
+            apart = np.min([gap(given, each) for each in by_state], axis=0)
+            findings.append(dataclasses.replace(case, keep=np.ones(len(keep), bool)).judged(
+                kind + OF_STATE, apart, size * rounding, size, si, "the engine's own reading against that of its own "
+                "states: rounding, and what open joints leave"))
+    return findings, errors, whole
 
 
-def _judged(kind: str, error: np.ndarray, bound: np.ndarray, keep: np.ndarray, size: float, si: str, vacuous: bool,
-            why: str, source: str, t: np.ndarray) -> Finding:
-    """The finding on the time at which an error is largest over its bound."""
-    at = int(np.argmax(np.where(keep, np.where(np.isfinite(error), error, np.inf) / bound, 0.0)))
-    value, most, where = float(error[at]), float(bound[at]), f"{source}, t = {t[at]:.4g} s"
-    if vacuous or most > size:
-        return Finding(kind, "unjudged", value, None, si, f"at this step the bound, {most:.2g}, exceeds the size of "
-                       "the reading itself", where)
-    return Finding(kind, "ok" if value <= most else "fail", value, most, si, why, where)
+def _misread(case: _Run, sensor: Sensor, misread: tuple[Any, str], given: np.ndarray, true: np.ndarray,
+             by_state: list[np.ndarray], bound: np.ndarray
+             ) -> tuple[np.ndarray, list[np.ndarray], str, list[Finding]]:
+    """What to compare readings with, in truth and in the run's own states, why, and that a known defect has vanished.
+
+    Where the engine would read the same, nothing is known about it.
+    """
+    read_as, reason = misread
+    other = read_as(Reader(case.scene, case.truth.states), sensor)
+    if not (gap(other, true) > 2 * bound)[case.keep].any():
+        return true, by_state, "", []
+    if gap(given, other)[case.keep].max() > gap(given, true)[case.keep].max():
+        return true, by_state, "", [Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
+                                            f"{reason}", "if the engine was mended, remove the entry")]
+    return other, [read_as(Reader(case.scene, each), sensor) for each in case.itself], reason, []
+
+
+@dataclasses.dataclass(frozen=True)
+class Lawful:
+    """Readings of a run's own states under the laws of joints, at the output times `at` next to which none jumps."""
+
+    at: np.ndarray
+    read: Readings  # at all output times, of which the others say nothing
+    within: np.ndarray  # by what accelerations may differ, over the scene's length
+
+
+def _by_laws(scene: Scene, traj: Any, run: Defects) -> Lawful:
+    calm, at = calm_ends([run]), run.flow.index[run.flow.solvable] + 1
+    a, alpha = np.array(traj.a), np.array(traj.alpha)
+    a[at], alpha[at], _ = by_equations(scene, traj, at, run.flow.crossed)
+    read = readings(scene, States(traj.t, traj.x, traj.R, traj.v, traj.w, a, alpha))
+    return Lawful(at[calm], read, within_steps(scene, run)[calm] / run.scale.length)
+
+
+def _between_events(case: _Run, kind: str, given: np.ndarray, lawful: Lawful | None, change: float, size: float,
+                    si: str) -> Finding:
+    """Judge readings that depend on accelerations against those of the run's own states; `change` as of `_allowed`."""
+    if lawful is None or not case.keep[lawful.at].any():
+        return Finding(kind, "unjudged", None, None, si, "forces jump next to every output time" if lawful else
+                       "forces may jump with the state, and the engine gives no accelerations that would tell")
+    name, at = kind.removeprefix("sensor "), lawful.at
+    own = case.own[-1][name]
+    bound = size * (case.truth.error + case.rounding)
+    bound[at] += np.minimum(change * lawful.within, gap(own, lawful.read[name])[at])
+    calm = np.isin(np.arange(len(bound)), at)
+    return dataclasses.replace(case, keep=case.keep & calm).judged(
+        kind, gap(given, lawful.read[name]), bound, size, si, "between events, against the reading of its own states "
+        "under the laws of joints: rounding, and what its accelerations are off within a step")
 
 
 def _allowed(scene: Scene, traj: Any, truth: Reference, keep: np.ndarray, states: dict[str, Tol], claim: Claim
-             ) -> dict[str, tuple[float, np.ndarray]]:
-    """By sensor, what the bounds of the states allow, and (T,) what accelerations of a time within a step may add."""
+             ) -> tuple[dict[str, float], dict[str, float], dict[str, float], np.ndarray]:
+    """By sensor, what the bounds of poses and those of rates allow, and its change with accelerations; and (T,) by what
+    these may change within a step."""
     scale = tolerances.scales(scene, truth)
     x, r, v, w = (states[name].value for name in ("position", "attitude", "velocity", "angular velocity"))
     t = traj.t
@@ -111,7 +191,7 @@ def _allowed(scene: Scene, traj: Any, truth: Reference, keep: np.ndarray, states
         within = np.where((order == 1) | (t < SETTLED * step), max(first, second), second)
     poses, rates, changes = (_derivatives(scene, truth, keep, *each) for each in (
         ("pose", x, r), ("rate", v, w), ("acceleration", scale.length, 1.0)))
-    return {name: (poses[name] + rates[name], changes[name] * within) for name in poses}
+    return poses, rates, changes, within
 
 
 def _derivatives(scene: Scene, truth: Reference, keep: np.ndarray, what: str, linear: float, angular: float

@@ -79,13 +79,51 @@ class Reader:
         """A vector of body axes, (3,) or (T, 3), in world axes, (T, 3)."""
         return np.asarray(np.einsum("tij,tj->ti", self.R[:, body], np.broadcast_to(vector, self.x[:, body].shape)))
 
-    def place(self, site: Site) -> np.ndarray:
-        """(T, 3) world."""
-        return np.asarray(self.x[:, site.body] + self.turned(site.body, site.position))
-
     def axes(self, site: Site) -> np.ndarray:
         """(T, 3, 3), site to world."""
         return np.asarray(self.R[:, site.body] @ rotation_from_quaternion(site.attitude))
+
+    def place(self, site: Site) -> np.ndarray:
+        """(T, 3) world, as all vectors below."""
+        return np.asarray(self.x[:, site.body] + self.turned(site.body, site.position))
+
+    def attitude(self, site: Site) -> np.ndarray:
+        """(T, 4), w first, continuous in time, w not negative at the start."""
+        q: np.ndarray = quaternion_from_rotation(self.axes(site))
+        q[1:] *= np.cumprod(np.where(np.einsum("tk,tk->t", q[1:], q[:-1]) < 0, -1.0, 1.0))[:, None]
+        return q
+
+    def velocity(self, site: Site) -> np.ndarray:
+        return np.asarray(self.v[:, site.body] + self.turned(site.body, cross(self.w[:, site.body], site.position)))
+
+    def spin(self, site: Site) -> np.ndarray:
+        return self.turned(site.body, self.w[:, site.body])
+
+    def acceleration(self, site: Site) -> np.ndarray:
+        w = self.w[:, site.body]
+        lever = cross(self.alpha[:, site.body], site.position) + cross(w, cross(w, site.position))
+        return np.asarray(self.a[:, site.body] + self.turned(site.body, lever))
+
+    def angular_acceleration(self, site: Site) -> np.ndarray:
+        return self.turned(site.body, self.alpha[:, site.body])
+
+    def accelerometer(self, site: Site) -> np.ndarray:
+        return np.asarray(self.acceleration(site) - self.scene.gravity)
+
+    def joint_position(self, joint: Joint) -> np.ndarray:
+        return self.histories[joint.name].position
+
+    def joint_velocity(self, joint: Joint) -> np.ndarray:
+        return self.histories[joint.name].velocity
+
+    def joint_acceleration(self, joint: Joint) -> np.ndarray:
+        return accelerations(joint, self.states)
+
+    def force(self, joint: Joint, site: Site) -> np.ndarray:
+        return self.wrench(joint, site)[0]
+
+    def torque(self, joint: Joint, site: Site) -> np.ndarray:
+        return self.wrench(joint, site)[1]
 
     @functools.cached_property
     def _constraints(self) -> Constraints:
@@ -108,6 +146,11 @@ class Reader:
         return self.scene.replace(forces=tuple(forces), joints=tuple(joints))
 
     @functools.cached_property
+    def _du(self) -> np.ndarray:
+        """(T, 6n), as rows of constraints take it."""
+        return np.concatenate([self.a[:, :-1], self.alpha[:, :-1]], axis=2).reshape(len(self.states.t), -1)
+
+    @functools.cached_property
     def _multipliers(self) -> tuple[np.ndarray, np.ndarray]:
         """lam (T, m + l) of least norm, and multipliers without effect on the motion, (T, m + l, k), orthonormal.
 
@@ -117,12 +160,11 @@ class Reader:
         G = np.concatenate([rows.jacobian(s.x, s.R), *(S[:, None] for _, S in self._loose)], axis=1)
         if not G.shape[1]:
             return np.zeros((len(s.t), 0)), np.zeros((len(s.t), 0, 0))
-        du = np.concatenate([self.a[:, :-1], self.alpha[:, :-1]], axis=2).reshape(len(s.t), -1)
         root = np.linalg.cholesky(mechanics.inverse_mass(scene))
         left = mechanics.applied_forces(scene, s.x, s.R, s.v, s.w, self.angles, s.t)
-        left -= np.linalg.solve(root.T, np.linalg.solve(root, du.T)).T
+        left -= np.linalg.solve(root.T, np.linalg.solve(root, self._du.T)).T
         for inertia, S, bias in rotors(scene, s.x, s.R, s.v, s.w):
-            left -= (inertia * (np.einsum("tk,tk->t", S, du) + bias))[:, None] * S
+            left -= (inertia * (np.einsum("tk,tk->t", S, self._du) + bias))[:, None] * S
         U, sizes, V = np.linalg.svd(G @ root)
         rank = int(np.count_nonzero(sizes[0] > mechanics.RANK_TOLERANCE * sizes[0, 0]))
         along = np.einsum("trk,tk->tr", V[:, :rank], left @ root) / sizes[:, :rank]
@@ -138,10 +180,9 @@ class Reader:
             if force.joint is not None:
                 child = self.joints[force.joint].child
                 borne[force.joint] += mechanics.force_on_bodies(scene, force, s, self.angles)[:, child]
-        du = np.concatenate([self.a[:, :-1], self.alpha[:, :-1]], axis=2).reshape(len(s.t), -1)
         for joint in scene.joints:
             for inertia, S, bias in rotors(scene.replace(joints=(joint,)), s.x, s.R, s.v, s.w):
-                size = inertia * (np.einsum("tk,tk->t", S, du) + bias)
+                size = inertia * (np.einsum("tk,tk->t", S, self._du) + bias)
                 borne[joint.name] -= size[:, None] * S.reshape(len(s.t), -1, 6)[:, joint.child]
         return borne
 
@@ -168,6 +209,28 @@ class Reader:
         torques[0] += self.turned(joint.child, borne[:, 3:]) + cross(self.x[:, joint.child] - place, borne[:, :3])
         forces[0] = forces[0] + borne[:, :3]
         return np.stack(forces, axis=2), np.stack(torques, axis=2)
+
+    def loads(self, joint: Joint, site: Site) -> list[tuple[Force, np.ndarray, np.ndarray]]:
+        """Forces that are not of joints, and the force and torque about the site, (T, 3) world, of each on the bodies
+        that only this joint connects to its parent."""
+        place, carried, found = self.place(site)[:, None], self.carried(joint), []
+        for load in self.scene.forces if carried else ():
+            if load.joint is None:
+                acts = mechanics.force_on_bodies(self.scene, load, self.states, self.angles)[:, carried]
+                turns = np.einsum("tnij,tnj->tni", self.R[:, carried], acts[..., 3:])
+                turns += cross(self.x[:, carried] - place, acts[..., :3])
+                found.append((load, acts[..., :3].sum(axis=1), turns.sum(axis=1)))
+        return found
+
+    def carried(self, joint: Joint) -> list[int]:
+        """The bodies that only this joint connects to its parent; none where it is part of a loop."""
+        reached, rest = {joint.child}, [each for each in self.scene.joints if each.name != joint.name]
+        for _ in rest:
+            reached |= {end for each in rest for end in (each.parent, each.child)
+                        if {each.parent, each.child} & reached and end != GROUND}
+        meets = joint.parent in reached or any(GROUND in ends and set(ends) & reached for ends in (
+            (each.parent, each.child) for each in rest))
+        return [] if meets else sorted(reached)
 
     def effort(self, joint: Joint) -> np.ndarray:
         """(T,) in N m or N, or (T, 1 + k) as in `wrench`."""
@@ -202,14 +265,14 @@ class SensorType:
 
     Attributes
     ----------
-    read : its value from a `Reader`; of a vector, in world axes.
+    read : its value from a `Reader` and, in the order of `needs`, a joint or a site; of a vector, in world axes.
     unit : per coordinate of a joint in rad; of a slide it has m in place of rad, and N in place of N m.
     axes : the default of `frame` for a vector; "" for what is no vector.
     size : of a reading at one time; 0 is a number, -1 what the joint's coordinates need.
     dynamic : whether it depends on accelerations or multipliers.
     """
 
-    read: Callable[[Reader, Sensor], np.ndarray]
+    read: Callable[..., np.ndarray]
     unit: str
     needs: tuple[str, ...]
     axes: str = ""
@@ -217,85 +280,22 @@ class SensorType:
     dynamic: bool = False
 
 
-def _position(reader: Reader, sensor: Sensor) -> np.ndarray:
-    return reader.place(reader.sites[sensor.site or ""])
-
-
-def _attitude(reader: Reader, sensor: Sensor) -> np.ndarray:
-    """w first, continuous in time, w not negative at the start."""
-    q: np.ndarray = quaternion_from_rotation(reader.axes(reader.sites[sensor.site or ""]))
-    q[1:] *= np.cumprod(np.where(np.einsum("tk,tk->t", q[1:], q[:-1]) < 0, -1.0, 1.0))[:, None]
-    return q
-
-
-def _velocity(reader: Reader, sensor: Sensor) -> np.ndarray:
-    site = reader.sites[sensor.site or ""]
-    velocity: np.ndarray = reader.v[:, site.body] + reader.turned(
-        site.body, cross(reader.w[:, site.body], site.position))
-    return velocity
-
-
-def _angular_velocity(reader: Reader, sensor: Sensor) -> np.ndarray:
-    body = reader.sites[sensor.site or ""].body
-    return reader.turned(body, reader.w[:, body])
-
-
-def _acceleration(reader: Reader, sensor: Sensor) -> np.ndarray:
-    site = reader.sites[sensor.site or ""]
-    w = reader.w[:, site.body]
-    lever = cross(reader.alpha[:, site.body], site.position) + cross(w, cross(w, site.position))
-    return np.asarray(reader.a[:, site.body] + reader.turned(site.body, lever))
-
-
-def _angular_acceleration(reader: Reader, sensor: Sensor) -> np.ndarray:
-    body = reader.sites[sensor.site or ""].body
-    return reader.turned(body, reader.alpha[:, body])
-
-
-def _accelerometer(reader: Reader, sensor: Sensor) -> np.ndarray:
-    return np.asarray(_acceleration(reader, sensor) - reader.scene.gravity)
-
-
-def _joint_position(reader: Reader, sensor: Sensor) -> np.ndarray:
-    return reader.histories[sensor.joint or ""].position
-
-
-def _joint_velocity(reader: Reader, sensor: Sensor) -> np.ndarray:
-    return reader.histories[sensor.joint or ""].velocity
-
-
-def _joint_acceleration(reader: Reader, sensor: Sensor) -> np.ndarray:
-    return accelerations(reader.joints[sensor.joint or ""], reader.states)
-
-
-def _joint_effort(reader: Reader, sensor: Sensor) -> np.ndarray:
-    return reader.effort(reader.joints[sensor.joint or ""])
-
-
-def _force(reader: Reader, sensor: Sensor) -> np.ndarray:
-    return reader.wrench(reader.joints[sensor.joint or ""], reader.sites[sensor.site or ""])[0]
-
-
-def _torque(reader: Reader, sensor: Sensor) -> np.ndarray:
-    return reader.wrench(reader.joints[sensor.joint or ""], reader.sites[sensor.site or ""])[1]
-
-
-_JOINT, _BOTH = ("joint",), ("joint", "site")
+_SITE, _JOINT, _BOTH = ("site",), ("joint",), ("joint", "site")
 SENSOR_TYPES: dict[str, SensorType] = {
-    "position": SensorType(_position, "m", ("site",), "world"),
-    "attitude": SensorType(_attitude, "1", ("site",), size=4),
-    "velocity": SensorType(_velocity, "m/s", ("site",), "world"),
-    "angular_velocity": SensorType(_angular_velocity, "rad/s", ("site",), "world"),
-    "acceleration": SensorType(_acceleration, "m/s^2", ("site",), "world", dynamic=True),
-    "angular_acceleration": SensorType(_angular_acceleration, "rad/s^2", ("site",), "world", dynamic=True),
-    "accelerometer": SensorType(_accelerometer, "m/s^2", ("site",), "site", dynamic=True),
-    "gyroscope": SensorType(_angular_velocity, "rad/s", ("site",), "site"),
-    "joint_position": SensorType(_joint_position, "rad", _JOINT, size=-1),
-    "joint_velocity": SensorType(_joint_velocity, "rad/s", _JOINT, size=-1),
-    "joint_acceleration": SensorType(_joint_acceleration, "rad/s^2", _JOINT, size=-1, dynamic=True),
-    "joint_effort": SensorType(_joint_effort, "N m", _JOINT, size=0, dynamic=True),
-    "force": SensorType(_force, "N", _BOTH, "site", dynamic=True),
-    "torque": SensorType(_torque, "N m", _BOTH, "site", dynamic=True),
+    "position": SensorType(Reader.place, "m", _SITE, "world"),
+    "attitude": SensorType(Reader.attitude, "1", _SITE, size=4),
+    "velocity": SensorType(Reader.velocity, "m/s", _SITE, "world"),
+    "angular_velocity": SensorType(Reader.spin, "rad/s", _SITE, "world"),
+    "acceleration": SensorType(Reader.acceleration, "m/s^2", _SITE, "world", dynamic=True),
+    "angular_acceleration": SensorType(Reader.angular_acceleration, "rad/s^2", _SITE, "world", dynamic=True),
+    "accelerometer": SensorType(Reader.accelerometer, "m/s^2", _SITE, "site", dynamic=True),
+    "gyroscope": SensorType(Reader.spin, "rad/s", _SITE, "site"),
+    "joint_position": SensorType(Reader.joint_position, "rad", _JOINT, size=-1),
+    "joint_velocity": SensorType(Reader.joint_velocity, "rad/s", _JOINT, size=-1),
+    "joint_acceleration": SensorType(Reader.joint_acceleration, "rad/s^2", _JOINT, size=-1, dynamic=True),
+    "joint_effort": SensorType(Reader.effort, "N m", _JOINT, size=0, dynamic=True),
+    "force": SensorType(Reader.force, "N", _BOTH, "site", dynamic=True),
+    "torque": SensorType(Reader.torque, "N m", _BOTH, "site", dynamic=True),
 }
 """The types by their names in scene files."""
 
@@ -335,12 +335,17 @@ def readings(scene: Scene, states: States, own: Mapping[str, np.ndarray] | None 
 def read(reader: Reader, sensor: Sensor) -> np.ndarray:
     """The reading of one sensor, in its axes; components that are not unique are NaN."""
     kind = SENSOR_TYPES[sensor.type]
-    values = kind.read(reader, sensor)
+    where = {"joint": reader.joints.get(sensor.joint or ""), "site": reader.sites.get(sensor.site or "")}
+    values = kind.read(reader, *(where[key] for key in kind.needs))
     if sensor.frame == "site":
         values = np.einsum("tji,tj...->ti...", reader.axes(reader.sites[sensor.site or ""]), values)
     if "joint" in kind.needs and values.ndim > (2 if kind.axes else 1) and kind.size >= 0:
         values = values[..., 0] + np.where(np.abs(values[..., 1:]).max(axis=-1, initial=0.0) > UNIQUE, np.nan, 0.0)
     return values
+
+
+Misreads = Mapping[tuple[str, str], tuple[Callable[[Reader, Sensor], np.ndarray], str]]
+"""By type and frame of a sensor, what an engine is known to read instead, and the evidence for it in words."""
 
 
 def gap(one: np.ndarray, other: np.ndarray) -> np.ndarray:

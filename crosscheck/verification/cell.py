@@ -200,6 +200,7 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
     seen = _intervals(asked, traj, reference)
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, seen.eps)
     judged = None
+    whole: dict[str, tuple[float, str]] = {}
     if run.practical:
         bounds, found = None, errors(scene, traj, reference.states)
         findings = [judge_practical(scene, traj, reference)]
@@ -208,8 +209,9 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
     else:
         findings, found, bounds = judge_states(scene, traj, reference, window, claim)
         findings += [*judge_invariants(scene, traj, reference, bounds), *seen.findings]
-        read, missed = judge_sensors(scene, traj, reference, bounds.until, bounds.states, claim,
-                                     bool(bounds.empty & set(QUANTITIES)))
+        read, missed, whole = judge_sensors(
+            scene, traj, reference, bounds.until, bounds.states, claim, bool(bounds.empty & set(QUANTITIES)),
+            seen.runs[0] if seen.runs else None, adapters.get(run.engine).misreads)
         findings, found = findings + read, found | missed
         judged = scene.duration * seen.covered.over(traj.t, bounds.reach)
         findings += [] if judged else [too_coarse(claim, budgeted)]
@@ -219,7 +221,7 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
                  [_ended(traj), *judge_rest(scene, reference), *_steps(run, scene, traj), *findings, *levels,
                   *judge_continuity(scene, traj, reference, seen.eps),
                   _orthogonality(run, traj, seen.eps, seen.others)], judged, seen.covered.why,
-                 whole=_over_truth(scene, traj, reference))
+                 whole=_over_truth(scene, traj, reference) | whole)
 
 
 def _over_truth(scene: Scene, traj: Trajectory, reference: Reference) -> dict[str, tuple[float, str]]:

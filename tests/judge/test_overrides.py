@@ -2,7 +2,7 @@
 
 import pytest
 
-from crosscheck.document import Plan, Way
+from crosscheck.document import Finding, Plan, Way
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import overrides, tolerances
 from crosscheck.judge.overrides import BY_USER
@@ -35,6 +35,19 @@ def test_a_file_and_options_are_read_and_options_go_first(tmp_path):
     assert found["level position"] == (1e-6, BY_USER)
     assert found["energy"] == (0.1, f"{BY_USER}: the sensor is no better")
     assert found["reset"] == (1.0, BY_USER)
+
+
+def test_a_sensor_has_a_bound_by_its_name(tmp_path):
+    path = tmp_path / "my.toml"
+    path.write_text('imu = 1e-3\n"sensor position" = 1e-6')
+    own = overrides.read(path, ["hip=2.0"], ["imu", "hip", "position"])
+    assert {name: value for name, value, _ in own} == {"sensor imu": 1e-3, "sensor position": 1e-6, "sensor hip": 2.0}
+    with pytest.raises(ArgumentError, match="--tol imuu"):
+        overrides.read(None, ["imuu=1.0"], ["imu"])
+    findings = [Finding("sensor imu", "ok", 1e-5, 1e-4, "m", "", ""),
+                Finding("sensor hip", "unjudged", 1.0, None, "N", "", "")]
+    judged = overrides.override(findings, own, {"sensor imu": (2e-3, "t = 3 s")})
+    assert [(each.status, each.value) for each in judged] == [("fail", 2e-3), ("ok", 1.0)]
 
 
 @pytest.mark.parametrize(("text", "words"), [

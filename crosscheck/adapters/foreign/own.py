@@ -40,7 +40,7 @@ class Completed(StandIn):
     the call, by the clock of the harness; what the engine says of it is kept as "told_time" of `stats`.
     """
 
-    known_defects = ()  # nobody excuses findings of his own engine
+    known_defects, misreads = (), types.MappingProxyType({})  # nobody excuses findings of his own engine
 
     def __init__(self, engine: Any, version: str | None, own: str) -> None:
         super().__init__(engine)

@@ -20,7 +20,7 @@ from crosscheck.adapters.common.held import Held, highest_order
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco import models, own_law
-from crosscheck.adapters.mujoco.known import KNOWN
+from crosscheck.adapters.mujoco.known import KNOWN, MISREADS
 from crosscheck.adapters.mujoco.models import INTEGRATORS, OBSERVED, build, set_initial_state
 from crosscheck.errors import EngineError
 from crosscheck.scene.joints import JOINT_TYPES
@@ -92,7 +92,7 @@ class MuJoCo(Forms):
     name = "mujoco"
     methods = tuple(INTEGRATORS)
     package = "mujoco"
-    known_defects = KNOWN
+    known_defects, misreads = KNOWN, MISREADS
     reads_models = True
 
     def native(self, path: str, states: JointStates) -> Native:

@@ -29,11 +29,11 @@ from crosscheck.references.generic import (
     rotation,
     scale,
 )
-from crosscheck.references.joint_motion import STILL, Frame
+from crosscheck.references.joint_motion import STILL
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree import FREE, Link
 from crosscheck.references.tree_loads import angle_rate
-from crosscheck.scene.coordinates import histories
+from crosscheck.scene.coordinates import accelerations, histories
 from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, SMOOTH, Scene, quaternion_from_rotation, quaternion_from_turn
@@ -217,17 +217,6 @@ class JointSpace(TreeSpace):
         """The scene with its start changed by q in position and by v in rates, in the order of its coordinates."""
         return posed(self.scene, self.bodies(q, self.speeds + v))
 
-    def _outward(self, link: Link, frames: dict[int, Frame], rates: list[Any], w: Vector) -> Vector:
-        """Rates of the scene's coordinates from those of a link."""
-        frame, inner = frames[link.body], frames[link.parent]
-        if link.joint is None:
-            return [*rates[3:], *rates[:3]]
-        if link.turn == FREE:
-            if link.body == link.joint.child:
-                return add(w, scale(-1.0, apply_transposed(frame.turn, inner.w)))
-            return add(inner.w, scale(-1.0, apply(frame.turn, w)))
-        return [*(self._map(link) @ np.array(rates))] if rates else []
-
     def _map(self, link: Link) -> np.ndarray:
         """From the coordinates of a link without a free turn to those of its joint."""
         joint = link.joint
@@ -273,24 +262,9 @@ class JointSpace(TreeSpace):
 
     def accelerations(self, change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
         """Second derivatives of the scene's coordinates, (size,)."""
-        state = self.state(change, speeds)
-        loads, alpha, _, speeding = self.equations._solved(state, functools.partial(at, t=0.0))
-        made = np.zeros(self.size, complex)
-        alpha = alpha | {GROUND: [0.0, 0.0, 0.0]}
-        for link in self.links:
-            frame, inner, own = loads.frames[link.body], loads.frames[link.parent], self.own[link.body]
-            if link.joint is not None and link.turn == FREE:
-                rate = self._outward(link, loads.frames, [], frame.w)
-                if link.body == link.joint.child:  # the turn of the parent's vectors in the child's axes is minus this
-                    carried = apply_transposed(frame.turn, inner.w)
-                    made[own] = add(alpha[link.body], scale(-1.0, apply_transposed(frame.turn, alpha[link.parent])),
-                                    cross(rate, carried))
-                else:
-                    made[own] = add(alpha[link.parent], scale(-1.0, apply(frame.turn, alpha[link.body])),
-                                    cross(inner.w, apply(frame.turn, frame.w)))
-            else:
-                made[own] = self._outward(link, loads.frames, [*speeding[link.body]], frame.w)
-        return made
+        b = self.bodies(change, speeds)
+        return of_coordinates(self.scene, States(np.zeros(1), *(each[None] for each in (
+            b.x, b.R, b.v, b.w, b.a, b.alpha))))
 
     @functools.cached_property
     def motions(self) -> np.ndarray:
@@ -313,6 +287,18 @@ class JointSpace(TreeSpace):
                 for k, inertia in enumerate(link.joint.armature):
                     M[first + k, first + k] += inertia
         return np.asarray(M)
+
+
+def of_coordinates(scene: Scene, states: States) -> np.ndarray:
+    """Accelerations of the coordinates of the scene, (n,), at the first time."""
+    first = States(*(np.asarray(getattr(states, name))[:1] for name in ("t", "x", "R", "v", "w", "a", "alpha")))
+    assert first.a is not None
+    assert first.alpha is not None
+    carried = {joint.child for joint in scene.joints}
+    parts = [np.concatenate([first.a[0, k], first.alpha[0, k]]) for k in range(scene.n) if k not in carried]
+    parts += [np.atleast_1d(accelerations(joint, first)[0]) for joint in scene.joints
+              if JOINT_TYPES[joint.type].coordinates]
+    return np.concatenate(parts)
 
 
 def _turn(vector: Vector) -> Vector:

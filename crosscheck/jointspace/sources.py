@@ -15,9 +15,8 @@ from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.common import open_tree
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
 from crosscheck.inspection import probe
-from crosscheck.jointspace.motion import JointSpace, positions, starting
+from crosscheck.jointspace.motion import JointSpace, of_coordinates, positions, starting
 from crosscheck.running.attempt import Ran, Way, attempt
-from crosscheck.scene.coordinates import accelerations
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -276,14 +275,14 @@ def differences(scene: Scene, engine: Any, method: str | None = None) -> Blocks:
             start = starting(changed)
             said = probe(engine, changed, start)
             if said.a is not None and said.alpha is not None:
-                return coordinate_accelerations(changed, dataclasses.replace(start, a=said.a, alpha=said.alpha))
+                return of_coordinates(changed, dataclasses.replace(start, a=said.a, alpha=said.alpha))
         h = 1e-6
         for name in names:
             outcome = attempt(changed.replace(duration=h, samples=2), Way(engine.name, name, h), engine, monitor=False)
             if isinstance(outcome, Ran):
                 s = outcome.raw.states
                 if s.a is not None and s.alpha is not None:
-                    return coordinate_accelerations(changed, s)
+                    return of_coordinates(changed, s)
         raise Unsupported(f"{engine.name} gives no accelerations on {scene.name!r}")
 
     eps = max(float(getattr(engine, "eps", 2.0**-52)), _noise(accelerated, space.size))
@@ -302,18 +301,6 @@ def _noise(accelerated: Callable[[np.ndarray, np.ndarray], np.ndarray], size: in
         ends = [accelerated(sign * NEAR * row, zero) for sign in (1.0, -1.0)]
         noise = max(noise, float(np.abs(ends[0] - 2.0 * begin + ends[1]).max()) / 2.0)
     return noise / max(1.0, float(np.abs(begin).max()))
-
-
-def coordinate_accelerations(scene: Scene, states: States) -> np.ndarray:
-    """Accelerations of the coordinates of the scene, (n,), at the first time."""
-    first = States(*(np.asarray(getattr(states, name))[:1] for name in ("t", "x", "R", "v", "w", "a", "alpha")))
-    assert first.a is not None
-    assert first.alpha is not None
-    carried = {joint.child for joint in scene.joints}
-    parts = [np.concatenate([first.a[0, k], first.alpha[0, k]]) for k in range(scene.n) if k not in carried]
-    parts += [np.atleast_1d(accelerations(joint, first)[0]) for joint in scene.joints
-              if JOINT_TYPES[joint.type].coordinates]
-    return np.concatenate(parts)
 
 
 def _own(scene: Scene, engine: Any) -> Blocks:

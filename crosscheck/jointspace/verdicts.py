@@ -87,15 +87,14 @@ Mistakes = Iterator[tuple[str, dict[str, np.ndarray]]]
 def _models(scene: Scene) -> Mistakes:
     """Something of the scene is left out, or the state is another one."""
     turning = [force for force in scene.forces if force.type == "torsional_spring"]
-    changes = [("the damping of joints is left out", _without(scene, "damping", turning)),
-               ("the springs of joints are left out", _without(scene, "stiffness", turning))]
-    changes += [("the armature is left out", scene.replace(joints=tuple(
-        dataclasses.replace(joint, armature=()) for joint in scene.joints)))]
-    changes += [(f"the {key} of joint {force.joint!r} is left out", _without(scene, key, [force]))
-                for force in turning for key in ("damping", "stiffness")]
-    changes += [(f"the armature of joint {each.name!r} is left out", scene.replace(joints=tuple(
-        dataclasses.replace(joint, armature=()) if joint is each else joint for joint in scene.joints)))
-        for each in scene.joints if each.armature]
+    changes = [(f"the {key} of {whose} is left out", _without(scene, key, among))
+               for whose, among in (("joints", turning), *((f"joint {each.joint!r}", [each]) for each in turning))
+               for key in ("damping", "stiffness")]
+    rotors = [joint for joint in scene.joints if joint.armature]
+    changes += [(f"the armature{of} is left out", scene.replace(joints=tuple(
+        dataclasses.replace(joint, armature=()) if any(joint is each for each in among) else joint
+        for joint in scene.joints)))
+        for of, among in (("", rotors), *((f" of joint {each.name!r}", [each]) for each in rotors))]
     changes += [(f"{words} left out", scene.replace(forces=tuple(f for f in scene.forces if f.type not in types)))
                 for words, types in (("linear springs are", ("linear_spring",)), ("the loads are", (
                     "constant_force", "constant_torque", "joint_torque", "joint_force")))]

@@ -154,8 +154,7 @@ def accelerations(joint: Joint, states: States) -> np.ndarray:
     assert moved.speeding is not None
     if joint.kind.coordinates == ("ball",):
         return np.asarray(np.einsum("tji,tj->ti", moved.turn, moved.spinning))
-    columns = [_coordinate(word, joint, moved.turn, moved.spinning, moved.d, moved.speeding)[1]
-               for word in joint.kind.coordinates]
+    columns = [_rate(word, joint, moved.turn, moved.spinning, moved.speeding) for word in joint.kind.coordinates]
     return np.stack(columns, axis=1) if len(columns) > 1 else columns[0]
 
 
@@ -171,7 +170,7 @@ def history(joint: Joint, states: Motion) -> JointHistory:
         return JointHistory(position, velocity)
     columns = []
     for k, word in enumerate(words):
-        values, rates = _coordinate(word, joint, moved.turn, moved.w, moved.d, moved.rate)
+        values, rates = _value(word, joint, moved.turn, moved.d), _rate(word, joint, moved.turn, moved.w, moved.rate)
         if word.startswith("turn"):
             values = continuous(values, None if joint.start is None else joint.start[k], rates, states.t)
         columns.append((values, rates))
@@ -179,22 +178,28 @@ def history(joint: Joint, states: Motion) -> JointHistory:
                           for part in zip(*columns, strict=True)))
 
 
-def _coordinate(word: str, joint: Joint, relative: np.ndarray, w: np.ndarray, d: np.ndarray,
-                rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A coordinate and its rate, (T,), angles in (-pi, pi]; `w`, `d`, `rate` (T, 3) in the parent's axes."""
+def _value(word: str, joint: Joint, relative: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """A coordinate, (T,), angles in (-pi, pi]; d (T, 3) in the parent's axes."""
     axis = joint.parent_axis
     if word.startswith("slide"):
-        along = slide_direction(word, axis)
-        return d @ along, rate @ along
+        return np.asarray(d @ slide_direction(word, axis))
     zero = zero_attitude(joint)
     if word == "turn parent":
         second, start = relative @ joint.child_axis, zero @ joint.child_axis
-        return np.arctan2(second @ cross(axis, start), second @ start), w @ axis
+        return np.asarray(np.arctan2(second @ cross(axis, start), second @ start))
     if word == "turn child":
         inner = zero.T @ axis  # the parent's axis in the child's frame at zero, normal to the child's
         back = np.einsum("tji,j->ti", relative, axis)
-        return (-np.arctan2(back @ cross(joint.child_axis, inner), back @ inner),
-                np.einsum("tk,tk->t", w, relative @ joint.child_axis))  # the axes are at right angles
+        return np.asarray(-np.arctan2(back @ cross(joint.child_axis, inner), back @ inner))
     n1, n2 = normal_references(axis)
     pointer = relative @ (zero.T @ n1)
-    return np.arctan2(pointer @ n2, pointer @ n1), w @ axis
+    return np.asarray(np.arctan2(pointer @ n2, pointer @ n1))
+
+
+def _rate(word: str, joint: Joint, relative: np.ndarray, w: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """The rate of a coordinate, or its derivative from w' and d'', (T,); `w`, `rate` (T, 3) in the parent's axes."""
+    if word.startswith("slide"):
+        return np.asarray(rate @ slide_direction(word, joint.parent_axis))
+    if word == "turn child":
+        return np.asarray(np.einsum("tk,tk->t", w, relative @ joint.child_axis))  # the axes are at right angles
+    return np.asarray(w @ joint.parent_axis)

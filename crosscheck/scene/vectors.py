@@ -9,7 +9,7 @@ def cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """p x q over the last axis, with broadcasting; `numpy.cross` takes several times longer on small batches."""
     if p.shape != q.shape:
         p, q = np.broadcast_arrays(p, q)
-    product = np.empty(p.shape)
+    product = np.empty(p.shape, np.result_type(p, q))
     for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
         product[..., k] = p[..., i] * q[..., j] - p[..., j] * q[..., i]
     return product

@@ -14,8 +14,8 @@ import crosscheck
 from crosscheck.cli.app import app
 from crosscheck.jointspace.derivatives import WEIGHTS, truth
 from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.motion import JointSpace, placed, positions
-from crosscheck.jointspace.sources import Blocks, coordinate_accelerations
+from crosscheck.jointspace.motion import JointSpace, of_coordinates, placed, positions
+from crosscheck.jointspace.sources import Blocks
 from crosscheck.jointspace.verdicts import judge
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
@@ -44,7 +44,7 @@ def accelerations(scene):
     """Of the coordinates at the start, by the index-1 equations."""
     state = scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]
     a, alpha, _ = mechanics.index1(scene, *state)
-    return coordinate_accelerations(scene, States(np.zeros(1), *state, a, alpha))
+    return of_coordinates(scene, States(np.zeros(1), *state, a, alpha))
 
 
 @pytest.mark.parametrize("name", TREES)
@@ -293,7 +293,7 @@ WRONG = {
     "damping of one": (joints, altered(lambda s: without_damping_of(s, "j1")), "damping of joint 'j1' is left out"),
     "armature": (joints, of_scene(armature=0.0), "armature is left out"),
     "armature of one": (joints, altered(lambda s: one_joint(s, 2, armature=())), "armature of joint 'j2'"),
-    "springs": (joints, of_scene(stiffness=0.0), "springs of joints are left out"),
+    "springs": (joints, of_scene(stiffness=0.0), "stiffness of joints is left out"),
     "torques": (joints, altered(lambda s: s.replace(forces=tuple(
         force for force in s.forces if force.type == "torsional_spring"))), "the loads are left out"),
     "gravity": (joints, of_scene(gravity=[0.0] * 3), "gravity is left out"),

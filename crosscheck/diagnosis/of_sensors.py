@@ -6,9 +6,11 @@ Each mistake predicts the reading from the engine's own states, so that errors o
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -231,9 +233,7 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told
                            ("2 w x v is added", 2 * coriolis)):
             yield ("Coriolis or centripetal term", text, right + shown(part))
     for text, place in (("left out", 0.0 * arm), ("taken with the other sign", -arm)):
-        scene_there = scene.replace(sites=tuple(dataclasses.replace(each, position=place) if each is site else each
-                                                for each in scene.sites))
-        yield ("lever", f"the lever of the site is {text}", read(Reader(scene_there, reader.states), sensor))
+        yield "lever", f"the lever of the site is {text}", _moved(reader, sensor, position=place)
     if SENSOR_TYPES[sensor.type].dynamic and sensor.joint is None:
         s = reader.states
         free = mechanics.applied_forces(scene, s.x, s.R, s.v, s.w, reader.angles, s.t) @ mechanics.inverse_mass(scene)
@@ -322,6 +322,13 @@ def _borne(reader: Reader, joint: Joint) -> Iterator[tuple[str, np.ndarray]]:
         yield "the rotor is left out", Reader(bare, s)._borne[joint.name]
 
 
+def _moved(reader: Reader, sensor: Sensor, **changes: Any) -> np.ndarray:
+    """The reading of a sensor whose site is another one."""
+    site = dataclasses.replace(reader.sites[sensor.site or ""], **changes)
+    sites = tuple(site if each.name == site.name else each for each in reader.scene.sites)
+    return read(Reader(reader.scene.replace(sites=sites), reader.states), sensor)
+
+
 def _attitudes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told]:
     """Conventions of quaternions, and attitudes of other frames."""
     yield ("inverse rotation", "it is the attitude of the world in the site", right * [1.0, -1.0, -1.0, -1.0])
@@ -331,11 +338,7 @@ def _attitudes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[To
         return
     scene, site = reader.scene, reader.sites[sensor.site]
 
-    def at(**changes: object) -> np.ndarray:
-        there = scene.replace(sites=tuple(dataclasses.replace(each, **changes) if each is site else each  # type: ignore[arg-type]
-                                          for each in scene.sites))
-        return read(Reader(there, reader.states), sensor)
-
+    at = functools.partial(_moved, reader, sensor)
     yield ("frame of the body", "it is the attitude of the body", at(attitude=np.array([1.0, 0.0, 0.0, 0.0])))
     for body in range(scene.n):
         if body != site.body:

@@ -72,24 +72,24 @@ class _Run:
 
 def judge_sensors(scene: Scene, traj: Any, truth: Reference, until: float, states: dict[str, Tol], claim: Claim,
                   vacuous: bool = False, run: Defects | None = None, misreads: Misreads | None = None
-                  ) -> tuple[list[Finding], dict[str, Error], dict[str, tuple[float, str]]]:
-    """Findings on all sensors up to the time `until` (s), their errors over the whole run, and the largest of each.
+                  ) -> tuple[list[Finding], dict[str, Error]]:
+    """Findings on all sensors up to the time `until` (s), and their errors over the whole run.
 
     `states` are bounds of the states; with `vacuous` they bound nothing, and what an engine reads itself is judged by
     its own states alone. `run` has the laws of joints along the run, `misreads` what the engine is known to read
     instead of a sensor: that is known as long as it shows.
     """
     if not scene.sensors:
-        return [], {}, {}
+        return [], {}
     exact, keep = readings(scene, truth.states), truth.t <= until * (1 + 1e-12)
-    there, length = truth.t <= truth.horizon * (1 + 1e-12), tolerances.scales(scene, truth).length
     bare = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     itself = [bare, *([] if traj.a is None else [dataclasses.replace(bare, a=traj.a, alpha=traj.alpha)])]
-    rounding = ALIKE + OPENED * traj.constraint_position / length + 16 * tolerances.grading(scene) * claim.eps
+    rounding = (ALIKE + OPENED * traj.constraint_position / tolerances.scales(scene, truth).length
+                + 16 * tolerances.grading(scene) * claim.eps)
     case = _Run(scene, traj, truth, keep, itself, [readings(scene, each) for each in itself], rounding, vacuous)
     poses, rates, changes, within = _allowed(scene, traj, truth, keep, states, claim)
     lawful = _by_laws(scene, traj, run) if scene.has_laws and run is not None and traj.a is not None else None
-    findings, errors, whole = [], {}, {}
+    findings, errors = [], {}
     for sensor in scene.sensors:
         name, kind = sensor.name, f"sensor {sensor.name}"
         given, true, source = traj.sensors[name], exact[name], traj.sensors.source[name]
@@ -102,11 +102,8 @@ def judge_sensors(scene: Scene, traj: Any, truth: Reference, until: float, state
         errors[kind] = Error(si, truth.t, error, source)
         size = max(1e-9, float(np.nanmax(np.abs(true[keep])))) if si != "rad" else 1.0
         if scene.has_laws and SENSOR_TYPES[sensor.type].dynamic:
-            findings.append(_between_events(case, kind, given, lawful, changes[name], size, si))
-            calm = there if lawful is None else np.isin(np.arange(len(error)), lawful.at) & there
-            whole[kind] = float(error[calm].max(initial=0.0)), f"{source}, between events, as far as truth reaches"
+            findings.append(_between_events(case, name, lawful, changes[name], size, si))
             continue
-        whole[kind] = float(error[there].max()), f"{source}, as far as truth reaches"
         late = gap(case.own[-1][name], case.own[0][name])  # no more than its accelerations are off
         bound = poses[name] + rates[name] + np.minimum(changes[name] * within, late) + (ALIKE + truth.error) * size
         by_state, known = [each[name] for each in case.own], ""
@@ -122,7 +119,7 @@ def judge_sensors(scene: Scene, traj: Any, truth: Reference, until: float, state
             findings.append(dataclasses.replace(case, keep=np.ones(len(keep), bool)).judged(
                 kind + OF_STATE, apart, size * rounding, size, si, "the engine's own reading against that of its own "
                 "states: rounding, and what open joints leave"))
-    return findings, errors, whole
+    return findings, errors
 
 
 def _misread(case: _Run, sensor: Sensor, misread: tuple[Any, str], given: np.ndarray, true: np.ndarray,
@@ -142,37 +139,29 @@ def _misread(case: _Run, sensor: Sensor, misread: tuple[Any, str], given: np.nda
     return other, [read_as(Reader(case.scene, each), sensor) for each in case.itself], reason, []
 
 
-@dataclasses.dataclass(frozen=True)
-class Lawful:
-    """Readings of a run's own states under the laws of joints, at the output times `at` next to which none jumps."""
-
-    at: np.ndarray
-    read: Readings  # at all output times, of which the others say nothing
-    within: np.ndarray  # by what accelerations may differ, over the scene's length
-
-
-def _by_laws(scene: Scene, traj: Any, run: Defects) -> Lawful:
+def _by_laws(scene: Scene, traj: Any, run: Defects) -> tuple[np.ndarray, Readings, np.ndarray]:
+    """Output times next to which no law of joints jumps, by number; the readings of the run's own states under these
+    laws, at those times; and by what accelerations may differ there, over the scene's length."""
     calm, at = calm_ends([run]), run.flow.index[run.flow.solvable] + 1
     a, alpha = np.array(traj.a), np.array(traj.alpha)
     a[at], alpha[at], _ = by_equations(scene, traj, at, run.flow.crossed)
     read = readings(scene, States(traj.t, traj.x, traj.R, traj.v, traj.w, a, alpha))
-    return Lawful(at[calm], read, within_steps(scene, run)[calm] / run.scale.length)
+    return at[calm], read, within_steps(scene, run)[calm] / run.scale.length
 
 
-def _between_events(case: _Run, kind: str, given: np.ndarray, lawful: Lawful | None, change: float, size: float,
-                    si: str) -> Finding:
+def _between_events(case: _Run, name: str, lawful: tuple[np.ndarray, Readings, np.ndarray] | None, change: float,
+                    size: float, si: str) -> Finding:
     """Judge readings that depend on accelerations against those of the run's own states; `change` as of `_allowed`."""
-    if lawful is None or not case.keep[lawful.at].any():
-        return Finding(kind, "unjudged", None, None, si, "forces jump next to every output time" if lawful else
-                       "forces may jump with the state, and the engine gives no accelerations that would tell")
-    name, at = kind.removeprefix("sensor "), lawful.at
-    own = case.own[-1][name]
+    if lawful is None or not case.keep[lawful[0]].any():
+        return Finding(f"sensor {name}", "unjudged", None, None, si, "forces jump next to every output time" if lawful
+                       else "forces may jump with the state, and the engine gives no accelerations that would tell")
+    at, read, within = lawful
     bound = size * (case.truth.error + case.rounding)
-    bound[at] += np.minimum(change * lawful.within, gap(own, lawful.read[name])[at])
-    calm = np.isin(np.arange(len(bound)), at)
-    return dataclasses.replace(case, keep=case.keep & calm).judged(
-        kind, gap(given, lawful.read[name]), bound, size, si, "between events, against the reading of its own states "
-        "under the laws of joints: rounding, and what its accelerations are off within a step")
+    bound[at] += np.minimum(change * within, gap(case.own[-1][name], read[name])[at])
+    return dataclasses.replace(case, keep=case.keep & np.isin(np.arange(len(bound)), at)).judged(
+        f"sensor {name}", gap(case.traj.sensors[name], read[name]), bound, size, si, "between events, against the "
+        "reading of its own states under the laws of joints: rounding, and what its accelerations are off within a "
+        "step")
 
 
 def _allowed(scene: Scene, traj: Any, truth: Reference, keep: np.ndarray, states: dict[str, Tol], claim: Claim
@@ -232,8 +221,6 @@ def _moved(at: States, what: str, change: np.ndarray) -> States:
     """The states with all poses, rates or accelerations changed, (T, n, 6)."""
     if what == "pose":
         return dataclasses.replace(at, x=at.x + change[..., :3], R=at.R @ exponential(change[..., 3:]))
-    if what == "rate":
-        return dataclasses.replace(at, v=at.v + change[..., :3], w=at.w + change[..., 3:])
-    assert at.a is not None
-    assert at.alpha is not None
-    return dataclasses.replace(at, a=at.a + change[..., :3], alpha=at.alpha + change[..., 3:])
+    names = ("v", "w") if what == "rate" else ("a", "alpha")
+    return dataclasses.replace(at, **{name: getattr(at, name) + change[..., k:k + 3] for k, name in zip(
+        (0, 3), names, strict=True)})

@@ -124,7 +124,6 @@ def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
                           ("sites", entry.sites), ("sensors", entry.sensors)):
         _check_names(group, [table.name for table in tables])
     bodies = {body.name: index for index, body in enumerate(entry.bodies)}
-    types = {joint.name: joint.type for joint in entry.joints}
     scene = Scene(
         name=entry.name, description=entry.description, source=entry.source, tags=tuple(entry.tags),
         gravity=np.array(entry.gravity), duration=entry.duration, samples=entry.samples,
@@ -132,7 +131,7 @@ def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
         joints=tuple(_joint(entry, bodies, i, joint) for i, joint in enumerate(entry.joints)),
         forces=tuple(made for i, force in enumerate(entry.forces)
                      for made in (_servo(entry, i, force) if isinstance(force, ServoEntry) else
-                                  _forces(bodies, types, i, force, entry.duration))),
+                                  _forces(bodies, entry, i, force))),
         left_out=tuple(entry.left_out),
         shapes=tuple(_shape(bodies, f'shapes[{i}] "{shape.name}"', shape, folder)
                      for i, shape in enumerate(entry.shapes)),
@@ -279,8 +278,7 @@ def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: Join
                  dry_friction=joint_options.dry_friction(entry, joint), limits=joint_options.limits(entry, joint))
 
 
-def _forces(bodies: Mapping[str, int], types: Mapping[str, str], index: int, force: ForceEntry,
-            duration: float) -> list[Force]:
+def _forces(bodies: Mapping[str, int], scene: SceneEntry, index: int, force: ForceEntry) -> list[Force]:
     """The forces for one entry of the file: one for each component that depends on time, and one for the rest."""
     values = msgspec.structs.asdict(force)
     kind = str(force.__struct_config__.tag)
@@ -289,7 +287,9 @@ def _forces(bodies: Mapping[str, int], types: Mapping[str, str], index: int, for
         check_not_negative(f"{entry}: {key}", values.get(key, 0.0))
     parent = child = joint = None
     if isinstance(force, TorsionalSpringEntry | JointTorqueEntry | JointForceEntry):
-        joint = _axial_joint(f"{entry}: joint", types, values.pop("joint"), isinstance(force, JointForceEntry))
+        slides = isinstance(force, JointForceEntry)
+        joint = _joint_of(f"{entry}: joint", scene, values.pop("joint"), "slides" if slides else "has_angle",
+                          f"it has no {'slide' if slides else 'angle'}").name
     else:
         child = _body_index(f"{entry}: child", bodies, values.pop("child"), ground=False)
     if "parent" in values:
@@ -298,9 +298,9 @@ def _forces(bodies: Mapping[str, int], types: Mapping[str, str], index: int, for
             raise EntryError(f"{entry}: child", "joins a body to itself", "name two different bodies")
     vector = next((key for key in ("force", "torque") if isinstance(values.get(key), tuple)), None)
     if vector is None:
-        values = {key: joint_options.function(f"{entry}: {key}", value, duration) for key, value in values.items()}
-        return [Force(kind, parent, child, joint, values)]
-    components = [joint_options.function(f"{entry}: {vector}[{k}]", value, duration)
+        return [Force(kind, parent, child, joint, {key: joint_options.function(f"{entry}: {key}", value, scene.duration)
+                                                   for key, value in values.items()})]
+    components = [joint_options.function(f"{entry}: {vector}[{k}]", value, scene.duration)
                   for k, value in enumerate(values[vector])]
     constant = tuple(0.0 if isinstance(value, TimeFunction) else value for value in components)
     timed = [(axis, value) for axis, value in zip(np.eye(3).tolist(), components, strict=True)
@@ -313,7 +313,7 @@ def _forces(bodies: Mapping[str, int], types: Mapping[str, str], index: int, for
 def _servo(scene: SceneEntry, index: int, force: ServoEntry) -> list[Force]:
     """A servo, with those of its keys that the file gives."""
     entry = f"forces[{index}] (servo)"
-    joint = _single_joint(f"{entry}: joint", scene, force.joint)
+    joint = _joint_of(f"{entry}: joint", scene, force.joint)
     for key in ("mimic", "drive"):
         if getattr(joint, key) is not None:
             raise EntryError(f"{entry}: joint", f'"{joint.name}" has a {key}, which says all of its motion',
@@ -390,7 +390,7 @@ def _monitor(scene: SceneEntry, index: int, monitor: MonitorEntry) -> Monitor:
     kind = str(monitor.__struct_config__.tag)
     entry = f"monitors[{index}] ({kind})"
     if not isinstance(monitor, TouchEntry):
-        joint = _single_joint(f"{entry}: joint", scene, monitor.joint)
+        joint = _joint_of(f"{entry}: joint", scene, monitor.joint)
         if kind == "effort" and not any(getattr(force, "joint", None) == joint.name and isinstance(
                 force, ServoEntry | JointTorqueEntry | JointForceEntry) for force in scene.forces):
             raise EntryError(f"{entry}: joint", f'"{joint.name}" has no servo, joint_torque or joint_force',
@@ -408,13 +408,14 @@ def _monitor(scene: SceneEntry, index: int, monitor: MonitorEntry) -> Monitor:
     return Monitor(kind, monitor.shapes, monitor.margin)
 
 
-def _single_joint(entry: str, scene: SceneEntry, name: str) -> JointEntry:
-    """The joint with this name, checked to be a hinge or a slide."""
+def _joint_of(entry: str, scene: SceneEntry, name: str, has: str = "has_one",
+              lacks: str = "not one with a single angle or slide") -> JointEntry:
+    """The joint with this name, checked to be of a type that `has` it."""
     joints = {joint.name: joint for joint in scene.joints}
     check_named(entry, "joint", name, joints)
-    if not joints[name].kind.has_one:
-        raise EntryError(entry, f'"{name}" is a {joints[name].type} joint, not one with a single angle or slide',
-                         f"name a joint of type {listed(joint_types('has_one'))}")
+    if joints[name].type not in (fitting := joint_types(has)):
+        raise EntryError(entry, f'"{name}" is a {joints[name].type} joint, {lacks}',
+                         f"name a joint of type {listed(fitting)}")
     return joints[name]
 
 
@@ -449,13 +450,3 @@ def check_touching(scene: Scene) -> None:
             raise EntryError(f"monitors[{index}] (touch)", f"at the start {monitor.name} are "
                              f"{gap + monitor.margin:.3g} m apart, with a margin of {monitor.margin:g} m",
                              "start with them apart, or remove it")
-
-
-def _axial_joint(entry: str, types: Mapping[str, str], name: str, slides: bool) -> str:
-    """The name, checked to be that of a joint with an angle, or of a slide."""
-    check_named(entry, "joint", name, types)
-    fitting = joint_types("slides" if slides else "has_angle")
-    if types[name] not in fitting:
-        raise EntryError(entry, f'"{name}" is a {types[name]} joint, it has no {"slide" if slides else "angle"}',
-                         f"name a joint of type {listed(fitting)}")
-    return name

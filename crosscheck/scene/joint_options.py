@@ -200,15 +200,15 @@ def function(entry: str, given: Any, duration: float) -> Any:
             return functions.polynomial(coefficients)
         case SineEntry(terms, offset):
             return functions.sine(terms, offset)
+        case HoldEntry(times, values) | LinearEntry(times, values):
+            _check_table(entry, times, values, 1 if isinstance(given, HoldEntry) else 2)
+            return (functions.hold if isinstance(given, HoldEntry) else functions.linear)(times, values)
         case SplineEntry(times, values):
             _check_table(entry, times, values, 2)
             if times[0] > 0 or times[-1] < duration:
                 raise EntryError(f"{entry}: times", f"reach from {times[0]:g} to {times[-1]:g} s", "cover the whole "
                                  f"run, 0 to {duration:g} s")
             return functions.spline(times, values)
-        case HoldEntry(times, values) | LinearEntry(times, values):
-            _check_table(entry, times, values, 1 if isinstance(given, HoldEntry) else 2)
-            return (functions.hold if isinstance(given, HoldEntry) else functions.linear)(times, values)
     return given
 
 

@@ -93,18 +93,12 @@ class SplineEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_f
     values: list[float]
 
 
-class HoldEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="hold"):
+class HoldEntry(SplineEntry, frozen=True, tag="hold"):
     """A function of time: each value until the next time."""
 
-    times: list[float]
-    values: list[float]
 
-
-class LinearEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="linear"):
+class LinearEntry(SplineEntry, frozen=True, tag="linear"):
     """A function of time: straight between the values."""
-
-    times: list[float]
-    values: list[float]
 
 
 FunctionEntry = PolynomialEntry | SineEntry | SplineEntry | HoldEntry | LinearEntry

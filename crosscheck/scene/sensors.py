@@ -110,21 +110,6 @@ class Reader:
     def accelerometer(self, site: Site) -> np.ndarray:
         return np.asarray(self.acceleration(site) - self.scene.gravity)
 
-    def joint_position(self, joint: Joint) -> np.ndarray:
-        return self.histories[joint.name].position
-
-    def joint_velocity(self, joint: Joint) -> np.ndarray:
-        return self.histories[joint.name].velocity
-
-    def joint_acceleration(self, joint: Joint) -> np.ndarray:
-        return accelerations(joint, self.states)
-
-    def force(self, joint: Joint, site: Site) -> np.ndarray:
-        return self.wrench(joint, site)[0]
-
-    def torque(self, joint: Joint, site: Site) -> np.ndarray:
-        return self.wrench(joint, site)[1]
-
     @functools.cached_property
     def _constraints(self) -> Constraints:
         return Constraints(self.scene)
@@ -290,12 +275,13 @@ SENSOR_TYPES: dict[str, SensorType] = {
     "angular_acceleration": SensorType(Reader.angular_acceleration, "rad/s^2", _SITE, "world", dynamic=True),
     "accelerometer": SensorType(Reader.accelerometer, "m/s^2", _SITE, "site", dynamic=True),
     "gyroscope": SensorType(Reader.spin, "rad/s", _SITE, "site"),
-    "joint_position": SensorType(Reader.joint_position, "rad", _JOINT, size=-1),
-    "joint_velocity": SensorType(Reader.joint_velocity, "rad/s", _JOINT, size=-1),
-    "joint_acceleration": SensorType(Reader.joint_acceleration, "rad/s^2", _JOINT, size=-1, dynamic=True),
+    "joint_position": SensorType(lambda reader, joint: reader.histories[joint.name].position, "rad", _JOINT, size=-1),
+    "joint_velocity": SensorType(lambda reader, joint: reader.histories[joint.name].velocity, "rad/s", _JOINT, size=-1),
+    "joint_acceleration": SensorType(lambda reader, joint: accelerations(joint, reader.states), "rad/s^2", _JOINT, size=-1,
+                                     dynamic=True),
     "joint_effort": SensorType(Reader.effort, "N m", _JOINT, size=0, dynamic=True),
-    "force": SensorType(Reader.force, "N", _BOTH, "site", dynamic=True),
-    "torque": SensorType(Reader.torque, "N m", _BOTH, "site", dynamic=True),
+    "force": SensorType(lambda reader, *at: reader.wrench(*at)[0], "N", _BOTH, "site", dynamic=True),
+    "torque": SensorType(lambda reader, *at: reader.wrench(*at)[1], "N m", _BOTH, "site", dynamic=True),
 }
 """The types by their names in scene files."""
 

@@ -200,7 +200,6 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
     seen = _intervals(asked, traj, reference)
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, seen.eps)
     judged = None
-    whole: dict[str, tuple[float, str]] = {}
     if run.practical:
         bounds, found = None, errors(scene, traj, reference.states)
         findings = [judge_practical(scene, traj, reference)]
@@ -209,7 +208,7 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
     else:
         findings, found, bounds = judge_states(scene, traj, reference, window, claim)
         findings += [*judge_invariants(scene, traj, reference, bounds), *seen.findings]
-        read, missed, whole = judge_sensors(
+        read, missed = judge_sensors(
             scene, traj, reference, bounds.until, bounds.states, claim, bool(bounds.empty & set(QUANTITIES)),
             seen.runs[0] if seen.runs else None, adapters.get(run.engine).misreads)
         findings, found = findings + read, found | missed
@@ -221,15 +220,18 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
                  [_ended(traj), *judge_rest(scene, reference), *_steps(run, scene, traj), *findings, *levels,
                   *judge_continuity(scene, traj, reference, seen.eps),
                   _orthogonality(run, traj, seen.eps, seen.others)], judged, seen.covered.why,
-                 whole=_over_truth(scene, traj, reference) | whole)
+                 whole=_over_truth(scene, traj, reference, found))
 
 
-def _over_truth(scene: Scene, traj: Trajectory, reference: Reference) -> dict[str, tuple[float, str]]:
+def _over_truth(scene: Scene, traj: Trajectory, reference: Reference, sensors: Mapping[str, Error]
+                ) -> dict[str, tuple[float, str]]:
     """The largest errors over all of the time for which there is truth, and where they are."""
     until = f"up to {min(reference.horizon, scene.duration):g} s, as far as truth reaches"
     found = {name: (error.max, f"body {error.body}, t = {error.time:.4g} s, {until}")
              for name, error in errors(scene, traj, reference.states, reference.horizon).items()}
     keep = reference.t <= reference.horizon * (1 + 1e-12)
+    found |= {kind: (float(error.series[keep].max()), f"{error.body}, {until}") for kind, error in sensors.items()
+              if kind.startswith("sensor ")}
     for name, own, true, size in (
             ("energy", traj.energy, mechanics.energy(scene, reference.states),
              tolerances.scales(scene, reference).kinetic),

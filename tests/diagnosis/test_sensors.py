@@ -191,7 +191,7 @@ def judged(r, name, values):
     states = States(r.states.t, r.states.x, r.states.R, r.states.v, r.states.w, sensors={name: values})
     raw = adapters.base.RawRun(states, 0.0, COUNT, STEP)
     traj = crosscheck.running.trajectory.derive(r.scene, "own", "rkmk4", raw)
-    findings, errors, _ = judge_sensors(r.scene, traj, truth, r.scene.duration, fixed_step(r.scene, truth, 4, STEP),
+    findings, errors = judge_sensors(r.scene, traj, truth, r.scene.duration, fixed_step(r.scene, truth, 4, STEP),
                                      Claim(4, STEP, None))
     assert f"sensor {name}" in errors
     return {finding.kind: finding for finding in findings}
@@ -238,7 +238,7 @@ def test_accelerations_of_its_own():
     raw = adapters.get("exudyn").run(scene, adapters.base.RunSpec("GeneralizedAlpha", STEP))
     raw.states.sensors = dict(readings(scene, raw.states))
     traj = crosscheck.running.trajectory.derive(scene, "own", "alpha", raw)
-    findings, _, _ = judge_sensors(scene, traj, exact, scene.duration, fixed_step(scene, exact, 2, STEP),
+    findings, _ = judge_sensors(scene, traj, exact, scene.duration, fixed_step(scene, exact, 2, STEP),
                                 Claim(2, STEP, None))
     assert {finding.status for finding in findings} == {"ok"}
 
@@ -252,7 +252,7 @@ def test_an_engine_without_sensors_is_judged_by_its_states():
             getattr(r.states, name) for name in ("R", "v", "w")))
         traj = crosscheck.running.trajectory.derive(r.scene, "own", "rkmk4", adapters.base.RawRun(
             states, 0.0, COUNT, STEP))
-        findings, errors, _ = judge_sensors(r.scene, traj, exact, r.scene.duration, bounds, Claim(4, STEP, None))
+        findings, errors = judge_sensors(r.scene, traj, exact, r.scene.duration, bounds, Claim(4, STEP, None))
         assert {each.kind: each.status for each in findings}["sensor velocity"] == "ok"
         found = next(each for each in findings if each.kind == "sensor place")
         assert (found.status, found.unit) == (status, "m")

@@ -126,9 +126,8 @@ class Reader:
     @functools.cached_property
     def _known(self) -> Scene:
         """The scene without what acts along those coordinates and is no function of the state."""
-        forces = (force for force in self.scene.forces if force.type != "servo" or force.joint not in self.sampled)
-        joints = (dataclasses.replace(joint, dry_friction=(), limits=()) for joint in self.scene.joints)
-        return self.scene.replace(forces=tuple(forces), joints=tuple(joints))
+        return self.scene.lawless.replace(forces=tuple(
+            force for force in self.scene.forces if force.type != "servo" or force.joint not in self.sampled))
 
     @functools.cached_property
     def _du(self) -> np.ndarray:
@@ -209,13 +208,11 @@ class Reader:
 
     def carried(self, joint: Joint) -> list[int]:
         """The bodies that only this joint connects to its parent; none where it is part of a loop."""
-        reached, rest = {joint.child}, [each for each in self.scene.joints if each.name != joint.name]
+        rest = [{each.parent, each.child} for each in self.scene.joints if each.name != joint.name]
+        reached = {joint.child}
         for _ in rest:
-            reached |= {end for each in rest for end in (each.parent, each.child)
-                        if {each.parent, each.child} & reached and end != GROUND}
-        meets = joint.parent in reached or any(GROUND in ends and set(ends) & reached for ends in (
-            (each.parent, each.child) for each in rest))
-        return [] if meets else sorted(reached)
+            reached |= {end for ends in rest if ends & reached for end in ends}
+        return [] if {GROUND, joint.parent} & reached else sorted(reached)
 
     def effort(self, joint: Joint) -> np.ndarray:
         """(T,) in N m or N, or (T, 1 + k) as in `wrench`."""
@@ -277,8 +274,8 @@ SENSOR_TYPES: dict[str, SensorType] = {
     "gyroscope": SensorType(Reader.spin, "rad/s", _SITE, "site"),
     "joint_position": SensorType(lambda reader, joint: reader.histories[joint.name].position, "rad", _JOINT, size=-1),
     "joint_velocity": SensorType(lambda reader, joint: reader.histories[joint.name].velocity, "rad/s", _JOINT, size=-1),
-    "joint_acceleration": SensorType(lambda reader, joint: accelerations(joint, reader.states), "rad/s^2", _JOINT, size=-1,
-                                     dynamic=True),
+    "joint_acceleration": SensorType(lambda reader, joint: accelerations(joint, reader.states), "rad/s^2", _JOINT,
+                                     size=-1, dynamic=True),
     "joint_effort": SensorType(Reader.effort, "N m", _JOINT, size=0, dynamic=True),
     "force": SensorType(lambda reader, *at: reader.wrench(*at)[0], "N", _BOTH, "site", dynamic=True),
     "torque": SensorType(lambda reader, *at: reader.wrench(*at)[1], "N m", _BOTH, "site", dynamic=True),

@@ -40,8 +40,7 @@ OPENED = 20.0
 of one body or of the other."""
 
 
-OF_STATE = " of its state"
-"""Ends the kind of a finding on what an engine reads itself, against its own states."""
+OF_STATE = " of its state"  # ends the kind of a finding on what an engine reads itself, against its own states
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,8 +139,8 @@ def _misread(case: _Run, sensor: Sensor, misread: tuple[Any, str], given: np.nda
 
 
 def _by_laws(scene: Scene, traj: Any, run: Defects) -> tuple[np.ndarray, Readings, np.ndarray]:
-    """Output times next to which no law of joints jumps, by number; the readings of the run's own states under these
-    laws, at those times; and by what accelerations may differ there, over the scene's length."""
+    """Numbers of output times next to which no law jumps; readings of the run's own states, right at those; and by how
+    much accelerations may differ there, over the scene's length."""
     calm, at = calm_ends([run]), run.flow.index[run.flow.solvable] + 1
     a, alpha = np.array(traj.a), np.array(traj.alpha)
     a[at], alpha[at], _ = by_equations(scene, traj, at, run.flow.crossed)

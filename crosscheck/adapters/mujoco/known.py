@@ -44,8 +44,7 @@ def _minus_gravity(reader: Reader, sensor: Sensor) -> np.ndarray:
 
 def _without_loads(reader: Reader, sensor: Sensor) -> np.ndarray:
     loads = reader.loads(reader.joints[sensor.joint or ""], site := reader.sites[sensor.site or ""])
-    missing = np.sum([np.zeros((len(reader.states.t), 3)), *(pair[sensor.type == "torque"] for _, *pair in loads)],
-                     axis=0)
+    missing = sum((pair[sensor.type == "torque"] for _, *pair in loads), 0.0 * reader.place(site))
     return np.asarray(read(reader, sensor) + np.einsum("tji,tj->ti", reader.axes(site), missing))
 
 

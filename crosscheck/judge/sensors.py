@@ -207,7 +207,7 @@ def _derivatives(scene: Scene, truth: Reference, keep: np.ndarray, what: str, li
     before = readings(scene, at)
     columns: dict[str, list[np.ndarray]] = {name: [] for name in before}
     for k in range(free.shape[2]):
-        after = readings(scene, _moved(at, what, (nudge * free[:, :, k] * D).reshape(-1, scene.n, 6)))
+        after = readings(scene, moved(at, what, (nudge * free[:, :, k] * D).reshape(-1, scene.n, 6)))
         for name, values in after.items():
             change = (values - before[name]).reshape(len(values), -1) / nudge
             columns[name].append(2 * change if values.shape[1:] == (4,) else change)  # half the angle in a quaternion
@@ -216,7 +216,7 @@ def _derivatives(scene: Scene, truth: Reference, keep: np.ndarray, what: str, li
     return {name: float(np.sqrt(2 * scene.n) * size) for name, size in largest.items()}
 
 
-def _moved(at: States, what: str, change: np.ndarray) -> States:
+def moved(at: States, what: str, change: np.ndarray) -> States:
     """The states with all poses, rates or accelerations changed, (T, n, 6)."""
     if what == "pose":
         return dataclasses.replace(at, x=at.x + change[..., :3], R=at.R @ exponential(change[..., 3:]))

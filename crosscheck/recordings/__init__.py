@@ -45,7 +45,6 @@ from crosscheck.scene.vectors import exponential
 if TYPE_CHECKING:
     import pandas as pd
 
-KEYS = (*UNITS, "joint_position", "joint_velocity")
 EXIT_CODES = {"pass": 0, "fail": 1, "measured": 3, "unjudged": 3}
 
 JUMP, STANDING_OUT = 0.3, 30.0
@@ -132,22 +131,21 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: Any, colum
     if start not in ("scene", "recorded"):
         raise ArgumentError(f"start: {unknown('start', start, ('scene', 'recorded'))}")
     allowed = _tolerances(loaded, tolerance)
-    if len(given) > 1 and (steps is None or len(steps) != len(given)):
-        raise ArgumentError(f"steps: the step of each of the {len(given)} files is wanted, in their order")
-    if len(given) > 1 and steps is not None:
-        if len(set(steps)) < len(steps) or min(steps) <= 0:
-            raise ArgumentError(f"steps: different steps > 0 are wanted, not {list(steps)}")
+    if len(given) > 1:
+        if steps is None or len(set(steps)) != len(given) or min(steps) <= 0:
+            raise ArgumentError(f"steps: the step of each of the {len(given)} files is wanted, in their order: "
+                                f"different ones > 0, not {steps}")
         given = [one for _, one in sorted(zip(steps, given, strict=True), key=lambda pair: pair[0])]
         steps = sorted(steps)
     return _judge(loaded, given, start, allowed, list(steps or []), order)
 
 
 def _tolerances(scene: Scene, tolerance: Mapping[str, float] | None) -> dict[str, float]:
-    known = (*KEYS, *(sensor.name for sensor in scene.sensors))
+    known = (*UNITS, "joint_position", "joint_velocity", *(sensor.name for sensor in scene.sensors))
     for key, value in (tolerance or {}).items():
         if key not in known:
             raise ArgumentError(f"tolerance: {unknown('quantity', key, known)}")
-        if not isinstance(value, int | float) or not value >= 0 or not math.isfinite(value):
+        if not isinstance(value, int | float) or not 0 <= value < math.inf:
             raise ArgumentError(f"tolerance: {key}: a number >= 0 is wanted, not {value!r}")
     return dict(tolerance or {})
 
@@ -158,7 +156,8 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     system, truth, since, notes = _truth(scene, fine, start)
     verdict = Verdict("measured", {}, None, None, None, None, scene=scene)
     lines = [f"{scene.name}: {fine.name}, {len(fine.t)} rows from {fine.t[0]:g} to {fine.t[-1]:g} s"]
-    kept = [_judged_part(each, truth, since, scene) for each in given]
+    most = (min(truth.horizon, BEYOND * scene.duration) + since) * (1 + 1e-12)
+    kept = [part_of(each, slice(0, int(np.searchsorted(each.t, most, side="right")))) for each in given]
     if any(len(each.t) == 0 for each in kept):
         verdict.outcome = "unjudged"
         verdict.lines = [f"? unjudged: {lines[0]}", f"truth ends at {truth.horizon:g} s, before the first row"
@@ -203,7 +202,8 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
 
 def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Scene, Any, float, list[str]]:
     """(scene as it starts, truth, time of the recording at which it starts, what to say)."""
-    truth = _prolonged(scene, float(recording.t[-1]))
+    truth = dense(scene)
+    truth.at(np.array([min(recording.t[-1], BEYOND * scene.duration)]))  # prolonged, so that its horizon is known
     notes: list[str] = []
     first = part_of(recording, slice(0, 5))
     if first.t[0] > truth.horizon:
@@ -219,28 +219,14 @@ def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Scene, Any, 
         notes.append("truth starts from the recorded state, " + ", ".join(
             f"{key.replace('_', ' ')} moved by {size:.1e}" for key, size in moved.items()) + " onto the joints")
         length = float(recording.t[-1] - first.t[0])
-        begun = restarted(scene, states, 0, max(length, 1e-9), scene.samples)
-        return begun, _prolonged(begun, length), float(first.t[0]), notes
+        begun = restarted(scene, states, 0, min(max(length, 1e-9), BEYOND * scene.duration), scene.samples)
+        return begun, dense(begun), float(first.t[0]), notes
     seen = compare(scene, first, truth)
     for group, sizes, floor in zip(first.groups, seen.sizes, seen.floor, strict=True):
         if sizes[0] > 3 * floor[0] + SAME_START * max(1.0, float(np.abs(group.values[0]).max())):
             where = "the scene's start" if recording.t[0] == 0 else f"truth at {recording.t[0]:g} s"
             notes.append(f"{group.label} starts {sizes[0]:.3g} {group.unit} from {where}")
     return scene, truth, 0.0, notes
-
-
-def _prolonged(scene: Scene, until: float) -> Any:
-    """Truth up to a time (s), so that its horizon is known."""
-    truth = dense(scene)
-    truth.at(np.array([min(until, BEYOND * scene.duration)]))
-    return truth
-
-
-def _judged_part(recording: Recording, truth: Any, since: float, scene: Scene) -> Recording:
-    """The rows up to the end of truth, or of a time that truth is not prolonged beyond."""
-    most = min(truth.horizon, BEYOND * scene.duration) + since
-    keep = int(np.searchsorted(recording.t, most * (1 + 1e-12), side="right"))
-    return recording if keep == len(recording.t) else part_of(recording, slice(0, keep))
 
 
 def _sizes(seen: Differences, allowed: Mapping[str, float], lines: list[str]) -> list[str]:
@@ -268,10 +254,9 @@ def _kinds(seen: Differences, notes: list[str]) -> list[str]:
         if key not in POSES or len(t) < 8:
             continue
         rate = groups.get((RATES[POSES.index(key)], owner))
-        if rate is None or seen.recording.groups[rate].frame or seen.recording.groups[k].frame:
-            continue
-        pose, speed = seen.recording.groups[k], seen.recording.groups[rate]
-        if (key != "attitude" and pose.parts != speed.parts) or (key == "attitude" and len(speed.parts) < 3):
+        pose, speed = seen.recording.groups[k], seen.recording.groups[rate or 0]
+        if rate is None or pose.frame or speed.frame or (
+                len(speed.parts) < 3 if key == "attitude" else pose.parts != speed.parts):
             continue
         tau = np.diff(t)
         moved = np.diff(seen.gap[k], axis=0) / tau[:, None]

@@ -7,9 +7,10 @@ it leaves less than a tenth of every difference, and if no other one of equal si
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,8 +68,7 @@ FACTORS = {180 / np.pi: "degrees for radians", np.pi / 180: "radians for degrees
 Values = list[np.ndarray]
 
 
-@dataclasses.dataclass(frozen=True)
-class Cause:
+class Cause(NamedTuple):
     """What explains a difference."""
 
     name: str
@@ -77,7 +77,7 @@ class Cause:
     free: int = 0  # number of fitted magnitudes and of separate mistakes
 
     def __str__(self) -> str:
-        return f"{self.name}: {self.said}" if self.said else self.name
+        return f"{self.name}: {self.said}"
 
 
 class Case:
@@ -174,17 +174,17 @@ def find(scene: Scene, seen: Differences, until: float) -> tuple[list[Cause], li
 
 @dataclasses.dataclass(frozen=True)
 class Lot:
-    """S groups of one quantity at T times: recorded and true values, and the true motion of their bodies."""
+    """A group at T times: recorded and true values, and the true motion of its body, which joints and sensors lack."""
 
-    given: np.ndarray  # (S, T, k), or (S, T, 3, 3)
+    given: np.ndarray  # (T, k), or (T, 3, 3)
     true: np.ndarray
-    R: np.ndarray  # (S, T, 3, 3); (S, T, 0, 0) of joints and sensors
-    carried: np.ndarray  # (S, T, 3) angular velocities of the parents, in body axes
-    arm: np.ndarray  # (S, 1, 3) from the centre of mass to the joint that carries the body, body axes
+    R: Any = None  # (T, 3, 3)
+    carried: Any = None  # (T, 3) angular velocity of the parent, in body axes
+    arm: Any = None  # (3,) from the centre of mass to the joint that carries the body, body axes
 
 
 def _out(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    return np.asarray((R @ vectors[..., None])[..., 0])
+    return np.asarray(R @ vectors[..., None])[..., 0]
 
 
 def _back(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -192,20 +192,20 @@ def _back(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def _axes(m: Lot) -> np.ndarray:
-    U, _, Vt = np.linalg.svd(np.mean(np.swapaxes(m.true, -1, -2) @ m.given, axis=(0, 1)))
+    U, _, Vt = np.linalg.svd(np.mean(np.swapaxes(m.true, -1, -2) @ m.given, axis=0))
     return np.asarray(U @ Vt)
 
 
 def _mean(m: Lot) -> np.ndarray:
-    return np.asarray(np.mean(m.given - m.true, axis=(0, 1)))
+    return np.asarray(np.mean(m.given - m.true, axis=0))
 
 
 def _point(m: Lot) -> np.ndarray:
-    return np.asarray(np.mean(_back(m.R, m.given - m.true), axis=1, keepdims=True))
+    return np.asarray(np.mean(_back(m.R, m.given - m.true), axis=0))
 
 
-def _plus(m: Lot, off: np.ndarray) -> np.ndarray:
-    return np.asarray(m.true + off)
+def _rolled(R: np.ndarray, shift: int) -> np.ndarray:
+    return rotation_from_quaternion(np.roll(quaternion_from_rotation(R), shift, axis=1))
 
 
 FRAME, ORDER, POINT = "velocity frame", "quaternion order", "position of another point"
@@ -219,82 +219,70 @@ MISREPORTS: tuple[tuple[str, str, str, Callable[[Lot], np.ndarray] | None, Calla
     ("angular_velocity", FRAME, "in world axes", None, lambda m, _: _out(m.R, m.true)),
     ("angular_velocity", FRAME, "turned to body axes twice", None, lambda m, _: _back(m.R, m.true)),
     ("angular_velocity", FRAME, "relative to the parent", None, lambda m, _: m.true - m.carried),
-    ("position", "origin", "off by {} in world axes", _mean, _plus),
-    ("velocity", "velocity of the frame", "off by {} in world axes", _mean, _plus),
+    ("position", "origin", "off by {} in world axes", _mean, lambda m, off: m.true + off),
+    ("velocity", "velocity of the frame", "off by {} in world axes", _mean, lambda m, off: m.true + off),
     ("position", "position of the joint", "the point of the joint that carries the body", None,
      lambda m, _: m.true + _out(m.R, m.arm)),
     ("position", POINT, "a point off the centre of mass by {} m, body axes", _point,
      lambda m, s: m.true + _out(m.R, s)),
-    ("joint_position", "offset", "off by {}", _mean, _plus), ("joint_velocity", "offset", "off by {}", _mean, _plus),
+    ("joint_position", "offset", "off by {}", _mean, lambda m, off: m.true + off),
+    ("joint_velocity", "offset", "off by {}", _mean, lambda m, off: m.true + off),
     ("joint_position", "wrapped angle", "jumps by full turns; say wrap = true if that is meant", None,
      lambda m, _: m.true + 2 * np.pi * np.round((m.given - m.true) / (2 * np.pi))),
 )
 """Values of the right motion in a wrong convention: quantity, name and words of a mistake; the magnitude that is fitted
-to what is given; the values that it makes."""
-
-
-def _rolled(R: np.ndarray, shift: int) -> np.ndarray:
-    flat = R.reshape(-1, 3, 3)
-    return rotation_from_quaternion(np.roll(quaternion_from_rotation(flat), shift, axis=1)).reshape(R.shape)
+to what is given, the mean of all groups in `_mean`; the values that it makes."""
 
 
 def _reports(case: Case) -> Iterator[Cause]:
-    keys = dict.fromkeys(group.key for group in case.groups)
-    for key in keys:
+    for key in dict.fromkeys(group.key for group in case.groups):
         every = tuple(k for k, g in enumerate(case.groups) if g.key == key)
         for scope in (every, *((k,) for k in every if len(every) > 1)):
             where = f"{key.replace('_', ' ')} of {', '.join(case.groups[k].owner for k in scope)}"
             yield from _misreported(case, key, scope, where)
             if key != "attitude":
                 yield from _scaled(case, scope, where)
-    owners = {g.owner: tuple(k for k, other in enumerate(case.groups) if other.owner == g.owner)
-              for g in case.groups if g.key.startswith("joint_")}
-    for joint, scope in owners.items():
+    for joint in {g.owner: 0 for g in case.groups if g.key.startswith("joint_")}:
         yield case.cause("sign", f"coordinate and rate of {joint} with the other sign",
-                         {k: -case.values[k] for k in scope})
+                         {k: -case.values[k] for k, other in enumerate(case.groups) if other.owner == joint})
     yield from _exchanged(case)
     yield from _turned(case)
     yield from _sensed(case)
 
 
-def _lot(case: Case, scope: Sequence[int]) -> Lot | None:
-    """The groups side by side; None if not all of them are whole."""
-    groups = [case.groups[k] for k in scope]
-    joints = groups[0].key.startswith("joint_")
-    if len({g.parts for g in groups}) > 1 or not (joints or groups[0].key == "attitude" or len(groups[0].parts) == 3):
-        return None
-    given, true = (np.stack([part[k] for k in scope]) for part in ([g.values for g in case.groups], case.values))
-    bodies = [case.shown.body[g.owner] for g in groups if g.owner in case.shown.body]
-    if len(bodies) < len(groups):
-        return Lot(given, true, *(np.zeros((len(scope), len(case.t), 0, 0)),) * 3)
-    parent = {joint.child: joint.parent for joint in case.scene.joints if joint.parent >= 0}
-    R, states = np.stack([case.states.R[:, b] for b in bodies]), case.states
-    spins = [_out(states.R[:, parent[b]], states.w[:, parent[b]]) if b in parent else np.zeros((len(case.t), 3))
-             for b in bodies]
-    return Lot(given, true, R, _back(R, np.stack(spins)), levers(case.scene)[bodies][:, None])
+def _lot(case: Case, k: int) -> Lot:
+    group, states, b = case.groups[k], case.states, case.shown.body.get(case.groups[k].owner)
+    if b is None:
+        return Lot(group.values, case.values[k])
+    R, parent = states.R[:, b], next((joint.parent for joint in case.scene.joints if joint.child == b), -1)
+    spin = _out(states.R[:, parent], states.w[:, parent]) if parent >= 0 else np.zeros((len(case.t), 3))
+    return Lot(group.values, case.values[k], R, _back(R, spin), levers(case.scene)[b])
 
 
 def _misreported(case: Case, key: str, scope: Sequence[int], where: str) -> Iterator[Cause]:
-    lot = _lot(case, scope)
-    if lot is None:
+    groups, lots = [case.groups[k] for k in scope], [_lot(case, k) for k in scope]
+    if len({g.parts for g in groups}) > 1 or not (
+            key.startswith("joint_") or key == "attitude" or len(groups[0].parts) == 3):
         return
     for quantity, name, said, fit, change in MISREPORTS:
-        if quantity != key or (name == "wrapped angle" and not case.groups[scope[0]].angle):
+        if quantity != key or (name == "wrapped angle" and not groups[0].angle):
             continue
-        theta = None if fit is None else fit(lot)
-        changed = dict(zip(scope, change(lot, theta), strict=True))
-        text = said if theta is None else said.format(_numbers(theta))
-        free = 0 if theta is None else len(scope) if name == POINT else 1
-        yield case.cause(name, f"{where}: {text}", changed, free)
+        theta = [None if fit is None else fit(m) for m in lots]
+        if fit is _mean:
+            theta = [np.mean(theta, axis=0)] * len(theta)  # type: ignore[arg-type]
+        changed = {k: change(m, each) for k, m, each in zip(scope, lots, theta, strict=True)}
+        told = np.array(theta if fit is _point else theta[0])
+        text = f"{where}: {said if fit is None else said.format(_numbers(told))}"
+        free = 0 if fit is None else 1 if fit is _mean else len(scope)
+        yield case.cause(name, text, changed, free)
         if name.startswith("position of"):
-            arms = dict(zip((case.groups[k].owner for k in scope), lot.arm if theta is None else theta, strict=True))
-            speeds = {}
             for k, g in enumerate(case.groups):
-                if g.key == "velocity" and g.owner in arms and len(g.parts) == 3:
+                arm = next((m.arm if each is None else each for h, m, each in zip(groups, lots, theta, strict=True)
+                            if h.owner == g.owner), None)
+                if g.key == "velocity" and arm is not None and len(g.parts) == 3:
                     b = case.shown.body[g.owner]
-                    speeds[k] = case.values[k] + _out(case.states.R[:, b], np.cross(case.states.w[:, b], arms[g.owner]))
-            if speeds:
-                yield case.cause(name, f"{where}, and velocity: {text}", changed | speeds, free)
+                    changed[k] = case.values[k] + _out(case.states.R[:, b], np.cross(case.states.w[:, b], arm))
+            yield case.cause(name, f"{text}, and velocities", changed, free)
 
 
 def _scaled(case: Case, scope: Sequence[int], where: str) -> Iterator[Cause]:
@@ -444,7 +432,6 @@ def _samples(case: Case) -> Iterator[Cause]:
 def _filtered(case: Case, true: np.ndarray, interval: float) -> Iterator[Cause]:
     """Means of neighbours, and a low pass."""
     import pandas as pd
-    from scipy.optimize import minimize_scalar
 
     frame = pd.DataFrame(true)
     for count, centred in itertools.product((2, 3, 4, 5, 7, 9, 10, 15, 20, 25, 50), (False, True)):
@@ -454,11 +441,9 @@ def _filtered(case: Case, true: np.ndarray, interval: float) -> Iterator[Cause]:
     def filtered(log_tau: float) -> Values:
         return case.shaped(frame.ewm(alpha=-np.expm1(-interval / np.exp(log_tau)), adjust=False).mean().to_numpy())
 
-    def off(log_tau: float) -> float:
-        return float(np.sum(case.residual(filtered(log_tau)) ** 2))
-
-    best = min(np.log(interval) + np.linspace(-1.5, 5.0, 14), key=off)
-    log_tau = float(minimize_scalar(off, bounds=(best - 0.5, best + 0.5), method="bounded", options={"xatol": 1e-6}).x)
+    best = min(np.log(interval) + np.linspace(-1.5, 5.0, 14), key=lambda tau: float(np.linalg.norm(case.residual(
+        filtered(tau)))))
+    log_tau = float(gauss_newton(lambda tau: case.residual(filtered(tau[0])), np.array([best]))[0])
     yield case.cause("filtered", f"a first-order low pass of {np.exp(log_tau):.5g} s", filtered(log_tau), 1)
 
 
@@ -466,15 +451,15 @@ def _rough(case: Case, difference: np.ndarray) -> Iterator[Cause]:
     """Differences from sample to sample that no motion makes."""
     sixth = np.diff(difference, 6, axis=0) / np.sqrt(924.0)
     noise, whole = (float(np.sqrt(np.mean(part**2))) for part in (sixth, difference))
+    spikes, rows = (np.abs(part).max(axis=1) for part in (difference, sixth))
+    off = spikes > 0.1 * spikes.max()
     if noise < 0.7 * whole:
         return
-    single = all(np.array_equal(g.values, g.values.astype(np.float32)) for g in case.groups)
-    spikes = np.abs(difference).max(axis=1)
     if np.median(spikes) < 1e-3 * spikes.max():
-        off = spikes > 0.1 * spikes.max()
         yield Cause("outliers", f"{int(off.sum())} samples are off, the first at t = {case.t[int(np.argmax(off))]:.6g} "
                     "s", 0.0, 1)
-    else:
+    elif np.median(rows) > 0.05 * rows.max():  # not what jumps at an impact
+        single = all(np.array_equal(g.values, g.values.astype(np.float32)) for g in case.groups)
         yield Cause("low precision" if single or noise < 1e-6 else "noise", f"{noise:.1e} of the motion's size from "
                     "sample to sample", max(0.0, 1 - noise / whole) / 3, 1)
 
@@ -560,7 +545,7 @@ def _models(case: Case, stepped: bool) -> Iterator[Cause]:
     """Altered parameters: the hypotheses of `crosscheck explain` that a scene can express, or the others (`stepped`).
     """
     scene, right = case.scene, of_scene(case.scene)
-    for cause in [*causes(Context(scene, (scene.R0[None],), right)), *_anchors(scene), *_frictions(scene)]:
+    for cause in [*causes(Context(scene, (scene.R0[None],), right)), *_anchors(scene), *_laws(scene)]:
         def build(theta: Any, cause: Hypothesis = cause) -> Scene | Physics | None:
             return _altered(scene, right, cause, np.array(theta, dtype=float))
 
@@ -579,6 +564,9 @@ def _models(case: Case, stepped: bool) -> Iterator[Cause]:
             yield Cause(cause.name(theta), cause.say(theta), left, free + cause.mistakes(theta) - 1)
 
 
+NONSENSE = 1e6
+"""Factor of a mass or an inertia beyond which a fit is on a wrong way."""
+
 STEPPED = ("drag", "spin_drag", "quadratic", "gyroscopic", "centripetal", "coulomb")
 """Parameters that no scene has, for which Python steps a scene of one body without laws."""
 
@@ -595,7 +583,9 @@ def _altered(scene: Scene, right: Physics, cause: Any, theta: np.ndarray) -> Sce
               and not np.array_equal(getattr(p, field.name), getattr(right, field.name))]
     if beyond or (p.joint_damping and any(joint.type != "revolute" for joint in scene.joints)):
         return p if scene.n == 1 and not scene.has_laws and set(beyond) <= set(STEPPED) else None
-    if min(*p.masses, *np.linalg.eigvalsh(p.inertias[0]).ravel()) <= 0 or min([p.joint_damping, *p.damping]) < 0:
+    sizes = np.concatenate([p.masses / scene.masses, *np.linalg.eigvalsh(p.inertias[0]) / np.linalg.eigvalsh(
+        scene.inertias)])
+    if sizes.min() < 1 / NONSENSE or sizes.max() > NONSENSE or min([p.joint_damping, *p.damping]) < 0:
         return None
     forces = []
     for k, force in enumerate(scene.forces):
@@ -620,24 +610,63 @@ def _altered(scene: Scene, right: Physics, cause: Any, theta: np.ndarray) -> Sce
         for body, mass, J in zip(scene.bodies, p.masses, p.inertias[0], strict=True)))
 
 
-OF_JOINTS = ("anchors", "joint axis", "dry friction")
+OF_JOINTS = ("anchors", "joint axis", "law")
 """Families of hypotheses about joints, which no `Physics` expresses: they alter the scene."""
 
 
-def _frictions(scene: Scene) -> Iterator[Hypothesis]:
-    for k, joint in enumerate(scene.joints):
-        def scaled(given: Any, theta: np.ndarray, k: int = k) -> Any:
-            laws = [law and dataclasses.replace(law, sliding=float(theta[0] * law.sliding), static=float(
-                theta[0] * law.static)) for law in given.joints[k].dry_friction]
-            joints = list(given.joints)
-            joints[k] = dataclasses.replace(joints[k], dry_friction=tuple(laws))
-            return given.replace(joints=tuple(joints)) if theta[0] >= 0 else None
+LAWS = {"dry_friction": ("sliding static",), "limits": ("lower", "upper", "restitution", "stiffness", "damping")}
+SERVO = ("target", "feedforward", "proportional", "derivative", "effort_limit", "no_load_speed")
+"""Constants of laws of joints; two in one string have one relative error."""
 
-        if joint.dry_friction:
-            yield Hypothesis("dry friction", scaled, ((1.1,),), lambda t, joint=joint:  # type: ignore[misc]
-                             f"dry friction of joint {joint.name!r} times {t[0]:.6g}", "check the friction",
-                             lambda t: "dry friction" if t[0] > CERTAIN else "missing friction",
-                             lambda t: ((0.0,),), target=joint.name)
+
+def _laws(scene: Scene) -> Iterator[Hypothesis]:
+    """Other constants of dry friction, stops and servos, and other delays."""
+    constants: list[tuple[str, str, list[Path]]] = [
+        (joint.name, f"stop {keys}" if kind == "limits" else "dry friction", [("joints", k, kind, i, key) for key in
+                                                                             keys.split()])
+        for k, joint in enumerate(scene.joints) for kind in LAWS for i, law in enumerate(getattr(joint, kind)) if law
+        for keys in LAWS[kind]]
+    constants += [(name, f"servo {key.replace('_', ' ')}", [("forces", k, "parameters", key)])
+                  for k, (name, _) in scene.servos.items() for key in SERVO if key in scene.forces[k].parameters]
+    for owner, name, paths in constants:
+        value = functools.reduce(_part, paths[0], scene)
+        if isinstance(value, int | float | tuple) and np.isfinite(value).all():
+            last = value[-1] if isinstance(value, tuple) else value
+            yield _constant(f"{name} of {owner}", name, last, paths)
+    for k, (owner, servo) in scene.servos.items():
+        for delay in {0, 1, 2} - {servo.delay} if servo.period is not None else ():
+            path = "forces", k, "parameters", "delay"
+            yield _constant(f"servo delay of {owner}", "servo delay", servo.delay, [path], delay)
+
+
+Path = tuple[Any, ...]
+
+
+def _constant(where: str, name: str, value: float, paths: list[Path], exactly: int | None = None) -> Hypothesis:
+    """Another constant at these paths, with one relative error; `exactly`: this one, which is not fitted."""
+    def off(value: Any, t: np.ndarray) -> Any:  # relative, unless it is zero
+        return exactly if exactly is not None else tuple(off(each, t) for each in value) if isinstance(
+            value, tuple) else value * (1 + t[0]) or t[0]
+
+    def changed(scene: Any, t: np.ndarray) -> Any:
+        return functools.reduce(lambda made, path: _changed(made, path, lambda given: off(given, t)), paths, scene)
+
+    return Hypothesis(OF_JOINTS[2], changed, ((1e-3,) if exactly is None else (),), lambda t: f"{where} "
+                      f"{off(value, t):.6g} instead of {value:.6g}", "", lambda t: f"missing {name}" if value and len(t)
+                      and t[0] <= CERTAIN - 1 else name, lambda t: ((-1.0,),) if value and len(t) else (), target=where)
+
+
+def _part(owner: Any, key: Any) -> Any:
+    return owner[key] if isinstance(owner, tuple | Mapping) else getattr(owner, key)
+
+
+def _changed(owner: Any, path: Sequence[Any], change: Callable[[Any], Any]) -> Any:
+    """A copy of a record, tuple or mapping with the part at the end of a path changed."""
+    key, *rest = path
+    value = _changed(_part(owner, key), rest, change) if rest else change(_part(owner, key))
+    if isinstance(owner, tuple):
+        return (*owner[:key], value, *owner[key + 1:])
+    return {**owner, key: value} if isinstance(owner, Mapping) else dataclasses.replace(owner, **{key: value})
 
 
 def _anchors(scene: Scene) -> Iterator[Hypothesis]:
@@ -651,11 +680,8 @@ def _anchors(scene: Scene) -> Iterator[Hypothesis]:
             turned = field == "parent_axis"
 
             def moved(given: Any, theta: np.ndarray, k: int = k, field: str = field, turned: bool = turned) -> Any:
-                joints = list(given.joints)
-                value = getattr(joints[k], field)
-                joints[k] = dataclasses.replace(joints[k], **{
-                    field: exponential(theta[None])[0] @ value if turned else value + theta})
-                return placed(given.replace(joints=tuple(joints)))
+                return placed(_changed(given, ("joints", k, field), lambda value: exponential(theta[None])[0] @ value if
+                                       turned else value + theta))
 
             def say(theta: np.ndarray, joint: Any = joint, field: str = field, turned: bool = turned) -> str:
                 off = f"turned by {_numbers(np.degrees(theta))} deg" if turned else f"off by {_numbers(theta)} m"

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
 
-from crosscheck.adapters.lieeuler import motion
+from crosscheck.judge.crossings import Crossed, across
 from crosscheck.judge.defects import turn
 from crosscheck.judge.flow import integrate
+from crosscheck.judge.sensors import moved
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
@@ -24,9 +25,9 @@ from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
 from crosscheck.scene.monitor import level_norms
 from crosscheck.scene.sensors import readings
-from crosscheck.scene.starts import restarted
+from crosscheck.scene.starts import anchor_length
 from crosscheck.scene.states import Motion, States
-from crosscheck.scene.vectors import cross, exponential
+from crosscheck.scene.vectors import cross
 
 FILL = 0.05
 """Longest time (s) between two instants at which an angle is followed over full turns, unless the scene's are closer.
@@ -35,9 +36,9 @@ FILL = 0.05
 CHUNK = 50_000
 """Instants of truth that are in memory at a time."""
 
-MOST_INTERVALS, MOST_OF_LAWS = 2000, 200
-"""Intervals whose defects are measured, and those of scenes with friction, stops or servos, where each takes a run; of
-a longer recording, so many over its whole length."""
+MOST_INTERVALS, MOST_OF_LAWS = 2000, 500
+"""Intervals whose defects are measured; of a longer recording, so many over its whole length. In scenes with friction,
+stops or servos, which remember the interval before, they follow each other, and are longer."""
 
 TURN = 0.1
 """Turn (rad) of the fastest motion in one step of the integration of an interval."""
@@ -84,7 +85,7 @@ class Shown:
         if group.point is not None and group.key == "position":
             values = values + R @ group.point
         if group.point is not None and group.key == "velocity":
-            values = values + np.einsum("tij,tj->ti", R, cross(states.w[:, k], group.point))
+            values = values + np.einsum("tij,tj->ti", R, cross(states.w[:, k], np.array(group.point)))
         if group.frame and (group.frame == "body") != (group.key == "angular_velocity"):
             values = np.einsum("tij,tj->ti" if group.key == "angular_velocity" else "tji,tj->ti", R, values)
         return np.asarray(values[:, list(group.parts)])
@@ -187,23 +188,10 @@ def _speed(group: Group, values: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(rates, axis=1) / (np.sqrt(2.0) if group.key == "attitude" else 1.0))
 
 
-def _moved(states: States, change: np.ndarray) -> States:
-    """States with poses changed by (T, 6 n): displacements in world axes and rotation vectors in body axes."""
-    steps = change.reshape(*states.x.shape[:2], 6)
-    return dataclasses.replace(states, x=states.x + steps[..., :3], R=states.R @ exponential(np.array(steps[..., 3:])))
-
-
-def _spun(states: States, u: np.ndarray) -> States:
-    """States with velocities (T, 6 n): linear in world axes, angular in body axes."""
-    both = u.reshape(*states.x.shape[:2], 6)
-    return dataclasses.replace(states, v=both[..., :3], w=both[..., 3:])
-
-
-def _step(shown: Shown, states: States, at: Callable[[np.ndarray], States], off: np.ndarray, width: float
-          ) -> tuple[np.ndarray, np.ndarray]:
+def _step(shown: Shown, states: States, what: str, off: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
     """(least change (T, 6 n) after which all groups show what is recorded and joints are closed, slopes of all).
 
-    `at` gives the states after a change, `off` (T, m) what the joints lack; `width` is that of difference quotients.
+    `what`: "pose" or "rate"; `off` (T, m) is what the joints lack, `width` that of difference quotients.
     """
     count, size, groups = len(states.t), 6 * shown.scene.n, shown.groups
 
@@ -213,7 +201,8 @@ def _step(shown: Shown, states: States, at: Callable[[np.ndarray], States], off:
 
     columns = []
     for unit in np.eye(size) * width:
-        ahead, behind = (shown.of(at(np.broadcast_to(sign * unit, (count, size)))) for sign in (1, -1))
+        ahead, behind = (shown.of(moved(states, what, np.tile(sign * unit, (count, 1)).reshape(count, -1, 6)))
+                         for sign in (1, -1))
         columns.append(apart(ahead, behind) / (2 * width))
     G = Constraints(shown.scene).jacobian(states.x, states.R)
     A = np.concatenate([np.stack(columns, axis=2), G], axis=1)
@@ -231,20 +220,20 @@ def restored(scene: Scene, recording: Recording, base: Motion) -> States | None:
     shown, states = Shown(scene, poses), States(base.t, base.x, base.R, base.v, base.w)
     total = np.zeros((len(base.t), 6 * scene.n))
     for _ in range(5):
-        change, A = _step(shown, states, functools.partial(_moved, states),
+        change, A = _step(shown, states, "pose",
                           constraints.position(states.x, states.R, states.t), STEP)
         if not poses or np.linalg.matrix_rank(A[0], tol=1e-6) < total.shape[1]:
             return None
-        states, total = _moved(states, change), total + change
+        states, total = moved(states, "pose", change.reshape(-1, scene.n, 6)), total + change
         if np.abs(change).max(initial=0.0) < 1e-12:
             break
     u = np.concatenate([base.v, base.w], axis=2).reshape(total.shape)
     if not rates and len(total) > 2:
         u = u + np.gradient(total, base.t, axis=0, edge_order=2)
-    now = _spun(states, u)
-    change, _ = _step(Shown(scene, rates), now, lambda more: _spun(states, u + more),
-                      constraints.velocity(now.x, now.R, now.v, now.w, now.t), 1.0)  # linear
-    return _spun(states, u + change)
+    both = u.reshape(len(total), -1, 6)
+    now = dataclasses.replace(states, v=both[..., :3], w=both[..., 3:])
+    change, _ = _step(Shown(scene, rates), now, "rate", constraints.velocity(now.x, now.R, now.v, now.w, now.t), 1.0)
+    return moved(now, "rate", change.reshape(both.shape))
 
 
 @dataclasses.dataclass
@@ -260,50 +249,47 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
     """(times at which intervals begin, defects by quantity); None where the recording does not determine the state."""
     groups = [k for k, group in enumerate(seen.recording.groups) if group.key in POSES + RATES]
     recording = dataclasses.replace(seen.recording, groups=[seen.recording.groups[k] for k in groups])
-    sampled = any(servo.period is not None for _, servo in scene.servos.values())  # what it holds is in no state
-    if len(recording.t) < 4 or sampled:
+    rows, laws = np.arange(len(recording.t)), scene.has_laws
+    sampled = any(servo.period is not None for _, servo in scene.servos.values())
+    if len(rows) < 4 or (sampled and seen.t[0] > 0.0):  # what such a servo holds is known from the start only
         return None
-    rows = np.arange(len(recording.t))
-    most = MOST_OF_LAWS if scene.has_laws else MOST_INTERVALS
-    if len(rows) > most + 1:  # pieces of neighbours, evenly over the recording
-        firsts = np.linspace(0, len(rows) - 9, most // 8).astype(int)
+    if laws:  # the memory of laws goes from one interval to the next
+        rows = np.unique(np.linspace(0, len(rows) - 1, MOST_OF_LAWS + 1).astype(int))
+    elif len(rows) > MOST_INTERVALS + 1:  # pieces of neighbours, evenly over the recording
+        firsts = np.linspace(0, len(rows) - 9, MOST_INTERVALS // 8).astype(int)
         rows = np.unique((firsts[:, None] + np.arange(9)).ravel())
     piece = part_of(recording, rows)
     states = restored(scene, piece, seen.truth.at(piece.t - since))
     if states is None:
         return None
-    keep = np.flatnonzero(np.diff(rows) == 1)
+    keep = np.flatnonzero(np.ones(len(rows) - 1) if laws else np.diff(rows) == 1)
     tau = np.diff(states.t)[keep]
     rate = max(float(np.linalg.norm(states.w, axis=-1).max(initial=0.0)), 1.0)
-    count = int(min(200, max(2, np.ceil(rate * tau.max() / TURN))))
-    with np.errstate(over="ignore", invalid="ignore"):
-        now = Shown(scene, recording.groups).of(_onward(scene, states, keep, tau, count))
     floors = [np.maximum(each[rows][keep], each[rows][keep + 1]) for each in (seen.floor[k] for k in groups)]
     known = any(group.key in RATES for group in recording.groups)
     noise = np.max([each if group.key in RATES else each * (rate if known else 1.0) / (1.0 if known else tau)
                     for group, each in zip(recording.groups, floors, strict=True)], axis=0)
+    pose = np.max([each for group, each in zip(recording.groups, floors, strict=True) if group.key in POSES], axis=0)
+    begin, grown = States(*(getattr(states, name)[keep] for name in "txRvw")), np.zeros((2, len(keep)))
+    if laws:
+        crossed = Crossed(scene, states, keep, 0.0, anchor_length(scene), {})
+        after, sizes = crossed.end, crossed.sizes(0)
+        for k, interval in enumerate(crossed.intervals):
+            grown[:, k] = across(interval.events, pose[k], noise[k], tau[k], sizes[:, k], None)
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):
+            after = integrate(scene, begin, tau, int(min(200, max(2, np.ceil(rate * tau.max() / TURN)))))[0]
     defects: dict[str, Defect] = {}
-    for group, value, floor in zip(piece.groups, now, floors, strict=True):
+    for group, value, floor in zip(piece.groups, Shown(scene, recording.groups).of(after), floors, strict=True):
         gap = norms(gaps(group, group.values[keep + 1], value, True))
         change = norms(gaps(group, group.values[keep + 1], group.values[keep], True))
-        allowed = 2 * floor + 4 * noise * (1.0 if group.key in RATES else np.maximum(tau, 1 / rate if known else 0.0))
+        is_rate = group.key in RATES
+        allowed = 2 * floor + 4 * (grown[int(is_rate)] + noise * (
+            1.0 if is_rate else np.maximum(tau, 1 / rate if known else 0.0)))
         other = defects.get(group.key, Defect(gap, allowed, 0.0))
         defects[group.key] = Defect(np.maximum(other.sizes, gap), np.maximum(other.floor, allowed),
                                     max(other.step, float(change.max())))
     return piece.t[keep], defects
-
-
-def _onward(scene: Scene, states: States, rows: np.ndarray, tau: np.ndarray, count: int) -> States:
-    """The states that follow those of some rows after the times tau (s), in `count` steps.
-
-    Laws of joints decide anew at the start of an interval, and wherever events fall within it.
-    """
-    begin = States(*(getattr(states, name)[rows] for name in ("t", "x", "R", "v", "w")))
-    if not scene.has_laws:
-        return integrate(scene, begin, tau, count)[0]
-    ends = [motion(restarted(scene, states, int(row), float(time)), "rkmk853", time / count, np.array([0.0, time]))
-            for row, time in zip(rows, tau, strict=True)]
-    return States(begin.t + tau, *(np.stack([getattr(end, name)[-1] for end in ends]) for name in "xRvw"))
 
 
 def whole(scene: Scene, recording: Recording) -> States | None:

@@ -54,13 +54,8 @@ def tagged(tags: Sequence[str]) -> list[str]:
 
 def figures(names: Sequence[str], engines: Sequence[str]) -> list[Figure]:
     """The published figures of scenes; an engine that cannot run a scene is left out of it."""
-    made = []
-    for name in names:
-        scene = load_scene(name)
-        for figure in scene.published:
-            if figure.quantity != "eigenvalue":
-                made.append(_figure(scene, figure, engines))
-    return made
+    return [_figure(scene, figure, engines) for scene in map(load_scene, names) for figure in scene.published
+            if figure.quantity != "eigenvalue"]
 
 
 def _figure(scene: Scene, figure: Published, engines: Sequence[str]) -> Figure:
@@ -84,8 +79,7 @@ def _figure(scene: Scene, figure: Published, engines: Sequence[str]) -> Figure:
 
 
 def _motion(scene: Scene, figure: Published, engine: str) -> Motion:
-    adapter = adapters.get(engine)
-    method = best_method(adapter, scene)
-    until = scene.replace(duration=figure.time, samples=max(3, scene.samples))
+    method = best_method(adapter := adapters.get(engine), scene)
     controls = {"rtol": RTOL} if method in adapter.adaptive_methods else {"step": (figure.time or 1.0) / STEPS}
-    return run(until, engine, method, monitor=False, **controls)
+    return run(scene.replace(duration=figure.time, samples=max(3, scene.samples)), engine, method, monitor=False,
+               **controls)

@@ -10,6 +10,7 @@ import csv
 import dataclasses
 import functools
 import itertools
+import json
 import math
 import os
 import re
@@ -18,8 +19,9 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import msgspec
 import numpy as np
 
 from crosscheck.errors import ArgumentError, foreign, missing, unknown
@@ -33,9 +35,9 @@ LENGTH, ANGLE, TIME, FORCE, NUMBER = (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (
 UNITS: dict[str, tuple[Powers, float]] = {
     "m": (LENGTH, 1.0), "mm": (LENGTH, 1e-3), "cm": (LENGTH, 1e-2), "km": (LENGTH, 1e3), "in": (LENGTH, 0.0254),
     "ft": (LENGTH, 0.3048), "rad": (ANGLE, 1.0), "mrad": (ANGLE, 1e-3), "deg": (ANGLE, math.pi / 180),
-    "rev": (ANGLE, math.tau), "s": (TIME, 1.0), "ms": (TIME, 1e-3), "us": (TIME, 1e-6), "min": (TIME, 60.0),
-    "h": (TIME, 3600.0), "N": (FORCE, 1.0), "kN": (FORCE, 1e3), "N m": ((1, 0, 0, 1), 1.0), "1": (NUMBER, 1.0),
-    "g": ((1, 0, -2, 0), 9.80665), "rpm": ((0, 1, -1, 0), math.tau / 60)}
+    "rev": (ANGLE, math.tau), "s": (TIME, 1.0), "ms": (TIME, 1e-3), "us": (TIME, 1e-6), "ns": (TIME, 1e-9),
+    "min": (TIME, 60.0), "h": (TIME, 3600.0), "N": (FORCE, 1.0), "kN": (FORCE, 1e3), "N m": ((1, 0, 0, 1), 1.0),
+    "1": (NUMBER, 1.0), "g": ((1, 0, -2, 0), 9.80665), "rpm": ((0, 1, -1, 0), math.tau / 60)}
 """Units: the powers of length, angle, time and force, and the factor to SI."""
 
 SI: dict[Powers, str] = {LENGTH: "m", ANGLE: "rad", TIME: "s", (1, 0, -1, 0): "m/s", (0, 1, -1, 0): "rad/s", FORCE: "N"}
@@ -43,7 +45,6 @@ VECTORS = (("", "x", "position", LENGTH), ("v", "v", "velocity", (1, 0, -1, 0)),
            ("w", "w", "angular_velocity", (0, 1, -1, 0)))
 """Vectors of a body: letter of a component, of all three, quantity and dimension."""
 
-ROWS = ("is", "unit", "scale", "offset", "columns", "order", "frame", "point", "wrap")
 SHOWN = 2000
 """Rows from which the printed digits are measured."""
 
@@ -57,6 +58,23 @@ CROOKED = 0.05
 """How far a quaternion may be from norm one, or a matrix from orthogonal, to count as an attitude at all."""
 
 
+class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A row of a mapping; scale, then offset, in the unit of the column."""
+
+    what: str = msgspec.field(name="is")
+    unit: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+    columns: tuple[str, ...] = ()
+    order: Literal["wxyz", "xyzw"] | None = None
+    frame: Literal["", "world", "body"] = ""
+    point: tuple[float, float, float] | None = None
+    wrap: bool = False
+
+
+AS_IT_IS = Row("")
+
+
 @dataclasses.dataclass
 class Group:
     """The recorded values of one quantity of one body, joint or sensor; attitudes are matrices."""
@@ -67,7 +85,7 @@ class Group:
     values: np.ndarray  # (T, parts) in SI units, or (T, 3, 3)
     floor: np.ndarray  # (T,) what the printed digits leave open, in the norm
     frame: str = ""  # "world" or "body" where it is not the usual one
-    point: np.ndarray | None = None  # (3,) body axes, where it is not the centre of mass
+    point: tuple[float, float, float] | None = None  # m, body axes, where it is not the centre of mass
     wrap: bool = False
     crooked: float = 0.0  # largest distance of the recorded attitudes from rotations
     unit: str = ""  # SI
@@ -105,16 +123,12 @@ class Column:
     dimension: Powers | None = None  # None: any
     form: str = ""  # of an attitude: "q" or "R"
     names: tuple[str, ...] = ()  # in the file
-    scale: float = 1.0
-    offset: float = 0.0  # in the unit of the column
     factor: float = 1.0  # of the unit
-    frame: str = ""
-    point: np.ndarray | None = None
-    wrap: bool = False
+    row: Row = AS_IT_IS
 
     def scaled(self, values: np.ndarray) -> np.ndarray:
         """Recorded numbers in SI units."""
-        return np.asarray((self.scale * values + self.offset) * self.factor)
+        return np.asarray((self.row.scale * values + self.row.offset) * self.factor)
 
 
 def factor_of(unit: str, dimension: Powers | None, where: str) -> float:
@@ -226,9 +240,10 @@ class Text(Source):
         self.separator = _separator([line for _, line in lines])
         self.decimal = "," if self.separator == ";" and re.search(r"\d,\d", "".join(x for _, x in lines[1:9])) else "."
         first = self._cells(lines[0][1])
-        self.header = not all(_is_number(cell) for cell in first)
         comments = [self._cells(line[1:]) for line in head if line[:1] == self.comment]
-        named = comments and len(comments[-1]) == len(first)  # as numpy.savetxt writes them
+        numbers = [_is_number(cell) for cell in first]
+        named = any(numbers) and comments and len(comments[-1]) == len(first)  # numpy.savetxt, rostopic
+        self.header = not all(numbers) and not named
         self.columns = first if self.header else comments[-1] if named else [str(k) for k in range(len(first))]
         twice = next((name for name in self.columns if self.columns.count(name) > 1), None)
         if twice is not None:
@@ -372,7 +387,7 @@ def _of_arrays(arrays: Mapping[str, Any], scene: Scene, where: str) -> dict[str,
     return columns
 
 
-def mapping_of(columns: Any) -> dict[str, dict[str, Any]]:
+def mapping_of(columns: Any) -> dict[str, Row]:
     """The rows of a mapping: of a TOML file, or of a dict with the same content."""
     if columns is None:
         return {}
@@ -387,22 +402,20 @@ def mapping_of(columns: Any) -> dict[str, dict[str, Any]]:
         raise ArgumentError(f"{where}: a TOML file or a dict is wanted, not {type(columns).__name__}")
     rows = {}
     for key, given in columns.get("columns", columns).items():
-        row = {"is": given} if isinstance(given, str) else given
-        if not isinstance(row, Mapping) or "is" not in row:
-            raise ArgumentError(f'{where}: column {key!r}: write {{ is = "upper.x" }}')
-        for entry in row:
-            if entry not in ROWS:
-                raise ArgumentError(f"{where}: column {key!r}: {unknown('key', entry, ROWS)}")
-        rows[key] = dict(row)
+        try:
+            rows[key] = msgspec.convert({"is": given} if isinstance(given, str) else given, Row)
+        except msgspec.ValidationError as error:
+            raise ArgumentError(f"{where}: column {key!r}: {error}; keys: {', '.join(Row.__struct_encode_fields__)}"
+                                ) from None
     return rows
 
 
-def assigned(scene: Scene, source: Source, rows: Mapping[str, Mapping[str, Any]]) -> tuple[list[Column], list[str]]:
+def assigned(scene: Scene, source: Source, rows: Mapping[str, Row]) -> tuple[list[Column], list[str]]:
     """What the columns are, by the mapping and by their headers, and the names of the others."""
     known, made = meanings(scene), []
     left = list(source.columns)
 
-    def take(key: str, row: Mapping[str, Any]) -> None:
+    def take(key: str, row: Row) -> None:
         made.append(_mapped(known, scene, source, key, row))
         left[:] = [name for name in left if name not in made[-1].names]
 
@@ -412,11 +425,11 @@ def assigned(scene: Scene, source: Source, rows: Mapping[str, Mapping[str, Any]]
         name, unit, wrap = split_unit(column)
         whole = re.sub(r"\[\d+\]$", "", column)
         if column in left and name in known:
-            take(column, {"is": name, "unit": unit, "wrap": wrap})
+            take(column, Row(name, unit, wrap=wrap))
         elif column in left and whole in known:
-            take(whole, {"is": whole})
+            take(whole, Row(whole))
     examples = [f"{body.name}.x" for body in scene.bodies] + [f"{joint.name}.position" for joint in scene.joints]
-    for wanted, text in ((True, 'no column t; name the column of times t, or map it ("Time [s]" = { is = "t" })'),
+    for wanted, text in ((True, 'no column t; name it so, or map it ("Time [s]" = { is = "t" }; --suggest writes it)'),
                          (False, f"no column is one of scene {scene.name!r}, such as {', '.join(examples[:8])}; "
                           "name them so, or give a mapping (--suggest writes one)")):
         if not any((column.key == "t") is wanted for column in made):
@@ -424,14 +437,14 @@ def assigned(scene: Scene, source: Source, rows: Mapping[str, Mapping[str, Any]]
     return made, left
 
 
-def _mapped(known: Mapping[str, Column], scene: Scene, source: Source, key: str, row: Mapping[str, Any]) -> Column:
+def _mapped(known: Mapping[str, Column], scene: Scene, source: Source, key: str, row: Row) -> Column:
     where = f"{source.name}: column {key!r}"
-    meaning = known.get(str(row["is"]))
+    meaning = known.get(row.what)
     if meaning is None:
         names = [body.name for body in scene.bodies] + [joint.name for joint in scene.joints]
-        raise ArgumentError(f"{where}: {row['is']!r} is nothing of scene {scene.name!r}, whose bodies and joints are "
+        raise ArgumentError(f"{where}: {row.what!r} is nothing of scene {scene.name!r}, whose bodies and joints are "
                             f"{', '.join(names)}; write one of them with .x .y .z .q .R .v .w, .position or .velocity")
-    names = [str(name) for name in row.get("columns", ())]
+    names = list(row.columns)
     if not names:
         whole = [name for name in source.columns if re.fullmatch(re.escape(key) + r"(\[\d+\]|[._][wxyz])", name)]
         names = [key] if key in source.columns or not whole else whole
@@ -444,27 +457,15 @@ def _mapped(known: Mapping[str, Column], scene: Scene, source: Source, key: str,
     if form and len(parts) > 1 and len(names) in (4, 9):  # "attitude" is both
         form, parts = ("q", (0, 1, 2, 3)) if len(names) == 4 else ("R", tuple(range(9)))
     if len(parts) != len(names):
-        raise ArgumentError(f"{where}: {row['is']} has {len(parts)} numbers, and {len(names)} columns are named; "
+        raise ArgumentError(f"{where}: {row.what} has {len(parts)} numbers, and {len(names)} columns are named; "
                             'list them: columns = ["q1", "q2", "q3", "q4"]')
-    order, frame, point = row.get("order"), row.get("frame", ""), row.get("point")
-    scale, offset = row.get("scale", 1.0), row.get("offset", 0.0)
-    for good, text in (
-            (order is None or (form == "q" and order in ("wxyz", "xyzw")),
-             f'order: "wxyz" or "xyzw" of a quaternion is wanted, not {order!r}'),
-            (frame in ("", "world", "body"), f'frame: "world" or "body" is wanted, not {frame!r}'),
-            (point is None or np.shape(point) == (3,), f"point: three numbers in m, body axes, are wanted, not "
-             f"{point!r}"),
-            (isinstance(scale, int | float) and isinstance(offset, int | float), "scale and offset: numbers are wanted",
-             )):
-        if not good:
-            raise ArgumentError(f"{where}: {text}")
-    if order is not None:
-        parts = tuple("wxyz".index(letter) for letter in order)
-    unit = row.get("unit") or (split_unit(names[0])[1] if len(names) == 1 else "")
-    return dataclasses.replace(meaning, names=tuple(names), parts=parts, form=form, scale=scale, offset=offset,
-                               factor=factor_of(unit, meaning.dimension, where) if unit else 1.0, frame=frame,
-                               point=None if point is None else np.array(point, dtype=float),
-                               wrap=bool(row.get("wrap", False)))
+    if row.order is not None:
+        if form != "q":
+            raise ArgumentError(f"{where}: order: of a quaternion only")
+        parts = tuple("wxyz".index(letter) for letter in row.order)
+    unit = row.unit or (split_unit(names[0])[1] if len(names) == 1 else "")
+    return dataclasses.replace(meaning, names=tuple(names), parts=parts, form=form, row=row,
+                               factor=factor_of(unit, meaning.dimension, where) if unit else 1.0)
 
 
 def read(data: Any, scene: Scene, columns: Any = None, progress: Progress | None = None) -> Recording:
@@ -502,6 +503,9 @@ def read(data: Any, scene: Scene, columns: Any = None, progress: Progress | None
         raise ArgumentError(f"{source.name}: {source.place(at)}, column {name!r}: time {t[at]:.9g} s " + (
             f"does not follow {t[at - 1]:.9g} s; times have to increase" if at else
             "is before the scene's start at 0; subtract it (offset)"))
+    if t[0] > EPOCH:
+        raise ArgumentError(f"{source.name}: column {name!r}: times begin at {t[0]:.9g} s, not near the scene's start "
+                            f"at 0; subtract the first one (offset = {-numbers[name][0]!r}), as --suggest does")
     groups = list(_grouped(source, [column for column in made if column.key != "t"], numbers))
     return Recording(source.name, t, groups, tuple(ignored), _blur(source, times[0], t))
 
@@ -519,7 +523,7 @@ def _grouped(source: Source, made: Sequence[Column], numbers: Mapping[str, np.nd
         order = tuple(sorted(held))
         first = held[order[0]][1]
         values = np.stack([held[k][1].scaled(numbers[held[k][0]]) for k in order], axis=1)
-        floor = np.sqrt(sum((held[k][1].scale * held[k][1].factor * rounding(source.texts(held[k][0]),
+        floor = np.sqrt(sum((held[k][1].row.scale * held[k][1].factor * rounding(source.texts(held[k][0]),
                                                                              numbers[held[k][0]])) ** 2 for k in order))
         unit, crooked = SI.get(first.dimension or (), ""), 0.0
         if key == "attitude":
@@ -529,8 +533,8 @@ def _grouped(source: Source, made: Sequence[Column], numbers: Mapping[str, np.nd
                                     "give all of them")
             values, crooked = _attitudes(source, values, owner)
             floor, order, unit = floor * (2.0 if wanted == 4 else 1.0), (0,), "rad"
-        yield Group(key, owner, order, values, floor, first.frame, first.point, any(each.wrap for _, each in
-                    held.values()), crooked, unit, key == "joint_position" and unit == "rad")
+        yield Group(key, owner, order, values, floor, first.row.frame, first.row.point, any(each.row.wrap for
+                    _, each in held.values()), crooked, unit, key == "joint_position" and unit == "rad")
 
 
 def _attitudes(source: Source, columns: np.ndarray, owner: str) -> tuple[np.ndarray, float]:
@@ -576,45 +580,98 @@ def rounding(texts: Sequence[str], values: np.ndarray) -> np.ndarray:
 def _blur(source: Source, column: Column, t: np.ndarray) -> float:
     """What the printed digits of times leave open, s. Times of an even grid that the digits hold are exact."""
     decimals, significant = digits(source.texts(column.names[0]))
-    if significant >= DOUBLE or len(t) < 3:
+    if len(t) < 3:
         return 0.0
-    last = 10.0**-decimals * abs(column.scale * column.factor)
+    if significant >= DOUBLE:  # times since 1970 are no exact doubles
+        return float(np.spacing(abs(column.row.offset)) * abs(column.factor))
+    last = 10.0**-decimals * abs(column.row.scale * column.factor)
     jitter = float(np.abs(t - np.linspace(t[0], t[-1], len(t))).max())
     return 0.0 if jitter <= 1e-3 * last else min(jitter, 0.5 * last)
 
 
-WORDS = {"velocity": ("vel", "velocity", "rate", "speed", "qd"), "omega": ("omega", "gyro", "angvel", "angular", "w"),
-         "position": ("pos", "position", "angle", "theta", "q", "displacement", "slide")}
+WORDS = {
+    "t": ("t", "time", "timestamp", "stamp", "tout", "clock", "sec", "secs", "seconds"),
+    "rate": ("vel", "velocity", "rate", "speed", "qd", "qdot", "dq", "qvel", "dtheta", "dot", "twist", "linear", "w",
+             "omega", "gyro", "angvel", "angular"),
+    "spin": ("omega", "gyro", "angvel", "angular"), "q": ("quat", "quaternion", "orientation", "attitude", "rotation"),
+    "pose": ("pos", "position", "angle", "theta", "q", "qpos", "displacement", "slide", "phi", "joint", "coordinate")}
 """Words of foreign names, by what they say."""
+
+UNIT_WORDS = {"degrees": "deg", "msec": "ms", "usec": "us", "nsec": "ns", "dps": "deg/s"} | {
+    unit: unit for unit in ("deg", "rad", "mm", "cm", "ms", "us", "ns", "rpm", "m", "s")}
+
+EPOCH = 1e8
+"""Times (s) from which on zero is no start of a scene: three years."""
 
 
 def suggest(data: Any, scene: Scene) -> str:
     """A mapping, as the text of a TOML file, of the columns whose names and units are recognised; others as comments.
     """
-    source, lines, known = opened(data, scene), ["[columns]"], meanings(scene)
+    source, known, made = opened(data, scene), meanings(scene), dict[str, tuple[str, str]]()
+    numbered: dict[bool, dict[int, tuple[str, str]]] = {False: {}, True: {}}
     for column in source.columns:
         name, unit, _ = split_unit(column)
-        target = ("t" if name == "time" else name) if name in known else _guess(scene, name)
-        row = f'{{ is = "{target}"{f", unit = {chr(34)}{unit}{chr(34)}" if unit and unit != "1" else ""} }}'
-        quoted = column.replace("\\", "\\\\").replace('"', '\\"')
-        lines.append(f'"{quoted}" = {row}' if target else f'# "{quoted}" = {{ is = "..." }}')
-    return "\n".join(lines) + "\n"
+        words = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
+        per = len(words) > 2 and words[-1] in ("s", "sec") and words[-2 - (words[-2] == "per")] in UNIT_WORDS
+        last = len(words) - 1 - (per and 1 + (words[-2] == "per"))
+        if last > 0 and words[last] in UNIT_WORDS:  # such as "elbow_vel_deg_s"
+            unit, words = unit or UNIT_WORDS[words[last]] + "/s" * per, words[:last]
+        says = {what for what, spelled in WORDS.items() if {*words} & {*spelled}}
+        target = ("t" if name == "time" else name) if name in known else _guess(scene, words, says)
+        places = [int(word) for word in words if word.isdigit()]
+        given = f', unit = "{unit}"' if unit and unit != "1" else ""
+        if target == "t":
+            if all(what != "t" for what, _ in made.values()):
+                made[column] = "t", _clock(source, column, unit)
+        elif target in known and (len(known[target].parts) == 1 or name in known):
+            made[column] = target, given
+        elif places and says & {"rate", "pose"}:
+            numbered["rate" in says or words[-1].endswith("dot")].setdefault(places[-1], (column, given))
+    for rate, columns in numbered.items():  # q1, q2, ... qd1, qd2, ...: all coordinates in the order of the scene
+        names, first = _coordinates(scene, rate), min(columns, default=0)
+        if sorted(columns) == list(range(first, first + len(names))):
+            made |= {columns[first + k][0]: (what, columns[first + k][1]) for k, what in enumerate(names)}
+    return "[columns]\n" + "".join(
+        f'{"" if column in made else "# "}{json.dumps(column, ensure_ascii=False)} = {{ is = "{what}"{more} }}\n'
+        for column in source.columns for what, more in [made.get(column, ("...", ""))])
 
 
-def _guess(scene: Scene, name: str) -> str:
-    """What a foreign name probably is, "" if that is not clear."""
-    words = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
-    if not words:
+def _clock(source: Source, column: str, unit: str) -> str:
+    """Unit and offset of a column of times; those since 1970 say their unit by their size."""
+    first = float(source.load([column], None)[column][0])
+    if not unit and first > EPOCH:
+        unit = next(name for name, size in (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 0.0)) if first > size)
+    since = first * UNITS.get(unit, (TIME, 1.0))[1] > EPOCH
+    return (f', unit = "{unit}"' if unit else "") + (f", offset = {-first!r}" if since else "")
+
+
+def _coordinates(scene: Scene, rate: bool) -> list[str]:
+    """Names of all coordinates or rates, body after body: MuJoCo's qpos and qvel; quaternions have the scalar first."""
+    names = []
+    for body, owner in enumerate(scene.bodies):
+        joints = [joint for joint in scene.joints if joint.child == body]
+        free = ("vx", "vy", "vz", "wx", "wy", "wz") if rate else ("x", "y", "z", "qw", "qx", "qy", "qz")
+        names += [f"{owner.name}.{part}" for part in free if not joints]
+        for joint in joints:
+            count = len(JOINT_TYPES[joint.type].coordinates) if joint.type != "spherical" else 3 if rate else 4
+            names += [f"{joint.name}.{'velocity' if rate else 'position'}{f'[{k}]' if count > 1 else ''}"
+                      for k in range(count)]
+    return names
+
+
+def _guess(scene: Scene, words: Sequence[str], says: set[str]) -> str:
+    """What a column with these words in its foreign name probably is."""
+    if not words or words[0] in WORDS["t"] or words[-1] in WORDS["t"]:
+        return "t" if words else ""
+    owners = [j.name for j in scene.joints if JOINT_TYPES[j.type].coordinates], [body.name for body in scene.bodies]
+    joints, bodies = ([name for name in sorted(names, key=len) if re.sub(r"[^a-z0-9]", "", name.lower()) in
+                       "".join(words)] for names in owners)
+    bodies = bodies or [body.name for body in scene.bodies if scene.n == 1 and not joints]
+    axis = re.fullmatch(r"(q[wxyz]|[vw]?[xyz]|w)", words[-1])
+    if joints and not (bodies and axis and not says & {"pose", "rate"}):
+        return f"{joints[-1]}.{'velocity' if 'rate' in says or words[-1].endswith('dot') else 'position'}"
+    if not bodies or axis is None:
         return ""
-    if words[0] in ("t", "time", "timestamp", "sec", "seconds"):
-        return "t"
-    joints, bodies = ([each.name for each in owners if re.sub(r"[^a-z0-9]", "", each.name.lower()) in "".join(words)]
-                      for owners in ([j for j in scene.joints if JOINT_TYPES[j.type].coordinates], scene.bodies))
-    says = [meaning for meaning, spelled in WORDS.items() if any(word in spelled for word in words)]
-    axis = re.fullmatch(r"(q[wxyz]|[vw]?[xyz])", words[-1])
-    if len(joints) == 1 and (not bodies or (says and not axis)):
-        return f"{joints[0]}.{'velocity' if says and says[0] != 'position' else 'position'}"
-    if len(bodies) == 1 and axis:
-        letter = {"velocity": "v", "omega": "w"}.get(says[0], "") if says and len(axis[1]) == 1 else ""
-        return f"{bodies[0]}.{letter}{axis[1]}"
-    return ""
+    letter = "" if len(axis[1]) > 1 else "q" if "q" in says else "w" if "spin" in says else (
+        "v" if says & {"rate"} and words[-1] != "w" else "")
+    return f"{bodies[-1]}.{letter}{axis[1]}"

@@ -17,6 +17,7 @@ from tests.recordings.motions import (
     by_mujoco,
     by_pinocchio,
     imu,
+    lawful,
     sled,
     slider,
     top,
@@ -53,6 +54,20 @@ class Wrong:
 UNEVEN = np.sort(np.concatenate([[0.0], np.random.default_rng(3).uniform(0.001, 2.0, 150)]))
 LATE = np.linspace(0.5, 2.0, 151)
 
+CONTINUOUS = (-0.5, 30.0, 1.0, 6.0, None, 0)
+SAMPLED = (-0.5, 30.0, 1.0, 6.0, 0.02, 1)
+LAWS = {"rough": {"friction": (1.5, 1.5)}, "bounce": {"stop": 0.9, "bounce": 0.5}, "stop": {"stop": 0.9},
+        "soft": {"soft": (0.9, 60.0, 0.4)}, "servo": {"servo": CONTINUOUS}, "sampled": {"servo": SAMPLED}}
+"""What makes the motions of the scenes with laws of a hinge."""
+
+FEW = np.linspace(0.0, 2.0, 41)
+"""Rows 0.05 s apart: several impacts, and samples of a servo, in one interval."""
+
+
+def _law(scene: str, t: np.ndarray = TIMES, **changes: Any) -> Callable[[], Columns]:
+    return lambda: lawful(t, **(LAWS[scene] | changes))
+
+
 RIGHT = [
     *(Right(scene, make, keep, style) for scene, make, keep in (
         ("arm", arm, ""), ("two", two, ""), ("tumbler", tumbler, ""), ("top", top, ""), ("slider", slider, ""))
@@ -69,6 +84,8 @@ RIGHT = [
     Right("two", by_pinocchio, "", "npz"), Right("tumbler", by_exudyn, "", "csv"),
     Right("imu", imu, "", "csv"), Right("imu", imu, "acceleration", "parquet"), Right("imu", imu, "rate", "digits6"),
     Right("sled", sled, "", "csv"), Right("sled", sled, "position", "digits6"),
+    *(Right(scene, _law(scene, t), keep, style) for scene in LAWS
+      for t, keep, style in ((TIMES, "", "csv"), (FEW, "pivot", "digits6"))),
 ]
 
 
@@ -331,6 +348,24 @@ WRONG = [
     Wrong("dry friction", "sled", lambda: sled(friction=2.3), ("dry friction", "mass")),
     Wrong("jump", "sled", lambda: {name: values + 0.05 * (name == "rail.position") * (TIMES > 1.0)
                                    for name, values in sled().items()}, ()),
+    *(Wrong(kind, scene, _law(scene, **changes), names) for kind, scene, names, changes in (
+        ("friction on the way there", "rough", (), {"friction": (1.515, 1.5)}),
+        ("friction on the way back", "rough", (), {"friction": (1.5, 1.515)}),
+        ("dry friction", "rough", ("dry friction",), {"friction": (1.4, 1.4)}),
+        ("restitution", "bounce", ("stop restitution",), {"bounce": 0.51}),
+        ("place of a stop", "bounce", ("stop upper",), {"stop": 0.905}),
+        ("load before an impact", "bounce", (), {"late": lambda t: 0.02 * (t < 0.1)}),
+        ("load after an impact", "bounce", (), {"late": lambda t: 0.02 * (t > 0.25)}),
+        ("a stop that bounces", "stop", ("stop restitution",), {"bounce": 0.05}),
+        ("no stop", "stop", (), {"stop": None}),
+        ("soft stop", "soft", ("stop stiffness",), {"soft": (0.9, 61.0, 0.4)}),
+        ("soft stop", "soft", ("stop damping",), {"soft": (0.9, 60.0, 0.42)}),
+        ("gain of a servo", "servo", ("servo proportional",), {"servo": (-0.5, 30.3, *CONTINUOUS[2:])}),
+        ("limit of a servo", "servo", ("servo effort limit",), {"servo": (*CONTINUOUS[:3], 5.9, None, 0)}),
+        ("delay of a servo", "sampled", ("servo delay",), {"servo": (*SAMPLED[:5], 0)}),
+        ("delay of a servo", "sampled", ("servo delay",), {"servo": (*SAMPLED[:5], 2)}),
+        ("period of a servo", "sampled", (), {"servo": (*SAMPLED[:4], 0.01, 1)}),
+        ("load late in a servo's run", "sampled", (), {"late": lambda t: 0.01 * (t > 1)}))),
     Wrong("relative spin", "two", lambda: vectors(two(), "fore", "w", lambda w, R: w - np.outer(
         two()["shoulder.velocity"], [0, 1, 0])), ("velocity frame",)),
 ]

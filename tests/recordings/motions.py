@@ -18,7 +18,8 @@ def toml(name, *tables, schema=2):
     """The text of a scene of two seconds; each table is a pair of its name and its entries."""
     lines = [f"schema = {schema}", f'name = "{name}"', "gravity = [0.0, 0.0, -9.81]", "duration = 2.0", "samples = 101"]
     for table, entries in tables:
-        lines += [f"[[{table}]]", *(f"{key} = {json.dumps(value)}" for key, value in entries.items())]
+        lines += [f"[[{table}]]", *(f"{key} = {inline(value) if isinstance(value, dict) else json.dumps(value)}"
+                                        for key, value in entries.items())]
     return "\n".join(lines) + "\n"
 
 
@@ -34,9 +35,22 @@ def joint(name, kind, parent, child, parent_anchor, child_anchor, axis=None, **m
                       "child_anchor": child_anchor, **axes, **more}
 
 
+def inline(entries):
+    """Inline TOML of a dict."""
+    return "{ " + ", ".join(f"{key} = {json.dumps(value)}" for key, value in entries.items()) + " }"
+
+
 BAR, BRICK = (0.01, 0.03, 0.025), (0.03, 0.05, 0.07)
-ARM = (solid("bar", 1.2, BAR), joint("pivot", "revolute", "ground", "bar", [0.1, 0.0, 0.2], [-0.4, 0.0, 0.0], Y,
-                                     position=0.4, velocity=1.5, damping=0.02))
+
+
+def hinged(**more):
+    """A bar on a hinge."""
+    return solid("bar", 1.2, BAR), joint("pivot", "revolute", "ground", "bar", [0.1, 0.0, 0.2], [-0.4, 0.0, 0.0], Y,
+                                         position=0.4, velocity=1.5, damping=0.02, **more)
+
+
+ARM = hinged()
+SERVO = {"type": "servo", "joint": "pivot", "target": -0.5, "proportional": 30.0, "derivative": 1.0}
 BLOCK = solid("block", 2.0, BRICK)
 RAIL = "rail", "prismatic", "ground", "block", [0.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0]
 CHIP = (("sites", {"name": "chip", "body": "bar", "position": [0.2, 0.0, 0.05]}),
@@ -58,7 +72,14 @@ SCENES = {
         "type": "linear_spring", "parent": "ground", "child": "block", "parent_point": [-1.0, 0.0, 0.0],
         "child_point": [0.0] * 3, "stiffness": 80.0, "free_length": 0.9, "damping": 0.4})),
     "sled": toml("sled", BLOCK, joint(*RAIL, position=0.3, velocity=1.5, dry_friction=2.0), schema=3),
-    "imu": toml("imu", *ARM, *CHIP, schema=3)}
+    "imu": toml("imu", *ARM, *CHIP, schema=3),
+    "rough": toml("rough", *hinged(dry_friction=1.5), schema=3),
+    "bounce": toml("bounce", *hinged(limits={"upper": 0.9, "restitution": 0.5}), schema=3),
+    "stop": toml("stop", *hinged(limits={"upper": 0.9}), schema=3),
+    "soft": toml("soft", *hinged(limits={"upper": 0.9, "stiffness": 60.0, "damping": 0.4}), schema=3),
+    "servo": toml("servo", *hinged(), ("forces", SERVO | {"effort_limit": 6.0}), schema=3),
+    "sampled": toml("sampled", *hinged(), ("forces", SERVO | {"effort_limit": 6.0, "period": 0.02, "delay": 1}),
+                    schema=3)}
 
 TIMES = np.linspace(0.0, 2.0, 201)
 
@@ -207,6 +228,82 @@ def sled(t=TIMES, friction=2.0):
     a = friction / 2.0
     moving = np.minimum(t, 1.5 / a)
     return {"t": t, "rail.position": 0.3 + 1.5 * moving - 0.5 * a * moving**2, "rail.velocity": 1.5 - a * moving}
+
+
+# --- laws of a hinge --------------------------------------------------------------------------------------------------
+
+
+def lawful(t=TIMES, g=9.81, J=0.222, damping=0.02, friction=(0.0, 0.0), stop=None, bounce=0.0, soft=None, servo=None,
+           late=lambda t: 0.0):
+    """The bar on its hinge, with laws: a smooth motion from event to event, each found by SciPy.
+
+    friction : N m, of motion to either side; stop : rad, of a rigid one above, with restitution `bounce`
+    soft : (rad, N m/rad, N m s/rad) of a spring and damper above, which push only
+    servo : (target, proportional, derivative, limit, period or None, whole periods of delay)
+    late : N m more, by time
+    """
+    now, y, side, held, acting, queue, rows = 0.0, np.array([0.4, 1.5]), 1.0, False, 0.0, [], []
+    target, proportional, derivative, limit, period, delay = servo or (0.0,) * 4 + (None, 0)
+
+    def wanted(y):
+        return proportional * (target - y[0]) - derivative * y[1]
+
+    def load(t, y):
+        push = 0.0 if soft is None or y[0] < soft[0] else max(0.0, soft[1] * (y[0] - soft[0]) + soft[2] * y[1])
+        effort = np.clip(wanted(y), -limit, limit) if servo and period is None else acting
+        return 1.2 * g * 0.4 * np.cos(y[0]) - damping * y[1] - push + effort + late(t)
+
+    def surfaces():
+        if held:  # by the stop until the load turns, by friction until it is too large
+            return [lambda t, y: load(t, y) if stop is not None else friction[0] - abs(load(t, y))]
+        made = [(lambda t, y: stop - y[0])] if stop is not None else []
+        made += [lambda t, y: y[1]] if any(friction) else []
+        made += [lambda t, y: soft[0] - y[0],
+                 lambda t, y: soft[1] * (y[0] - soft[0]) + soft[2] * y[1]] if soft is not None else []
+        made += [lambda t, y: wanted(y) - limit, lambda t, y: wanted(y) + limit] if servo and period is None else []
+        return made
+
+    def rates(t, y):
+        return [0.0, 0.0] if held else [y[1], (load(t, y) - side * friction[int(side < 0)]) / J]
+
+    sample, next_sample = 0, 0.0
+    while now < t[-1]:
+        if period is not None and now >= next_sample - 1e-12:
+            queue.append(float(np.clip(wanted(y), -limit, limit)))
+            acting = queue[-1 - delay] if len(queue) > delay else 0.0
+            sample += 1
+            next_sample = sample * period
+        until = min(t[-1], next_sample) if period is not None else t[-1]
+        if until <= now:
+            continue
+        events = surfaces()
+        for event in events:
+            event.terminal, event.direction = True, 0.0
+        began = solve_ivp(rates, (now, until), y, "DOP853", rtol=1e-12, atol=1e-13, events=events or None,
+                          dense_output=True, max_step=0.01)
+        inside = t[(t >= now) & (t <= began.t[-1]) & (t > (rows[-1][0] if rows else -1.0))]
+        rows += [(each, *began.sol(each)) for each in inside]
+        now, y = float(began.t[-1]), began.y[:, -1].copy()
+        if began.status != 1:
+            continue
+        if held:
+            held, side = False, np.sign(load(now, y)) or 1.0
+        elif stop is not None and abs(stop - y[0]) < 1e-9 and y[1] > 0:
+            y = np.array([stop, -bounce * y[1]])
+            held = abs(y[1]) < 1e-6 and load(now, y) > 0
+            y[1] *= not held
+        elif any(friction) and abs(y[1]) < 1e-9:
+            y[1], here = 0.0, load(now, y)
+            held = abs(here) <= friction[int(here < 0)]
+            side = float(np.sign(here))
+        if not held:  # away from the surface, by a step that it does not cross
+            step = solve_ivp(rates, (now, now + 1e-7), y, "RK45", rtol=1e-12, atol=1e-14)
+            now, y = now + 1e-7, step.y[:, -1]
+    t, a, w = np.array(rows).T
+    columns = {"t": t, "pivot.position": a, "pivot.velocity": w}
+    spin, R = np.outer(w, [0.0, 1.0, 0.0]), turned_y(a)
+    body(columns, "bar", np.array([0.1, 0.0, 0.2]) + R @ [0.4, 0.0, 0.0], R, np.cross(spin, R @ [0.4, 0.0, 0.0]), spin)
+    return columns
 
 
 # --- engines, by their own scripts ------------------------------------------------------------------------------------

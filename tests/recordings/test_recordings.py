@@ -12,13 +12,13 @@ from typer.testing import CliRunner
 import crosscheck
 from crosscheck.cli.app import app
 from crosscheck.recordings import suggest
-from tests.recordings.corpus import RIGHT, WRONG, written
-from tests.recordings.motions import SCENES, TIMES, arm, solved, tumbler, two
+from tests.recordings.corpus import LAWS, RIGHT, WRONG, only, written
+from tests.recordings.motions import SCENES, TIMES, arm, lawful, solved, tumbler, two
 
 pd = pytest.importorskip("pandas")
 
 KEYS = ("position", "attitude", "velocity", "angular_velocity", "joint_position", "joint_velocity")
-QUICK_RIGHT = (0, 5, 11, 14, 19, 23, 27, 28, 30, 34, 36, 40, 41, 43, 44)
+QUICK_RIGHT = (0, 5, 11, 14, 19, 23, 27, 28, 30, 34, 36, 40, 41, 43, 44, 46, 48, 50, 52, 54, 56)
 QUICK_WRONG = (2, 10, 19, 22, 32, 37, 41, 44, 49, 53, 55, 61, 69, 75, 80, 81, 82, 83, 84, 85, 86)
 
 
@@ -62,6 +62,20 @@ def test_wrong_recordings_fail_and_no_cause_is_false(scenes, index):
         assert any(name.startswith(case.names) for name in verdict.cause.split(" or ")), str(verdict)
 
 
+@pytest.mark.parametrize(("scene", "since", "changes"), [
+    ("bounce", 0.16, {"bounce": 0.51}), ("bounce", 0.0, {"late": lambda t: 0.02 * (t < 0.1)}),
+    ("bounce", 0.25, {"late": lambda t: 0.02 * (t > 0.25)}), ("rough", 0.63, {"friction": (1.5, 1.515)}),
+    ("sampled", 1.0, {"late": lambda t: 0.01 * (t > 1)}), ("soft", 0.16, {"soft": (0.9, 61.0, 0.4)}),
+])
+def test_intervals_show_mistakes_on_either_side_of_an_event(scenes, scene, since, changes):
+    """Stops, friction, a sampled servo with a delay: intervals before the mistake are right, that of its begin is not.
+    """
+    columns = only(lawful(**(LAWS[scene] | changes)), "pivot")
+    defects = crosscheck.judge_recording(scenes[scene], columns, tolerance={"joint_position": 1e3}).defects
+    wrong = defects["t"][np.maximum(defects["joint_position"], defects["joint_velocity"]) > 1e-6].to_numpy()
+    assert wrong[0] == pytest.approx(since, abs=0.0101)
+
+
 @pytest.mark.parametrize(("text", "said"), [
     ("", "is empty"), ("# nothing\n", "no rows"), ("t,pivot.position\n", "no rows"),
     ("t,pivot.position\n0,1\n0.1,abc\n", "row 2 (line 3), column 'pivot.position': 'abc'"),
@@ -85,9 +99,10 @@ def test_a_bad_file_is_one_error_with_row_and_column(scenes, text, said, tmp_pat
 
 @pytest.mark.parametrize(("rows", "said"), [
     ({"a": {"is": "pivot.speed"}}, "nothing of scene 'arm'"), ({"b": {"is": "pivot.position"}}, "column of the file"),
-    ({"a": {"is": "bar.q"}}, "has 4 numbers, and 1 columns"), ({"a": {"is": "pivot.position", "units": "deg"}}, "key"),
+    ({"a": {"is": "bar.q"}}, "has 4 numbers, and 1 columns"),
+    ({"a": {"is": "pivot.position", "units": "deg"}}, "`units`"),
     ({"a": {"is": "pivot.position", "order": "xyzw"}}, "order"), ({"a": {"is": "bar.vx", "frame": "moon"}}, "frame"),
-    ({"a": {"is": "bar.x", "point": [1, 2]}}, "three numbers"), ({"a": {"unit": "deg"}}, "write { is"),
+    ({"a": {"is": "bar.x", "point": [1, 2]}}, "length 3"), ({"a": {"unit": "deg"}}, "`is`"),
 ])
 def test_a_bad_mapping_is_one_error(scenes, rows, said):
     with pytest.raises(crosscheck.ArgumentError, match=said):
@@ -199,6 +214,36 @@ def test_suggest_recognises_names_and_units(scenes, tmp_path):
     assert '"Pivot Angle [deg]" = { is = "pivot.position", unit = "deg" }' in text
     assert '"pivotVel [deg/s]" = { is = "pivot.velocity", unit = "deg/s" }' in text
     assert '# "foo"' in text
+
+
+def test_suggestions_read_logs_as_others_write_them(scenes, tmp_path):
+    """Degrees and milliseconds since 1970, comment headers of nanoseconds, numbered coordinates, qpos and qvel."""
+    q, since = np.stack([two()[f"{joint}.{key}"] for key in ("position", "velocity") for joint in (
+        "shoulder", "elbow")], axis=1), 1732547854123
+    brick = tumbler()
+    odometry = [f"pose.position.{axis}" for axis in "xyz"] + [f"pose.orientation.{axis}" for axis in "wxyz"] + [
+        f"twist.{kind}.{axis}" for kind in ("linear", "angular") for axis in "xyz"]
+    free = np.stack([brick[f"brick.{part}"] for part in (*"xyz", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy",
+                                                         "wz")], axis=1)
+    ticks = since * 10**6 + np.round(1e9 * TIMES).astype(np.int64)
+    logs = {"ros": ("two", "stamp_ms,shoulder_pos_deg,elbow_pos_deg,shoulder_vel_deg_s,elbow_vel_deg_s,battery_v", [
+                (since + 1e3 * t, *np.degrees(row), 24.1) for t, row in zip(TIMES, q, strict=True)]),
+            "topic": ("two", "%time,name0,name1,position0,position1,velocity0,velocity1", [
+                (int(t), "shoulder", "elbow", *row) for t, row in zip(ticks, q, strict=True)]),
+            "simulink": ("two", "time,q(1),q(2),qd(1),qd(2)", np.column_stack([TIMES, q])),
+            "matlab": ("two", "Time,theta1,theta2,theta1_dot,theta2_dot", np.column_stack([TIMES, q])),
+            "odometry": ("tumbler", ",".join(["stamp", *odometry]), np.column_stack([TIMES, free]))}
+    for name, (_, header, rows) in logs.items():
+        (tmp_path / f"{name}.csv").write_text("\n".join([header, *(",".join(map(str, row)) for row in rows)]))
+    np.savez(tmp_path / "mujoco.npz", time=TIMES, qpos=free[:, :7], qvel=free[:, 7:], ctrl=np.zeros((len(TIMES), 0)))
+    for file, scene in [(f"{name}.csv", scene) for name, (scene, *_) in logs.items()] + [("mujoco.npz", "tumbler")]:
+        (tmp_path / "map.toml").write_text(suggest(tmp_path / file, crosscheck.load_scene(scenes[scene])))
+        verdict = crosscheck.judge_recording(scenes[scene], tmp_path / file, tmp_path / "map.toml",
+                                             tolerance=dict.fromkeys(KEYS, 1e-6))
+        assert verdict.outcome == "pass", str(verdict)
+        assert len(verdict.errors) == (2 if scene == "two" else 4), str(verdict)
+    with pytest.raises(crosscheck.ArgumentError, match="subtract the first one"):
+        crosscheck.judge_recording(scenes["arm"], {"t": TIMES + 1.7e9, "pivot.position": TIMES})
 
 
 def test_a_made_motion_is_that_of_its_equation():

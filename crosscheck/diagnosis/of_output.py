@@ -16,7 +16,7 @@ from crosscheck.diagnosis import fit, misreadings
 from crosscheck.diagnosis.observe import FASTEST, REACH, Observation, Scale, Silent, Subject, rates, true_motion
 from crosscheck.diagnosis.physics import levers
 from crosscheck.diagnosis.result import Evidence, NamedCause
-from crosscheck.judge.flow import index1_rates
+from crosscheck.judge.flow import rates_of
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene.model import GROUND, Joint, Scene
@@ -201,7 +201,7 @@ def _filtered(first: Observation) -> Iterator[Told]:
     for names, text in ((("v", "w"), "all velocities"), (("v",), "velocities"), (("w",), "angular velocities")):
         def filtered(given: Scene, tau: float, names: tuple[str, ...] = names) -> States:
             true = true_motion(given)
-            rates = dict(zip("vw", index1_rates(given, true.t, true.x, true.R, true.v, true.w)[2:], strict=True))
+            rates = dict(zip("vw", rates_of(given)(true.t, true.x, true.R, true.v, true.w)[2:], strict=True))
             return dataclasses.replace(true, **{name: getattr(true, name) - tau * rates[name] for name in names})
 
         exact, late = filtered(first.scene, 0.0), filtered(first.scene, 1.0)

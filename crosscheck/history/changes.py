@@ -235,16 +235,28 @@ def _moved(former: Figure, figure: Figure) -> bool:
     return former.rounding is not None and abs(figure.value - former.value) > rounding
 
 
+def heights(values: Sequence[float]) -> list[float]:
+    """Values scaled from 0 for the smallest to 1 for the largest; 0.5 if all are equal."""
+    shown = [scaled(value, spans_decades(values)) for value in values]
+    low, high = min(shown), max(shown)
+    return [(value - low) / (high - low) if high > low else 0.5 for value in shown]
+
+
+def spans_decades(values: Sequence[float]) -> bool:
+    """Whether values are shown on a logarithmic scale: they are positive and differ by more than a factor of ten."""
+    return min(values) > 0 and max(values) > 10 * min(values)
+
+
+def scaled(value: float, logarithmic: bool) -> float:
+    """A value on its scale."""
+    return math.log10(max(value, 1e-300)) if logarithmic else value
+
+
 BARS = "▁▂▃▄▅▆▇█"
 
 
 def sparkline(values: Sequence[float]) -> str:
-    """One bar per value, on a logarithmic scale if the values are positive and differ by more than a factor of ten."""
-    if not values:
-        return ""
-    if min(values) > 0 and max(values) > 10 * min(values):
-        values = [math.log(value) for value in values]
-    low, high = min(values), max(values)
-    if high == low:
+    """One bar per value, as high as `heights` says."""
+    if len(set(values)) < 2:
         return BARS[3] * len(values)
-    return "".join(BARS[min(7, int(8 * (value - low) / (high - low)))] for value in values)
+    return "".join(BARS[min(7, int(8 * height))] for height in heights(values))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crosscheck.errors import ArgumentError
-from crosscheck.history.changes import change_points
+from crosscheck.history.changes import change_points, heights, scaled, spans_decades
 from crosscheck.history.store import StoredRun
 from crosscheck.history.store.figures import SPEED, Figure
 from crosscheck.history.store.runs import EMPTY, CellKey, recent
@@ -30,13 +29,13 @@ def write_trend(path: Path, series: Sequence[tuple[StoredRun, Figure]], scene: s
 
     figures = [figure for _, figure in series]
     values = [figure.value for figure in figures]
-    logarithmic = _spans_decades(values)
-    scaled = [_scaled(value, logarithmic) for value in values]
-    margin = 0.1 * (max(scaled) - min(scaled)) or 0.1 * abs(max(scaled)) or 1.0
-    low, high = min(scaled) - margin, max(scaled) + margin
+    logarithmic = spans_decades(values)
+    shown = [scaled(value, logarithmic) for value in values]
+    margin = 0.1 * (max(shown) - min(shown)) or 0.1 * abs(max(shown)) or 1.0
+    low, high = min(shown) - margin, max(shown) + margin
 
     def y(value: float) -> float:
-        share = (_scaled(value, logarithmic) - low) / (high - low)
+        share = (scaled(value, logarithmic) - low) / (high - low)
         return round(BOTTOM - (BOTTOM - TOP) * min(1.0, max(0.0, share)), 1)
 
     changed = set(change_points(figures))
@@ -62,21 +61,6 @@ def write_trend(path: Path, series: Sequence[tuple[StoredRun, Figure]], scene: s
             judged=figures[0].name == SPEED or any(figure.rounding is not None for figure in figures))
     except OSError as error:
         raise ArgumentError(f"--page {path}: {error.strerror or error}; choose another place") from None
-
-
-def heights(values: Sequence[float]) -> list[float]:
-    """Values scaled from 0 for the smallest to 1 for the largest; 0.5 if all are equal."""
-    scaled = [_scaled(value, _spans_decades(values)) for value in values]
-    low, high = min(scaled), max(scaled)
-    return [(value - low) / (high - low) if high > low else 0.5 for value in scaled]
-
-
-def _spans_decades(values: Sequence[float]) -> bool:
-    return min(values) > 0 and max(values) > 10 * min(values)
-
-
-def _scaled(value: float, logarithmic: bool) -> float:
-    return math.log10(max(value, 1e-300)) if logarithmic else value
 
 
 METRICS = ("position error", "energy error", SPEED)

@@ -17,7 +17,7 @@ from crosscheck.document import QUANTITIES, Scales
 from crosscheck.judge import tolerances
 from crosscheck.judge.claim import Claim
 from crosscheck.judge.crossings import across
-from crosscheck.judge.flow import Answer, Flow, flow
+from crosscheck.judge.flow import Answer, Flow, flows
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 
@@ -115,21 +115,23 @@ def measured(scene: Scene, traj: Any, others: Sequence[Answer], truth: Reference
     """
     count = len(traj.t) - 1
     index = np.arange(count) if scene.n <= MOST_BODIES else np.unique(np.linspace(0, count - 1, FEW).astype(int))
-    scale = tolerances.scales(scene, truth)
+    scale, order = tolerances.scales(scene, truth), claim.order or 0
+    runs: list[tuple[Any, Claim, Answer | None]] = [] if own is not None else [(
+        traj, dataclasses.replace(claim, steps=traj.steps / count), None)]
+    runs += [(
+        each.traj, dataclasses.replace(claim, step=each.traj.stats["step"], steps=each.traj.steps / count), each)
+             for each in others]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        first = [] if own is not None else [_measure(scene, traj, truth, dataclasses.replace(
-            claim, steps=traj.steps / count), scale, index, None)]
-        return [*first, *(_measure(scene, each.traj, truth, dataclasses.replace(
-                    claim, step=each.traj.stats["step"], steps=each.traj.steps / count), scale, index, each)
-                  for each in others)]
+        found = flows(scene, [(each, answer, min(4 * (said.step or math.inf), AHEAD * float(traj.t[1] - traj.t[0])))
+                              for each, said, answer in runs], truth, scale,
+                      max(5, order + 3) if claim.fixed else 3, index) if runs else []
+        return [_measure(scene, each, truth, said, scale, flow) for (each, said, _), flow in
+                zip(runs, found, strict=True)]
 
 
-def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Scales, index: np.ndarray,
-             answer: Answer | None) -> Defects:
+def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Scales, found: Flow) -> Defects:
     order = claim.order or 0
-    ahead = min(4 * (claim.step or math.inf), AHEAD * float(traj.t[1] - traj.t[0]))
-    found = flow(scene, traj, truth, scale, max(5, order + 3) if claim.fixed else 3, index, answer, ahead)
-    end, after = found.end, index + 1
+    end, after = found.end, found.index + 1
     vectors = {"position": traj.x[after] - end.x, "velocity": traj.v[after] - end.v,
                "attitude": turn(end.R, traj.R[after]), "angular velocity": traj.w[after] - end.w}
     vectors = {name: np.where(found.regular[:, None, None], vector, 0.0) for name, vector in vectors.items()}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -93,32 +93,53 @@ class Flow:
         return np.asarray(np.exp(np.minimum(self.rate * self.tau, 50.0)))
 
 
-def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, index: np.ndarray,
-         answer: Answer | None = None, ahead: float = 0.0) -> Flow:
-    """The flow over the intervals `index` of a run, with derivatives up to `degree`.
+Run = tuple[Any, Answer | None, float]
+"""A run; where the engine was started, if it has been put together of parts; how late (s) an event may be."""
 
-    `answer`: where the engine was started, if `traj` has been put together of parts; `ahead`: how late (s) an event may
-    be.
 
-    Raises `numpy.linalg.LinAlgError` if the equations of motion have no solution at a state of the run.
-    """
-    t = traj.t[index]
-    tau = traj.t[index + 1] - t
-    spring = fastest(scene)
-    count = max(math.ceil(min(3.0, max(scale.rate, spring) * float(tau.max())) / TURN), degree - 1, 2)
-    marks = np.zeros(1, int) if answer is None else answer.marks[:-1]
-    begin = States(t, *(np.array(part[index]) for part in (traj.x, traj.R, traj.v, traj.w)))
+def flows(scene: Scene, runs: Sequence[Run], truth: Reference, scale: Scales, degree: int, index: np.ndarray
+          ) -> list[Flow]:
+    """The flows over the intervals `index` of runs at the same output times, with derivatives up to `degree`."""
+    tau = runs[0][0].t[index + 1] - runs[0][0].t[index]
+    begins = [_begin(traj, index, answer) for traj, answer, _ in runs]
+    regular = [_regular(scene, begin) for begin in begins]
+    moved: list[Any] = [None] * len(runs)
+    if not scene.has_laws:
+        steps = max(math.ceil(min(3.0, max(scale.rate, fastest(scene)) * float(tau.max())) / TURN), 2)
+        own = [[getattr(begin, name)[_last(good)] for name in ("t", "x", "R", "v", "w")]
+               for begin, good in zip(begins, regular, strict=True)]
+        end, nodes, fast = integrate(scene, States(*map(np.concatenate, zip(*own, strict=True))),
+                                     np.tile(tau, len(runs)), steps, max(steps, degree - 1))
+        for k in range(len(runs)):
+            part = slice(k * len(tau), (k + 1) * len(tau))
+            moved[k] = (_rows(end, part), [tuple(each[part] for each in node) for node in nodes], fast[part])
+    return [_flow(scene, *each, truth, scale, degree, index) for each in zip(runs, begins, regular, moved, strict=True)]
+
+
+def _begin(traj: Any, index: np.ndarray, answer: Answer | None) -> States:
+    """The run's own states at the beginning of intervals, or those in which the engine was started there."""
+    begin = _rows(traj, index)
     if answer is not None:
+        marks = answer.marks[:-1]
         fresh = np.isin(index, marks)
         for name in "xRvw":
             getattr(begin, name)[fresh] = getattr(answer.begins, name)[np.isin(marks, index)]
+    return begin
+
+
+def _flow(scene: Scene, run: Run, begin: States, regular: np.ndarray, moved: Any, truth: Reference, scale: Scales,
+          degree: int, index: np.ndarray) -> Flow:
+    """The flow of one run from `begin`; `moved` as from `integrate`, for a scene without laws."""
+    traj, answer, ahead = run
+    t, tau = begin.t, traj.t[index + 1] - begin.t
+    spring = fastest(scene)
+    marks = np.zeros(1, int) if answer is None else answer.marks[:-1]
     since = t - traj.t[marks[np.searchsorted(marks, index, side="right") - 1]]
-    regular = _regular(scene, begin)
     # Derivatives are the largest of those intervals in which the motion turns by about a radian.
     near = 2 * math.ceil(1.0 / (scale.rate * float(tau.mean()))) + 1 if len(index) > 1 else 1
     crossed = None
     if scene.has_laws:
-        begins = {} if answer is None else {int(k): (_row(answer.begins, j), answer.memory[j])
+        begins = {} if answer is None else {int(k): (_rows(answer.begins, slice(j, j + 1)), answer.memory[j])
                                             for j, k in enumerate(marks)}
         crossed = Crossed(scene, traj, index, ahead, scale.length, begins)
         end, fast = crossed.end, np.array([each.fast for each in crossed.intervals])
@@ -127,10 +148,9 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
         spring = max(spring, crossed.restarts.decay, *(each.stiff for each in crossed.intervals))
         found = [sizes[2:degree + 1], sizes[2:]]
     else:
-        own = [part[_last(regular)] for part in (begin.t, begin.x, begin.R, begin.v, begin.w)]
-        end, nodes, fast = integrate(scene, States(*own), tau, count)
+        end, nodes, fast = moved
         end = dataclasses.replace(end, t=t + tau)
-        a, R, alpha = (np.array(part).reshape(count + 1, len(tau), scene.n, -1) for part in zip(*nodes, strict=True))
+        a, R, alpha = (np.array(part).reshape(len(nodes), len(tau), scene.n, -1) for part in zip(*nodes, strict=True))
         with np.errstate(invalid="ignore", over="ignore"):
             found = [around(_derivatives(parts, tau, degree - 1), near) for parts in (
                 (a / scale.length, R / math.sqrt(2.0)), (a / scale.length, alpha))]
@@ -144,8 +164,9 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
     return Flow(index, tau, begin, since, end, rate, sizes, found[1], spring, regular & _regular(scene, end), crossed)
 
 
-def _row(states: States, k: int) -> States:
-    return States(*(getattr(states, name)[k:k + 1] for name in "txRvw"))
+def _rows(states: Any, rows: Any) -> States:
+    """Copies of some rows."""
+    return States(*(np.array(getattr(states, name)[rows]) for name in "txRvw"))
 
 
 SINGULAR = 0.1
@@ -181,41 +202,49 @@ def around(values: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(maximum_filter1d(values, min(count, 2 * values.shape[-1] - 1), axis=-1, mode="nearest"))
 
 
-def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int
-               ) -> tuple[States, list[tuple[np.ndarray, np.ndarray, np.ndarray]], np.ndarray]:
-    """The states at the ends; a, R'' and alpha at the ends of all steps; the largest angular speed (I,) in rad/s.
+def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: int | None = None
+              ) -> tuple[States, list[tuple[np.ndarray, np.ndarray, np.ndarray]], np.ndarray]:
+    """The states at the ends; a, R'' and alpha at the ends of `parts` equal parts, by default of all steps; the largest
+    angular speed there (I,) in rad/s.
 
-    `count` steps of Dormand and Prince's method of order 8. Attitudes are matrices, which stay orthogonal as far as the
-    method is exact. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.5.
+    `count` steps of Dormand and Prince's method of order 8, between which its polynomials of degree 7 are taken.
+    Attitudes are matrices, which stay orthogonal as far as the method is exact. Source: E. Hairer, S. P. Norsett,
+    G. Wanner, Solving Ordinary Differential Equations I, II.5 and II.6.
     """
     from scipy.integrate import DOP853
 
-    A, B, C, stages = DOP853.A, DOP853.B, DOP853.C, DOP853.n_stages
-    h = tau / count
-    state: State = [begin.x, begin.R, begin.v, begin.w]
-    nodes, fast = [], np.zeros(len(tau))
+    rates, each = rates_of(scene), tau[:, None, None]
+    nodes, fast, grid = [], np.zeros(len(tau)), np.linspace(0.0, 1.0, (parts or count) + 1).tolist()
 
-    def shifted(weights: np.ndarray, rates: list[State]) -> State:
-        moved = []
-        for part, of_part in zip(state, zip(*rates, strict=True), strict=True):
-            total = np.tensordot(weights, np.array(of_part), 1)
-            moved.append(part + h.reshape((-1,) + (1,) * (part.ndim - 1)) * total)
-        return moved
+    def states(y: np.ndarray) -> State:
+        x, R, v, w = np.split(y.reshape(len(tau), scene.n, 18), (3, 12, 15), axis=-1)
+        return [x, R.reshape(*R.shape[:2], 3, 3), v, w]
 
-    def keep(rate: State) -> None:
-        spin = _hat(state[3])
-        nodes.append((rate[2], rate[1] @ spin + state[1] @ _hat(rate[3]), rate[3]))
-        np.maximum(fast, np.linalg.norm(state[3], axis=-1).max(axis=-1), out=fast)
+    def flat(state: State) -> np.ndarray:
+        return np.concatenate([part.reshape(len(tau), scene.n, -1) for part in state], axis=-1)
 
-    for turn in range(count):
-        rates: list[State] = []
-        for stage in range(stages):
-            here = shifted(A[stage, :stage], rates) if stage else state
-            rates.append(index1_rates(scene, begin.t + (turn + C[stage]) * h, *here))
-        keep(rates[0])
-        state = shifted(B, rates)
-    keep(index1_rates(scene, begin.t + tau, *state))
-    return States(begin.t + tau, *state), nodes, fast
+    def slope(share: float, y: np.ndarray) -> np.ndarray:
+        return np.asarray((each * flat(rates(begin.t + share * tau, *states(y)))).ravel())
+
+    def keep(y: np.ndarray, dy: np.ndarray) -> None:
+        (_, R, _, w), (_, dR, a, alpha) = states(y), states((dy.reshape(len(tau), -1) / tau[:, None]).ravel())
+        nodes.append((a, dR @ _hat(w) + R @ _hat(alpha), alpha))
+        np.maximum(fast, np.linalg.norm(w, axis=-1).max(axis=-1), out=fast)
+
+    step = (1.0 + 1e-12) / count
+    solver = DOP853(slope, 0.0, flat([begin.x, begin.R, begin.v, begin.w]).ravel(), 1.0, max_step=step, first_step=step)
+    solver._estimate_error_norm = lambda *_: 0.0  # steps are as long as asked for
+    keep(solver.y, solver.f)
+    while len(nodes) < len(grid):
+        solver.step()
+        within = None
+        for share in grid[len(nodes):]:
+            if abs(share - solver.t) < 1e-9:
+                keep(solver.y, solver.f)
+            elif share < solver.t:
+                within = within or solver.dense_output()
+                keep(within(share), slope(share, within(share)))
+    return States(begin.t + tau, *states(solver.y)), nodes, fast
 
 
 def _hat(w: np.ndarray) -> np.ndarray:
@@ -224,9 +253,15 @@ def _hat(w: np.ndarray) -> np.ndarray:
     return found - np.swapaxes(found, -1, -2)
 
 
-def index1_rates(scene: Scene, t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
-    a, alpha, _ = mechanics.index1(scene, x, R, v, w, mechanics.torsion_angles(scene, R, w, t), t)
-    return [v, R @ _hat(w), a, alpha]
+def rates_of(scene: Scene) -> Callable[..., State]:
+    """(t, x, R, v, w) -> the rates of x, R, v, w by the index-1 equations."""
+    index1 = mechanics.Index1(scene)
+
+    def rates(t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
+        a, alpha, _ = index1(x, R, v, w, mechanics.torsion_angles(scene, R, w, t), t)
+        return [v, R @ _hat(w), a, alpha]
+
+    return rates
 
 
 def _derivatives(parts: tuple[np.ndarray, ...], tau: np.ndarray, degrees: int) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 
 from crosscheck.document import Finding
 from crosscheck.judge.defects import turn
-from crosscheck.judge.flow import State, index1_rates
+from crosscheck.judge.flow import State, rates_of
 from crosscheck.judge.tolerances import scales
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
@@ -98,12 +98,12 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
         return 0.0, False
     true, tau, per = [part[until] for part in trues], traj.t[until] - traj.t[:1], per * int(until[0])
     askew = max(ASKEW, float(tau[0]) / per * scale.rate)
-    likest = 0.0
+    likest, rates = 0.0, rates_of(scene)
     for stepper in _plain(order):  # ends at the first one if the sizes of errors do not fit
         def at(parts: int, stepper: Stepper = stepper) -> np.ndarray:
             h, state = tau / (per * parts), start
             for k in range(per * parts):
-                state = stepper(partial(index1_rates, scene), k * h, state, h)
+                state = stepper(rates, k * h, state, h)
             return gap(state, true)
 
         plain = at(1)

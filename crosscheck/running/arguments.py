@@ -100,20 +100,24 @@ def _positive(name: str, value: Any) -> float | None:
 
 
 def _number(name: str, value: Any, lowest: float) -> float:
-    """`value` as a double. A NumPy number with fewer bits is read by its printed decimals.
-
-    `np.float32(0.01)` is meant as 0.01. Its exact value is smaller, so that an interval would take one step more.
-    """
-    given = _scalar(value)
-    try:
-        number = math.nan
-        if isinstance(given, numbers.Real) and not isinstance(given, bool):
-            number = float(str(given)) if isinstance(given, np.floating) else float(given)
-    except OverflowError:
-        number = math.inf
+    number = real(_scalar(value))
     if not math.isfinite(number) or number < lowest:
         raise ArgumentError(f"{name}: a finite number not below {lowest:g} is wanted, not {_brief(value)}")
     return number
+
+
+def real(value: Any) -> float:
+    """`value` as a double: NaN if it is no number, infinite if it is too large.
+
+    A NumPy number with fewer bits is read by its printed decimals. `np.float32(0.01)` is meant as 0.01: its exact value
+    is smaller, so that an interval would take one step more.
+    """
+    if not isinstance(value, numbers.Real) or isinstance(value, bool):
+        return math.nan
+    try:
+        return float(str(value)) if isinstance(value, np.floating) else float(value)
+    except OverflowError:
+        return math.inf
 
 
 def _scalar(value: Any) -> Any:
@@ -147,5 +151,4 @@ def best_method(adapter: Any, scene: Scene) -> str:
               if adapter.unsupported(scene, spec) is None]
     if not usable:
         raise Unsupported(f"{adapter.name}: {adapter.unsupported(scene, specs[0])}")
-    found: str = adapter.methods[max(usable)[1]]
-    return found
+    return str(adapter.methods[max(usable)[1]])

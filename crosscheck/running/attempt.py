@@ -173,12 +173,7 @@ def _checked(who: str, scene: Scene, raw: RawRun) -> RawRun:
 
 def _number(who: str, what: str, value: Any, least: float, most: float) -> float:
     """`value` as a double within the limits."""
-    number = math.nan
-    if isinstance(value, numbers.Real) and not isinstance(value, bool):
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
+    number = arguments.real(value)
     if not least <= number <= most or (what == "step" and math.isinf(number)):
         wanted = "a number above 0" if least else f"a number from 0 to {most:g}"
         raise EngineError(f"{who} returned a {what} of {_brief(value)}, not {wanted}")

@@ -14,7 +14,6 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RunSpec
-from crosscheck.adapters.common.links import IDENTITY
 from crosscheck.jobs.drive import Crash, Limits, run_tasks
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.scene import assembly
@@ -118,7 +117,8 @@ def minimal_scenes() -> tuple[Minimal, ...]:
                                     child_anchor=np.array([-0.3, 0.2, 0.4]))]
     return (*found, Minimal("system", "free bodies", _closed([], count=2)),
             Minimal("system", "loop of spherical joints", _closed(triangle)),
-            Minimal("system", "loop with redundant rows", _planar_loop()))
+            Minimal("system", "loop with redundant rows",
+                    load_scene("four_bar").replace(name="minimal", duration=DURATION, samples=2)))
 
 
 def _body(k: int) -> Body:
@@ -161,26 +161,6 @@ def _force(kind: str, parent: int = GROUND, child: int = 0) -> Force:
 def _closed(joints: list[Joint], forces: list[Force] | None = None, count: int | None = None) -> Scene:
     """The scene with these joints. Its state is corrected by the smallest change that closes them."""
     bodies = tuple(_body(k) for k in range(count or 1 + max(joint.child for joint in joints)))
-    return _assembled(Scene("minimal", bodies, tuple(joints), tuple(forces or ()), np.array([0.3, -0.5, -9.81]),
-                            DURATION, 2))
-
-
-def _assembled(scene: Scene) -> Scene:
-    given = (True,) * scene.n
-    return assembly.completed(Draft(scene, given, given, assemble=True))
-
-
-def _planar_loop() -> Scene:
-    """A planar four-bar linkage with four hinges, which in space have three redundant constraint rows."""
-    y = np.array([0.0, 1.0, 0.0])
-
-    def hinge(name: str, parent: int, child: int, at: list[float], on: list[float]) -> Joint:
-        return Joint(name, "revolute", parent, child, np.array(at), np.array(on), y, y)
-
-    bodies = tuple(Body(f"bar {k}", 1.0 + k, np.diag([0.02, 0.1, 0.09]), IDENTITY, y, np.array(position), np.zeros(3))
-                   for k, position in enumerate(([-0.1, 0.0, 0.2], [0.3, 0.0, 0.5], [0.8, 0.0, 0.2])))
-    joints = [hinge("first", GROUND, 0, [0.0, 0.0, 0.0], [0.0, 0.0, -0.3]), hinge("second", 0, 1, [0.0, 0.0, 0.3],
-              [-0.5, 0.0, 0.0]), hinge("third", 1, 2, [0.5, 0.0, 0.0], [0.0, 0.0, 0.4]),
-              hinge("fourth", GROUND, 2, [0.9, 0.0, 0.0], [0.0, 0.0, -0.4])]
-    return _assembled(Scene("minimal", bodies, tuple(joints), (), np.array([0.0, 0.0, -9.81]), DURATION, 2))
-
+    given = (True,) * len(bodies)
+    return assembly.completed(Draft(Scene("minimal", bodies, tuple(joints), tuple(forces or ()), np.array(
+        [0.3, -0.5, -9.81]), DURATION, 2), given, given, assemble=True))

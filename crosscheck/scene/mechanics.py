@@ -29,6 +29,10 @@ RANK_TOLERANCE = 1e-9
 """Singular values of G M^-1/2 below this fraction of the largest count as redundant rows. Rounding leaves those near
 1e-16; the singular values of independent rows in realistic mechanisms are far above."""
 
+MISSED, NEXT = 1e-13, 1e-4
+"""Share of the size of G M^-1 G^T by which vectors of its null space may miss it; share of its least eigenvalue that
+redundant rows may reach where joints are open, by which steps towards that space converge."""
+
 FEW_BODIES = 96
 """Up to here dense index-1 systems take less time than sparse ones, or no more than some milliseconds."""
 
@@ -290,44 +294,57 @@ def inverse_mass(scene: Scene) -> np.ndarray:
     return inverse
 
 
-def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
-           angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0,
-           efforts: Efforts | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Accelerations and multipliers that satisfy G du/dt + gamma = 0 at the given states and times.
+def index1(scene: Scene, *state: Any, **more: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Accelerations and multipliers at given states; the arguments are those of a call of `Index1`."""
+    return Index1(scene)(*state, **more)
 
-    Returns a (T, n, 3) world, alpha (T, n, 3) body axes, lam (T, m). If rows are redundant lam has least norm, with the
-    rank found at the first state. By dense algebra; open trees of more than `FEW_BODIES` without rotors by sparse.
-    """
-    constraints, forces = Constraints(scene), applied_forces(scene, x, R, v, w, angles, t, efforts)
-    gamma = constraints.gamma(x, R, v, w, t)
-    closing = spanning_tree(scene)[1]
-    turning = any(any(joint.armature) for joint in scene.joints)
-    if scene.n > FEW_BODIES and constraints.m and not closing and not turning:
-        solved = [_sparse_index1(scene, constraints.sparse_jacobian(x[k], R[k]), forces[k], gamma[k])
-                  for k in range(len(x))]
-        rates, lam = (np.array(each) for each in zip(*solved, strict=True))
-        rates = rates.reshape(len(x), scene.n, 6)
-        return rates[:, :, :3], rates[:, :, 3:], lam
-    inverse = inverse_mass(scene)[None]
-    if turning:
-        for inertia, S, bias in rotors(scene, x, R, v, w):
+
+class Index1:
+    """The accelerations and multipliers of a scene that satisfy G du/dt + gamma = 0."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.constraints = scene, Constraints(scene)
+        self.closing = bool(spanning_tree(scene)[1])
+        self.turning = any(any(joint.armature) for joint in scene.joints)
+        self.sparse = scene.n > FEW_BODIES and self.constraints.m and not self.closing and not self.turning
+        self.inverse = np.empty(0) if self.sparse else inverse_mass(scene)[None]
+
+    def __call__(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
+                 angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0,
+                 efforts: Efforts | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """a (T, n, 3) world, alpha (T, n, 3) body axes, lam (T, m) at states (T, ...) and times.
+
+        If rows are redundant lam has least norm, with the rank found at the first state. By dense algebra; open trees
+        of more than `FEW_BODIES` without rotors by sparse.
+        """
+        scene, constraints = self.scene, self.constraints
+        forces = applied_forces(scene, x, R, v, w, angles, t, efforts)
+        gamma = constraints.gamma(x, R, v, w, t)
+        if self.sparse:
+            solved = [_sparse_index1(scene, constraints.sparse_jacobian(x[k], R[k]), forces[k], gamma[k])
+                      for k in range(len(x))]
+            rates, lam = (np.array(each) for each in zip(*solved, strict=True))
+            a, alpha = np.split(rates.reshape(len(x), scene.n, 6), 2, axis=-1)
+            return a, alpha, lam
+        inverse = self.inverse
+        for inertia, S, bias in rotors(scene, x, R, v, w) if self.turning else ():
             # Rank one of M, as a change of its inverse: it stays accurate for the largest of inertias.
             column = (inverse @ S[:, :, None])[:, :, 0]
             weight = 1 / (1 / inertia + np.einsum("tk,tk->t", S, column))
             forces = forces - inertia * bias[:, None] * S
             inverse = inverse - weight[:, None, None] * column[:, :, None] * column[:, None, :]
-    rates = (forces[:, None] @ inverse)[:, 0]
-    lam = np.zeros((len(x), constraints.m))
-    if constraints.m:
-        G = constraints.jacobian(x, R)
-        solve = _schur_solver(G, inverse, independent=not closing)  # an open tree has no redundant rows
-        # The second pass restores the digits that G M^-1 G^T loses when a light body carries a heavy one.
-        for _ in range(2):
-            more = solve(np.einsum("tmk,tk->tm", G, rates) + gamma)
-            rates = rates - (np.einsum("tmk,tm->tk", G, more)[:, None] @ inverse)[:, 0]
-            lam += more
-    rates = rates.reshape(len(x), scene.n, 6)
-    return rates[:, :, :3], rates[:, :, 3:], lam
+        rates = (forces[:, None] @ inverse)[:, 0]
+        lam = np.zeros((len(x), constraints.m))
+        if constraints.m:
+            G = constraints.jacobian(x, R)
+            solve = _schur_solver(G, inverse, independent=not self.closing)  # an open tree has no redundant rows
+            # The second pass restores the digits that G M^-1 G^T loses when a light body carries a heavy one.
+            for _ in range(2):
+                more = solve((G @ rates[:, :, None])[:, :, 0] + gamma)
+                rates = rates - ((more[:, None] @ G) @ inverse)[:, 0]
+                lam += more
+        a, alpha = np.split(rates.reshape(len(x), scene.n, 6), 2, axis=-1)
+        return a, alpha, lam
 
 
 def _sparse_index1(scene: Scene, G: csr_array, force: np.ndarray, gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -338,8 +355,7 @@ def _sparse_index1(scene: Scene, G: csr_array, force: np.ndarray, gamma: np.ndar
     blocks = np.zeros((2 * scene.n, 3, 3))
     blocks[0::2] = np.eye(3) / scene.masses[:, None, None]
     blocks[1::2] = np.linalg.inv(scene.inertias)
-    size = 6 * scene.n
-    inverse = bsr_array((blocks, np.arange(2 * scene.n), np.arange(2 * scene.n + 1)), shape=(size, size))
+    inverse = bsr_array((blocks, np.arange(2 * scene.n), np.arange(2 * scene.n + 1)), shape=(6 * scene.n, 6 * scene.n))
     S = splu((G @ inverse @ G.T).tocsc())
     rates, lam = inverse @ force, np.zeros(len(gamma))
     for _ in range(2):  # as in the dense algebra
@@ -355,16 +371,47 @@ def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Call
     `independent` skips the search for the rank, which takes as long as a hundred solutions.
     """
     scaled = G @ _root(inverse)
-    rank = count = G.shape[1]
-    if not independent:
-        singular = np.linalg.svd(scaled[0], compute_uv=False)
-        rank = int(np.count_nonzero(singular > RANK_TOLERANCE * singular[0]))
-    if rank == count:
-        S = scaled @ np.swapaxes(scaled, 1, 2)
+    S = scaled @ np.swapaxes(scaled, 1, 2)
+    redundant = np.empty((G.shape[1], 0)) if independent else _redundant(scaled[0])
+    if not redundant.shape[1]:
         return lambda rhs: np.linalg.solve(S, rhs[:, :, None])[:, :, 0]
-    U, sigma, _ = np.linalg.svd(scaled, full_matrices=False)
-    U, sigma = U[:, :, :rank], sigma[:, :rank]
-    return lambda rhs: np.einsum("tmr,tr,tr->tm", U, 1 / sigma**2, np.einsum("tmr,tm->tr", U, rhs))
+    A = _pseudo_inverse(scaled, S, redundant)
+
+    def solve(rhs: np.ndarray) -> np.ndarray:
+        lam = A @ rhs[:, :, None]
+        return np.asarray(lam + A @ (rhs[:, :, None] - S @ lam))[:, :, 0]
+
+    return solve
+
+
+def _pseudo_inverse(scaled: np.ndarray, S: np.ndarray, redundant: np.ndarray) -> np.ndarray:
+    """The inverse (T, m, m) of S = `scaled` `scaled`^T without its k least eigenvalues, to half the digits at least.
+
+    Newton's method leads from their vectors at the first state, `redundant` (m, k), to those N of each, with
+    B = (S + s N0 N0^T)^-1, which acts as S^-1 across N. Singular values take longer: they are taken where it misses, or
+    where the null space has turned too far.
+    """
+    size = np.trace(S, axis1=1, axis2=2) / S.shape[1]
+    try:
+        B = np.linalg.inv(S + size[:, None, None] * (redundant @ redundant.T))
+    except np.linalg.LinAlgError:  # at one state
+        B = np.full_like(S, np.nan)
+    large = np.abs(B).max(axis=(1, 2))
+    N = np.linalg.qr(B @ redundant)[0]
+    for steps in range(3):
+        own = np.swapaxes(N, 1, 2) @ S @ N
+        missed = S @ N - N @ own
+        bad = ~((np.abs(missed).max(axis=(1, 2)) <= MISSED * size) & (large * size <= MISSED**-0.5)
+                & (np.abs(own).max(axis=(1, 2)) * large <= NEXT))
+        if steps == 2 or not bad.any():
+            break
+        N = np.linalg.qr(N - B @ missed)[0]
+    B -= N @ (np.swapaxes(N, 1, 2) @ B)
+    B -= (B @ N) @ np.swapaxes(N, 1, 2)
+    if bad.any():
+        U, sigma, _ = (part[..., :S.shape[1] - redundant.shape[1]] for part in np.linalg.svd(scaled[bad]))
+        B[bad] = (U / sigma[:, None] ** 2) @ np.swapaxes(U, 1, 2)
+    return np.asarray(B)
 
 
 def _root(inverse: np.ndarray) -> np.ndarray:
@@ -378,12 +425,14 @@ def _root(inverse: np.ndarray) -> np.ndarray:
 
 def redundant_rows(scene: Scene) -> int:
     """Number of constraint rows of the scene that depend on the others in the initial position."""
-    constraints = Constraints(scene)
-    if constraints.m == 0:
-        return 0
-    scaled = constraints.jacobian(scene.x0[None], scene.R0[None])[0] @ np.linalg.cholesky(inverse_mass(scene))
-    sizes = np.linalg.svd(scaled, compute_uv=False)
-    return constraints.m - int(np.count_nonzero(sizes > RANK_TOLERANCE * sizes[0]))
+    G = Constraints(scene).jacobian(scene.x0[None], scene.R0[None])[0]
+    return _redundant(G @ np.linalg.cholesky(inverse_mass(scene))).shape[1] if len(G) else 0
+
+
+def _redundant(scaled: np.ndarray) -> np.ndarray:
+    """Combinations (m, k) of the rows of G M^-1/2 that vanish to `RANK_TOLERANCE`."""
+    U, sizes, _ = np.linalg.svd(scaled)
+    return np.asarray(U[:, np.count_nonzero(sizes > RANK_TOLERANCE * sizes[0]):])
 
 
 def _point(x: np.ndarray, R: np.ndarray, body: int, s: tuple[float, ...]) -> np.ndarray:

@@ -149,31 +149,24 @@ def run(task: Task) -> Done:
 _own_versions = functools.lru_cache(maxsize=4)(versions.of)
 
 
-@functools.lru_cache(maxsize=KEPT_STRUCTURES)
-def _compiled(content: _Structure) -> Any:
+def _compiled(scene: Scene) -> Any:
     from crosscheck.references.members import Members
 
-    return Members(content.scene)
+    if scene.hash not in _kept:
+        while len(_kept) >= KEPT_STRUCTURES:
+            del _kept[next(iter(_kept))]
+        _kept[scene.hash] = Members(scene)
+    return _kept[scene.hash]
 
 
-class _Structure:
-    """A scene as a key of a cache; scenes with the same hash are equal."""
-
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-
-    def __hash__(self) -> int:
-        return hash(self.scene.hash)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Structure) and other.scene.hash == self.scene.hash
+_kept: dict[str, Any] = {}  # by the hash of a structure
 
 
 def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
     """The states of the truth and "", or None and why there is no truth."""
     try:
         try:
-            compiled = _compiled(_Structure(member.structure))
+            compiled = _compiled(member.structure)
         except ImportError:  # without the extra heyoka, SciPy integrates two formulations for every member
             reference = references.truth(member.scene)
             checked.append(reference.disagreement)

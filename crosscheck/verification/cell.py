@@ -168,23 +168,21 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     eps = tolerances.EPS if engine.eps <= tolerances.EPS or isinstance(again, str) else seen_eps(
         traj, again, {name: scale.of(name) for name in QUANTITIES}, engine.eps, SINGLE)
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, eps)
+    whole = isinstance(again, str) or again.closed or engine.prefers_axes(scene, traj.form)
+    others = asked.companions(whole)
     try:
-        own, = measured(scene, traj, [], reference, claim)
-        told, forgets = ([_not_repeated(again)], False) if isinstance(again, str) else judge_repeat(traj, again, own)
-        whole = isinstance(again, str) or again.closed or engine.prefers_axes(scene, traj.form)
-
-        def beside(others: Sequence[Answer]) -> list[Defects]:
-            return [dataclasses.replace(each, forgets=forgets) for each in (
-                own, *(measured(scene, traj, others, reference, claim, own)))]
-
-        others = asked.companions(whole)
-        runs = beside(others)
+        runs = measured(scene, traj, others, reference, claim)
+        told, forgets = ([_not_repeated(again)], False) if isinstance(again, str) else judge_repeat(
+            traj, again, runs[0])
+        runs = [dataclasses.replace(each, forgets=forgets) for each in runs]
         intervals, covered = judge_intervals(scene, traj, runs)
         findings = [*intervals, *judge_noise(runs), *judge_windows(runs)]
         # Accelerations of its own have not settled after a part, if the engine remembers more than the state.
-        settled = others if whole or forgets else asked.companions(True)
-        findings += judge_accelerations(scene, [traj, *(each.traj for each in settled)],
-                                        runs if settled is others else beside(settled))
+        settled, beside = others, runs
+        if not (whole or forgets):
+            settled = asked.companions(True)
+            beside = [runs[0], *measured(scene, traj, settled, reference, claim, runs[0])]
+        findings += judge_accelerations(scene, [traj, *(each.traj for each in settled)], beside)
         return _Seen(eps, [*findings, *told], runs, others, covered)
     except np.linalg.LinAlgError:
         return _Seen(eps, [Finding("interval velocity", "fail", np.inf, None, "m/s", "the equations of motion have no "

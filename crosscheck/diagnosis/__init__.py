@@ -149,6 +149,10 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
             answer.conclude([])
             return answer
     differs = deviation > max(AGREES, fit.EXPLAINED * first.noise)
+    if differs and (limited := of_stepping.limited(subject, first)) is not None:
+        answer.causes.append(limited)
+        answer.conclude([])
+        return answer
     if differs and noise is not None and noise.cause is None and subject.order(scene) is not None:
         cause, evidence = of_stepping.adds_up(subject, scene, scale)
         answer.evidence.append(evidence)
@@ -181,6 +185,8 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
         unsure = fit.EXPLAINED * shown.accelerations(first)[1]
         if answer.explained > max(AGREES, 10 * fit.EXPLAINED * first.noise, unsure):
             unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
+        elif answer.explained > fit.CLEAR * deviation:
+            unexplained.append(f"the altered model leaves {answer.explained / deviation:.0%} of the difference")
     known = of_stepping.Known(physics, start, found.soft, found.reported.undo if found.reported else None,
                               bool(found.causes))
     # Errors of the step cannot be distinguished from noise.
@@ -190,5 +196,7 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
     answer.candidates = found.candidates
     answer.evidence += steps.evidence
     answer.tried += steps.tried
+    if any(cause.name == "clamp" for cause in steps.causes):  # no accelerations belong to its kinks
+        unexplained = []
     answer.conclude(unexplained + steps.unexplained)
     return answer

@@ -7,6 +7,7 @@ hypothesis explains the observation if no entry of z is beyond `EXPLAINED`.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 
@@ -22,7 +23,7 @@ SEEN = 30.0
 """Smallest |z| that counts as a difference. Between `EXPLAINED` and this nothing is decided."""
 
 CLEAR = 0.1
-"""Largest part of a difference that a cause may leave and still be named, if a little more than noise is left."""
+"""Largest part of a difference that a cause may leave and still be named."""
 
 NEAR = 1e3
 """Times `EXPLAINED` that a quick fit may leave and be fitted in full: it ends before the last digits."""
@@ -58,6 +59,7 @@ class Fit:
     theta: tuple[np.ndarray, ...]
     left: float  # max |z|
     relative: float  # largest difference of accelerations that is left, in units of L W^2 and W^2
+    most: float = EXPLAINED  # max |z| that it may leave
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -71,8 +73,8 @@ class Fit:
 
     @property
     def explains(self) -> bool:
-        """Whether it leaves nothing but noise."""
-        return self.left <= EXPLAINED
+        """Whether it leaves nothing but noise, and at most the part `CLEAR` of what was there."""
+        return self.left <= self.most
 
 
 class Data:
@@ -81,6 +83,11 @@ class Data:
     def __init__(self, groups: Sequence[Group], right: Physics, soft: bool = False, quick: bool = False) -> None:
         self.groups, self.right, self.soft = groups, right, soft
         self.quick = quick
+
+    @functools.cached_property
+    def most(self) -> float:
+        """The largest |z| that a fit may leave."""
+        return min(EXPLAINED, CLEAR * float(np.abs(self.residual(self.right)).max()))
 
     def differences(self, physics: Physics) -> list[np.ndarray]:
         """The normalised differences of accelerations, (P, n, 6) per group."""
@@ -158,7 +165,7 @@ class Data:
                 return Fit(causes, tuple(parts), np.inf, np.inf)
         worst = float(np.abs(z).max())
         return Fit(causes, tuple(parts), worst if np.isfinite(worst) else np.inf,
-                   left if np.isfinite(left) else np.inf)
+                   left if np.isfinite(left) else np.inf, self.most)
 
 
 def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:

@@ -93,7 +93,7 @@ def causes(context: Context) -> list[Cause]:
     found += [cause for k in range(len(scene.forces)) for cause in _force(scene, k)]
     if any(force.type in SPRINGS for force in scene.forces):
         found += list(_every_spring(context.right))
-    return [*found, *_slowed(scene), *_terms(scene)]
+    return [*found, *_rotors(context.right, scene), *_slowed(scene), *_terms(scene)]
 
 
 def _gravity(scene: Scene) -> Cause:
@@ -322,6 +322,40 @@ def _slowed(scene: Scene) -> Iterator[Cause]:
                  "quadratic")
     if scene.joints:
         yield slowed("Coulomb friction", "a moment of {:.6g} N m against the turning at every joint", "coulomb")
+
+
+    across = np.linalg.svd(scene.gravity[None])[2][1:] if scene.gravity.any() else np.eye(3)  # no wind is vertical
+
+    def blown(text: str, *fields: str) -> Cause:
+        return Cause("wind", lambda p, t: p.replace(**dict.fromkeys(fields, t[0]), wind=t[1:] @ across),
+                     ((0.01, *[1.0] * len(across)),), lambda t: text.format(t[0], _vector(t[1:] @ across)),
+                     "switch off wind and the medium that the scene does not have", alone=True)
+
+    yield blown("bodies are slowed at {:.6g} 1/s in air that moves at {} m/s", "drag")
+    yield blown("bodies and their turning are slowed at {:.6g} 1/s in air that moves at {} m/s", "drag", "spin_drag")
+    yield blown("a force of {:.6g} 1/m times m |v| v, v against air that moves at {} m/s", "quadratic")
+
+
+def _rotors(right: Physics, scene: Scene) -> Iterator[Cause]:
+    """Rotor inertias of joints: all of them, or one, also where the scene has none."""
+    def scaled(keys: Sequence[tuple[str, int]], where: str, begin: float) -> Cause:
+        size = right.rotors.get(keys[0], 0.0) if len(keys) == 1 else 1.0
+
+        def apply(p: Physics, t: np.ndarray) -> Physics:
+            return p.replace(rotors={**p.rotors, **{key: t[0] * (p.rotors[key] if len(keys) > 1 else 1.0)
+                                                    for key in keys}})
+
+        return Cause("armature", apply, ((begin,),), lambda t: f"{where} {t[0]:.6g} instead of {size:.6g}",
+                     "check the armature that the engine is given", lambda t: "extra armature" if not size else
+                     "missing armature" if abs(t[0]) < GONE * size else "armature", _none, target=where, alone=not size)
+
+    given = [key for key, value in right.rotors.items() if value]
+    if len(given) > 1:
+        yield scaled(given, "armature of all joints, as a part of the scene's,", 1.0)
+    for joint in scene.joints:
+        for k in range(len(joint.kind.coordinates) if joint.kind.is_elastic else 0):
+            key = joint.name, k
+            yield scaled([key], f"armature of joint {joint.name!r}", right.rotors.get(key, 0.0))
 
 
 def _terms(scene: Scene) -> Iterator[Cause]:

@@ -1,13 +1,16 @@
 """Joints that hold elsewhere, follow another joint otherwise, or give way: fitted to the motion that an engine shows.
 
 The point of a joint moves with both bodies: v + R (w x s) is the same on either side, and is linear in the anchors s.
-Fitted anchors and mimics are a cause only if the accelerations are those of the scene with its joints so altered.
+Its axes keep the joint's own rows closed. Fitted anchors, axes and mimics are a cause only if the accelerations are
+those of the scene with its joints so altered.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -24,51 +27,94 @@ from crosscheck.scene.model import GROUND, Joint, Mimic, Scene
 from crosscheck.scene.vectors import cross
 
 SIDES = (("child_anchor",), ("parent_anchor",), ("child_anchor", "parent_anchor"))
+AXES = (("child_axis",), ("parent_axis",), ("child_axis", "parent_axis"))
 
 LEFT = 0.1
 """Share of the speed at which a joint opens that other anchors may leave. Where runs hardly converge, that speed is of
 the size of its noise, and many anchors take a part of it away."""
 
 Moves = dict[str, np.ndarray]
-"""Displacements (m) of the anchors of one joint, in the axes of their bodies."""
+"""Displacements (m) of the anchors of one joint and changes of its axes, in the axes of their bodies."""
 
 
-def anchors(shown: list[Shown], whole: Scene) -> tuple[NamedCause, Evidence] | None:
-    """The cause if the motion is that of joints at other points. `whole` has every force that any copy has."""
-    scene = shown[0].observation.scene
-    if any(joint.type not in POINTS for joint in scene.joints):
-        return None
-    moves: dict[int, Moves] = {}
-    worst = 0.0
-    for k in range(len(scene.joints)):
-        before, found = fitted_anchors(shown, k)
-        worst = max(worst, before)
-        if found is None:
-            return None
-        moves[k] = found
-    moves = {k: found for k, found in moves.items() if found}
-    if not moves:
-        return None
-    altered = [dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=moved(
-        each.observation.scene, moves))) for each in shown]
+def altered_joints(shown: list[Shown], whole: Scene, scenes: Iterable[Scene]) -> float:
+    """The largest difference of accelerations over its noise from those of other scenes; `whole` has every force."""
+    changed = [dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=scene))
+               for each, scene in zip(shown, scenes, strict=True)]
     right = of_scene(whole, len(shown))
-    left = float(np.abs(data(altered, right, False, 1).residual(right)).max())
-    text = "; ".join(f"joint {scene.joints[k].name!r}: {side.replace('_anchor', '')}'s anchor off by "
-                     f"({', '.join(f'{value:.5g}' for value in d)}) m" for k, found in moves.items()
-                     for side, d in found.items())
-    holds = left <= fit.EXPLAINED
-    evidence = Evidence("anchors", "model", worst, left, "speed at which joints open, then accelerations with the "
-                        "fitted anchors, over their noise", text, holds)
-    return (NamedCause("anchors", text, "check the anchors that the engine is given, and the point of the body that it "
-                       "takes for the centre of mass"), evidence) if holds else None
+    return float(np.abs(data(changed, right, False, 1).residual(right)).max())
+
+
+def elsewhere(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Evidence] | None:
+    """The causes if the motion is that of joints at other points or about other axes. `whole` has every force."""
+    scene = shown[0].observation.scene
+    worst, every = 0.0, [dict[int, Moves]() for _ in shown]
+    for k, joint in enumerate(scene.joints):
+        fits = [(every, fitted_anchors(shown, k))] if joint.type in POINTS else []
+        if joint.kind.axes in ("parallel", "perpendicular"):  # an engine may take the axis in a body from its start
+            fits += [([moves], fitted_axes(each, k)) for moves, each in zip(every, shown, strict=True)
+                     if each.observation.scene.joints[k].type == joint.type]
+        for places, (before, fields) in fits:
+            worst = max(worst, before)
+            if fields is None:
+                return None
+            for moves in places if fields else ():
+                moves[k] = moves.get(k, {}) | fields
+    if not any(every):
+        return None
+    left = altered_joints(shown, whole, (moved(each.observation.scene, moves) for each, moves in zip(
+        shown, every, strict=True)))
+    said: dict[str, list[str]] = {}
+    for k, fields in next(filter(None, every)).items():
+        for field, d in fields.items():
+            side, what = field.split("_")
+            off = (f"off by ({', '.join(f'{value:.5g}' for value in d)}) m" if what == "anchor" else
+                   f"turned by {np.degrees(2 * np.arcsin(0.5 * np.linalg.norm(d))):.5g} deg")
+            said.setdefault({"anchor": "anchors", "axis": "joint axis"}[what], []).append(
+                f"joint {scene.joints[k].name!r}: {side}'s {what} {off}")
+    right = altered_joints(shown, whole, (each.observation.scene for each in shown))
+    holds = left <= min(fit.EXPLAINED, fit.CLEAR * right)
+    evidence = Evidence(" and ".join(said), "model", worst, left, "speed at which joints open, then accelerations with "
+                        "the fitted joints, over their noise", "; ".join(itertools.chain(*said.values())), holds)
+    return ([NamedCause(name, "; ".join(texts), "check the anchors and axes that the engine is given, and the point of "
+                        "the body that it takes for the centre of mass") for name, texts in said.items()],
+            evidence) if holds else None
 
 
 def moved(scene: Scene, moves: dict[int, Moves]) -> Scene:
-    """The scene with these anchors moved. Its bodies stay where they are."""
+    """The scene with these anchors and axes moved, where a copy has them. Its bodies stay where they are."""
     joints: list[Joint] = list(scene.joints)
-    for k, found in moves.items():
-        joints[k] = dataclasses.replace(joints[k], **{side: getattr(joints[k], side) + d for side, d in found.items()})
+    for k, fields in moves.items():
+        joints[k] = dataclasses.replace(joints[k], **{field: getattr(joints[k], field) + d for field, d in
+                                                      fields.items() if getattr(joints[k], field) is not None})
     return scene.replace(joints=tuple(joints))
+
+
+def fitted_axes(shown: Shown, k: int) -> tuple[float, Moves | None]:
+    """(gap over its noise by which the k-th joint leaves its axes, the fewest moved axes that it keeps to, or None)."""
+    scene, scale, s = shown.observation.scene, shown.observation.scale, shown.states
+    joint = scene.joints[k]
+    noise = (FAITHFUL + fit.EXPLAINED * shown.observation.noise) * max(1.0, scale.length)
+    bases = {field: np.linalg.svd(getattr(joint, field)[None])[2][1:] for field in AXES[2]}
+
+    def fields(sides: tuple[str, ...], theta: np.ndarray) -> Moves:
+        tilted = {side: getattr(joint, side) + part @ bases[side] for side, part in zip(
+            sides, np.split(theta, len(sides)), strict=True)}
+        return {side: axis / np.linalg.norm(axis) - getattr(joint, side) for side, axis in tilted.items()}
+
+    def leaving(sides: tuple[str, ...], theta: np.ndarray) -> np.ndarray:
+        rows = Constraints(moved(scene, {k: fields(sides, theta)} if sides else {}))
+        speeds, gaps = rows.velocity(s.x, s.R, s.v, s.w, s.t), rows.position(s.x, s.R, s.t)
+        return np.concatenate([speeds / scale.rate, gaps])[:, rows.rows[joint.name]].ravel() / noise
+
+    before = float(np.abs(leaving((), np.zeros(0))).max(initial=0.0))
+    if before <= 1.0:
+        return before, {}
+    for sides in AXES:
+        theta = fit.gauss_newton(functools.partial(leaving, sides), np.zeros(2 * len(sides)))
+        if float(np.abs(leaving(sides, theta)).max()) <= min(1.0, LEFT * before):
+            return before, fields(sides, theta)
+    return before, None
 
 
 def fitted_anchors(shown: list[Shown], k: int) -> tuple[float, Moves | None]:
@@ -130,14 +176,9 @@ def mimics(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Evidence
             causes.append(_named_mimic(joint.name, joint.mimic, altered[joint.name]))
     if not causes:
         return None
-    copies = []
-    for each in shown:
-        scene = each.observation.scene
-        scene = scene.replace(joints=tuple(joint if joint.mimic is None else dataclasses.replace(
-            joint, mimic=altered[joint.name]) for joint in scene.joints))
-        copies.append(dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=scene)))
-    right = of_scene(whole, len(shown))
-    left = float(np.abs(data(copies, right, False, 1).residual(right)).max())
+    left = altered_joints(shown, whole, (each.observation.scene.replace(joints=tuple(
+        joint if joint.mimic is None else dataclasses.replace(joint, mimic=altered[joint.name])
+        for joint in each.observation.scene.joints)) for each in shown))
     return causes, Evidence(
         "mimic", "model", worst, left, "gap of the joints that follow others, then accelerations with their mimics so "
         "altered, over their noise", "; ".join(cause.magnitude for cause in causes), left <= fit.EXPLAINED)

@@ -90,10 +90,10 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
             result.causes += coupled[0]
             result.told = True
             return result
-    elsewhere = of_joints.anchors(shown, whole)
+    elsewhere = of_joints.elsewhere(shown, whole)
     result.tried += bool(scene.joints)
     if elsewhere is not None:
-        result.causes.append(elsewhere[0])
+        result.causes += elsewhere[0]
         result.evidence.append(elsewhere[1])
         result.told = True
         return result

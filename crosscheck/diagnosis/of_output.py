@@ -87,12 +87,13 @@ def diagnose(observations: list[Observation]) -> tuple[list[Told], list[Evidence
     if len(observations) == 1 and before <= max(AGREES, fit.EXPLAINED * observations[0].noise):
         return [], []  # this part of the motion is right
     for told in hypotheses(observations[0]):
-        after = 0.0
-        for each in observations:
-            after = max(after, _gap(told, each))
+        after = _gap(told, observations[0])
+        holds = after * max(AGREES, fit.EXPLAINED * observations[0].noise) <= fit.CLEAR * before
+        for each in observations[1:]:
             if after > 1.0:
                 break
-        holds = after <= 1.0
+            after = max(after, _gap(told, each))
+        holds &= after <= 1.0
         if holds or after < 1e3:
             evidence.append(Evidence(f"{told.name}: {told.detail}", "report", before, after,
                                      "motion against the one predicted, over its noise", holds=holds))
@@ -332,7 +333,7 @@ def late(subject: Subject, first: Observation) -> NamedCause | None:
     left = (y - exact)[inner]
     size = np.einsum("tnk,tnk->t", left, curvature) / np.einsum("tnk,tnk->t", curvature, curvature)
     after = float(np.abs(left - size[:, None, None] * curvature).max())
-    if np.all(size >= 0) and after <= 0.2 * float(np.abs(left).max()) and np.ptp(size) > 0.2 * np.abs(size).max():
+    if np.all(size >= 0) and after <= fit.CLEAR * float(np.abs(left).max()) and np.ptp(size) > 0.2 * np.abs(size).max():
         return NamedCause("interpolated output", "errors are those of straight lines between the states of other times",
                           mend)
     return None

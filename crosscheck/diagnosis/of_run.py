@@ -10,6 +10,7 @@ import dataclasses
 
 import numpy as np
 
+from crosscheck.diagnosis import of_output
 from crosscheck.diagnosis.observe import FINER, SAMPLES, Observation, Scale, Silent, Subject, window
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.references.base import TruthError
@@ -44,6 +45,9 @@ ALONE = 20.0
 
 MOST_STEPS = 12000
 """Largest number of steps of one run. A scene that needs more is looked at as far as these go."""
+
+SHIFTED = 1e-3
+"""Part of a defect that a shift of time may leave."""
 
 CLOSER = 16
 """Factor of the samples near a defect: a number may be clamped for a short time only."""
@@ -93,6 +97,14 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
     before, least = 0.0, max(DEFECT, ROUNDINGS * subject.engine.eps)
     for k in range(INTERVALS):
         found = defect(sampled, scale, fine, k)
+        if found > least and k + 1 < INTERVALS and all(
+                (getattr(fine, name)[k:] == getattr(fine, name)[k]).all() for name in "xRvw"):
+            time, mend = float(fine.t[k]), "raise the limit of steps or time, or report such a run as failed"
+            size = f"{time / (sampled.duration / INTERVALS / per):.0f} steps, " if order is not None else ""
+            cause = NamedCause("step limit", f"nothing moves from t = {time:.4g} s on ({size}or less than "
+                               f"{sampled.duration / INTERVALS:.2g} s later)", mend)
+            return sampled.duration, Late(time, time, cause.magnitude, [cause], Evidence(
+                cause.name, "report", found, None, "defect of one interval of the whole run", cause.magnitude, True))
         if step is not None and found > COARSE:  # whatever finer steps do
             time, mend = float(fine.t[k]), "choose a smaller step; the limit is right"
             cause = NamedCause("step too coarse", f"at steps of {step:g} s the motion from t = {time:.4g} s on is off "
@@ -147,6 +159,10 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
     stuck = clamped(closer, CLOSER * k)
     if stuck:
         causes.append(NamedCause("clamp", f"{stuck}, from t = {time:.4g} s on", UNCLAMPED))
+    elif (delay := _delay(scene, scale, states, k)) is not None:
+        name, past = ("time lost", "behind") if delay < 0 else ("time skipped", "ahead")
+        causes.append(NamedCause(name, f"from t = {time:.4g} s on the motion is {abs(delay):.4g} s {past} its time",
+                                 "count time and steps to the end of every interval"))
     elif truth is not None:
         turn = np.abs(states.R[k + 1] - truth.R[-1]).max(axis=(-2, -1))
         spin = np.abs(states.w[k + 1] - truth.w[-1]).max(axis=-1) / scale.rate
@@ -163,6 +179,20 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
             causes.append(NamedCause(f"jump of {what}", f"the {what} of body {name!r} jumps by {size:.3g} at t = "
                                      f"{time:.4g} s while all velocities go on{more}", mend))
     return Late(time, float(states.t[k + 1]), text, causes, evidence)
+
+
+def _delay(scene: Scene, scale: Scale, states: States, k: int) -> float | None:
+    """By how much (s) the motion is ahead of its time at the end of the k-th interval, if that is all."""
+    onward = restarted(scene, states, k, float(states.t[k + 1] - states.t[k]))
+    y = scale.flat(States(onward.t, *(getattr(states, name)[k:k + 2] for name in "xRvw")))
+    try:
+        if (delays := of_output.shifts(onward, scale, y)) is None:
+            return None
+        right, shifted = (scale.flat(of_output.at_times(onward, np.maximum(onward.t + by, 0.0)))[1]
+                          for by in (0.0, delays[1]))
+    except (TruthError, np.linalg.LinAlgError, ValueError):
+        return None
+    return float(delays[1]) if np.abs(y[1] - shifted).max() <= SHIFTED * np.abs(y[1] - right).max() else None
 
 
 def clamped(states: States, k: int = 0, rounding: float = 0.0) -> str | None:

@@ -129,6 +129,24 @@ def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFind
     return result
 
 
+def limited(subject: Subject, first: Observation) -> NamedCause | None:
+    """The cause if an engine makes no steps as small as those that are asked for: two runs are the same to the bit."""
+    scene = first.scene
+    if subject.order(scene) is None:
+        return None
+    step = scene.duration / (scene.samples - 1) / 2
+    try:
+        fine, finer = (subject.run(scene, size).states for size in (step, step / 2))
+        once = subject.run(scene.replace(samples=2), scene.duration).states
+    except Silent:
+        return None
+    alike = all(np.array_equal(getattr(fine, name), getattr(finer, name)) for name in "xRvw")
+    if not alike or np.array_equal(once.x[-1], fine.x[-1]):  # an exact answer does not depend on any step
+        return None
+    return NamedCause("step limit", f"runs at steps of {step:.3g} and {step / 2:.3g} s are the same to the last bit",
+                      "make the steps that are asked for, or refuse them")
+
+
 # --- order ------------------------------------------------------------------------------------------------------------
 
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from crosscheck.scene import mechanics
+from crosscheck.scene.armature import rate_row
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.model import GROUND, Force, Scene
@@ -23,6 +25,9 @@ BENT = 4
 """Number of samples on either side of a kink whose nine-point differences it affects."""
 
 SPRINGS = ("linear_spring", "torsional_spring")
+
+Still = Mapping[tuple[str, int], float]
+"""Rotor inertias (kg m^2 or kg) by joint and number of its coordinate."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +45,7 @@ class Physics:
     drag: float = 0.0  # 1/s: force - drag m v on every body
     spin_drag: float = 0.0  # 1/s: torque - spin_drag J w on every body
     quadratic: float = 0.0  # 1/m: force - quadratic m |v| v on every body
+    wind: np.ndarray | float = 0.0  # (3,) m/s, of the air in which bodies are slowed
     coulomb: float = 0.0  # N m: a moment of this size against the relative angular velocity across every joint
     gyroscopic: Any = 1.0  # factor of w x J w, a number or one per body
     centripetal: float = 1.0  # factor of gamma in G du/dt + gamma = 0
@@ -49,6 +55,7 @@ class Physics:
     absent: int | None = None  # number of a body that the model does not have
     delay: np.ndarray | None = None  # s, of the function of time of each force; None: none
     phase: np.ndarray | None = None  # rad, per force, added to every sine; None: none
+    rotors: Still = dataclasses.field(default_factory=dict)
     gain: tuple[float, float] = (0.0, 0.0)  # alpha (1/s), beta^2 (1/s^2): G du/dt + gamma = -2 alpha G u - beta^2 Phi
 
     def replace(self, **changes: object) -> Physics:
@@ -63,7 +70,8 @@ def of_scene(scene: Scene, copies: int = 1) -> Physics:
     return Physics(scene.gravity, scene.masses, np.broadcast_to(scene.inertias, (copies, scene.n, 3, 3)),
                    np.array([p.get("stiffness", 0.0) for p in given]),
                    np.array([0.0 if isinstance(value, TimeFunction) else value for value in rest]),
-                   np.array([p.get("damping", 0.0) for p in given]), np.ones(len(scene.forces)))
+                   np.array([p.get("damping", 0.0) for p in given]), np.ones(len(scene.forces)),
+                   rotors={(joint.name, k): value for joint in scene.joints for k, value in enumerate(joint.armature)})
 
 
 def levers(scene: Scene) -> np.ndarray:
@@ -128,6 +136,7 @@ class Terms:
         """The generalised forces f, (P, n, 6): N in world axes, N m in body axes."""
         v, spin, turning = self.points.v, *self._spins(p)
         f = np.empty((*v.shape[:2], 6))
+        v = v - p.wind
         slowed = p.drag + p.quadratic * np.linalg.norm(v, axis=2, keepdims=True)
         f[:, :, :3] = p.masses[:, None] * (p.gravity - slowed * v)
         f[:, :, 3:] = -np.asarray(p.gyroscopic).reshape(-1, 1) * turning - p.spin_drag * spin
@@ -157,21 +166,46 @@ class Terms:
 
     def rates(self, p: Physics, soft: bool = False) -> np.ndarray:
         """Accelerations (P, n, 6): m/s^2 in world axes, rad/s^2 in body axes. `soft`: with the observed G du/dt."""
-        f = self.forces(p)
-        inverse, keep, flat, weighted, solve = self._weights(p)
-        free = np.concatenate([f[:, :, :3] / p.masses[:, None], (inverse @ f[:, :, 3:, None])[..., 0]], axis=2)
-        if flat.shape[1] == 0:
-            return free
+        keep, flat = self._weights(p)[1:3]
         target = p.centripetal * self.gamma[:, keep]
         if soft:
-            target = -(flat @ self.points.rates.reshape(len(f), -1, 1))[..., 0]
+            target = -(flat @ self.points.rates.reshape(len(flat), -1, 1))[..., 0]
         if any(p.gain):
             x, R, v, w = (getattr(self.points, name) for name in "xRvw")
             target = target + (2 * p.gain[0] * self.constraints.velocity(x, R, v, w, self.points.t)
                                + p.gain[1] * self.constraints.position(x, R, self.points.t))[:, keep]
+        return self._turning(p, self._bound(p, self.forces(p), target))
+
+    def _bound(self, p: Physics, f: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Accelerations (P, n, 6) under the forces f (P, n, 6) that satisfy G du/dt + target = 0."""
+        inverse, _, flat, weighted, solve = self._weights(p)
+        free = np.concatenate([f[:, :, :3] / p.masses[:, None], (inverse @ f[:, :, 3:, None])[..., 0]], axis=2)
+        if flat.shape[1] == 0:
+            return free
         lam = solve @ (flat @ free.reshape(len(f), -1, 1) + target[..., None])
-        found: np.ndarray = free - (np.swapaxes(weighted, 1, 2) @ lam).reshape(free.shape)
-        return found
+        return np.asarray(free - (np.swapaxes(weighted, 1, 2) @ lam).reshape(free.shape))
+
+    def _turning(self, p: Physics, rates: np.ndarray) -> np.ndarray:
+        """The accelerations when rotors turn along: each adds -inertia (S du/dt + s) along its coordinate."""
+        moving = [(p.rotors[key], *row) for key, row in self._rotors.items() if p.rotors.get(key)]
+        if not moving:
+            return rates
+        inertias, rows, biases = (np.array(part) for part in zip(*moving, strict=True))
+        none = np.zeros((len(rates), self._weights(p)[2].shape[1]))
+        columns = np.stack([inertia * self._bound(p, row.reshape(rates.shape), none).reshape(len(rates), -1)
+                            for inertia, row in zip(inertias, rows, strict=True)], axis=2)
+        S = np.swapaxes(rows, 0, 1)
+        along = np.linalg.solve(np.eye(len(inertias)) + S @ columns, S @ rates.reshape(len(rates), -1, 1)
+                                + biases.T[..., None])
+        return np.asarray(rates - (columns @ along).reshape(rates.shape))
+
+    @functools.cached_property
+    def _rotors(self) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
+        """S (P, 6n) and s (P,) of every coordinate of a joint that has a rate."""
+        q = self.points
+        return {(joint.name, k): rate_row(joint, word, self.scene, q.x, q.R, q.v, q.w)
+                for joint in self.scene.joints if joint.kind.is_elastic
+                for k, word in enumerate(joint.kind.coordinates)}
 
     def _varied(self, p: Physics, here: int, force: Force) -> Any:
         """The function of time of a force at the instants; 1 if it has none."""

@@ -57,7 +57,9 @@ def data(shown: list[Shown], right: Physics, soft: bool, stride: int) -> fit.Dat
     """Residuals of all copies, in groups of one joint structure."""
     groups = []
     def structure(each: Shown) -> tuple[object, ...]:
-        return tuple(joint.type for joint in each.observation.scene.joints), each.forces
+        axes = [axis.tobytes() for joint in each.observation.scene.joints
+                for axis in (joint.parent_axis, joint.child_axis) if axis is not None]
+        return tuple(joint.type for joint in each.observation.scene.joints), tuple(axes), each.forces
 
     for one in dict.fromkeys(structure(each) for each in shown):
         members = [(k, each) for k, each in enumerate(shown) if structure(each) == one]

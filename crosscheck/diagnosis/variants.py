@@ -59,7 +59,8 @@ def on_balls(scene: Scene) -> tuple[Scene, tuple[int, ...]] | None:
         return None
     hinged = {joint.name for joint in scene.joints if joint.type == "revolute"}
     joints = tuple(
-        dataclasses.replace(joint, type="spherical", parent_axis=None, child_axis=None, drive=None, mimic=None)
+        dataclasses.replace(joint, type="spherical", parent_axis=None, child_axis=None, drive=None, mimic=None,
+                            armature=())
         if joint.name in hinged else dataclasses.replace(joint, mimic=None) for joint in scene.joints)
     kept = tuple(k for k, force in enumerate(scene.forces) if force.joint not in hinged)
     return scene.replace(joints=joints, forces=tuple(scene.forces[k] for k in kept)), kept

@@ -17,7 +17,9 @@ from tests.diagnosis.misbuilt import Misbuilt
 from tests.diagnosis.stepper import Stepper
 from tests.diagnosis.wrong_models import (
     Behind,
+    Limited,
     altered,
+    armed,
     attachment,
     claiming,
     exchanged,
@@ -27,9 +29,11 @@ from tests.diagnosis.wrong_models import (
     near,
     one_moment,
     products,
+    rotorless,
     scaled,
     shifted,
     some,
+    tilted,
     turned,
 )
 from tests.diagnosis.wrong_output import (
@@ -189,6 +193,19 @@ MISTAKES = [
     Mistake("a without g", ("reported accelerations",), spoilt(a=lambda s, t: t.a - s.gravity)),
     Mistake("alpha in world axes", ("reported accelerations",), spoilt(alpha=lambda s, t: np.einsum(
         "tnij,tnj->tni", t.R, t.alpha))),
+    Mistake("armature left out", ("missing armature",), rotorless, ("armed hinge_pendulum", "armed driven_cart")),
+    Mistake("armature that is not there", ("extra armature",), altered(lambda r, s: armed), ("torsion_wheel",)),
+    Mistake("damping of 1e-4", DAMPING, flawed(joint_damping=1e-4), ("triple_pendulum", "heavy_top")),
+    Mistake("wind", ("wind",), flawed(drag=0.1, wind=(2.0, -1.0, 0.0)),
+        (ONE, "heavy_top")),
+    Mistake("wind on large bodies", ("wind",), flawed(quadratic=0.05, wind=(2.0, -1.0, 0.0)), ("triple_pendulum",)),
+    Mistake("a tilted axis", ("joint axis",), altered(tilted), ("torsion_wheel", "cylindrical_pendulum")),
+    Mistake("tilted axes of a cross", ("joint axis",), altered(tilted), ("chrono_universal",)),
+    Mistake("a limit of steps", ("step limit",), lambda rng, scene: Limited(most=90), ("triple_pendulum", SPRUNG)),
+    Mistake("no small steps", ("step limit",), lambda rng, scene: Limited(least=0.05), (TWO, SPRUNG)),
+    Mistake("time lost", ("time lost",), finite(lambda s, raw: of_output.at_times(s, s.t - 1e-3 * (s.t > 1.1)) if
+        s.duration > 1.1 else raw.states), ("triple_pendulum", SPRUNG)),
+    Mistake("clamped from the start", ("clamp",), flawed(stuck=lambda r, s: 0.7 * float(np.abs(s.w0).max())), (TWO,)),
     Mistake("gravity later", ("gravity size", "mass"), later(gravity_off)),
     Mistake("clamp", ("clamp",), later(stuck)),
     Mistake("lost sign", ("jump of attitude",), later(jumped)),
@@ -204,7 +221,9 @@ def scene_of(name):
     """A built-in scene of a few seconds, or the double pendulum with unequal bodies and products of inertia."""
     from crosscheck.scene.file import load_scene
 
-    scene = load_scene(TWO if name == "uneven" else name)
+    scene = load_scene(TWO if name == "uneven" else name.removeprefix("armed "))
+    if name.startswith("armed"):
+        scene = armed(scene).replace(name=name.replace(" ", "_"))
     if name == "uneven":
         rng = np.random.default_rng(8)
         Q = [Rotation.from_rotvec(rng.normal(size=3)).as_matrix() for _ in scene.bodies]
@@ -277,5 +296,7 @@ LIKE = {
     "spring stiffness": "free length", "stabilisation gain": "no centripetal term", "step too coarse": "order one",
     "time offset": "another origin", "time scale": "start time", "velocity frame": "gyroscopic sign",
     "wrapped angle": "free length",
+    "armature": "one moment", "missing armature": "one moment", "extra armature": "wrapped angle", "wind": "drag",
+    "joint axis": "child anchor moved", "step limit": "clamp", "time lost": "slow clock",
 }
 """For each cause a mistake that looks like it and is not: it must not be named."""

@@ -29,6 +29,7 @@ class Flaws:
     spin_drag: float = 0.0  # 1/s, of angular velocities alone
     linear_drag: float = 0.0  # 1/s, of the centres of mass alone
     quadratic: float = 0.0  # 1/m
+    wind: tuple = (0.0, 0.0, 0.0)  # m/s, of the air that slows
     coulomb: float = 0.0  # N m
     gyroscopic: object = 1.0  # one factor, or one a body
     centripetal: float = 1.0
@@ -83,7 +84,7 @@ class Equations(Maximal):
         force, torque = (part.copy() for part in super()._applied(motion, angles))
         flaws, R = self.flaws, motion.R
         spin = turned(self.scene.inertias, motion.w[:-1])
-        v = motion.v[:-1]
+        v = motion.v[:-1] - np.array(flaws.wind)
         if not flaws.moments:
             for spring in self.springs:
                 own, turning = np.zeros((2, self.scene.n + 1, 3))

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck import adapters
 from crosscheck.diagnosis import of_output
+from crosscheck.diagnosis.variants import close
 from tests.diagnosis import misbuilt
 from tests.diagnosis.misbuilt import Misbuilt
 from tests.diagnosis.stepper import Flaws, Stepper
@@ -117,6 +118,55 @@ def attachment(rng, scene):
         return s.replace(forces=(dataclasses.replace(force, parameters=force.parameters | {"child_point": point}),
                                  *s.forces[1:]))
     return change
+
+
+def armed(scene):
+    """A rotor in every joint that may have one."""
+    return scene.replace(joints=tuple(dataclasses.replace(joint, armature=tuple(
+        0.02 * (k + 1) for _ in joint.kind.coordinates)) if joint.kind.is_elastic else joint
+        for k, joint in enumerate(scene.joints)))
+
+
+def rotorless(rng, scene):
+    """An engine that knows of armature and leaves it out."""
+    made = Misbuilt(adapters.get("lieeuler"), (lambda s: s.replace(joints=tuple(
+        dataclasses.replace(joint, armature=()) for joint in s.joints)),))
+    made.elements = ("armature", "function", "joint_force", "joint_torque")
+    return made
+
+
+def tilted(rng, scene):
+    """The axes of the last joint that has two, turned by a degree or two and seen from the start in either body."""
+    Q = Rotation.from_rotvec(rng.uniform(0.02, 0.04) * misbuilt.unit(rng)).as_matrix()
+
+    def change(s):
+        k = max(k for k, joint in enumerate(s.joints) if joint.child_axis is not None)
+        joint, place = s.joints[k], [np.eye(3) if body < 0 else s.R0[body] for body in (
+            s.joints[k].parent, s.joints[k].child)]
+        axes = [Q @ R @ axis for R, axis in zip(place, (joint.parent_axis, joint.child_axis), strict=True)]
+        return close(s.replace(joints=(*s.joints[:k], dataclasses.replace(joint, **{
+            name: R.T @ axis for name, R, axis in zip(("parent_axis", "child_axis"), place, axes, strict=True)}),
+            *s.joints[k + 1:]))) if s.joints[k].parent_axis is not None else s
+    return lambda s: change(s) if any(joint.child_axis is not None for joint in s.joints) else s
+
+
+@dataclasses.dataclass
+class Limited:
+    """lieeuler's methods with a limit: `most` steps, after which nothing moves, or none below `least` (s)."""
+
+    most: float = np.inf
+    least: float = 0.0
+
+    def __getattr__(self, name):
+        return getattr(adapters.get("lieeuler"), name)
+
+    def run(self, scene, spec):
+        """Within the limit."""
+        raw = adapters.get("lieeuler").run(scene, dataclasses.replace(spec, step=max(spec.step, self.least)))
+        last = int(np.flatnonzero(scene.t <= self.most * raw.step * (1 + 1e-9))[-1])
+        raw.states = dataclasses.replace(raw.states, a=None, alpha=None, lam=None, **{
+            name: getattr(raw.states, name)[np.minimum(np.arange(scene.samples), last)] for name in "xRvw"})
+        return raw
 
 
 def gravity_scaled(rng, scene):

@@ -11,7 +11,11 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
+from crosscheck.scene.functions import at
 from crosscheck.scene.model import GROUND, Scene
+
+INSTANT = 1e-9
+"""Time step (s) of accelerations: forward dynamics of DART take springs and dampers at the end of a step."""
 
 
 class Dart(Engine):
@@ -28,7 +32,12 @@ class Dart(Engine):
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why DART cannot run this here, or None."""
-        return open_tree.unsupported(scene, spec)
+        if (bouncing := open_tree.bouncing(scene)) is not None:
+            return bouncing
+        moved = [name for name, servo in scene.servos.values() if not servo.proportional]
+        if moved:
+            return f"the servo of joint {moved[0]!r} has no proportional gain: here servos are DART's springs in joints"
+        return open_tree.unsupported(scene, spec, ("dry_friction", "limits", "servo"))
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if the state becomes infinite or NaN."""
@@ -43,8 +52,10 @@ class Dart(Engine):
         def state() -> tuple[np.ndarray, np.ndarray]:
             return np.array(model.skeleton.getPositions()), np.array(model.skeleton.getVelocities())
 
-        raw = stepping.march(scene, spec, state(), stepping.one_by_one(world.step, state),
-                             open_tree.converter(scene, bench.set_state, bench.body_state),
+        bench.skeleton.setTimeStep(INSTANT)
+        whole = open_tree.converter(scene, bench.set_state, bench.body_state)
+        convert = open_tree.without_accelerations(whole) if open_tree.rowed(scene) else whole
+        raw = stepping.march(scene, spec, state(), stepping.one_by_one(world.step, state), convert,
                              open_tree.rows(bench.accelerations))
         raw.form = "tree"
         return raw
@@ -72,6 +83,8 @@ class Model:
             if link.dofs:
                 joint.setVelocities(v)  # those of a ball in the outer body's axes; its rotation starts at zero
             self.bodies[link.body] = body
+            if link.type in ("revolute", "prismatic"):
+                _give_laws(scene, link, joint)
 
     def _pair(self, link: tree.Link) -> tuple[Any, Any]:
         create = {"spherical": self.skeleton.createBallJointAndBodyNodePair,
@@ -98,6 +111,22 @@ class Model:
         pose = body.getWorldTransform()
         return (pose.translation(), pose.rotation(), body.getCOMLinearVelocity(), body.getAngularVelocity(),
                 body.getCOMLinearAcceleration(), body.getAngularAcceleration())
+
+
+def _give_laws(scene: Scene, link: tree.Link, joint: Any) -> None:
+    """Dry friction and limits, which are rows of DART's steps, and servos as springs in joints."""
+    _, sign, zero = tree.coordinate(scene, link)
+    law = next(each for each in scene.joints if each.name == link.joint)
+    for friction in filter(None, law.dry_friction):
+        joint.setCoulombFriction(0, friction.sliding)
+    for limits in filter(None, law.limits):
+        ends = tree.ends(limits, sign, zero)
+        joint.setPositionLowerLimit(0, ends[0]), joint.setPositionUpperLimit(0, ends[1])
+        joint.setLimitEnforcement(True)
+    for servo in (servo for name, servo in scene.servos.values() if name == link.joint):
+        ahead = at(servo.feedforward, 0.0) + servo.derivative * at(servo.target_velocity, 0.0)
+        joint.setSpringStiffness(0, servo.proportional), joint.setDampingCoefficient(0, servo.derivative)
+        joint.setRestPosition(0, sign * (at(servo.target, 0.0) + ahead / servo.proportional - zero))
 
 
 def _pose(attitude: np.ndarray, point: np.ndarray) -> Any:

@@ -30,6 +30,10 @@ LONGEST = 0.1
 """Longest step (s) of an integrator with error control, the same as in Drake's own simulations."""
 
 
+LAWS = ("Drake has no dry friction in joints, and limits and controllers only in plants of discrete time, whose step "
+        "is none of the integrators here")
+"""Why there are no force laws of joints, by the documentation of MultibodyPlant and JointActuator."""
+
 Moment = tuple[float, np.ndarray, np.ndarray]
 """Time (s), joint positions, joint velocities."""
 
@@ -50,7 +54,7 @@ class Drake(Engine):
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Drake cannot run this here, or None."""
-        return open_tree.unsupported(scene, spec)
+        return open_tree.unsupported(scene, spec, LAWS)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` with Drake's message if it fails."""

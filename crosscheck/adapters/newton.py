@@ -9,6 +9,7 @@ Newton needs a MuJoCo of its own version, and so an environment of its own (`cro
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import functools
 import os
 import sys
@@ -94,7 +95,8 @@ class Newton(Engine):
         """Why Newton cannot run this here, or None."""
         if spec.form not in (None, FORMS[spec.method]):
             return f"{spec.method} has form {FORMS[spec.method]} only"
-        return scene.beyond() or tree.obstacle(scene, open_tree.JOINTS)
+        return open_tree.unsupported(scene, dataclasses.replace(spec, form=None),
+                                     "this adapter builds no force laws of joints in Newton")
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if the state becomes infinite or NaN."""

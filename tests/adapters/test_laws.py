@@ -78,8 +78,9 @@ def friction():
     return scene, angles, OwnLaw(scene, default, "mujoco").coordinates(), turns
 
 
-def angle_error(scene, method, step, softness, wanted):
-    traj = crosscheck.run(scene, engine="mujoco", method=method, step=step, softness=softness, monitor=False)
+def angle_error(scene, method, step, softness, wanted, engine="mujoco"):
+    softness = {} if softness is None else {"softness": softness}
+    traj = crosscheck.run(scene, engine=engine, method=method, step=step, monitor=False, **softness)
     return np.abs(traj.joints["hinge"].position - wanted).max()
 
 
@@ -123,6 +124,36 @@ def test_exudyns_bristles_converge_to_coulombs_law_and_hold_without_creep(fricti
     assert errors[1] < 2.5e-3
     assert errors[1] < 0.4 * errors[0]
     assert [event[0] for event in traj.events if event[2] == "reverses"][:4] == pytest.approx(turns[:4], abs=3e-3)
+
+
+@pytest.mark.parametrize(("engine", "method"), [("pinocchio", "SymplecticEuler"), ("dart", "SemiImplicitEuler")])
+def test_rows_of_a_step_are_coulombs_law_and_rigid_stops_at_order_one(friction, engine, method):
+    if engine not in crosscheck.engines():
+        pytest.skip(f"{engine} is not installed")
+    scene, exact, *_ = friction
+    errors = [angle_error(scene, method, step, None, exact, engine) for step in (4e-3, 2e-3)]
+    assert errors[1] == pytest.approx(4.347e-3, rel=1e-2)
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.02)
+    traj = crosscheck.run(scene, engine=engine, method=method, step=4e-3)
+    assert abs(traj.joints["hinge"].velocity[-1]) < 1e-11  # rest is rest
+    assert traj.a is None  # forward dynamics leave out the rows
+    for sign in (1.0, -1.0):  # a stop on either side, met and then kept
+        keys = {"position": 0.2 * sign, "velocity": -sign, "limits": {"lower" if sign > 0 else "upper": 0.0}}
+        traj = crosscheck.run(pendulum(1.0, 11, 0.0, **keys), engine=engine, method=method, step=1e-3)
+        wanted = sign * np.maximum(0.2 - traj.t, 0.0)
+        np.testing.assert_allclose(traj.joints["hinge"].position, wanted, rtol=0, atol=1e-8)
+    bouncing = pendulum(1.0, 11, 0.0, position=0.2, limits={"lower": 0.0, "restitution": 0.5})
+    with pytest.raises(Unsupported, match="restitution"):
+        crosscheck.run(bouncing, engine=engine, method=method, step=1e-3)
+
+
+def test_friction_in_pinocchio_couples_two_joints():
+    scene = arm(upper={"dry_friction": 0.5}, lower={"dry_friction": 0.3})
+    exact = crosscheck.references.truth(scene).states.x
+    errors = [np.abs(crosscheck.run(scene, engine="pinocchio", method="SymplecticEuler", step=step, monitor=False).x
+                     - exact).max() for step in (4e-3, 2e-3)]
+    assert errors[1] < 2.5e-3
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.05)
 
 
 def test_exudyns_damped_limits_pull_and_so_are_a_law_of_their_own():
@@ -243,7 +274,8 @@ def test_laws_are_refused_by_name_where_they_are_not_modelled():
     friction, stop = pendulum(dry_friction=0.5), pendulum(limits={"lower": 0.0})
     static = pendulum(dry_friction={"sliding": 0.5, "static": 0.6})
     for engine, method, scene, word in (
-            ("pinocchio", "RKMK4", friction, "dry_friction"), ("pinocchio", "RKMK4", stop, "rigid stops"),
+            ("pinocchio", "RKMK4", friction, "SymplecticEuler has"), ("pinocchio", "RKMK4", stop, "rigid limits"),
+            ("pinocchio", "SymplecticEuler", static, "static value"),
             ("mujoco", "RK4", static, "static value"),
             ("mujoco", "RK4", pendulum(limits={"lower": 0.0, "stiffness": 9.0}), "stiffness")):
         with pytest.raises(Unsupported, match=word):

@@ -59,10 +59,11 @@ def inverse_tangent(theta: Sequence[float], w: Sequence[float]) -> tuple[float, 
             z + 0.5 * r + factor * (a * q - b * p))
 
 
-def symplectic_euler(h: float, integrate: Integrate, dynamics: Dynamics) -> Step:
-    """Velocity first, then the position with the new velocity; order 1."""
+def symplectic_euler(h: float, integrate: Integrate, dynamics: Dynamics, push: Integrate | None = None) -> Step:
+    """Velocity first, then the position with the new velocity; order 1. `push` maps (q, v) to v after impulses."""
     def step(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         v = v + h * dynamics(q, v, t)
+        v = v if push is None else push(q, v)
         return integrate(q, h * v), v
 
     return step

@@ -21,11 +21,34 @@ BodyState = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np
 """x, R, v, w, a, alpha of a body at its centre of mass, all vectors in world axes."""
 
 
-def unsupported(scene: Scene, spec: RunSpec) -> str | None:
-    """Why such an adapter cannot run a scene in the given form, or None if it can."""
+def unsupported(scene: Scene, spec: RunSpec, laws: str | tuple[str, ...]) -> str | None:
+    """Why such an adapter cannot run a scene in the given form, or None if it can.
+
+    `laws`: the elements of force laws of joints that it has, or why it has none.
+    """
     if spec.form not in (None, "tree"):
         return f"form {spec.form} is not built into this adapter; it has tree"
-    return scene.beyond() or tree.obstacle(scene, JOINTS)
+    known, why = ((), laws) if isinstance(laws, str) else (laws, "")
+    reason = scene.beyond(known)
+    return f"{reason}: {why}" if reason and why and scene.has_laws else reason or tree.obstacle(scene, JOINTS, (
+        "servo",) if "servo" in known else ())
+
+
+def bouncing(scene: Scene) -> str | None:
+    """Why an engine whose limits are rows of a step, complementary to impulses, cannot run a scene, or None if it can.
+    """
+    name = next((joint.name for joint in scene.joints for each in joint.limits if each and each.restitution), None)
+    return name and f"the limits of joint {name!r} have a restitution, and the engine's rows of limits none"
+
+
+def rowed(scene: Scene) -> bool:
+    """Whether there are dry friction or rigid limits, which such an engine solves for once a step."""
+    return any(any(joint.dry_friction) or any(each and each.rigid for each in joint.limits) for joint in scene.joints)
+
+
+def without_accelerations(convert: Convert) -> Convert:
+    """For an engine whose forward dynamics leave out rows that a step solves for."""
+    return lambda t, q, v, a: convert(t, q, v, None)
 
 
 def zero_attitude(scene: Scene, link: tree.Link) -> np.ndarray:

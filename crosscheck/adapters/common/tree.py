@@ -24,6 +24,7 @@ from crosscheck.adapters.common.links import links as links
 from crosscheck.adapters.common.links import obstacle as obstacle
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.laws import Limits
 from crosscheck.scene.model import GROUND, Scene, quaternion_from_turn, quaternion_product, rotation_from_quaternion
 from crosscheck.scene.states import States
 from crosscheck.scene.vectors import cross
@@ -68,6 +69,12 @@ def coordinate(scene: Scene, link: Link, k: int = 0) -> tuple[int, float, float]
     word, sign = JOINT_TYPES[link.type].coordinates[k], 1.0 if link.outward else -1.0
     part = [part.kind for part in link.parts].index(word)
     return part, sign, float(at_start(scene)[link.joint][0][k] - sign * initial_coordinates(scene, link)[0][part])
+
+
+def ends(limits: Limits, sign: float, zero: float) -> tuple[float, float]:
+    """The range of limits in a coordinate of which the scene's is sign times it, plus zero."""
+    low, high = sorted(sign * (end - zero) for end in (limits.lower, limits.upper))
+    return low, high
 
 
 def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:

@@ -107,11 +107,11 @@ def _add_friction_and_limits(system: Any, markers: list[Any], place: Place, fric
         if over:  # it has decayed within the rate of one step
             values |= {"staticFrictionOffsetForce": over, "exponentialDecayStatic": over / mass * h}
     if limits:
-        ends = [place.sign * (min(max(end, -FAR), FAR) - place.zero) for end in (limits.lower, limits.upper)]
+        low, high = np.clip(tree.ends(limits, place.sign, place.zero), -FAR, FAR).tolist()
         stiffness, damping = limits.stiffness, limits.damping
         if stiffness is None:
             stiffness, damping = stop(limits.restitution, mass, h)
-        values |= {"useLimitStops": True, "limitStopsLower": min(ends), "limitStopsUpper": max(ends),
+        values |= {"useLimitStops": True, "limitStopsLower": low, "limitStopsUpper": high,
                    "limitStopsStiffness": stiffness, "limitStopsDamping": damping}
     slips = float(np.sign(state[1])) * (friction.sliding if friction else 0.0)
     memory = system.AddNode(NodeGenericData(initialCoordinates=[slips, state[0], 0.0], numberOfDataCoordinates=3))

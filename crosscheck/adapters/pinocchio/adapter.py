@@ -12,10 +12,10 @@ from types import MappingProxyType
 import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
-from crosscheck.adapters.common import lie_steppers, stepping, tree
+from crosscheck.adapters.common import lie_steppers, open_tree, stepping, tree
 from crosscheck.adapters.common.held import Held, highest_order
 from crosscheck.adapters.common.native import JointStates, Native
-from crosscheck.adapters.pinocchio import mimics, models
+from crosscheck.adapters.pinocchio import laws, mimics, models
 from crosscheck.adapters.pinocchio.dynamics import Dynamics
 from crosscheck.adapters.pinocchio.known import KNOWN
 from crosscheck.scene.model import Scene
@@ -53,12 +53,22 @@ class Pinocchio(Engine):
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Pinocchio cannot run this, or None."""
         form = spec.form or "tree"
-        in_tree = ("armature", "mimic", "servo", "sampled_servo", "effort_limit", "no_load_speed", "soft_limits")
+        in_tree: tuple[str, ...] = ("armature", "mimic", "servo", "sampled_servo", "effort_limit", "no_load_speed",
+                                    "soft_limits")
+        if spec.method == "SymplecticEuler":
+            in_tree = (*in_tree, "dry_friction", "limits")
+        elif open_tree.rowed(scene) and form == "tree":
+            return (f"dry friction and rigid limits are rows of a step, which SymplecticEuler has; {spec.method} "
+                    "evaluates forces at its stages")
         if reason := scene.beyond(("joint_torque", "function", "hold", *(in_tree if form == "tree" else ())), in_tree):
             return reason
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
         closed = any(models.decompose(scene, form)[1:])
+        if open_tree.rowed(scene) and (closed or any(joint.mimic for joint in scene.joints)):
+            return "dry friction and rigid limits are built for trees without loops and mimics"
+        if (bouncing := open_tree.bouncing(scene)) is not None:
+            return bouncing
         if cut := {joint.name for joint in models.decompose(scene, form)[2]}:
             for joint in scene.joints:
                 if joint.name in cut and (any(joint.limits) or joint.name in dict(scene.servos.values())):
@@ -86,10 +96,10 @@ class Pinocchio(Engine):
         form = spec.form or "tree"
         model = models.build(scene, form)
         dynamics = Dynamics(model, spec.alpha or 0.0, spec.beta or 0.0)
-        step = _stepper(spec.method, stepping.fixed_step(scene, spec)[1], model, dynamics)
-        start = model.initial_state()
-        state, h = [*start], stepping.fixed_step(scene, spec)[1]
-        done, held = 0, Held(scene, h)
+        h, start = stepping.fixed_step(scene, spec)[1], model.initial_state()
+        rowed = open_tree.rowed(scene)
+        step = _stepper(spec.method, h, model, dynamics, laws.Rows(dynamics, h) if rowed else None)
+        state, done, held = [*start], 0, Held(scene, h)
         on = {name: dynamics.coordinate(joint) for joint in scene.joints for name, _ in scene.servos.values()
               if name == joint.name}
 
@@ -118,7 +128,8 @@ class Pinocchio(Engine):
             return a
 
         rows = stepping.one_by_one(advance, lambda: (state[0], state[1]))
-        raw = stepping.march(scene, spec, start, rows, model.states, accelerate)
+        convert = open_tree.without_accelerations(model.states) if rowed else model.states
+        raw = stepping.march(scene, spec, start, rows, convert, accelerate)
         raw.form = form
         raw.stats["forward_dynamics"] = dynamics.algorithm
         if dynamics.closure is not None:
@@ -127,7 +138,8 @@ class Pinocchio(Engine):
         return raw
 
 
-def _stepper(method: str, h: float, model: models.Model, dynamics: Dynamics) -> lie_steppers.Step:
+def _stepper(method: str, h: float, model: models.Model, dynamics: Dynamics,
+             push: laws.Rows | None) -> lie_steppers.Step:
     import pinocchio
 
     def integrate(q: np.ndarray, tangent: np.ndarray) -> np.ndarray:
@@ -135,7 +147,7 @@ def _stepper(method: str, h: float, model: models.Model, dynamics: Dynamics) -> 
         return found
 
     if method == "SymplecticEuler":
-        return lie_steppers.symplectic_euler(h, integrate, dynamics)
+        return lie_steppers.symplectic_euler(h, integrate, dynamics, push)
     if method == "RK4naive":
         return lie_steppers.naive_rk4(h, integrate, dynamics)
     tableau = lie_steppers.CLASSIC_4 if method == "RKMK4" else lie_steppers.dop853()

@@ -128,7 +128,8 @@ def jet(space: JointSpace) -> np.ndarray:
               for symbol, rate in zip(symbols, rates, strict=True)]
     varied = heyoka.var_ode_sys(system, heyoka.var_args.vars, order=1)
     size = len(symbols)
-    integrator = heyoka.taylor_adaptive(varied, equations.initial.tolist(), compact_mode=True, high_accuracy=True)
+    integrator = heyoka.taylor_adaptive(varied, equations.initial.tolist(), compact_mode=True, high_accuracy=True,
+                                        opt_level=0)
     integrator.propagate_until(scene.duration)
     state = np.array(integrator.state)
     slices = [integrator.get_vslice(order=1, component=k) for k in range(size)]

@@ -231,7 +231,7 @@ class LawfulTaylor(Taylor):
 
     # Equations and steps.
 
-    def integrator(self, tolerance: float | None = None, **options: bool) -> Any:
+    def integrator(self, tolerance: float | None = None, **options: int) -> Any:
         """As `Taylor.integrator`, with the numbers of the mode as parameters."""
         import heyoka
 

@@ -21,7 +21,7 @@ from crosscheck.errors import ArgumentError
 from crosscheck.history import nightly
 from crosscheck.jobs import table
 from crosscheck.verification import job
-from tests.history.test_nightly import FEW, QUICK, history_names
+from tests.history.test_nightly import FEW, QUICK, TEN, history_names
 from tests.killing import rows
 
 pytestmark = pytest.mark.slow  # each starts several runs
@@ -125,7 +125,7 @@ def test_a_worker_killed_at_each_stage_costs_its_own_run_at_most(moment, tmp_pat
     import psutil
 
     generator = random.Random(moment)
-    undisturbed = {record.method: record for record in job.verify("smoke", ["single_pendulum"], [FEW], 1).records}
+    undisturbed = {record.method: record for record in job.verify("smoke", ["single_pendulum"], [TEN], 1).records}
     timers = []
 
     def kill():
@@ -137,7 +137,7 @@ def test_a_worker_killed_at_each_stage_costs_its_own_run_at_most(moment, tmp_pat
             timers.append(threading.Timer(generator.uniform(0.0, 0.1), kill))
             timers[-1].start()
 
-    found = job.verify("smoke", ["single_pendulum"], [FEW], 1, ended)
+    found = job.verify("smoke", ["single_pendulum"], [TEN], 1, ended)
     for timer in timers:
         timer.join()
     assert [record.method for record in found.records] == list(undisturbed)

@@ -62,8 +62,9 @@ def test_the_markdown_holds_no_html_and_no_code_of_others(folder):
 
 
 def test_an_engine_that_says_it_costs_its_run_alone(tmp_path):
-    results = job.verify("smoke", ["single_pendulum"], ["tests/report/test_hostile_words.py:Surrogate", "mujoco"])
+    results = job.verify("smoke", ["single_pendulum"], ["tests/report/test_hostile_words.py:Surrogate", "mujoco"],
+                         methods=["Rest", "RK4"])
     folder_of_report.write(results, tmp_path / "out")
-    mine, *others = results.records
+    mine, other = results.records
     assert (mine.outcome, "\\ud800" in mine.message) == ("error", True) or mine.outcome == "fail"
-    assert all(record.outcome == "pass" for record in others)
+    assert other.outcome == "pass"

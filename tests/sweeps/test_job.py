@@ -94,7 +94,7 @@ def test_a_cell_runs_again(local):
 
 
 def test_failed_and_unsupported_runs_are_rows(tmp_path):
-    frame = crosscheck.sweep({"scenes": ["fast_top_1500"], "steps": [0.2], "samples": 2, "duration": 0.6, "engines": {
+    frame = crosscheck.sweep({"scenes": ["single_pendulum"], "steps": [2.0], "samples": 2, "duration": 6.0, "engines": {
         "lieeuler": ["DAE1L_LSE", {"method": "DAE1L_LSE", "form": "tree"}]}}, out=tmp_path)
     assert list(frame["status"]) == ["map_domain", "unsupported"]
     assert frame.loc[frame["status"] != "success", "position_error"].isna().all()

@@ -12,10 +12,13 @@ from tests.databases import postgresql_server, url  # noqa: F401 - fixtures
 
 threads.limit()
 
-# Shared machines stall: an example is never late. CI draws the same examples every time, a developer new ones.
-settings.register_profile("house", deadline=None, derandomize="CI" in os.environ)
+# Shared machines stall: an example is never late. All draw the same examples; `--hypothesis-profile explore` draws others.
+settings.register_profile("house", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None)
 settings.load_profile("house")
-os.environ.pop("CI", None)  # under which commands start afresh: a test that wants it says so
+# Under CI commands start afresh, and the others colour what they print: a test that wants it says so.
+for name in ("CI", "GITHUB_ACTIONS", "FORCE_COLOR", "PY_COLORS"):
+    os.environ.pop(name, None)
 
 # A shell starts background jobs with Ctrl-C ignored, which they pass on: what is to be interrupted would run on.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -30,12 +30,6 @@ def here(out, *words):
     return crosscheck("verify", *words, "--out", str(out))
 
 
-@pytest.fixture(autouse=True)
-def elsewhere_than_ci(monkeypatch):
-    """CI computes everything anew by default."""
-    monkeypatch.delenv("CI", raising=False)
-
-
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     out = tmp_path_factory.mktemp("verify") / "out"
@@ -81,6 +75,16 @@ def asking_again_computes_nothing(undisturbed, tmp_path):
     anew = here(tmp_path / "third", *QUICK, "--fresh")
     assert not said(anew, "were computed before")
     assert sorted(key for key, _ in rows()) == sorted(2 * [key for key, _ in before])
+
+
+@pytest.mark.parametrize("place", [[], ["CI"]])
+def test_ci_computes_everything_anew_by_default(place):
+    code = ("from typer.main import get_command\nfrom crosscheck.cli.app import app\n"
+            "print(*(each.default for name in ('sweep', 'verify') for each in get_command(app).commands[name].params\n"
+            "        if each.name == 'fresh'))")
+    done = subprocess.run([sys.executable, "-c", code], env={**os.environ, **dict.fromkeys(place, "true")}, text=True,
+                          capture_output=True, check=True)
+    assert done.stdout.split() == [str(bool(place))] * 2
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from tests.databases import postgresql_server, url  # noqa: F401 - fixtures
 
 threads.limit()
 
-# Shared machines stall: an example is never late. All draw the same examples; `--hypothesis-profile explore` draws others.
+# Shared machines stall: an example is never late. All draw the same; `--hypothesis-profile explore` draws others.
 settings.register_profile("house", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
 settings.load_profile("house")

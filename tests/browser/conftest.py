@@ -70,14 +70,22 @@ class Watched:
 
 
 @pytest.fixture
-def watched(browser, site, request):
-    """Opens pages of the report; whatever a test does, no page may report an error or ask a network for anything.
+def pages(site):
+    """The folder whose pages `watched` opens; a module may have another."""
+    return site
 
-    Options of the browser's context come by indirect parameters.
+
+@pytest.fixture
+def watched(browser, pages, request):
+    """Opens pages; whatever a test does, no page may report an error or ask a network for anything.
+
+    By an indirect parameter: width and colour scheme, or options of the browser's context.
     """
-    options = {"viewport": {"width": 1280, "height": 900}, "accept_downloads": True, **getattr(request, "param", {})}
-    context = browser.new_context(**options)
-    watched = Watched(context, site)
+    given = getattr(request, "param", {})
+    if isinstance(given, tuple):
+        given = {"viewport": {"width": given[0], "height": 900}, "color_scheme": given[1]}
+    context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, "accept_downloads": True, **given})
+    watched = Watched(context, pages)
     yield watched
     context.close()
     assert watched.complaints == []

@@ -8,7 +8,6 @@ from crosscheck.report import write_report
 from crosscheck.verification import job
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
-from tests.browser.conftest import Watched
 
 PAGE = "study-coarse.html"
 STEP = 0.02
@@ -30,17 +29,15 @@ def coarse(document, tmp_path_factory):
     return made, folder
 
 
-@pytest.fixture(params=[(1280, "light"), (390, "dark")], ids=["wide", "phone"])
-def watched(request, browser, coarse):
-    width, scheme = request.param
-    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
-    made = Watched(context, coarse[1])
-    yield made
-    context.close()
-    assert made.complaints == []
-    assert made.foreign == []
+@pytest.fixture
+def pages(coarse):
+    return coarse[1]
 
 
+both = pytest.mark.parametrize("watched", [(1280, "light"), (390, "dark")], indirect=True, ids=["wide", "phone"])
+
+
+@both
 def test_the_page_lists_the_coarse_runs_alone_and_leads_to_them(watched, coarse):
     page = watched.open(PAGE)
     assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]
@@ -92,6 +89,7 @@ def test_a_figure_without_data_draws_again_when_there_are_some(watched):
     assert dimmed > 0  # the other runs are dimmed: the figure still listens
 
 
+@both
 def test_the_page_is_accessible(watched):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     page = watched.open(PAGE)

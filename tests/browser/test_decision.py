@@ -10,7 +10,6 @@ from msgspec.structs import replace
 
 from crosscheck.report import identity
 from crosscheck.report.data import read_curves
-from tests.browser.conftest import Watched
 
 SCENE = "scene-double_pendulum.html"
 
@@ -24,17 +23,6 @@ def views(*quick):
     return pytest.mark.parametrize("watched", [
         pytest.param(view, id=name, marks=() if name in quick else pytest.mark.slow) for name, view in VIEWS.items()],
         indirect=True)
-
-
-@pytest.fixture
-def watched(request, browser, site):
-    width, scheme = request.param
-    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
-    made = Watched(context, site)
-    yield made
-    context.close()
-    assert made.complaints == []
-    assert made.foreign == []
 
 
 @views("wide-light", "phone-dark")

@@ -6,21 +6,14 @@ import re
 import pytest
 
 from crosscheck.report import sites
-from tests.browser.conftest import Watched
 from tests.browser.pages_making import PAGES
 
 WIDE, PHONE = (1280, "light"), (390, "dark")
 
 
 @pytest.fixture
-def watched(request, browser, home):
-    width, scheme = getattr(request, "param", WIDE)
-    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
-    made = Watched(context, home)
-    yield made
-    context.close()
-    assert made.complaints == []
-    assert made.foreign == []
+def pages(home):
+    return home
 
 
 @pytest.mark.parametrize(("name", "watched"), [

@@ -2,19 +2,7 @@
 
 import pytest
 
-from tests.browser.conftest import Watched
-
 SCENE = "scene-double_pendulum.html"
-
-
-@pytest.fixture
-def watched(browser, site):
-    context = browser.new_context(viewport={"width": 1280, "height": 900})
-    made = Watched(context, site)
-    yield made
-    context.close()
-    assert made.complaints == []
-    assert made.foreign == []
 
 
 JOINT = {"parent": -1, "child": 0, "parent_anchor": [0, 0, 0], "child_anchor": [0, 0, 0], "parent_axis": [0, 0, 1]}

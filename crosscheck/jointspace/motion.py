@@ -66,7 +66,7 @@ class Bodies:
 class _Equations(Taylor):
     """The equations without their compiled integrator."""
 
-    def integrator(self, tolerance: float | None = None, **options: bool) -> Any:
+    def integrator(self, tolerance: float | None = None, **options: int) -> Any:
         """None; nothing is integrated here."""
         return None
 

@@ -103,6 +103,11 @@ def unknown(what: str, given: object, allowed: Iterable[str]) -> str:
     return f"{what}: {given!r} is not known{guess} allowed: {', '.join(allowed)}"
 
 
+def counted(number: int, word: str, many: str | None = None, none: str = "0") -> str:
+    """A number with its word in the singular or the plural; `none` stands for the number 0."""
+    return f"{number or none} {word if number == 1 else many or word + 's'}"
+
+
 def named(error: BaseException) -> str:
     """The class of an error and its message."""
     return f"{type(error).__name__}: {error}"

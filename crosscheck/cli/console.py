@@ -43,11 +43,6 @@ def console(width: int) -> Console:
     return Console(width=width if piped else None, highlight=False)
 
 
-def counted(number: int, word: str, many: str | None = None) -> str:
-    """A number with its word in the singular or the plural."""
-    return f"{number} {word if number == 1 else many or word + 's'}"
-
-
 def say(text: str, indent: int = 0, hang: int = 4) -> None:
     """Print a sentence, folded at spaces in a terminal, so that no number is cut.
 

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import console, counted, figures, key, print_table, say, waiting, words
+from crosscheck.cli.console import console, figures, key, print_table, say, waiting, words
 from crosscheck.cli.models import derivatives as judge_derivatives
 from crosscheck.cli.models import diff
 from crosscheck.cli.options import EngineNames, SceneName
-from crosscheck.errors import PINNED, install
+from crosscheck.errors import PINNED, counted, install
 
 if TYPE_CHECKING:
     from crosscheck.inspection import Deviation, Inspection

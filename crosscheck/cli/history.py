@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import console, counted, figures, key, print_table, say, words
-from crosscheck.errors import ArgumentError
+from crosscheck.cli.console import console, figures, key, print_table, say, words
+from crosscheck.errors import ArgumentError, counted
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import counted, say, waiting
-from crosscheck.errors import ArgumentError, EngineError, Unsupported
+from crosscheck.cli.console import say, waiting
+from crosscheck.errors import ArgumentError, EngineError, Unsupported, counted
 from crosscheck.files import put
 
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import console, counted, figures, key, print_table, progress_bar, say, words
+from crosscheck.cli.console import console, figures, key, print_table, progress_bar, say, words
 from crosscheck.cli.options import Engines, chosen, figure
 from crosscheck.cli.options import figures as shown
+from crosscheck.errors import counted
 
 if TYPE_CHECKING:
     from crosscheck.studies.study import Ask, Study, StudyDocument

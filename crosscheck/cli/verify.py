@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import complain, console, counted, figures, key, print_table, progress_bar, say
+from crosscheck.cli.console import complain, console, figures, key, print_table, progress_bar, say
 from crosscheck.cli.options import Control, Drop, EngineNames, Keyframe, Limits, SceneNames, scene_files
 from crosscheck.document import EULER, Asked, Document, Record
-from crosscheck.errors import ArgumentError, install, unknown
+from crosscheck.errors import ArgumentError, counted, install, unknown
 from crosscheck.files import put
 from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, state
 from crosscheck.report.overview import worst_first
@@ -67,7 +67,7 @@ def verify(
     from crosscheck.jobs.table import Table
     from crosscheck.judge import overrides
     from crosscheck.recordings import published
-    from crosscheck.report import folder, schema
+    from crosscheck.report import check_out, schema, write
     from crosscheck.scene.file import as_scene
     from crosscheck.verification import job
     from crosscheck.verification.job import limits_of
@@ -78,7 +78,7 @@ def verify(
         scene = [*(scene or ()), *published.tagged(tag)]
         if not scene:
             raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
-    folder.check_out(out)
+    check_out(out)
     scene = scene_files(scene, drop, keyframe, control, limits)
     own = overrides.read(tolerance_file, tol or (), [sensor.name for each in (scene if tol or tolerance_file else None)
                                                      or () for sensor in as_scene(each).sensors])
@@ -95,7 +95,7 @@ def verify(
         with progress_bar() as progress:
             results = job.verify(profile, scene, engine, jobs, progress, session, within, own, methods=method,
                                  asked=asked, scheduler=scheduler)
-        page = folder.write(results, out)
+        page = write(results, out)
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")
     literature = published.figures(published.tagged(tag), tuple(results.meta.engines)) if tag else []

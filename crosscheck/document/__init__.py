@@ -13,6 +13,7 @@ from crosscheck.document.curves import RunCurves, SceneCurves
 from crosscheck.document.part import Part as Part
 from crosscheck.document.part import Way as Way
 from crosscheck.document.part import extended as extended
+from crosscheck.document.part import grouped as grouped
 
 SCHEMA = 1
 """Version of results.json. It rises if a key is removed or changes its meaning. New keys do not raise it."""

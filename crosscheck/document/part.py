@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from typing import Any, Self, TypeVar
 
 import msgspec
@@ -18,6 +19,18 @@ def extended(kind: type[P], part: Part, **more: Any) -> P:
     """A value of another type, with those fields of `part` that it has and with `more`."""
     shared = set(kind.__struct_fields__).intersection(part.__struct_fields__)
     return kind(**{name: getattr(part, name) for name in shared} | more)
+
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
+
+def grouped(values: Iterable[Value], key: Callable[[Value], Key]) -> dict[Key, list[Value]]:
+    """The values with the same key, in the order in which keys first appear."""
+    groups: dict[Key, list[Value]] = {}
+    for value in values:
+        groups.setdefault(key(value), []).append(value)
+    return groups
 
 
 class Way(Part, frozen=True):

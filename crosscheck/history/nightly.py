@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from crosscheck.document import AS_PLANNED, Asked, Change, Document
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import ArgumentError, counted
 from crosscheck.history import store
 from crosscheck.history.changes import compare
 from crosscheck.history.store import StoredRun
@@ -30,7 +30,7 @@ from crosscheck.history.store.figures import SPEED
 from crosscheck.jobs.drive import Stages
 from crosscheck.jobs.table import Session, Table
 from crosscheck.judge.plan import profile
-from crosscheck.report import sites
+from crosscheck.report import standalone
 from crosscheck.report.headline import headline, sentence
 from crosscheck.report.overview import worst_first
 from crosscheck.verification import job
@@ -140,7 +140,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
         store.save(history_store, store.run_from_document(name, document, good=exit_code == 0))
         folder = _publish(out, name, document, text)
         _point_latest(out, folder.name)
-        sites.tell(out / LATEST)
+        standalone.tell(out / LATEST)
     _prune(out, keep)
     return Night(folder, exit_code, text, changes, session.continued)
 
@@ -292,7 +292,8 @@ def summary(document: Document, name: str, before: StoredRun | None, exit_code: 
     notes = [change for change in changes if not change.bad]
     length = datetime.timedelta(seconds=round(meta.seconds))
     lines = [f"crosscheck nightly {meta.time}: {VERDICTS[exit_code]}. {headline(document)}.",
-             f"{_count(len(document.records), 'run')} of {_count(len(document.scenes), 'scene')} on "
+             f"{counted(len(document.records), 'run', none='no')} of "
+             f"{counted(len(document.scenes), 'scene', none='no')} on "
              + ", ".join(f"{engine} {version}" for engine, version in meta.engines.items())
              + f"; {length} on {meta.machine.cores} cores; commit {meta.commit or 'unknown'}",
              "first run, nothing to compare with" if before is None else
@@ -300,10 +301,6 @@ def summary(document: Document, name: str, before: StoredRun | None, exit_code: 
     lines += _listed("Findings", grouped(findings)) + _listed("Worth knowing", grouped(notes))
     lines += _listed("Failed", _failures(document))
     return "\n".join([*lines, "", f"run {name}, report {page}", ""])
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number or 'no'} {word}{'' if number == 1 else 's'}"
 
 
 def _listed(title: str, lines: list[str]) -> list[str]:
@@ -341,7 +338,7 @@ def _failures(document: Document) -> list[str]:
                and record.scene not in lost]
     for group in worst_first(records, document.changes):
         worst = group.runs[0][0]
-        several = f"{group.why}, {len(group.runs)} runs on {_count(group.scenes, 'scene')}, worst "
+        several = f"{group.why}, {len(group.runs)} runs on {counted(group.scenes, 'scene')}, worst "
         broken.append(f"{group.engine}: {several if len(group.runs) > 1 else ''}"
                       f"{worst.label} on {worst.scene}, {textwrap.shorten(sentence(worst), LONGEST)}")
     return broken

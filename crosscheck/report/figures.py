@@ -17,7 +17,7 @@ import numpy as np
 
 from crosscheck.document import EULER, Document, Record, Scene
 from crosscheck.document.curves import PACKED_MISSING, PACKED_STEPS, Curve, Packed, RunCurves
-from crosscheck.report import identity, names
+from crosscheck.report import identity, pages
 
 SMALLEST = 1e-18
 """The value at which an exact zero is drawn on a logarithmic axis."""
@@ -54,7 +54,7 @@ def write_figures(document: Document, folder: Path) -> list[Path]:
             runs = [record for record in document.records
                     if record.scene == scene.name and not record.practical]
             for end, figure in figures(scene, runs):
-                path = folder / f"{Path(names.scene_file(scene)).stem}-{end}.svg"
+                path = folder / f"{Path(pages.scene_file(scene)).stem}-{end}.svg"
                 figure.savefig(path, format="svg", metadata={"Date": None}, bbox_inches="tight")
                 written.append(path)
     return written
@@ -125,7 +125,7 @@ def _motion(scene: Scene, record: Record) -> Iterator[tuple[str, Any]]:
             grid[place].plot(scene.curves.t, R[b][(slice(None), *place)])
             grid[place].set(title=f"$R_{{{place[0] + 1}{place[1] + 1}}}$", ylim=(-1.1, 1.1))
         figure.supxlabel("time (s)")
-        yield f"rotation-{names.slug(scene.bodies[b])}", figure
+        yield f"rotation-{pages.slug(scene.bodies[b])}", figure
 
 
 def _history(times: list[float], curve: Curve) -> tuple[list[float], Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from crosscheck.document import Change, Document, Record, Scene
+from crosscheck.errors import counted
 
 OUTCOMES = {"pass": ("✓", "pass", "behaves as documented: every check within its bound, over the whole run"),
             "partly": ("◐", "partly", "every check within its bound, but the motion judged only up to the time it "
@@ -60,7 +61,7 @@ def _passing(document: Document) -> str:
         made = "that could be made " if count["unsupported"] else ""
         return f"The only run {made}passes" if count["pass"] == 1 else f"All {count['pass']} runs {made}pass"
     whole = count["pass"]
-    said = [f"{_counted(whole, 'run')} pass{'es' if whole == 1 else ''}"]
+    said = [f"{counted(whole, 'run', none='No')} pass{'es' if whole == 1 else ''}"]
     if part:
         said.append(f"{len(part)} more over part of {'its' if len(part) == 1 else 'their'} time "
                     f"({100 * judged_share(part):.0f} %)")
@@ -74,7 +75,7 @@ def _passing(document: Document) -> str:
         named = " and ".join(f"{record.label} on {spoken(record.scene)}" for record in failing)
         said.append(f"{len(failing)} fail{'s' if len(failing) == 1 else ''} ({named})")
     elif failing:
-        said.append(f"{len(failing)} fail on {_counted(len({record.scene for record in failing}), 'scene')}")
+        said.append(f"{len(failing)} fail on {counted(len({record.scene for record in failing}), 'scene')}")
     elif whole + len(part):
         said.append("none fails")
     return ", ".join(said)
@@ -112,10 +113,6 @@ def why_no_truth(scene: Scene) -> str:
     """The first clause of the reason why a scene has no truth; "" if it has."""
     reason = scene.failure or scene.no_truth
     return reason.removeprefix(f"{scene.title!r}: ").partition("; ")[0].rstrip(".")
-
-
-def _counted(number: int, word: str) -> str:
-    return f"{number or 'No'} {word}{'' if number == 1 else 's'}"
 
 
 def partly(document: Document) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import collections
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
-from crosscheck.document import Change, Document, Finding, Record, Scene
+from crosscheck.document import QUANTITIES, Change, Document, Finding, Record, Scene, grouped
 from crosscheck.report.headline import OUTCOMES, judged_share, state
 
 SEVERITY = ("error", "fail", "known", "unjudged", "budgeted", "partly", "pass", "unsupported")
@@ -20,22 +20,22 @@ def counted(records: Sequence[Record]) -> dict[str, int]:
     return {outcome: counts[outcome] for outcome in SEVERITY if counts[outcome]}
 
 
+def _pairs(records: Iterable[Record]) -> dict[tuple[str, str], list[Record]]:
+    return grouped(records, lambda record: (record.scene, record.engine))
+
+
 def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int]]]:
     """`counted` for every scene and engine."""
-    groups: dict[str, dict[str, list[Record]]] = {scene.name: {} for scene in document.scenes}
-    for record in document.records:
-        groups.setdefault(record.scene, {}).setdefault(record.engine, []).append(record)
-    return {scene: {engine: counted(records) for engine, records in engines.items()}
-            for scene, engines in groups.items()}
+    counts: dict[str, dict[str, dict[str, int]]] = {scene.name: {} for scene in document.scenes}
+    for (scene, engine), records in _pairs(document.records).items():
+        counts.setdefault(scene, {})[engine] = counted(records)
+    return counts
 
 
 def judged_shares(document: Document) -> dict[tuple[str, str], float]:
     """For every scene and engine with partly judged runs, the share of their time that was judged."""
-    groups: dict[tuple[str, str], list[Record]] = {}
-    for record in document.records:
-        if state(record) == "partly":
-            groups.setdefault((record.scene, record.engine), []).append(record)
-    return {pair: judged_share(records) for pair, records in groups.items()}
+    partly = _pairs(record for record in document.records if state(record) == "partly")
+    return {pair: judged_share(records) for pair, records in partly.items()}
 
 
 def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
@@ -44,12 +44,10 @@ def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
     Runs that pass over a part of their time count, too.
     """
     best: dict[str, dict[str, Record]] = {scene.name: {} for scene in document.scenes}
-    for record in document.records:
-        if record.outcome not in ("pass", "partly") or record.practical or math.isinf(record.judged_error):
-            continue
-        before = best[record.scene].get(record.engine)
-        if before is None or record.judged_error < before.judged_error:
-            best[record.scene][record.engine] = record
+    passing = (record for record in document.records if record.outcome in ("pass", "partly") and not record.practical
+               and not math.isinf(record.judged_error))
+    for (scene, engine), records in _pairs(passing).items():
+        best[scene][engine] = min(records, key=lambda record: record.judged_error)
     return best
 
 
@@ -73,26 +71,20 @@ class Advice:
 
 def recommended(scenes: Sequence[Scene]) -> list[Advice]:
     """Scenes grouped by recommended run and reason, the largest group first. Groups without a run come last."""
-    groups: dict[tuple[str | None, str], list[Scene]] = {}
-    for scene in scenes:
+    def key(scene: Scene) -> tuple[str | None, str]:
         advice = scene.recommended
-        key = ((advice.runs[0], advice.why.partition(",")[0]) if advice else
-               (None, scene.trust.partition(" Not to be trusted here")[0]))
-        groups.setdefault(key, []).append(scene)
-    runs = [Advice(run, why, each) for (run, why), each in groups.items()]
+        return ((advice.runs[0], advice.why.partition(",")[0]) if advice else
+                (None, scene.trust.partition(" Not to be trusted here")[0]))
+
+    runs = [Advice(run, why, each) for (run, why), each in grouped(scenes, key).items()]
     return sorted(runs, key=lambda group: (group.run is None, -len(group.scenes)))
 
 
 def by_method(document: Document) -> dict[str, list[tuple[str, dict[str, Record]]]]:
     """Runs that are not at coarse steps, by engine: rows of (label, run of each scene)."""
-    rows: dict[str, dict[str, Record]] = {}
-    for record in document.records:
-        if not record.practical:
-            rows.setdefault(record.label, {})[record.scene] = record
-    by_engine: dict[str, list[tuple[str, dict[str, Record]]]] = {}
-    for label, cells in rows.items():
-        by_engine.setdefault(next(iter(cells.values())).engine, []).append((label, cells))
-    return by_engine
+    fine = grouped((record for record in document.records if not record.practical), lambda record: record.label)
+    rows = [(label, {record.scene: record for record in records}) for label, records in fine.items()]
+    return grouped(rows, lambda row: next(iter(row[1].values())).engine)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,16 +98,12 @@ class Coarse:
 
 def at_coarse_steps(document: Document) -> list[Coarse]:
     """Runs at steps too coarse for bounds of the motion, grouped by scene and step."""
-    groups: dict[tuple[str, float], list[Record]] = {}
-    for record in document.records:
-        if record.practical:
-            groups.setdefault((record.scene, record.step or 0.0), []).append(record)
-    return [Coarse(name, step, records) for (name, step), records in groups.items()]
+    coarse = grouped((record for record in document.records if record.practical),
+                     lambda record: (record.scene, record.step or 0.0))
+    return [Coarse(name, step, records) for (name, step), records in coarse.items()]
 
 
-MATTERS = {"position": "error of the motion beyond its bound", "attitude": "error of the motion beyond its bound",
-           "velocity": "error of the motion beyond its bound",
-           "angular velocity": "error of the motion beyond its bound",
+MATTERS = {**dict.fromkeys(QUANTITIES, "error of the motion beyond its bound"),
            "energy": "energy error beyond its bound", "momentum": "momentum error beyond its bound",
            "orthogonality": "attitudes that are no rotations",
            "step": "step too coarse to judge the motion", "vanished": "a known defect no longer shows"}
@@ -146,10 +134,8 @@ def worst_first(records: Sequence[Record], changes: Sequence[Change] | None = No
     worse = {(change.scene, change.engine, change.method) for change in changes or [] if change.bad}
     bad = [(record, record.worst) for record in records if record.outcome in ("fail", "error", "known")]
     bad.sort(key=lambda pair: (pair[1] is None or not pair[1].blown, -excess(pair[1])))  # what blew up comes first
-    groups: dict[tuple[str, str, str], list[tuple[Record, Finding | None]]] = {}
-    for record, finding in bad:
-        engine = "" if record.outcome == "known" else record.engine
-        groups.setdefault((record.outcome, engine, _matter(record, finding)), []).append((record, finding))
+    groups = grouped(bad, lambda pair: (
+        pair[0].outcome, "" if pair[0].outcome == "known" else pair[0].engine, _matter(*pair)))
     wrong = [Wrong(outcome, engine, why, runs, len({record.scene for record, _ in runs}),
                    sum((record.scene, record.engine, record.label.removeprefix(f"{record.engine} ")) in worse
                        for record, _ in runs))

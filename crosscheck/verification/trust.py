@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 
 from crosscheck.document import EngineTrust, Recommended, Record, SceneTruth
+from crosscheck.errors import counted
 
 TARGETS = (1e-6, 1e-3)
 """Wanted errors over the scene's length. The recommendation is for the first one that a passing run reaches."""
@@ -103,8 +104,7 @@ def _said(found: Recommended) -> str:
 
 
 def _checks(record: Record) -> str:
-    count = sum(finding.status == "ok" for finding in record.findings)
-    return f"{count} check{'' if count == 1 else 's'}"
+    return counted(sum(finding.status == "ok" for finding in record.findings), "check")
 
 
 def _not_trusted(records: Sequence[Record]) -> str:

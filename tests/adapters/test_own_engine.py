@@ -10,9 +10,9 @@ import pytest
 
 import crosscheck
 from crosscheck import adapters
+from crosscheck import report as report_folder
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.errors import EngineDied
-from crosscheck.report import folder as report_folder
 from crosscheck.verification import job
 from tests import ROOT
 

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from crosscheck.report import identity
-from crosscheck.report.data import read_curves
+from crosscheck.report.exports import read_curves
 
 SCENE = "scene-double_pendulum.html"
 

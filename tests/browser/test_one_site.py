@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from crosscheck.report import sites
+from crosscheck.report import standalone
 from tests.browser.pages_making import PAGES
 
 WIDE, PHONE = (1280, "light"), (390, "dark")
@@ -89,7 +89,7 @@ def test_a_night_is_told_of_the_folders_beside_the_nights(tmp_path):
         for name in ("report.css", "theme.js") if place != "strange" else ():
             (folder / name).touch()
     (tmp_path / "reports/nightly/latest").symlink_to("2026-11-01", target_is_directory=True)
-    sites.tell(tmp_path / "reports/nightly/latest")
+    standalone.tell(tmp_path / "reports/nightly/latest")
     assert not (tmp_path / "reports/strange/sites.js").exists()
     text = (tmp_path / "reports/nightly/2026-11-01/sites.js").read_text(encoding="utf-8")
     told = json.loads(text.removeprefix("window.CROSSCHECK_SITES = ").rstrip(";\n"))

@@ -200,8 +200,8 @@ def test_a_place_that_cannot_hold_a_report_is_refused_before_anything_runs(tmp_p
 
 def test_an_older_report_is_replaced(verified):
     _, out, _ = verified
+    from crosscheck import report as folder
     from crosscheck.errors import ArgumentError
-    from crosscheck.report import folder
 
     folder.check_out(out)
     (out / "notes.txt").write_text("mine", encoding="utf-8")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from crosscheck import report as folder
 from crosscheck.errors import ArgumentError
 from crosscheck.jobs import drive
 from crosscheck.jobs.workers.process import GIGABYTE, Limits
-from crosscheck.report import folder
 from crosscheck.verification import job
 from crosscheck.verification.job import limits_of
 from crosscheck.verification.speed import guarded_timing

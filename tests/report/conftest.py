@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from crosscheck import report as report_folder
 from crosscheck.document import Finding, Record, Way
 from crosscheck.judge.plan import Profile
-from crosscheck.report import folder as report_folder
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell

@@ -7,8 +7,8 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 from msgspec.structs import replace
 
+from crosscheck import report as folder_of_report
 from crosscheck.files import readable
-from crosscheck.report import folder as folder_of_report
 from crosscheck.report import load_report
 from crosscheck.verification import job
 from tests.bad_engines import Resting

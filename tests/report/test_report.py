@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from crosscheck import document as types
 from crosscheck import references, report
+from crosscheck import report as report_folder
 from crosscheck.cli.app import app
 from crosscheck.document import (
     Support,
@@ -20,7 +21,6 @@ from crosscheck.document import (
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.judge.plan import Profile
 from crosscheck.report import exports, pdf, schema
-from crosscheck.report import folder as report_folder
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell

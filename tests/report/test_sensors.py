@@ -4,7 +4,7 @@ import math
 
 from crosscheck.document import Way
 from crosscheck.judge.plan import Profile
-from crosscheck.report import data, pages
+from crosscheck.report import exports, pages
 from crosscheck.scene.file import read_scene
 from crosscheck.scene.models.writing import toml
 from crosscheck.verification.cell import run_cell
@@ -25,7 +25,7 @@ def test_curves_and_bounds(tmp_path):
     record = run_cell(Cell(str(path), Way("lieeuler", "rkmk4"), scene.plan, False))
     assert record.outcome == "pass"
     results = document([scene], [record], ["lieeuler"])
-    page, script = pages.scene(results, results.scenes[0]), data.curves_script(results, results.scenes[0])
+    page, script = pages.scene(results, results.scenes[0]), exports.curves_script(results, results.scenes[0])
     for name, unit in (("sensor felt", "m/s^2"), ("sensor turned", "rad")):
         error, finding = record.errors[name], next(each for each in record.findings if each.kind == name)
         assert (finding.status, finding.unit) == ("ok", unit)

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from crosscheck.document import Finding, Recommended, Scene, extended
 from crosscheck.history import nightly
-from crosscheck.report import headline, names, overview, pages
+from crosscheck.report import headline, overview, pages
 from crosscheck.verification import trust
 from tests.report_making import CHANGES, failed_scene, made
 
@@ -128,7 +128,7 @@ def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the
 
 def test_every_scene_has_a_page_of_its_own():
     scenes = ["top", "Top", "a/top.toml", "b/top.toml", "a top", "a-top", "a/b.toml", "a-b-toml"]
-    assert len({names.scene_file(failed_scene(name, "")).lower() for name in scenes}) == len(scenes)
+    assert len({pages.scene_file(failed_scene(name, "")).lower() for name in scenes}) == len(scenes)
 
 
 def test_runs_at_too_coarse_steps_and_shares_of_time_stand_in_the_headline(results):

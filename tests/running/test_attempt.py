@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import crosscheck
+from crosscheck import report as folder_of_report
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.document import Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
-from crosscheck.report import folder as folder_of_report
 from crosscheck.running.attempt import Failed, Ran, Refused, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.studies.study import conduct

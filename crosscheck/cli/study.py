@@ -24,7 +24,7 @@ app = typer.Typer(name="study", no_args_is_help=True,
                   help="Work against precision, drift over long runs, largest usable steps, chaos.")
 
 SHOWN = (1, 4, 7)
-"""Indices of the error levels in the table of all methods, see `crosscheck.studies.frontier.LEVELS`."""
+"""Indices of the error levels in the table of all methods, see `crosscheck.studies.work_precision.LEVELS`."""
 
 Names = list[str] | None
 Step = Annotated[float, typer.Option(min=1e-9, help="s; powers of 2, such as the default, add up without rounding")]

@@ -10,6 +10,8 @@ probability of a false alarm in a whole study is `FALSE_ALARM`, of which each co
 from __future__ import annotations
 
 import dataclasses
+import functools
+import operator
 
 import msgspec
 import numpy as np
@@ -144,9 +146,9 @@ def compared(row: Comparison, long: Scene, truth: dict[str, Law], time_limit: fl
     traj = long_run(row, long, time_limit)
     states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     error = float(np.abs(traj.energy - traj.energy[0]).max() / kinetic_energy(long, states).max())
-    found = msgspec.structs.replace(row, wall_time=traj.wall_time, energy_error=error,
-                                    momentum_error=momentum_error(long, states))
-    return judged(found, truth, observables(long, states))
+    return judged(msgspec.structs.replace(row, wall_time=traj.wall_time, energy_error=error,
+                                          momentum_error=momentum_error(long, states)),
+                  truth, observables(long, states))
 
 
 class ChaosStudy:
@@ -155,9 +157,8 @@ class ChaosStudy:
     name = "chaos"
     row_type = Comparison
 
-    def scenes(self) -> tuple[str, ...]:
-        """Free flights of jointed bodies."""
-        return "thrown_double", "thrown_triple"
+    scenes = ("thrown_double", "thrown_triple")  # free flights of jointed bodies
+    rows = staticmethod(operator.attrgetter("runs"))
 
     def measure(self, work: Work[ChaosAsk, Comparison]) -> None:
         """Measure scene by scene. Raises `TruthError` if the reference cannot integrate a scene."""
@@ -171,17 +172,10 @@ class ChaosStudy:
             truth, horizon = laws(long), reference(scene).horizon
             rows = [begun(Comparison, long, way, ask.step, horizon=horizon, comparisons=comparisons)
                     for way in selected]
-
-            def measured(start: Comparison, long: Scene = long, truth: dict[str, Law] = truth) -> Comparison:
-                return compared(start, long, truth, ask.time_limit)
-
-            done += run_all(work, long, rows, done, measured)
+            run_all(work, long, rows, done, functools.partial(
+                compared, long=long, truth=truth, time_limit=ask.time_limit))
 
     def document(self, ask: ChaosAsk, meta: StudyMeta, results: list[Comparison]) -> ChaosDocument:
         """The document with all comparisons."""
         return ChaosDocument(study=self.name, meta=meta, false_alarm=FALSE_ALARM, runs=results,
                              comparisons=max((each.comparisons for each in results), default=0))
-
-    def rows(self, document: ChaosDocument) -> list[Comparison]:
-        """One line per run."""
-        return document.runs

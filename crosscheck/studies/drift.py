@@ -8,7 +8,8 @@ steps n is "round-off" if it is at most n^0.6.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+import functools
+import operator
 
 import msgspec
 import numpy as np
@@ -92,8 +93,9 @@ def judge(t: np.ndarray, errors: np.ndarray, steps: int) -> tuple[float, float, 
     return band, slope, trend, exponent, verdict
 
 
-def with_figures(drift: Drift, traj: Any) -> Drift:
-    """The row of a finished run with the values from its samples."""
+def measured(drift: Drift, long: Scene, time_limit: float) -> Drift:
+    """Make the run of a row and return the row with the values from its samples."""
+    traj = long_run(drift, long, time_limit)
     states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     kinetic = float(kinetic_energy(traj.scene, states).max())
     energy = judge(traj.t, (traj.energy - traj.energy[0]) / (kinetic or 1.0), drift.steps)
@@ -125,9 +127,8 @@ class DriftStudy:
     name = "drift"
     row_type = Drift
 
-    def scenes(self) -> tuple[str, ...]:
-        """One body, and two."""
-        return "single_pendulum", "double_pendulum"
+    scenes = ("single_pendulum", "double_pendulum")  # one body, and two
+    rows = staticmethod(operator.attrgetter("runs"))
 
     def measure(self, work: Work[DriftAsk, Drift]) -> None:
         """Measure scene by scene."""
@@ -137,18 +138,9 @@ class DriftStudy:
         done: list[Drift] = []
         for scene in work.scenes:
             long = scene.replace(duration=steps * ask.step, samples=intervals + 1)
-            rows = [begun(Drift, long, way, ask.step, steps=steps)
-                    for way in long_ways(scene, work.engines, ask)]
-
-            def measured(drift: Drift, long: Scene = long) -> Drift:
-                return with_figures(drift, long_run(drift, long, ask.time_limit))
-
-            done += run_all(work, long, rows, done, measured)
+            rows = [begun(Drift, long, way, ask.step, steps=steps) for way in long_ways(scene, work.engines, ask)]
+            run_all(work, long, rows, done, functools.partial(measured, long=long, time_limit=ask.time_limit))
 
     def document(self, ask: DriftAsk, meta: StudyMeta, results: list[Drift]) -> DriftDocument:
         """The document with all runs."""
         return DriftDocument(study=self.name, meta=meta, runs=results)
-
-    def rows(self, document: DriftDocument) -> list[Drift]:
-        """One line per run."""
-        return document.runs

@@ -55,16 +55,12 @@ def begun(kind: type[Row], scene: Scene, way: GradedWay, step: float, **more: An
     return extended(kind, way, scene=scene.name, label=way.label, duration=scene.duration, **more | {"step": step})
 
 
-def run_all(work: Work[Any, Row], scene: Scene, rows: Sequence[Row], before: Sequence[Row],
-            measured: Callable[[Row], Row]) -> list[Row]:
-    """Measure the rows of a scene one by one. After each, all finished rows are given to `work.keep`.
+def run_all(work: Work[Any, Row], scene: Scene, rows: Sequence[Row], done: list[Row],
+            measured: Callable[[Row], Row]) -> None:
+    """Add the measured rows of a scene to `done`, one by one. After each, all are given to `work.keep`.
 
-    Parameters
-    ----------
-    before : finished rows of earlier scenes
-    measured : returns a row with its values; if it raises, the row gets the reason, and is tried again after a kill
+    If `measured` raises, the row gets the reason, and is tried again after a kill.
     """
-    done: list[Row] = []
     for index, start in enumerate(rows):
         work.progress(index, len(rows), f"{start.scene}: {start.label}")
         try:
@@ -74,8 +70,7 @@ def run_all(work: Work[Any, Row], scene: Scene, rows: Sequence[Row], before: Seq
         except CrosscheckError as error:
             status = "unsupported" if isinstance(error, Unsupported) else "failed"
             done.append(msgspec.structs.replace(start, status=status, reason=said(error)))
-        work.keep([*before, *done])
-    return done
+        work.keep(done)
 
 
 def long_run(row: LongRun, scene: Scene, time_limit: float) -> Trajectory:

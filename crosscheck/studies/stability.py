@@ -10,11 +10,10 @@ from __future__ import annotations
 import collections
 import dataclasses
 import math
+import operator
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
-import msgspec
 import numpy as np
 from msgspec.structs import replace
 
@@ -23,7 +22,6 @@ from crosscheck.adapters.base import RunSpec
 from crosscheck.document import Part, Way, extended
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jobs.drive import Crash, Limits, run_tasks
-from crosscheck.jobs.table import Session
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import attitude_angle
@@ -32,7 +30,7 @@ from crosscheck.references.base import Reference
 from crosscheck.running.attempt import Failed, Refused, attempt, lasting
 from crosscheck.scene.file import load_scene, scene_names
 from crosscheck.scene.model import Scene
-from crosscheck.studies.study import STAGE, Ask, Progress, StudyDocument, StudyMeta, Work
+from crosscheck.studies.study import STAGE, Ask, StudyDocument, StudyMeta, Work
 
 TAG = "hard"
 ALSO = ("single_pendulum", "double_pendulum", "heavy_top")
@@ -294,94 +292,59 @@ class Stability:
     name = "stability"
     row_type = Row
 
+    rows = staticmethod(operator.attrgetter("rows"))
+
+    @property
     def scenes(self) -> tuple[str, ...]:
         """Ordinary scenes, then the hard ones."""
-        return (*ALSO, *hard_scenes())
+        return (*ALSO, *(name for name in scene_names() if TAG in load_scene(name).tags))
 
     def measure(self, work: Work[StabilityAsk, Row]) -> None:
-        """Measure in worker processes."""
+        """Measure in worker processes: the truth of every scene, so that it is in the cache, then all searches."""
         ask = work.ask
         tasks = [Task(scene, Way.of(engine, method, coordinate_map=chart), ask.time_limit, ask.step, ask.duration)
-                for scene in ask.scenes or self.scenes() for engine in work.engines
-                for adapter in [adapters.get(engine)] for chart in [adapter.takes_map(ask.coordinate_map)]
-                for method in adapter.fixed_step_methods if ask.methods is None or method in ask.methods]
+                 for scene in ask.scenes or self.scenes for engine in work.engines
+                 for adapter in [adapters.get(engine)] for chart in [adapter.takes_map(ask.coordinate_map)]
+                 for method in adapter.fixed_step_methods if ask.methods is None or method in ask.methods]
         keys = [work.key(load_scene(task.scene), task.way.engine, task) for task in tasks]
-        found: list[Row | None] = [None] * len(tasks)
+        rows: dict[int, Row] = {}
 
         def kept(index: int, row: Row) -> None:
-            found[index] = row
-            rows = [each for each in found if each is not None]
-            work.keep(rows)
+            rows[index] = row
+            work.keep([rows[place] for place in sorted(rows)])
             work.progress(len(rows), len(tasks), tasks[index].key)
 
-        _search_all(tasks, keys, ask, work.session, kept, work.progress)
+        def ended(index: int, result: Row | Crash) -> None:
+            if isinstance(result, Crash):  # not put, because the cause may have been a busy machine
+                kept(index, extended(Row, tasks[index].way, scene=load_scene(tasks[index].scene).name,
+                                     outcome="failed", reason=result.message))
+            else:
+                kept(index, work.session.put(STAGE, keys[index], result))
+
+        for index, key in enumerate(keys):
+            if (row := work.session.get(STAGE, key)) is not None:
+                kept(index, row)
+        left = [index for index in range(len(tasks)) if index not in rows]
+        one_each = list({tasks[index].scene: tasks[index] for index in left}.values())
+        lost = run_tasks(prepare, one_each, ask.jobs, lambda place, _: work.progress(
+            place + 1, len(one_each), f"truth of {one_each[place].scene}"), Limits(TRUTH_LIMIT, MEMORY))
+        for task, crash in zip(one_each, lost, strict=True):
+            for index in left if crash is not None else ():
+                if tasks[index].scene == task.scene:
+                    ended(index, crash)
+        left = [index for index in left if index not in rows]
+        run_tasks(search, [tasks[index] for index in left], ask.jobs, lambda place, row: ended(left[place], row),
+                  Limits(max(PATIENCE, WAYS * ask.time_limit), MEMORY))
 
     def document(self, ask: StabilityAsk, meta: StudyMeta, results: list[Row]) -> StabilityDocument:
         """The document with the map, the largest steps on each scene, and every run."""
-        return StabilityDocument(study=self.name, meta=msgspec.structs.replace(meta, jobs=ask.jobs), usable=USABLE,
-                                 common=COMMON, scenes=summary(results), map=shaded(results), rows=results)
-
-    def rows(self, document: StabilityDocument) -> list[Row]:
-        """One line per search."""
-        return document.rows
-
-
-def _search_all(tasks: list[Task], keys: list[str], ask: StabilityAsk, session: Session,
-                keep: Callable[[int, Row], None], progress: Progress) -> None:
-    """Give the row of every task to `keep`. Those in the table are not computed again."""
-    open_tasks = []
-    for index in range(len(tasks)):
-        row = session.get(STAGE, keys[index])
-        if row is None:
-            open_tasks.append(index)
-        else:
-            keep(index, row)
-    one_each = {tasks[index].scene: tasks[index] for index in open_tasks}
-    untrue = _without_truth(list(one_each.values()), ask.jobs, progress)
-    for index in open_tasks:
-        if (reason := untrue.get(tasks[index].scene)) is not None:
-            keep(index, _failed(tasks[index], reason))
-    open_tasks = [index for index in open_tasks if tasks[index].scene not in untrue]
-
-    def done(place: int, row: Any) -> None:
-        task = tasks[open_tasks[place]]
-        if isinstance(row, Crash):  # not kept, because the cause may have been a busy machine
-            keep(open_tasks[place], _failed(task, row.message))
-        else:
-            keep(open_tasks[place], session.put(STAGE, keys[open_tasks[place]], row))
-
-    run_tasks(search, [tasks[index] for index in open_tasks], ask.jobs, done,
-              Limits(max(PATIENCE, WAYS * ask.time_limit), MEMORY))
-
-
-def _failed(task: Task, reason: str) -> Row:
-    return extended(Row, task.way, scene=load_scene(task.scene).name, outcome="failed", reason=reason)
-
-
-def _without_truth(tasks: list[Task], jobs: int, progress: Progress) -> dict[str, str]:
-    """Compute the truth of every scene, so that it is in the cache. Returns the scenes without truth, and why.
-
-    `tasks` has one task per scene.
-    """
-    untrue: dict[str, str] = {}
-
-    def done(place: int, result: Any) -> None:
-        if isinstance(result, Crash):
-            untrue[tasks[place].scene] = result.message
-        progress(place + 1, len(tasks), f"truth of {tasks[place].scene}")
-
-    run_tasks(prepare, tasks, jobs, done, Limits(TRUTH_LIMIT, MEMORY))
-    return untrue
+        return StabilityDocument(study=self.name, meta=replace(meta, jobs=ask.jobs), usable=USABLE, common=COMMON,
+                                 scenes=summary(results), map=shaded(results), rows=results)
 
 
 def prepare(task: Task) -> None:
     """Put the truth of a task's scene into the cache. Raises the errors of `crosscheck.truth`."""
     references.truth(task.scene_asked())
-
-
-def hard_scenes() -> tuple[str, ...]:
-    """Names of the built-in scenes with the tag "hard"."""
-    return tuple(name for name in scene_names() if TAG in load_scene(name).tags)
 
 
 def summary(rows: Sequence[Row]) -> list[Best]:

@@ -19,8 +19,6 @@ from typing import Any, Generic, Protocol, TypeVar
 import msgspec
 
 from crosscheck import adapters
-from crosscheck.adapters import has_own_environment
-from crosscheck.adapters import methods as methods_of
 from crosscheck.document import Origin, Part
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import cell, plain, put
@@ -48,13 +46,7 @@ class StudyDocument(Part, frozen=True, kw_only=True):
 
 
 def check(out: Path, study: str) -> None:
-    """Create the folder. Raises `ArgumentError` unless it is new, empty, or holds an earlier run of this study.
-
-    Parameters
-    ----------
-    out : the folder
-    study : name of the study and of its files
-    """
+    """Create the folder. Raises `ArgumentError` unless it is new, empty, or holds an earlier run of this study."""
     try:
         if out.is_dir() and not (out / f"{study}.json").is_file() and any(
                 not path.name.startswith(f".{study}-") for path in out.iterdir()):
@@ -147,7 +139,7 @@ class Work(Generic[Asked, Result]):
 
     def key(self, scene: Scene, engine: str | None, task: Any) -> str:
         """The key of a row: of one engine, or of all of the study."""
-        return digest(provenance.code_digest(self.engines if engine is None else (engine,), []), scene.hash, task)
+        return digest(provenance.code_digest((engine,) if engine else self.engines, []), scene.hash, task)
 
     def once(self, scene: Scene, engine: str | None, task: Any, compute: Callable[[], Result]) -> Result:
         """The row of a piece of work, from the table if an earlier process of this study has put it there."""
@@ -165,6 +157,7 @@ class Study(Protocol[Asked, Result, Doc]):
     row_type: type[Any]
     """The type of its rows in the table."""
 
+    @property
     def scenes(self) -> tuple[str, ...]:
         """The default scenes."""
 
@@ -186,7 +179,7 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
     versions.need(ask.engines or ())
     engines = ask.engines or adapters.names()
     check_names(engines, ask.methods)
-    scenes = [load_scene(name) for name in ask.scenes or study.scenes()]
+    scenes = [load_scene(name) for name in ask.scenes or study.scenes]
     check(out, study.name)
     meta = msgspec.convert(provenance.describe(engines) | {
         "command": ask.command(study.name), "seconds": 0.0, "time_limit": ask.time_limit}, StudyMeta)
@@ -219,12 +212,11 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
 
 def check_names(engines: Sequence[str], methods: Sequence[str] | None) -> None:
     """Raise `ArgumentError` for an engine in its own environment, or a method that none of the engines has."""
-    known: list[str] = []
     for name in engines:
-        if has_own_environment(name):
+        if adapters.has_own_environment(name):
             raise ArgumentError(f"engine: {name} runs in an environment of its own, so that its times compare with no "
                                 f"other; name the installed version, {name.partition('==')[0]}")
-        known += methods_of(name)
+    known = dict.fromkeys(method for name in engines for method in adapters.methods(name))
     for method in methods or ():
         if method not in known:
-            raise ArgumentError(unknown("method", method, tuple(dict.fromkeys(known))))
+            raise ArgumentError(unknown("method", method, known))

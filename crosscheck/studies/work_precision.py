@@ -1,7 +1,9 @@
 """Work against precision: the cost of every way to integrate a scene, and the error that it gives.
 
 A way is an engine, a method and a form. Each has a ladder of steps or tolerances. A first pass with samples gives the
-errors. The times come from rounds in which all rungs of all ways take turns, with two samples and no monitor.
+errors. The times come from rounds in which all rungs of all ways take turns, with two samples and no monitor. The
+frontier is the cost of each method for a given error, and the cheapest method: between neighbouring rungs of a ladder
+the cost is interpolated log-log, and nothing is extrapolated beyond the ends.
 """
 
 from __future__ import annotations
@@ -18,18 +20,133 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from crosscheck.document import Part
+from crosscheck.document import Part, Way, extended
 from crosscheck.errors import CrosscheckError, Unsupported, foreign, said
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference, TruthError
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import Scene
-from crosscheck.studies import frontier
-from crosscheck.studies.frontier import BOUND, Rung, rung_of
 from crosscheck.studies.study import Ask, Progress, StudyDocument, StudyMeta, Work
 from crosscheck.verification.ladder import INTERVALS, GradedWay, ladder, reference, thinned, ways
 from crosscheck.verification.speed import spread, undisturbed
+
+LEVELS = tuple(10.0**-power for power in range(2, 12))
+"""The errors at which costs are compared."""
+
+IN_HOUSE, BOUND = "lieeuler", "heyoka"
+"""The engine that is compared with all others, and the one that only shows what is possible."""
+
+
+class Rung(Way, frozen=True, kw_only=True):
+    """One run of a way. Errors are in m and rad, the largest over the bodies. Times are of stepping alone.
+
+    `setup_ms` is the other time of a run: building the engine's model and converting its two samples.
+    """
+
+    scene: str
+    label: str
+    status: str = "success"  # or "skipped", "unsupported", or how it failed
+    reason: str = ""
+    steps: int | None = None
+    rejected_steps: int | None = None
+    force_evaluations: int | None = None  # if the engine counts them
+    end_position: float | None = None
+    end_attitude: float | None = None
+    max_position: float | None = None  # over the samples that lie on steps
+    max_attitude: float | None = None
+    samples: int | None = None  # number of the samples for max_position and max_attitude
+    wall_ms: float | None = None  # median over the repeats
+    wall_deviation_ms: float | None = None  # median absolute deviation of the repeats
+    setup_ms: float | None = None
+    repeats: int = 0
+
+
+def rung_of(scene: Scene, way: GradedWay, value: float | None, status: str = "success", reason: str = "") -> Rung:
+    """The rung of a way at `value`: a step (s), or a tolerance if the way is adaptive."""
+    return extended(Rung, way, scene=scene.name, label=way.label, status=status, reason=reason, **{
+        "rtol" if way.adaptive else "step": value})
+
+
+@dataclasses.dataclass(frozen=True)
+class Curve:
+    """Errors and costs of one engine, method and form, coarse rungs first. Failed rungs are left out."""
+
+    engine: str
+    label: str
+    errors: tuple[float, ...]
+    costs: tuple[float, ...]  # ms of stepping, or evaluations of the forces
+
+
+@dataclasses.dataclass(frozen=True)
+class Front:
+    """The frontier at one error. Values are None if no method of that kind reaches the error."""
+
+    level: float
+    winner: str | None  # of all but the bound
+    own: str | None
+    own_cost: float | None
+    other: str | None
+    other_cost: float | None
+    factor: float | None  # other_cost / own_cost: above 1 if the in-house method is cheaper
+    bound_cost: float | None
+    to_bound: float | None  # own_cost / bound_cost
+    costs: dict[str, float]  # of all that reach the level, by label, the cheapest first
+
+
+def confirmed(errors: Sequence[float]) -> list[float]:
+    """The errors of a ladder. An error smaller than that of the next finer rung is replaced by the latter.
+
+    At some steps the end error passes through zero by coincidence. No method should win by that.
+    """
+    return [max(errors[k:k + 2]) for k in range(len(errors))]
+
+
+def cost_at(errors: Sequence[float], costs: Sequence[float], level: float) -> float | None:
+    """The lowest cost for an error of at most `level`; None if no rung reaches it.
+
+    Parameters
+    ----------
+    errors, costs : finite values of the rungs of one ladder, coarse to fine
+    level : the wanted error
+    """
+    sure = confirmed(errors)
+    found = [cost for error, cost in zip(sure, costs, strict=True) if error <= level]
+    for coarse, fine in zip(range(len(sure)), range(1, len(sure)), strict=False):
+        if sure[coarse] > level >= sure[fine] > 0 and costs[coarse] > 0 and costs[fine] > 0:
+            share = math.log(sure[coarse] / level) / math.log(sure[coarse] / sure[fine])
+            found.append(costs[coarse] ** (1 - share) * costs[fine] ** share)
+    return min(found, default=None)
+
+
+def frontier(curves: Sequence[Curve], levels: Sequence[float] = LEVELS) -> list[Front]:
+    """The cheapest methods at each level, and the factors between their costs."""
+    found = []
+    for level in levels:
+        reached = sorted(((cost, curve) for curve in curves
+                          if (cost := cost_at(curve.errors, curve.costs, level)) is not None), key=lambda pair: pair[0])
+        own, own_cost = next(((curve.label, cost) for cost, curve in reached if curve.engine == IN_HOUSE), (None, None))
+        other, other_cost = next(((curve.label, cost) for cost, curve in reached
+                                  if curve.engine not in (IN_HOUSE, BOUND)), (None, None))
+        bound = next((cost for cost, curve in reached if curve.engine == BOUND), None)
+        found.append(Front(
+            level, next((curve.label for _, curve in reached if curve.engine != BOUND), None), own, own_cost, other,
+            other_cost, other_cost / own_cost if other_cost is not None and own_cost else None, bound,
+            own_cost / bound if own_cost is not None and bound else None,
+            {curve.label: cost for cost, curve in reached}))
+    return found
+
+
+def curves(rungs: Sequence[Rung], error: str = "end_position", cost: str = "wall_ms") -> list[Curve]:
+    """The curves of these rungs, in their order. Rungs without error or cost are left out."""
+    found: dict[str, tuple[str, list[float], list[float]]] = {}
+    for rung in rungs:
+        e, c = getattr(rung, error), getattr(rung, cost)
+        if e is not None and c is not None and math.isfinite(e):
+            _, es, cs = found.setdefault(rung.label, (rung.engine, [], []))
+            es.append(float(e))
+            cs.append(float(c))
+    return [Curve(engine, label, tuple(es), tuple(cs)) for label, (engine, es, cs) in found.items()]
 
 
 def with_errors(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> Rung:
@@ -220,7 +337,7 @@ class SceneLadders(Part, frozen=True, kw_only=True):
     truth: Known | None = None
     compared: str = "end position"
     rungs: list[Rung]
-    frontier: dict[str, list[frontier.Front]]
+    frontier: dict[str, list[Front]]
 
 
 class WorkPrecisionDocument(StudyDocument, frozen=True, kw_only=True):
@@ -235,43 +352,43 @@ class WorkPrecision:
     name = "work-precision"
     row_type = SceneLadders
 
-    def scenes(self) -> tuple[str, ...]:
-        """Two pendulums and the heavy top."""
-        return "single_pendulum", "double_pendulum", "heavy_top"
+    scenes = ("single_pendulum", "double_pendulum", "heavy_top")
 
     def measure(self, work: Work[WorkPrecisionAsk, SceneLadders]) -> None:
         """Measure scene by scene. Runs of one scene take turns, so that their times can be compared."""
-        ask = work.ask
         results: list[SceneLadders] = []
-        for scene in (each.replace(duration=ask.duration or each.duration) for each in work.scenes):
-            found = SceneLadders(name=scene.name, description=scene.description, duration=scene.duration,
-                                 compared=compared(scene), rungs=[], frontier={})
-            try:
-                work.progress(0, None, f"{scene.name}: truth")
-                sampled, truth = reference(scene)
-            except (Unsupported, TruthError) as error:
-                results.append(replace(found, failure=said(error)))
-                work.keep(results)
-                continue
-            found = replace(found, duration=sampled.duration, truth=Known(
-                source=truth.source, disagreement=truth.disagreement, amplification=truth.amplification))
-            chosen, refused = ways(sampled, work.engines, ask.methods, asked_map=ask.coordinate_map)
-            missing = [rung_of(sampled, way, None, "unsupported", reason) for way, reason in refused]
-            results.append(found)
+        for scene in work.scenes:
+            self._measure(work, scene.replace(duration=work.ask.duration or scene.duration), results)
 
-            def kept(rungs: list[Rung], found: SceneLadders = found, missing: list[Rung] = missing) -> None:
-                fronts = {name: frontier.frontier(frontier.curves(rungs, column))
-                          for name, (column, _) in FRONTIERS.items()}
-                results[-1] = replace(found, rungs=[*rungs, *missing], frontier=fronts)
-                work.keep(results)
-
-            def measured(found: SceneLadders = found, sampled: Scene = sampled, truth: Reference = truth,
-                         chosen: list[GradedWay] = chosen, kept: Callable[[list[Rung]], None] = kept) -> SceneLadders:
-                measure(sampled, chosen, truth, ask.repeats, ask.time_limit, work.progress, kept, ask.bound)
-                return results[-1]
-
-            results[-1] = work.once(sampled, None, dataclasses.asdict(ask), measured)
+    def _measure(self, work: Work[WorkPrecisionAsk, SceneLadders], scene: Scene, results: list[SceneLadders]) -> None:
+        """Add the ladders of a scene to the results."""
+        ask = work.ask
+        ladders = SceneLadders(name=scene.name, description=scene.description, duration=scene.duration,
+                               compared=compared(scene), rungs=[], frontier={})
+        results.append(ladders)
+        try:
+            work.progress(0, None, f"{scene.name}: truth")
+            sampled, truth = reference(scene)
+        except (Unsupported, TruthError) as error:
+            results[-1] = replace(ladders, failure=said(error))
             work.keep(results)
+            return
+        ladders = replace(ladders, duration=sampled.duration, truth=Known(
+            source=truth.source, disagreement=truth.disagreement, amplification=truth.amplification))
+        chosen, refused = ways(sampled, work.engines, ask.methods, asked_map=ask.coordinate_map)
+        missing = [rung_of(sampled, way, None, "unsupported", reason) for way, reason in refused]
+
+        def kept(rungs: list[Rung]) -> None:
+            results[-1] = replace(ladders, rungs=[*rungs, *missing], frontier={
+                name: frontier(curves(rungs, column)) for name, (column, _) in FRONTIERS.items()})
+            work.keep(results)
+
+        def measured() -> SceneLadders:
+            measure(sampled, chosen, truth, ask.repeats, ask.time_limit, work.progress, kept, ask.bound)
+            return results[-1]
+
+        results[-1] = work.once(sampled, None, dataclasses.asdict(ask), measured)
+        work.keep(results)
 
     def document(self, ask: WorkPrecisionAsk, meta: StudyMeta, results: list[SceneLadders]) -> WorkPrecisionDocument:
         """Per scene its rungs and frontiers."""

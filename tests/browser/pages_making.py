@@ -12,13 +12,19 @@ from crosscheck.history.overview import write_history, write_trend
 from crosscheck.history.store import open_store, run_from_document, save, series
 from crosscheck.report.standalone import write_page
 from crosscheck.running import provenance
-from crosscheck.studies import frontier
 from crosscheck.studies.chaos import ChaosAsk, ChaosStudy, Comparison
 from crosscheck.studies.drift import Drift, DriftAsk, DriftStudy
-from crosscheck.studies.frontier import Rung
 from crosscheck.studies.stability import Row, Stability, StabilityAsk
 from crosscheck.studies.study import StudyMeta, write_folder
-from crosscheck.studies.work_precision import Known, SceneLadders, WorkPrecision, WorkPrecisionAsk
+from crosscheck.studies.work_precision import (
+    Known,
+    Rung,
+    SceneLadders,
+    WorkPrecision,
+    WorkPrecisionAsk,
+    curves,
+    frontier,
+)
 from crosscheck.sweeps import summary
 from tests.history.store.documents import document as night
 from tests.history.store.documents import record
@@ -67,7 +73,7 @@ def work_precision(out):
         scenes.append(SceneLadders(
             name=scene, description="A scene", duration=1.0, rungs=rungs,
             truth=Known(source="closed form", disagreement=1e-14, amplification=3.0),
-            frontier={"end position": frontier.frontier(frontier.curves(rungs))}))
+            frontier={"end position": frontier(curves(rungs))}))
     scenes.append(SceneLadders(name="lost", description="A scene", duration=1.0, failure="no truth", rungs=[],
                                frontier={}))
     study = WorkPrecision()

@@ -89,8 +89,8 @@ def test_the_study_tells_right_engines_from_wrong_models(tmp_path, monkeypatch):
     assert all(float(row["horizon"]) < 50 < float(row["duration"]) for row in rows)
     real = chaos.compared
 
-    def heavier(row, long, *more):
-        return real(row, dataclasses.replace(long, gravity=1.5 * long.gravity), *more)
+    def heavier(row, long, **more):
+        return real(row, dataclasses.replace(long, gravity=1.5 * long.gravity), **more)
 
     monkeypatch.setattr(chaos, "compared", heavier)
     done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "wrong")])

@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from crosscheck.studies.frontier import Curve, Rung, confirmed, cost_at, curves, frontier
+from crosscheck.studies.work_precision import Curve, Rung, confirmed, cost_at, curves, frontier
 
 
 def ladder(order, constant, price, counts=(10, 20, 40, 80, 160)):

@@ -12,7 +12,6 @@ import datetime
 import os
 import re
 import secrets
-import shlex
 import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -83,11 +82,7 @@ class Wanted:
     @property
     def command(self) -> str:
         """The command line, without options that do not affect results."""
-        words = ["crosscheck", "nightly", "--profile", self.profile]
-        for option, names in (("--scene", self.scenes), ("--engine", self.engines)):
-            for name in names or ():
-                words += [option, str(name)]
-        return shlex.join([*words, *self.asked.words])
+        return job.command("nightly", self.profile, self.scenes, self.engines, more=self.asked.words)
 
 
 def nightly(out: Path, wanted: Wanted, where: str | Path | None = None, keep: int = 14,

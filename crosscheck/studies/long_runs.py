@@ -43,11 +43,11 @@ class TooLong(ArgumentError):
 
 def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[GradedWay]:
     """The ways for long runs: every method with a fixed step, in the first form that can model the scene."""
-    found: dict[tuple[str, str], GradedWay] = {}
+    first: dict[tuple[str, str], GradedWay] = {}
     for way in ways(scene, engines, ask.methods or METHODS, asked_map=ask.coordinate_map)[0]:
         if not way.adaptive:
-            found.setdefault((way.engine, way.method), way)
-    return list(found.values())
+            first.setdefault((way.engine, way.method), way)
+    return list(first.values())
 
 
 def begun(kind: type[Row], scene: Scene, way: GradedWay, step: float, **more: Any) -> Row:

@@ -156,17 +156,17 @@ def tried(goal: Target, way: Way, steps: int) -> Attempt:
         word = "diverged" if "diverged" in outcome.why else "engine_error"
         return Attempt(steps, word if outcome.status == "failed" else outcome.status, None,
                        time.perf_counter() - began, outcome.why)
-    found = end_error(goal, outcome.trajectory.x[-1], outcome.trajectory.R[-1])
-    return Attempt(steps, "usable" if found <= USABLE else "inaccurate", found if math.isfinite(found) else None,
+    error = end_error(goal, outcome.trajectory.x[-1], outcome.trajectory.R[-1])
+    return Attempt(steps, "usable" if error <= USABLE else "inaccurate", error if math.isfinite(error) else None,
                    outcome.trajectory.wall_time)
 
 
 def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
     """Largest position error over `moved`, or attitude error (rad) where positions do not depend on attitudes."""
-    found = float(np.linalg.norm(x - goal.x, axis=-1).max()) / goal.moved
+    error = float(np.linalg.norm(x - goal.x, axis=-1).max()) / goal.moved
     if goal.attitudes:
-        found = max(found, float(attitude_angle(R, goal.R).max()))
-    return found if math.isfinite(found) else math.inf
+        error = max(error, float(attitude_angle(R, goal.R).max()))
+    return error if math.isfinite(error) else math.inf
 
 
 class Search:
@@ -349,7 +349,7 @@ def prepare(task: Task) -> None:
 
 def summary(rows: Sequence[Row]) -> list[Best]:
     """For every scene, the largest steps in-house, among engines with their own integrators, and among all others."""
-    found = []
+    lines = []
     for scene in dict.fromkeys(row.scene for row in rows):
         usable = [(row.h_max, row) for row in rows if row.scene == scene and row.h_max is not None]
 
@@ -361,11 +361,11 @@ def summary(rows: Sequence[Row]) -> list[Best]:
         own, own_step = best(lambda engine: engine == OWN)
         stock, stock_step = best(lambda engine: engine not in (OWN, *ADDED))
         other, other_step = best(lambda engine: engine != OWN)
-        found.append(Best(
+        lines.append(Best(
             scene=scene, own=own, own_h_max=own_step, stock=stock, stock_h_max=stock_step, any=other,
             any_h_max=other_step, ratio=own_step / stock_step if own_step and stock_step else None,
             ratio_any=own_step / other_step if own_step and other_step else None))
-    return found
+    return lines
 
 
 def shaded(rows: Sequence[Row]) -> list[MapLine]:

@@ -111,17 +111,17 @@ def cost_at(errors: Sequence[float], costs: Sequence[float], level: float) -> fl
     level : the wanted error
     """
     sure = confirmed(errors)
-    found = [cost for error, cost in zip(sure, costs, strict=True) if error <= level]
+    reached = [cost for error, cost in zip(sure, costs, strict=True) if error <= level]
     for coarse, fine in zip(range(len(sure)), range(1, len(sure)), strict=False):
         if sure[coarse] > level >= sure[fine] > 0 and costs[coarse] > 0 and costs[fine] > 0:
             share = math.log(sure[coarse] / level) / math.log(sure[coarse] / sure[fine])
-            found.append(costs[coarse] ** (1 - share) * costs[fine] ** share)
-    return min(found, default=None)
+            reached.append(costs[coarse] ** (1 - share) * costs[fine] ** share)
+    return min(reached, default=None)
 
 
 def frontier(curves: Sequence[Curve], levels: Sequence[float] = LEVELS) -> list[Front]:
     """The cheapest methods at each level, and the factors between their costs."""
-    found = []
+    fronts = []
     for level in levels:
         reached = sorted(((cost, curve) for curve in curves
                           if (cost := cost_at(curve.errors, curve.costs, level)) is not None), key=lambda pair: pair[0])
@@ -129,24 +129,24 @@ def frontier(curves: Sequence[Curve], levels: Sequence[float] = LEVELS) -> list[
         other, other_cost = next(((curve.label, cost) for cost, curve in reached
                                   if curve.engine not in (IN_HOUSE, BOUND)), (None, None))
         bound = next((cost for cost, curve in reached if curve.engine == BOUND), None)
-        found.append(Front(
+        fronts.append(Front(
             level, next((curve.label for _, curve in reached if curve.engine != BOUND), None), own, own_cost, other,
             other_cost, other_cost / own_cost if other_cost is not None and own_cost else None, bound,
             own_cost / bound if own_cost is not None and bound else None,
             {curve.label: cost for cost, curve in reached}))
-    return found
+    return fronts
 
 
 def curves(rungs: Sequence[Rung], error: str = "end_position", cost: str = "wall_ms") -> list[Curve]:
     """The curves of these rungs, in their order. Rungs without error or cost are left out."""
-    found: dict[str, tuple[str, list[float], list[float]]] = {}
+    by_label: dict[str, tuple[str, list[float], list[float]]] = {}
     for rung in rungs:
         e, c = getattr(rung, error), getattr(rung, cost)
         if e is not None and c is not None and math.isfinite(e):
-            _, es, cs = found.setdefault(rung.label, (rung.engine, [], []))
+            _, es, cs = by_label.setdefault(rung.label, (rung.engine, [], []))
             es.append(float(e))
             cs.append(float(c))
-    return [Curve(engine, label, tuple(es), tuple(cs)) for label, (engine, es, cs) in found.items()]
+    return [Curve(engine, label, tuple(es), tuple(cs)) for label, (engine, es, cs) in by_label.items()]
 
 
 def with_errors(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> Rung:

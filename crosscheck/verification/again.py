@@ -189,8 +189,8 @@ class Asked:
     @functools.cached_property
     def memories(self) -> Mapping[int, Mode]:
         """By sample what the run's states lack; nothing where no joint has laws."""
-        found = memories(self.scene, self.traj) if self.scene.has_laws else []
-        return {k: mode for k, mode in enumerate(found) if mode is not None}
+        modes = memories(self.scene, self.traj) if self.scene.has_laws else []
+        return {k: mode for k, mode in enumerate(modes) if mode is not None}
 
     def part(self, first: int, last: int, step: float | None, world: World | None) -> tuple[Scene, Ran, bool] | str:
         """The scene of one part, its run, and whether joints were closed; or why there is none.
@@ -217,10 +217,10 @@ class Asked:
         more: dict[str, list[np.ndarray]] = {} if world is not None else {name: [] for name in ("a", "alpha", "lam")}
         steps, begins, any_closed = 0, list[tuple[np.ndarray, ...]](), False
         for first, last in itertools.pairwise(marks.tolist()):
-            found = self.part(first, last, step, world)
-            if isinstance(found, str):
-                return found
-            scene, outcome, was_closed = found
+            part = self.part(first, last, step, world)
+            if isinstance(part, str):
+                return part
+            scene, outcome, was_closed = part
             any_closed |= was_closed
             states = outcome.raw.states if world is None else world.back(outcome.raw.states)
             begins.append((scene.x0, scene.R0, scene.v0, scene.w0))
@@ -260,14 +260,14 @@ class Asked:
         counts = [count // 2, count // 4] if count >= 4 else [2 * count, 4 * count]
         interval = float(traj.t[1] - traj.t[0])
         made = self.whole if whole else self.parts
-        found = (made(interval / each) for each in counts[:2 if run.documented_order == 1 else 1])
-        return [each for each in found if not isinstance(each, str)]
+        answers = (made(interval / each) for each in counts[:2 if run.documented_order == 1 else 1])
+        return [each for each in answers if not isinstance(each, str)]
 
     def repeat(self, length: float) -> Answer | str:
         """The parts of the run once more, at its own step or tolerance, elsewhere; or why they could not be made."""
-        found: Answer | str = ""
+        answer: Answer | str = ""
         for turned in (True, False):
-            found = self.parts(self.run.step, World.drawn(self.scene, length, turned))
-            if not isinstance(found, str):
+            answer = self.parts(self.run.step, World.drawn(self.scene, length, turned))
+            if not isinstance(answer, str):
                 break
-        return found
+        return answer

@@ -116,13 +116,8 @@ def judge_run(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str],
             raise Unsupported("the truth of so many bodies takes minutes")
         reference, window = truth(scene), truth(windowed(scene, first))
     except (TruthError, Unsupported) as error:
-        maxima = traj.maxima
-        findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima,
-                                                                         adapters.get(run.engine).eps),
-                    _orthogonality(run, traj, adapters.get(run.engine).eps)]
-        judged = settled(_measured(run, scene, traj, None, {}, held, maxima), findings)
-        return judged if judged.outcome != "pass" else replace(
-            judged, outcome="unjudged", message=f"no truth: {' '.join(str(error).split())}")
+        main = _truthless(run, scene, traj, held)
+        return _unless_passing(settled(main.run, main.findings), f"no truth: {' '.join(str(error).split())}")
     main = _main_run(Asked(run, scene, traj), reference, window, held, budgeted=True)
     coarse = any(finding.kind == "step" for finding in main.findings)
     findings = [*main.findings, *([judge_practical(scene, traj, reference)] if coarse else [])]
@@ -199,43 +194,43 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, seen.eps)
     judged = None
     if run.practical:
-        bounds, found = None, errors(scene, traj, reference.states)
+        bounds, missed = None, errors(scene, traj, reference.states)
         findings = [judge_practical(scene, traj, reference)]
         findings += [Finding(name, "unjudged", error.max, None, error.unit, "the step is too coarse for a bound",
-                             f"body {error.body}, t = {error.time:.4g} s") for name, error in found.items()]
+                             f"body {error.body}, t = {error.time:.4g} s") for name, error in missed.items()]
     else:
-        findings, found, bounds = judge_states(scene, traj, reference, window, claim)
+        findings, missed, bounds = judge_states(scene, traj, reference, window, claim)
         findings += [*judge_invariants(scene, traj, reference, bounds), *seen.findings]
-        read, missed = judge_sensors(
+        read, by_sensor = judge_sensors(
             scene, traj, reference, bounds.until, bounds.states, claim, bool(bounds.empty & set(QUANTITIES)),
             seen.runs[0] if seen.runs else None, adapters.get(run.engine).misreads)
-        findings, found = findings + read, found | missed
+        findings, missed = findings + read, missed | by_sensor
         judged = scene.duration * seen.covered.over(traj.t, bounds.reach)
         findings += [] if judged else [too_coarse(claim, budgeted)]
     levels = judge_levels(scene, traj, reference, bounds, held, traj.maxima, seen.eps,
                           seen.runs[0] if seen.runs else None)
-    return _Main(_measured(run, scene, asked.traj, reference, found, held, traj.maxima),
+    return _Main(_measured(run, scene, asked.traj, reference, missed, held, traj.maxima),
                  [_ended(traj), *judge_rest(scene, reference), *_steps(run, scene, traj), *findings, *levels,
                   *judge_continuity(scene, traj, reference, seen.eps),
                   _orthogonality(run, traj, seen.eps, seen.others)], judged, seen.covered.why,
-                 whole=_over_truth(scene, traj, reference, found))
+                 whole=_over_truth(scene, traj, reference, missed))
 
 
 def _over_truth(scene: Scene, traj: Trajectory, reference: Reference, sensors: Mapping[str, Error]
                 ) -> dict[str, tuple[float, str]]:
     """The largest errors over all of the time for which there is truth, and where they are."""
     until = f"up to {min(reference.horizon, scene.duration):g} s, as far as truth reaches"
-    found = {name: (error.max, f"body {error.body}, t = {error.time:.4g} s, {until}")
-             for name, error in errors(scene, traj, reference.states, reference.horizon).items()}
+    largest = {name: (error.max, f"body {error.body}, t = {error.time:.4g} s, {until}")
+               for name, error in errors(scene, traj, reference.states, reference.horizon).items()}
     keep = reference.t <= reference.horizon * (1 + 1e-12)
-    found |= {kind: (float(error.series[keep].max()), f"{error.body}, {until}") for kind, error in sensors.items()
-              if kind.startswith("sensor ")}
+    largest |= {kind: (float(error.series[keep].max()), f"{error.body}, {until}") for kind, error in sensors.items()
+                if kind.startswith("sensor ")}
     for name, own, true, size in (
             ("energy", traj.energy, mechanics.energy(scene, reference.states),
              tolerances.scales(scene, reference).kinetic),
             ("momentum", traj.momentum_vertical, mechanics.momentum_vertical(scene, reference.states), 1.0)):
-        found[name] = float(np.abs(own - true)[keep].max() / size), until
-    return found
+        largest[name] = float(np.abs(own - true)[keep].max() / size), until
+    return largest
 
 
 def _without_truth(run: Record, cell: Cell, scene: Scene, outcome: Ran | Failed, held: frozenset[str]) -> Record:
@@ -243,15 +238,22 @@ def _without_truth(run: Record, cell: Cell, scene: Scene, outcome: Ran | Failed,
     if isinstance(outcome, Failed):
         main = _no_main_run(run, scene, outcome)
     else:
-        traj, maxima = outcome.trajectory, outcome.trajectory.maxima
-        main = _Main(_measured(run, scene, traj, None, {}, held, maxima),
-                     [_ended(traj), *_steps(run, scene, traj), judge_without_truth(scene, traj),
-                      *judge_levels(scene, traj, None, None, held, maxima, adapters.get(run.engine).eps),
-                      _orthogonality(run, traj, adapters.get(run.engine).eps)])
-    judged = settled(main.run, override(main.findings, cell.overrides), main.message)
-    if judged.outcome != "pass":
-        return judged
-    return replace(judged, outcome="unjudged", message=f"unjudged: no truth ({cell.no_truth})")
+        main = _truthless(run, scene, outcome.trajectory, held)
+        main.findings[:0] = [_ended(outcome.trajectory), *_steps(run, scene, outcome.trajectory)]
+    return _unless_passing(settled(main.run, override(main.findings, cell.overrides), main.message),
+                           f"unjudged: no truth ({cell.no_truth})")
+
+
+def _truthless(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str]) -> _Main:
+    eps = adapters.get(run.engine).eps
+    return _Main(_measured(run, scene, traj, None, {}, held, traj.maxima), [
+        judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, traj.maxima, eps),
+        _orthogonality(run, traj, eps)])
+
+
+def _unless_passing(judged: Record, why: str) -> Record:
+    """The record, in which nothing speaks against the run, but `why` it is not judged."""
+    return judged if judged.outcome != "pass" else replace(judged, outcome="unjudged", message=why)
 
 
 def _orthogonality(run: Record, traj: Trajectory, eps: float, others: Sequence[Answer] = ()) -> Finding:
@@ -310,7 +312,7 @@ def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, s
     return float(np.abs(traj.energy - expected).max() / size)
 
 
-def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference | None, found: Mapping[str, Error],
+def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference | None, missed: Mapping[str, Error],
               held: frozenset[str], maxima: Mapping[str, float]) -> Record:
     """The measured values of a run."""
     size = (float(mechanics.kinetic_energy(scene, traj).max()) or 1.0 if reference is None else
@@ -326,8 +328,8 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference 
     gap = energy_error * size if scene.worked_on else _energy_gap(traj, maxima)
     return replace(
         run, form=traj.form or run.form, status=traj.status, duration=scene.duration,
-        errors={name: error.figures for name, error in found.items()}, levels=levels,
+        errors={name: error.figures for name, error in missed.items()}, levels=levels,
         energy_error=energy_error, energy_error_by_start=float(gap / start) if start else None,
         momentum_error=momentum, orthogonality=_most(traj.orthogonality, maxima.get("orthogonality")),
         steps=int(traj.steps), wall_time=float(traj.wall_time), us_per_step=1e6 * traj.wall_time / max(1, traj.steps),
-        seconds_per_second=traj.wall_time / scene.duration, curves=run_curves(scene, traj, found, reference))
+        seconds_per_second=traj.wall_time / scene.duration, curves=run_curves(scene, traj, missed, reference))

@@ -48,8 +48,6 @@ from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.speed import measure_speed, timed
 from crosscheck.verification.task import Cell, Contents, all_cells, own_contents, with_scenes
-from crosscheck.verification.walks import Walk
-from crosscheck.verification.walks import key as walk_key
 
 TIME_LIMIT = 1800.0
 """Time limit (s) of one cell: a main run and its order study. With built-in engines it takes seconds to minutes."""
@@ -96,7 +94,7 @@ Progress = Callable[[int, int, str], None]
 """Called with (number of finished tasks, number of all tasks, name of the last finished one)."""
 
 ROW_TYPES = {"truth": SceneTruth, "cell": Record, "timing": tuple[list[list[Point]], dict[int, str]],
-             "speed": list[list[tuple[float, float]]], "walk": Walk | str}
+             "speed": list[list[tuple[float, float]]], "walk": advice.Walk | str}
 """Types of the results of each stage, for `crosscheck.jobs.table`."""
 
 
@@ -172,7 +170,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     with contextlib.nullcontext() if far is None else contextlib.closing(far):
         elsewhere = stages if far is None else dataclasses.replace(stages, executor=far.executor, jobs=far.workers)
         contents = own_contents(scene_names) if far is not None else {}
-        keys = _Keys(session is not None)
+        keys = _keys(session is not None)
         truths = _truths(elsewhere, keys, scene_names, settings, asked, contents)
         cells = _planned(cells, truths, settings, overrides, asked)
         records = _records(elsewhere, keys, cells, truths, within, contents)
@@ -180,11 +178,13 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     if settings.timing:
         records = timed(cells, records, settings.timing, stages, within)
     records, calibration = measure_speed(records, settings.speed, alone, within) if settings.speed else (records, None)
-    advised = _advice(alone, keys, truths, engine_names, within, walk)
+    advised = _advice(alone, truths, engine_names, within, walk)
     advised += advice.from_records(truths, records, advised)
     meta = provenance.describe(engine_names) | {
         "profile": profile, "jobs": jobs, "calibration": calibration, "asked": asked,
-        "command": _command(profile, scenes, engines, jobs, overrides, methods, asked),
+        "command": command("verify", profile, scenes, engines, methods, [
+            *(word for name, bound, _ in overrides for word in ("--tol", f"{name}={bound!r}")), *asked.words,
+            "--jobs", str(jobs)]),
         "seconds": session.seconds if session is not None else time.perf_counter() - started,
         "reused": session.reused if session is not None else 0,
         "reused_since": session.since if session is not None else None}
@@ -210,54 +210,43 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     return Document(meta=meta, scenes=scenes, records=shown, exit_code=exit_code(scenes, records), support=rows)
 
 
-class _Keys:
-    """Keys of rows: digests of all that a result depends on, the code of this project and of the engine included."""
+def _keys(wanted: bool) -> Callable[..., str]:
+    """A function of stage, scene, engine and task: the key of a row, a digest of all that a result depends on.
 
-    def __init__(self, wanted: bool) -> None:
-        self._wanted = wanted  # nobody reads keys without a session
-        self._scenes: dict[str, str] = {}
-        self._engines: dict[tuple[str, ...], str] = {}
-
-    def of(self, stage: str, scene: str, engine: str | None, *task: Any) -> str:
-        """The key of a task on a scene."""
-        if not self._wanted:
-            return ""
-        if scene not in self._scenes:
-            self._scenes[scene] = digest(read_scene(scene)[1])
-        names = () if engine is None else (engine,)
-        if names not in self._engines:
-            self._engines[names] = provenance.code_digest(names, [])
-        return digest(stage, self._scenes[scene], self._engines[names], *task)
+    The code of this project and of the engine are among that. Without a session nobody reads keys, so that they are "".
+    """
+    content = functools.cache(lambda scene: digest(read_scene(scene)[1]))
+    code = functools.cache(lambda engine: provenance.code_digest(() if engine is None else (engine,), []))
+    return lambda stage, scene, engine, *task: digest(stage, content(scene), code(engine), *task) if wanted else ""
 
 
-def _advice(stages: Stages, keys: _Keys, truths: list[SceneTruth], engines: Sequence[str], within: Limits,
-            walk: bool) -> list[Advice]:
+def _advice(stages: Stages, truths: list[SceneTruth], engines: Sequence[str], within: Limits, walk: bool
+            ) -> list[Advice]:
     """The advice for all scenes and engines. Without `walk`, for those that were walked before."""
     # The user's own engines may crash when they are loaded, and engines in their own environments are slow to start.
     tasks = [(scene.name, engine) for scene in truths if scene.truth is not None for engine in engines
              if walk or not (adapters.is_own(engine) or adapters.has_own_environment(engine))]
     if stages.session is None and not walk:
         return []
-    names = [walk_key(load_scene(scene), engine) for scene, engine in tasks]
+    keys = [advice.key(load_scene(scene), engine) for scene, engine in tasks]
     if walk:
         labels = [f"ladders of {scene} {engine}" for scene, engine in tasks]
-        found = stages.run("walk", advice.prepare, tasks, names, labels, within, reuse="any rows")
+        walks = stages.run("walk", advice.prepare, tasks, keys, labels, within, reuse="any rows")
     else:
-        found = [stages.kept("walk", name, "any rows") for name in names]
-    return advice.of_walks([scene for scene, _ in tasks], found)
+        walks = [stages.kept("walk", key, "any rows") for key in keys]
+    return advice.of_walks([scene for scene, _ in tasks], walks)
 
 
-def _truths(stages: Stages, keys: _Keys, names: list[str], settings: Profile, asked: Asked,
+def _truths(stages: Stages, keys: Callable[..., str], names: list[str], settings: Profile, asked: Asked,
             contents: Contents) -> list[SceneTruth]:
     """The truth of every scene, or why it could not be prepared."""
-    found = stages.run("truth", functools.partial(with_scenes, contents, functools.partial(prepare_truth, asked=asked)),
-                       [(name, settings.whole, settings.most_steps) for name in names],
-                       [keys.of("truth", name, None, name, settings.whole, settings.most_steps, asked)
-                        for name in names],
-                       [f"truth of {name}" for name in names], again=True)  # every run of the scene needs it
+    prepare = functools.partial(with_scenes, contents, functools.partial(prepare_truth, asked=asked))
+    tasks = [(name, settings.whole, settings.most_steps) for name in names]
+    prepared = stages.run("truth", prepare, tasks, [keys("truth", task[0], None, *task, asked) for task in tasks],
+                          [f"truth of {name}" for name in names], again=True)  # every run of the scene needs it
     return [SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
                        truth=None, scales=None, failure=readable(each.message), details=readable(each.details) or "")
-            if isinstance(each, Crash) else each for name, each in zip(names, found, strict=True)]
+            if isinstance(each, Crash) else each for name, each in zip(names, prepared, strict=True)]
 
 
 def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, overrides: Overrides, asked: Asked
@@ -284,7 +273,7 @@ def _failure(result: Record | Crash) -> str:
     return f"{first.kind} {first.value:.1e} {first.unit}, bound {first.bound:.1e}"
 
 
-def _records(stages: Stages, keys: _Keys, cells: list[Cell], truths: list[SceneTruth], within: Limits,
+def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths: list[SceneTruth], within: Limits,
              contents: Contents) -> list[Record]:
     """The records of all cells, in their order, also if a worker crashed or a scene could not be prepared."""
     scenes = {scene.name: scene for scene in truths}
@@ -296,10 +285,10 @@ def _records(stages: Stages, keys: _Keys, cells: list[Cell], truths: list[SceneT
     ready = sorted((index for index, cell in enumerate(cells) if not scenes[cell.scene].failure), key=cost,
                    reverse=True)
     chosen = [cells[index] for index in ready]
-    found = stages.run("cell", functools.partial(with_scenes, contents, guarded_cell), chosen, [
-        keys.of("cell", cell.scene, cell.way.engine, cell) for cell in chosen],
+    results = stages.run("cell", functools.partial(with_scenes, contents, guarded_cell), chosen, [
+        keys("cell", cell.scene, cell.way.engine, cell) for cell in chosen],
                        [f"{cell.scene}: {cell.label}" for cell in chosen], within, failure=_failure)
-    by_index = dict(zip(ready, found, strict=True))
+    by_index = dict(zip(ready, results, strict=True))
     judged = []
     for index, cell in enumerate(cells):
         result = by_index.get(index)
@@ -330,21 +319,18 @@ def labels(runs: Sequence[Record]) -> list[str]:
     forms: dict[tuple[str, str], set[str]] = {}
     for run in runs:
         forms.setdefault((run.engine, run.method), set()).update({run.form} if run.form else ())
-    found = []
+    names = []
     for run in runs:
         several = len(forms[run.engine, run.method]) > 1 and run.form
         coarse = f" at {1e3 * run.step:g} ms" if run.practical and run.step else ""
-        found.append(f"{run.engine} {run.method}" + (f" ({run.form})" if several else "")
+        names.append(f"{run.engine} {run.method}" + (f" ({run.form})" if several else "")
                      + (f" with {run.coordinate_map}" if run.coordinate_map else "") + coarse)
-    return found
+    return names
 
 
-def _command(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, jobs: int,
-             overrides: Overrides, methods: Sequence[str] | None, asked: Asked) -> str:
-    words = ["crosscheck", "verify", "--profile", profile]
-    for option, names in (("--scene", scenes), ("--engine", engines), ("--method", methods)):
-        for name in names or ():
-            words += [option, str(name)]
-    for name, bound, _ in overrides:
-        words += ["--tol", f"{name}={bound!r}"]
-    return shlex.join([*words, *asked.words, "--jobs", str(jobs)])
+def command(name: str, profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None,
+            methods: Sequence[str] | None = None, more: Sequence[str] = ()) -> str:
+    """The shell command `name` with these options and `more`."""
+    words = [word for option, names in (("--scene", scenes), ("--engine", engines), ("--method", methods))
+             for each in names or () for word in (option, str(each))]
+    return shlex.join(["crosscheck", name, "--profile", profile, *words, *more])

@@ -45,7 +45,7 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
     default_form : only the form that the engine chooses by itself; the `form` of a way is None then
     asked_map : coordinate map for the engines that have this option
     """
-    found, missing = [], []
+    possible, missing = [], []
     for name in engines:
         adapter = adapters.get(name)
         chart = adapter.takes_map(asked_map)
@@ -61,10 +61,10 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
                 way = GradedWay(name, method, form=form, coordinate_map=chart, adaptive=varies,
                                 order=None if reason else adapter.documented_order(scene, spec))
                 if reason is None:
-                    found.append(way)
+                    possible.append(way)
                 else:
                     missing.append((way, reason))
-    return found, missing
+    return possible, missing
 
 
 def ladder(scene: Scene, way: GradedWay) -> Iterator[tuple[int | None, float]]:
@@ -92,11 +92,11 @@ def reference(scene: Scene) -> tuple[Scene, Reference]:
     Raises `crosscheck.references.TruthError` or `Unsupported` for a scene without truth.
     """
     sampled = scene.replace(samples=INTERVALS + 1)
-    found = references.truth(sampled)
-    if found.horizon < scene.duration * (1 - 1e-12):
-        sampled = sampled.replace(duration=float(np.floor(10 * found.horizon) / 10) or found.horizon)
-        found = references.truth(sampled)
-    return sampled, found
+    truth = references.truth(sampled)
+    if truth.horizon < scene.duration * (1 - 1e-12):
+        sampled = sampled.replace(duration=float(np.floor(10 * truth.horizon) / 10) or truth.horizon)
+        truth = references.truth(sampled)
+    return sampled, truth
 
 
 def thinned(states: States, intervals: int) -> States:

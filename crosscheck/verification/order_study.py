@@ -80,13 +80,13 @@ class _Ladder:
                 self.message = outcome.why
             return True
         traj = outcome.trajectory
-        found = errors(self.scene, traj, self.reference.states, self.reference.horizon)
+        missed = errors(self.scene, traj, self.reference.states, self.reference.horizon)
         used = traj.stats.get("step")
         self.runs.append((used or size, traj))
         self.rungs.append(Rung(
             step=used or step, rtol=rtol, wall_time=float(traj.wall_time), steps=int(traj.steps),
-            errors={name: error.max for name, error in found.items()},
-            end={name: error.end for name, error in found.items()}))
+            errors={name: error.max for name, error in missed.items()},
+            end={name: error.end for name, error in missed.items()}))
         return True
 
     def finer(self) -> float:
@@ -207,17 +207,17 @@ def judge_promise(scene: Scene, reference: Reference, rungs: Sequence[Rung], eps
     most = reference.amplification
     growth = (most - 1.0) / math.log(most) if most > 1.0 + SMALL else 1.0
     hard = bool(spanning_tree(scene)[1]) or fastest(scene) > tolerances.scales(scene, reference).rate
-    norm, found = NORMS if hard else 1.0, []
+    norm, shares = NORMS if hard else 1.0, []
     for rung in rungs:
         if rung.rtol is None or not rung.errors:
             continue
         bounds = tolerances.adaptive(scene, reference, norm * rung.rtol, max(rung.steps or 0, FEWEST_COUNTED), growth,
                                      eps)
-        found += [(error / bounds[quantity].value, f"{quantity} at rtol {rung.rtol:.0e}")
+        shares += [(error / bounds[quantity].value, f"{quantity} at rtol {rung.rtol:.0e}")
                   for quantity, error in rung.errors.items() if error is not None]
-    if not found:
+    if not shares:
         return []
-    value, where = max(found)
+    value, where = max(shares)
     reach = f"; steps {1.0 / value:.2g} times less exact would keep it" if 0.0 < value <= 1.0 else ""
     return [Finding("rtol", "ok" if value <= 1.0 else "fail", value, 1.0, "1", "errors over what the tolerance allows, "
                     f"the largest of the ladder: {norm:g} n rtol times the size, n steps, grown by {growth:.3g} on "

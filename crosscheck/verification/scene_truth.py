@@ -108,14 +108,14 @@ def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
     lengths = [length for length in WINDOWS if length <= first and 8 * length / longest <= affordable]
     for window in lengths or WINDOWS[-1:]:
         short = windowed(scene, window)
-        found = plan_from_truth(short, references.truth(short))
-        steps = {order: min(max(step, shortest), longest) for order, step in found.steps.items()}
-        ladders = {order: _ladder(order, step, found.window / (STUDY_SAMPLES - 1), longest)
+        wanted = plan_from_truth(short, references.truth(short))
+        steps = {order: min(max(step, shortest), longest) for order, step in wanted.steps.items()}
+        ladders = {order: _ladder(order, step, wanted.window / (STUDY_SAMPLES - 1), longest)
                    for order, step in steps.items()}
-        plan = replace(found, steps=steps, ladders=ladders, samples=samples, duration=duration,
+        plan = replace(wanted, steps=steps, ladders=ladders, samples=samples, duration=duration,
                                    budgeted=True)
         if plan.most_steps <= affordable and all(
-                SHARE * (steps[order] / step) ** order <= WIDEST for order, step in found.steps.items()):
+                SHARE * (steps[order] / step) ** order <= WIDEST for order, step in wanted.steps.items()):
             break
     return plan
 

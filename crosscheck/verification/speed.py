@@ -16,7 +16,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from crosscheck import references
-from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way, extended
+from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way, extended, grouped
 from crosscheck.errors import CrosscheckError
 from crosscheck.jobs.drive import Crash, Limits, Stages, run_tasks
 from crosscheck.jobs.table import digest
@@ -29,7 +29,7 @@ from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-from crosscheck.verification.task import Cell, Timing, windowed
+from crosscheck.verification.task import Cell, windowed
 
 CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (numpy.linalg.solve)"
 """The calibration kernel: compiled loops over small matrices, as in a multibody step, without any engine's code. The
@@ -191,15 +191,13 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
     within : limits of one run
     name : of these rounds, which are measured once a session
     """
-    chosen: dict[str, list[int]] = {}
-    for index, record in enumerate(records):
-        if record.us_per_step is not None:
-            chosen.setdefault(record.scene, []).append(index)
+    chosen = grouped((index for index, record in enumerate(records) if record.us_per_step is not None),
+                     lambda index: records[index].scene)
     tasks = [Round(scene, tuple(Burst.of(records[index]) for index in own)) for scene, own in chosen.items()]
     samples: list[list[tuple[float, float]]] = [[] for _ in records]
     for turn in range(1, rounds + 1):
-        for own, found in zip(chosen.values(), _round(stages, tasks, f"{name} {turn}", within), strict=True):
-            for index, pairs in zip(own, found, strict=True):
+        for own, made in zip(chosen.values(), _round(stages, tasks, f"{name} {turn}", within), strict=True):
+            for index, pairs in zip(own, made, strict=True):
                 samples[index] += pairs
     kernels = [kernel for pairs in samples for _, kernel in pairs]
     calibration = Calibration(what=CALIBRATION, us=1e6 * statistics.median(kernels) if kernels else None,
@@ -207,24 +205,44 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
     return [_filled_in(record, summarise(pairs)) for record, pairs in zip(records, samples, strict=True)], calibration
 
 
-def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None) -> list[Any]:
-    """The pairs of each burst of each task. If a run crashes its process, the task is tried once more without it."""
+def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None) -> list[list[Any]]:
+    """The pairs of each burst of each task. Runs that crash their process have none."""
     whole = None if within is None or within.time is None else dataclasses.replace(
         within, time=within.time * max((len(task.bursts) for task in tasks), default=1))
-    keys = [digest("speed", name, task) for task in tasks]
-    found = stages.run("speed", time_round, tasks, keys, [f"speed of {task.scene}, {name}" for task in tasks],
-                       whole, reuse="samples")
-    for position, task in enumerate(tasks):
-        crash = found[position]
-        if isinstance(crash, Crash):
-            left = [index for index in range(len(task.bursts)) if str(index) != crash.at]
-            found[position] = [[] for _ in task.bursts]
-            again = dataclasses.replace(task, bursts=tuple(task.bursts[index] for index in left))
-            result = stages.run("speed", time_round, [again], [digest("speed", name, again)],
-                                [f"speed of {task.scene}, {name}, again"], whole, reuse="samples")[0]
-            for index, pairs in zip(left, [] if isinstance(result, Crash) else result, strict=False):
-                found[position][index] = pairs
-    return found
+
+    def measured(tasks: list[Round], which: str) -> list[Any]:
+        return stages.run("speed", time_round, tasks, [digest("speed", name, task) for task in tasks],
+                          [f"speed of {task.scene}, {which}" for task in tasks], whole, reuse="samples")
+
+    def without(task: Round, first: Any) -> list[Any]:
+        def again(left: list[int]) -> Any:
+            part = dataclasses.replace(task, bursts=tuple(task.bursts[index] for index in left))
+            return measured([part], f"{name}, again")[0]
+
+        return without_culprits(again, len(task.bursts), first)[0]
+
+    return [without(task, first) for task, first in zip(tasks, measured(tasks, name), strict=True)]
+
+
+def without_culprits(run: Callable[[list[int]], Any], count: int, first: Any = None
+                     ) -> tuple[list[list[Any]], dict[int, str]]:
+    """What pieces of work give that one process does in turns, and of some the reason why they give nothing.
+
+    `run` does those with the given numbers. If one of them crashes the process or exceeds the limits, all others are
+    done again without it. `first`: what `run` gave for all, if it was called before.
+    """
+    left = list(range(count))
+    reasons: dict[int, str] = {}
+    while left:
+        made, first = run(left) if first is None else first, None
+        if not isinstance(made, Crash):
+            by_number = dict(zip(left, made, strict=True))
+            return [by_number.get(index, []) for index in range(count)], reasons
+        # If none was at work, none is the cause, and another attempt would fail, too.
+        culprits = [left[int(made.at)]] if made.at else left
+        reasons |= dict.fromkeys(culprits, made.message)
+        left = [index for index in left if index not in culprits]
+    return [[] for _ in range(count)], reasons
 
 
 def _filled_in(record: Record, measured: Speed | None) -> Record:
@@ -245,31 +263,39 @@ MAIN_STEPS = 2000
 """Most steps of the runs at the step of the main run. They are enough to measure the time per step."""
 
 
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """The runs of one scene in a timing study, and the largest number of repeats.
+
+    Of each run its cell, its documented order, and step (s) or rtol of the main run, which is timed, too; None: not.
+    """
+
+    runs: tuple[tuple[Cell, int | None, float | None], ...]
+    repeats: int
+
+
 def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages: Stages,
           within: Limits) -> list[Record]:
     """The records with stepping times, one scene after the other in a single worker, with nothing else running.
 
     Engines in their own environments are left out, because their times are not comparable with others.
     """
-    found = list(records)
-    for scene in dict.fromkeys(cell.scene for cell in cells):
-        chosen = [index for index, (cell, record) in enumerate(zip(cells, records, strict=True))
-                  if cell.scene == scene and record.ladder and not record.own_environment]
+    told = list(records)
+    for scene, own in grouped(range(len(cells)), lambda index: cells[index].scene).items():
+        chosen = [index for index in own if records[index].ladder and not records[index].own_environment]
         if chosen:
-            task = Timing(tuple(cells[index] for index in chosen),
-                          tuple(records[index].documented_order for index in chosen), repeats,
-                          tuple(records[index].step or records[index].rtol or 0.0 for index in chosen))
+            task = Timing(tuple((cells[index], records[index].documented_order,
+                                 records[index].step or records[index].rtol) for index in chosen), repeats)
             key = digest("timing", task)
             made = stages.kept("timing", key, "samples")
             if made is None:
                 made = guarded_timing(task, within)
                 if stages.session is not None:
                     made = stages.session.put("timing", key, made)
-            points, reasons = made
             for position, index in enumerate(chosen):
-                found[index] = _with_points(records[index], points[position], reasons.get(position))
+                told[index] = _with_points(records[index], made[0][position], made[1].get(position))
         stages.count(f"timing of {scene}")
-    return found
+    return told
 
 
 def _with_points(record: Record, points: list[Point], reason: str | None) -> Record:
@@ -286,27 +312,16 @@ def _with_points(record: Record, points: list[Point], reason: str | None) -> Rec
 def guarded_timing(task: Timing, within: Limits | None = None) -> tuple[list[list[Point]], dict[int, str]]:
     """The points of `time_cells`, made in one worker process, and for some cells the reason why they have none.
 
-    If a cell crashes the process or exceeds the limits, all others are timed again without it. The time limit is that
-    of all cells together.
+    The time limit is that of all cells together.
     """
-    left = list(range(len(task.cells)))
-    reasons: dict[int, str] = {}
-    while left:
-        part = dataclasses.replace(task, cells=tuple(task.cells[index] for index in left),
-                                   orders=tuple(task.orders[index] for index in left),
-                                   main=tuple(task.main[index] for index in left if index < len(task.main)))
-        each = within or Limits()
+    each = within or Limits()
+
+    def run(left: list[int]) -> Any:
         whole = Limits(None if each.time is None else each.time * len(left), each.memory)
-        found = run_tasks(time_cells, [part], 1, limits=whole)[0]
-        if not isinstance(found, Crash):
-            points = dict(zip(left, found, strict=True))
-            return [points.get(index, []) for index in range(len(task.cells))], reasons
-        culprit = int(found.at) if found.at else None
-        # If no cell was running, no engine is the cause, and another attempt would fail, too.
-        for index in left if culprit is None else [left[culprit]]:
-            reasons[index] = found.message
-        left = [] if culprit is None else left[:culprit] + left[culprit + 1:]
-    return [[] for _ in task.cells], reasons
+        part = dataclasses.replace(task, runs=tuple(task.runs[index] for index in left))
+        return run_tasks(time_cells, [part], 1, limits=whole)[0]
+
+    return without_culprits(run, len(task.runs))
 
 
 def time_cells(timing: Timing) -> list[list[Point]]:
@@ -316,35 +331,31 @@ def time_cells(timing: Timing) -> list[list[Point]]:
     run gives no point. The last point of a cell ("main") is at the step of its main run. Its runs stop after
     `MAIN_STEPS`, and it has no error.
     """
-    first = timing.cells[0]
+    first = timing.runs[0][0]
     scene = load_scene(first.scene)
     brief = windowed(scene, first.plan.window).replace(samples=2)
     exact = references.truth(windowed(scene, first.plan.window)).states
     end = dataclasses.replace(exact, **{name: getattr(exact, name)[[0, -1]] for name in ("t", "x", "R", "v", "w")},
                               a=None, alpha=None, lam=None)
-    runs: list[dict[tuple[int, float], list[Trajectory]]] = [{} for _ in timing.cells]
+    ladders = [cell.plan.ladder(order) if order is not None else RTOLS for cell, order, _ in timing.runs]
+    made: dict[tuple[int, int], list[Trajectory]] = {}  # by the number of the run and of its rung
     for _ in range(timing.repeats):
-        for index, (cell, order) in enumerate(zip(timing.cells, timing.orders, strict=True)):
+        for index, ((cell, order, main), sizes) in enumerate(zip(timing.runs, ladders, strict=True)):
             output.at(str(index))
-            sizes = cell.plan.ladder(order) if order is not None else RTOLS
-            for rung, size in enumerate((*sizes, *timing.main[index:index + 1])):
-                before = runs[index].get((rung, size), [])
-                main = rung == len(sizes)
-                if not main and len(before) > 1 and sum(traj.wall_time for traj in before) > ENOUGH:
+            for rung, size in enumerate((*sizes, *(() if main is None else (main,)))):
+                before = made.setdefault((index, rung), [])
+                last = rung == len(sizes)
+                if not last and len(before) > 1 and sum(traj.wall_time for traj in before) > ENOUGH:
                     continue
                 step, rtol = (size, None) if order is not None else (None, size)
-                shorter = brief
-                if main and step is not None:
-                    shorter = brief.replace(duration=min(brief.duration, MAIN_STEPS * step))
+                shorter = brief if step is None or not last else brief.replace(
+                    duration=min(brief.duration, MAIN_STEPS * step))
                 outcome = lasting(attempt(shorter, cell.way, step=step, rtol=rtol, monitor=False))
                 if isinstance(outcome, Ran):
-                    runs[index].setdefault((rung, size), []).append(outcome.trajectory)
-    result = []
-    for cell, each, order in zip(timing.cells, runs, timing.orders, strict=True):
-        rungs = len(cell.plan.ladder(order) if order is not None else RTOLS)
-        result.append([_point(brief, size, order, trajs, None if rung == rungs else end)
-                       for (rung, size), trajs in sorted(each.items())])
-    return result
+                    before.append(outcome.trajectory)
+    return [[_point(brief, [*sizes, main or 0.0][rung], order, made[index, rung], end if rung < len(sizes) else None)
+             for rung in range(len(sizes) + 1) if made.get((index, rung))]
+            for index, ((_, order, main), sizes) in enumerate(zip(timing.runs, ladders, strict=True))]
 
 
 def _point(scene: Scene, size: float, order: int | None, trajs: list[Trajectory], end: States | None) -> Point:

@@ -1,4 +1,4 @@
-"""The tasks of worker processes (one cell of the grid, or the timing of several), and the loading of their scenes."""
+"""The cells of the grid, which are tasks of worker processes, and the loading of their scenes."""
 
 from __future__ import annotations
 
@@ -53,16 +53,6 @@ class Cell:
         return shlex.join([*words, "--samples", str(self.plan.samples), "--csv", "run.csv"])
 
 
-@dataclasses.dataclass(frozen=True)
-class Timing:
-    """The cells of one scene in a timing study, and the largest number of repeats."""
-
-    cells: tuple[Cell, ...]
-    orders: tuple[int | None, ...]
-    repeats: int
-    main: tuple[float, ...] = ()  # step (s) or rtol of each cell's main run, which is timed, too
-
-
 def load(name: str, plan: Plan, whole: bool = True) -> Scene:
     """A scene, or its first window, at the output times of its plan."""
     scene = load_scene(name)
@@ -102,12 +92,11 @@ def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: 
     told = dict(zip(risky, run_tasks(_cells, [(*pair, profile) for pair in risky], 1, limits=within),
                     strict=True))
     cells: list[Cell] = []
-    for scene, engine in pairs:
-        found = told[scene, engine] if (scene, engine) in told else cells_of(scene, engine, profile)
-        if isinstance(found, Crash):
-            found = [Cell(scene, Way(engine, method), PENDING, True, profile.rungs, profile.whole)
-                     for method in adapters.methods(engine)]
-        cells += found
+    for pair in pairs:
+        own = told[pair] if pair in told else cells_of(*pair, profile)
+        cells += own if not isinstance(own, Crash) else [
+            Cell(pair[0], Way(pair[1], method), PENDING, True, profile.rungs, profile.whole)
+            for method in adapters.methods(pair[1])]
     return cells
 
 

@@ -71,10 +71,10 @@ def sentence(scene: SceneTruth, records: Sequence[Record]) -> str:
         return f"No recommendation: the truth of this scene failed ({scene.failure})."
     if scene.no_truth:
         return f"No recommendation, the scene has no truth: {scene.no_truth}." + _not_trusted(records)
-    found = recommend(scene, records)
-    if found is None:
+    best = recommend(scene, records)
+    if best is None:
         return "No recommendation: no run of this scene passed every check." + _not_trusted(records)
-    return f"Trust {_said(found)}." + _not_trusted(records)
+    return f"Trust {_said(best)}." + _not_trusted(records)
 
 
 def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]:
@@ -83,24 +83,24 @@ def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]
     for engine in dict.fromkeys(record.engine for record in records):
         own = [record for record in records if record.engine == engine]
         made = [record for record in own if record.outcome != "unsupported"]
-        found = None if scene.failure or scene.no_truth else recommend(scene, made)
+        best = None if scene.failure or scene.no_truth else recommend(scene, made)
         passing = sum(record.outcome in ("pass", "partly") for record in made)
-        advice = f"trust {_said(found)}" if found else "no run can be recommended"
+        advice = f"trust {_said(best)}" if best else "no run can be recommended"
         text = f"{advice}; {passing} of {len(made)} runs pass." + _not_trusted(made)
         if not made:
             text = f"no run: {own[0].message}."
-        rows.append(EngineTrust(engine=engine, runs=len(made), passing=passing, recommended=found,
+        rows.append(EngineTrust(engine=engine, runs=len(made), passing=passing, recommended=best,
                                 text=f"{engine}: {text}"))
     return rows
 
 
-def _said(found: Recommended) -> str:
-    size = f"step {found.step:.2g} s" if found.step else f"rtol {found.rtol:.0e}"
-    pace = 1e3 * (found.seconds or 0.0)
+def _said(best: Recommended) -> str:
+    size = f"step {best.step:.2g} s" if best.step else f"rtol {best.rtol:.0e}"
+    pace = 1e3 * (best.seconds or 0.0)
     spelled = f"{pace:.2g}" if pace < 100 else f"{pace:.0f}"
-    time = "" if found.seconds is None else f", {spelled} ms per simulated second"
-    part = "" if found.share == 1.0 or found.until is None else f", judged over {found.until:.3g} s"
-    return f"{' or '.join(found.runs)}: {found.why} (position error {found.error:.1e} m at {size}{part}{time})"
+    time = "" if best.seconds is None else f", {spelled} ms per simulated second"
+    part = "" if best.share == 1.0 or best.until is None else f", judged over {best.until:.3g} s"
+    return f"{' or '.join(best.runs)}: {best.why} (position error {best.error:.1e} m at {size}{part}{time})"
 
 
 def _checks(record: Record) -> str:

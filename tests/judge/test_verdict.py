@@ -14,8 +14,8 @@ from crosscheck.judge.metrics import Plateau
 from crosscheck.judge.plan import halved
 from crosscheck.judge.verdict import judge_orders, word, worst
 from crosscheck.verification.cell import run_cell
-from crosscheck.verification.speed import MAIN_STEPS, time_cells
-from crosscheck.verification.task import Cell, Timing
+from crosscheck.verification.speed import MAIN_STEPS, Timing, time_cells
+from crosscheck.verification.task import Cell
 from tests.fake_engine import FakeEngine, install
 
 PLAN = Plan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
@@ -242,7 +242,7 @@ def test_severity_ranks_findings(verdict):
 def test_timing_gives_stepping_time_and_end_error(monkeypatch):
     install(monkeypatch, FakeEngine())
     cell = Cell("single_pendulum", Way("fake", "Plain"), PLAN, True)
-    (points,) = time_cells(Timing((cell,), (2,), 2))
+    (points,) = time_cells(Timing(((cell, 2, None),), 2))
     assert [point.step for point in points] == list(PLAN.ladder(2))
     for point in points:
         # 0.1 h^2 t at t = 0.5 s, on numbers of size one
@@ -261,7 +261,7 @@ def test_timing_repeats_short_runs_more_often_and_ends_that_of_the_main_step_ear
 
     install(monkeypatch, Slow())
     cell, main = Cell("single_pendulum", Way("fake", "Plain"), PLAN, True), PLAN.window / 10_000
-    (points,) = time_cells(Timing((cell,), (2,), 3, (main,)))
+    (points,) = time_cells(Timing(((cell, 2, main),), 3))
     counts = [sum(step == size for step, _ in started) for size in (*PLAN.ladder(2), main)]
     assert counts == [3] * (len(counts) - 2) + [2, 3]
     assert {steps for step, steps in started if step == main} == {MAIN_STEPS}

@@ -12,12 +12,11 @@ from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.cli.app import app
 from crosscheck.document import Errors, Order, Record, Rung, Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
-from crosscheck.verification import walks
-from crosscheck.verification.advice import MARGIN, choose, from_records
+from crosscheck.verification import advice as walks
+from crosscheck.verification.advice import MARGIN, Step, Walk, choose, from_records
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell, load
-from crosscheck.verification.walks import Step, Walk
 
 
 @pytest.fixture(autouse=True)

@@ -76,7 +76,7 @@ EXTRAS = {
 """The extra of pyproject.toml that installs a module or an engine."""
 
 
-PINNED = {"mjx": "3.17.0", "mjx-single": "3.17.0", "newton": "1.8.0"}
+PINNED = {"mjx": "3.17.0", "mjx-single": "3.17.0", "newton": "1.8.0", "pybullet": "3.2.7"}
 """Versions of the engines that need an environment of their own."""
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import math
 import os
 import re
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 _UNREADABLE = re.compile("[\\x00-\\x08\\x0b\\x0c\\x0e-\\x1f\\x7f-\\x9f\\ud800-\\udfff\\ufffe\\uffff]")
 
@@ -87,3 +89,21 @@ def cache_folder() -> Path:
     else:
         base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return base / "crosscheck"
+
+
+@contextlib.contextmanager
+def aside(*streams: int) -> Iterator[IO[bytes]]:
+    """What is written to standard streams (1, 2) inside, by libraries too, goes to this file instead."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    before = [os.dup(stream) for stream in streams]
+    with tempfile.TemporaryFile() as file:
+        try:
+            for stream in streams:
+                os.dup2(file.fileno(), stream)
+            yield file
+        finally:
+            ctypes.CDLL(None).fflush(None)  # C keeps what its library printed
+            for stream, own in zip(streams, before, strict=True):
+                os.dup2(own, stream)
+                os.close(own)

@@ -39,5 +39,6 @@ ENTRIES = {
     "dart": Entry("crosscheck.adapters.dart", "Dart", "dartpy"),
     "mjx": Entry("crosscheck.adapters.mjx", "MJX", None, "mujoco-mjx mujoco", PINNED["mjx"]),
     "mjx-single": Entry("crosscheck.adapters.mjx", "MJXSingle", None, "mujoco-mjx mujoco", PINNED["mjx-single"]),
+    "pybullet": Entry("crosscheck.adapters.pybullet", "PyBullet", None, "pybullet", PINNED["pybullet"]),
     "newton": Entry("crosscheck.adapters.newton", "Newton", None, "newton[sim]", PINNED["newton"]),
 }

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import Engine, RawRun, RunSpec
+from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.scene.functions import at
 from crosscheck.scene.model import GROUND, Scene
@@ -18,17 +18,13 @@ INSTANT = 1e-9
 """Time step (s) of accelerations: forward dynamics of DART take springs and dampers at the end of a step."""
 
 
-class Dart(Engine):
+class Dart(open_tree.OpenTree):
     """Adapter of DART, form `tree`."""
 
     name = "dart"
     methods = ("SemiImplicitEuler",)
-    forms = ("tree",)
     package = "dartpy"
-
-    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """All three, by joint coordinates."""
-        return tree.LEVELS
+    laws = ("dry_friction", "limits", "servo")
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why DART cannot run this here, or None."""
@@ -37,7 +33,7 @@ class Dart(Engine):
         moved = [name for name, servo in scene.servos.values() if not servo.proportional]
         if moved:
             return f"the servo of joint {moved[0]!r} has no proportional gain: here servos are DART's springs in joints"
-        return open_tree.unsupported(scene, spec, ("dry_friction", "limits", "servo"))
+        return super().unsupported(scene, spec)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if the state becomes infinite or NaN."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import Engine, RawRun, RunSpec
+from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.errors import EngineError
 from crosscheck.scene.model import GROUND, Scene
@@ -38,23 +38,15 @@ Moment = tuple[float, np.ndarray, np.ndarray]
 """Time (s), joint positions, joint velocities."""
 
 
-class Drake(Engine):
+class Drake(open_tree.OpenTree):
     """Adapter of Drake, form `tree`."""
 
     name = "drake"
     methods = (*FIXED, *CONTROLLED)
-    forms = ("tree",)
     adaptive_methods = CONTROLLED
     orders = MappingProxyType(FIXED)
     package = "drake"
-
-    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """All three, by joint coordinates."""
-        return tree.LEVELS
-
-    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """Why Drake cannot run this here, or None."""
-        return open_tree.unsupported(scene, spec, LAWS)
+    laws = LAWS
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` with Drake's message if it fails."""

@@ -8,11 +8,8 @@ Newton needs a MuJoCo of its own version, and so an environment of its own (`cro
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import functools
-import os
-import sys
 from collections.abc import Callable
 from types import MappingProxyType
 from typing import Any
@@ -24,8 +21,8 @@ from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE
 from crosscheck.adapters.common.links import shortest_rotation
 from crosscheck.document.known import ORDERS, STATE, Known
+from crosscheck.files import aside
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
-from crosscheck.scene.states import States
 
 FORMS = {"Featherstone": "tree", "MuJoCoEuler": "tree", "MuJoCoImplicitfast": "tree", "MuJoCoRK4": "tree",
          "XPBD": "maximal", "SemiImplicit": "maximal"}
@@ -132,7 +129,7 @@ class Newton(Engine):
                     q[row], v[row] = now.body_q.numpy().ravel(), now.body_qd.numpy().ravel()
                 return q, v
 
-            raw = stepping.march(scene, spec, start, advance, _converter(scene), lambda t, q, v: v)
+            raw = stepping.march(scene, spec, start, advance, open_tree.of_poses(scene), lambda t, q, v: v)
         raw.form = FORMS[spec.method]
         if raw.form == "maximal":
             raw.stats["softness"] = spec.softness or "tight"
@@ -154,21 +151,11 @@ def _recorded(warp: Any, step: Callable[[], None]) -> Callable[[], None]:
 
 def _warp() -> Any:
     """Warp without a word about the graphics card that it does not find and what it compiles."""
-    said, nothing = [os.dup(stream) for stream in (1, 2)], os.open(os.devnull, os.O_WRONLY)
-    sys.stdout.flush()
-    for stream in (1, 2):
-        os.dup2(nothing, stream)
-    try:
+    with aside(1, 2):
         import warp
 
         warp.config.log_level = warp.LOG_ERROR
         warp.init()
-        ctypes.CDLL(None).fflush(None)  # C keeps what its library printed
-    finally:
-        for stream, own in zip((1, 2), said, strict=True):
-            os.dup2(own, stream)
-            os.close(own)
-        os.close(nothing)
     return warp
 
 
@@ -237,13 +224,3 @@ def _mobility(scene: Scene, joint: Joint) -> float:
 def _poses(scene: Scene) -> np.ndarray:
     """(n, 7) positions and quaternions x, y, z, w at the start."""
     return np.concatenate([scene.x0, np.array([body.attitude for body in scene.bodies])[:, XYZW]], axis=1)
-
-
-def _converter(scene: Scene) -> stepping.Convert:
-    def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
-        pose, twist = q.reshape(len(t), scene.n, 7), v.reshape(len(t), scene.n, 6)
-        turned = pose[..., [6, 3, 4, 5]]
-        R = rotation_from_quaternion(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
-        return States(t, pose[..., :3], R, twist[..., :3], np.einsum("tnji,tnj->tni", R, twist[..., 3:]))
-
-    return convert

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -147,8 +146,10 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     told = [each for native in natives if native is not neutral
             for each in _differences(neutral, _named_alike(neutral, native), invented)]
     told = [each for each in told if each.engine.startswith("mujoco") or each.place not in _chains(scene)]
+    whole = sum(float(mass.get("value", "0")) for mass in model.root.findall("link/inertial/mass"))
+    still = whole - sum(link.mass for link in neutral.links.values())  # on the root
     told += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
-             for native in natives if native.engine.startswith("mujoco") and (still := _rooted(model.root))]
+             for native in natives if native.engine.startswith("mujoco") and still > TOLERANCE * whole]
     return NativeInspection(source, scene, tuple(natives), tuple(told), refused,
                             str(no_scene or ""))
 
@@ -168,22 +169,6 @@ def _native(task: tuple[str, str, str, JointStates]) -> Native:
     os.chdir(folder)
     made: Native = adapters.get(name).native(path, states)
     return made
-
-
-def _rooted(root: Element) -> float:
-    """Total mass (kg) of the links of a URDF that are fixed to its root."""
-    held = {each.get("link", ""): joint for joint in root.findall("joint") for each in joint.findall("child")}
-
-    def still(link: str) -> bool:
-        for _ in held:  # so that a circle of joints ends, too
-            if link not in held or held[link].get("type") != "fixed":
-                break
-            parent = held[link].find("parent")
-            link = "" if parent is None else parent.get("link", "")
-        return link not in held
-
-    return sum(float(mass.get("value", "0")) for link in root.findall("link") if still(link.get("name", ""))
-               for mass in link.findall("inertial/mass"))
 
 
 def _neutral(scene: Scene, states: JointStates) -> Native:

@@ -128,7 +128,11 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
         held = held.replace(duration=duration)
     if held.timed and not native:
         raise Unsupported(f"{held.name}: a script holds no function of time")
-    model = _native(scene, held) if not isinstance(scene, Scene) and native else _written(held)
+    if not isinstance(scene, Scene) and native:
+        model = _native(scene)
+    else:
+        ElementTree.indent(root := mjcf(held))
+        model = ElementTree.tostring(root, encoding="unicode")
     reference = truth(held)
     intervals = next(count for count in range(MOST_INTERVALS, 0, -1) if (held.samples - 1) % count == 0)
     every = (held.samples - 1) // intervals
@@ -145,13 +149,7 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
         tolerance=SOLVER_TOLERANCE, tight=TIGHT, halvings=HALVINGS), held, title, origin, step, expected)
 
 
-def _written(scene: Scene) -> str:
-    root = mjcf(scene)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _native(path: str | os.PathLike[str], scene: Scene) -> str:
+def _native(path: str | os.PathLike[str]) -> str:
     """The text of a model file without the shapes of its links, whose meshes no script can hold."""
     model = source.read(Path(path))
     if not model.is_urdf and next(source.files(model), None) is not None:

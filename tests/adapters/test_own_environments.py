@@ -22,7 +22,7 @@ from crosscheck.references import truth
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.verification.job import check_engines
 
-ENGINES = ("mjx", "mjx-single", "newton")
+ENGINES = ("mjx", "mjx-single", "newton", "pybullet")
 MEND = r"engine {0} is not installed; crosscheck list --engine {0}==[0-9.]+ makes an environment for it"
 
 
@@ -30,7 +30,7 @@ MEND = r"engine {0} is not installed; crosscheck list --engine {0}==[0-9.]+ make
 def nowhere(monkeypatch, tmp_path):
     """A machine that has none of the environments."""
     monkeypatch.setenv("CROSSCHECK_CACHE", str(tmp_path))
-    for engine in ("MJX", "NEWTON"):
+    for engine in ("MJX", "NEWTON", "PYBULLET"):
         monkeypatch.delenv(f"CROSSCHECK_{engine}_PYTHON", raising=False)
 
 
@@ -54,13 +54,14 @@ def test_a_variable_names_the_interpreter(nowhere, monkeypatch, tmp_path):
 
 
 def test_they_declare_their_arithmetic_and_that_their_times_compare_with_nothing():
-    assert [adapters.get(engine).eps for engine in ENGINES] == [2.0**-52, 2.0**-23, 2.0**-23]
+    assert [adapters.get(engine).eps for engine in ENGINES] == [2.0**-52, 2.0**-23, 2.0**-23, 2.0**-52]
     assert all(adapters.has_own_environment(engine) for engine in ENGINES)
 
 
 @pytest.mark.parametrize(("engine", "method", "name", "reason"), [
     ("mjx", "RK4", "driven_double_pendulum", "functions of time are not built"),
     ("newton", "XPBD", "four_bar", "open tree"),
+    ("pybullet", "SemiImplicitEuler", "spring_pendulum", "only gravity is"),
     ("newton", "Featherstone", "spring_pendulum", "only gravity is"),
     ("newton", "MuJoCoRK4", "universal_pendulum", "type universal is not built"),
 ])
@@ -157,6 +158,8 @@ def test_recorded_steps_are_the_steps_of_newton_to_the_bit():
     ("newton", "Featherstone", "double_pendulum", 1, (4e-3, 2e-3, 1e-3)),
     ("newton", "XPBD", "double_pendulum", 1, (4e-3, 2e-3, 1e-3)),
     ("newton", "XPBD", "hinge_pendulum", 1, (4e-3, 2e-3, 1e-3)),  # its axis leans
+    ("pybullet", "SemiImplicitEuler", "hinge_pendulum", 1, (4e-3, 2e-3, 1e-3)),
+    ("pybullet", "SemiImplicitEuler", "triple_pendulum", 1, (2e-3, 1e-3, 5e-4)),
 ])
 def test_fixed_steps_reach_truth_with_their_order(engine, method, name, order, steps):
     if engine_version(engine) == NOT_INSTALLED:

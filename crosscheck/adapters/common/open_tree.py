@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.adapters.common import tree
 from crosscheck.adapters.common.links import relative_attitude
 from crosscheck.adapters.common.stepping import Convert
@@ -51,6 +51,21 @@ def without_accelerations(convert: Convert) -> Convert:
     return lambda t, q, v, a: convert(t, q, v, None)
 
 
+class OpenTree(Engine):
+    """An engine of joint coordinates alone, form `tree`."""
+
+    forms = ("tree",)
+    laws: str | tuple[str, ...] = ()  # as in `unsupported`
+
+    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
+        """All three, by joint coordinates."""
+        return tree.LEVELS
+
+    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
+        """Why the engine cannot run a scene in the given form, or None if it can."""
+        return unsupported(scene, spec, self.laws)
+
+
 def zero_attitude(scene: Scene, link: tree.Link) -> np.ndarray:
     """(3, 3) relative attitude at zero joint coordinates; for a ball the initial one, away from singular angles."""
     if link.type == "spherical":
@@ -81,6 +96,22 @@ def converter(scene: Scene, set_state: Callable[[np.ndarray, np.ndarray], None],
         if a is not None:
             states.a, states.alpha = acceleration, np.einsum("tnji,tnj->tni", R, alpha)
         return states
+
+    return convert
+
+
+def of_poses(scene: Scene, axes: np.ndarray | None = None) -> Convert:
+    """A function from poses, 7 n of position and quaternion x, y, z, w, and velocities, 6 n in world axes, to states.
+
+    The quaternions turn the axes of the bodies, or other `axes`, (n, 3, 3) in these.
+    """
+    def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
+        pose, twist = q.reshape(len(t), scene.n, 7), v.reshape(len(t), scene.n, 6)
+        turned = pose[..., [6, 3, 4, 5]]
+        R = rotation_from_quaternion(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
+        if axes is not None:
+            R = R @ np.swapaxes(axes, 1, 2)
+        return States(t, pose[..., :3], R, twist[..., :3], np.einsum("tnji,tnj->tni", R, twist[..., 3:]))
 
     return convert
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import math
 from collections import Counter
 from collections.abc import Iterator
@@ -39,18 +38,17 @@ def listening() -> Iterator[list[str]]:
         mujoco.set_mju_user_warning(before)
 
 
-def compiled(model: Source, base: str = "fixed", bare: bool = True, balance: bool = False) -> Any:
-    """The `mujoco.MjModel` of a source.
+def compiled(model: Source, base: str = "fixed", balance: bool = False) -> Any:
+    """The `mujoco.MjModel` of a source, which `balance` lets MuJoCo replace inertias that no body can have.
 
-    `bare` removes all geometry from a URDF, so that MuJoCo needs no meshes and makes no mass from collision shapes.
-    `balance` lets MuJoCo replace inertias that no body can have.
+    A URDF loses all geometry, so that MuJoCo needs no meshes and makes no mass from collision shapes.
     """
     try:
         import mujoco
     except ImportError as error:
         raise SceneError(f"{model.path}: models are read by MuJoCo: {missing(error)}") from None
     if model.is_urdf:
-        _prepare_urdf(model, base, bare)
+        _prepare_urdf(model, base)
     else:
         _prepare_mjcf(model)
     if balance:
@@ -91,18 +89,17 @@ def _free(spec: Any) -> None:
         max(held, key=lambda body: len(body.find_all("body"))).add_freejoint()
 
 
-def _prepare_urdf(model: Source, base: str, bare: bool) -> None:
-    if bare:
-        for link in model.root.iter("link"):
-            for shape in [*link.findall("visual"), *link.findall("collision")]:
-                link.remove(shape)
-        held = {end.get("link") for joint in model.root.findall("joint") for end in joint.findall("parent")}
-        if "world" in held and all(link.get("name") != "world" for link in model.root.findall("link")):
-            SubElement(model.root, "link", name="world")  # Drake has it without a word
-        try:
-            _merge(model.root, drop_root=base == "fixed")
-        except ValueError as error:
-            raise SceneError(f"{model.path}: {error}; correct it there") from None
+def _prepare_urdf(model: Source, base: str) -> None:
+    for link in model.root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    held = {end.get("link") for joint in model.root.findall("joint") for end in joint.findall("parent")}
+    if "world" in held and all(link.get("name") != "world" for link in model.root.findall("link")):
+        SubElement(model.root, "link", name="world")  # Drake has it without a word
+    try:
+        _merge(model.root, drop_root=base == "fixed")
+    except ValueError as error:
+        raise SceneError(f"{model.path}: {error}; correct it there") from None
     for key in set(_compiler(model).keys()) - set(str(known.URDF["compiler"]).split()):
         del _compiler(model).attrib[key]  # they change masses before these are merged, and are named as not known
     for key, value in (("fusestatic", "false"), ("strippath", "false"), ("discardvisual", "true")):
@@ -153,15 +150,6 @@ def _prepare_mjcf(model: Source) -> None:
                 parent.remove(child)
 
 
-@dataclasses.dataclass
-class Inertial:
-    """Mass (kg), first moment (kg m) and inertia about the origin of the link's frame (kg m^2), in its axes."""
-
-    mass: float
-    moment: np.ndarray  # (3,)
-    inertia: np.ndarray  # (3, 3)
-
-
 def _merge(root: Element, drop_root: bool) -> None:
     """Give every moving link the inertial of all links fixed to it, as engines do that fuse such links.
 
@@ -185,10 +173,10 @@ def _merge(root: Element, drop_root: bool) -> None:
     for name in order:
         joint = children.get(name)
         parent = "" if joint is None else _end(joint, "parent")
-        if joint is not None and joint.get("type") == "fixed" and parent in inertials and inertials[name] is not None:
-            p, R = _pose(joint.find("origin"))
-            inertials[parent] = _added(inertials[parent], inertials[name], p, R)
-            inertials[name] = None
+        own, base = inertials[name], inertials.get(parent)
+        if joint is not None and joint.get("type") == "fixed" and parent in inertials and own is not None:
+            X = _pose(joint.find("origin"))
+            inertials[parent], inertials[name] = X @ own @ X.T + (0.0 if base is None else base), None
     for name, link in links.items():
         for old in link.findall("inertial"):
             link.remove(old)
@@ -220,45 +208,40 @@ def finite(element: Element, word: str) -> float:
     return value
 
 
-def _pose(origin: Element | None) -> tuple[np.ndarray, np.ndarray]:
+def _pose(origin: Element | None) -> np.ndarray:
+    """(4, 4) homogeneous matrix of an origin."""
     from scipy.spatial.transform import Rotation
 
-    if origin is None:
-        return np.zeros(3), np.eye(3)
-    return _numbers(origin, "xyz"), Rotation.from_euler("xyz", _numbers(origin, "rpy")).as_matrix()
+    X = np.eye(4)
+    if origin is not None:
+        X[:3, 3] = _numbers(origin, "xyz")
+        X[:3, :3] = Rotation.from_euler("xyz", _numbers(origin, "rpy")).as_matrix()
+    return X
 
 
-def _read(link: Element) -> Inertial | None:
+def _read(link: Element) -> np.ndarray | None:
+    """(4, 4) the sum of m p p^T over a link's points p = (x, y, z, 1) in its frame, which adds up and turns by X."""
     inertial = link.find("inertial")
     if inertial is None:
         return None
     mass, values = inertial.find("mass"), inertial.find("inertia")
     if mass is None:
         raise ValueError(f"{source.label(link)} has an inertial without a mass")
-    m, (com, R) = finite(mass, mass.get("value", "0")), _pose(inertial.find("origin"))
-    J = np.zeros((3, 3)) if values is None else np.array(
-        [[finite(values, values.get(f"i{min(a, b)}{max(a, b)}", "0")) for b in "xyz"] for a in "xyz"])
-    return Inertial(m, m * com, R @ J @ R.T + m * (com @ com * np.eye(3) - np.outer(com, com)))
+    X, P = _pose(inertial.find("origin")), np.zeros((4, 4))
+    if values is not None:
+        J = np.array([[finite(values, values.get(f"i{min(a, b)}{max(a, b)}", "0")) for b in "xyz"] for a in "xyz"])
+        P[:3, :3] = np.trace(J) / 2 * np.eye(3) - J
+    P[3, 3] = finite(mass, mass.get("value", "0"))
+    return np.asarray(X @ P @ X.T)
 
 
-def _added(base: Inertial | None, part: Inertial | None, p: np.ndarray, R: np.ndarray) -> Inertial | None:
-    """`base` with `part`, whose frame is at p, R in that of `base`."""
-    if part is None:
-        return base
-    c, m = R @ part.moment, part.mass
-    # about the new origin; the terms p c^T appear because the part's centre of mass is not at its own origin
-    shifted = R @ part.inertia @ R.T + m * (p @ p * np.eye(3) - np.outer(p, p)) + (
-        2 * (p @ c) * np.eye(3) - np.outer(p, c) - np.outer(c, p))
-    if base is None:
-        return Inertial(m, c + m * p, shifted)
-    return Inertial(base.mass + m, base.moment + c + m * p, base.inertia + shifted)
-
-
-def _write(link: Element, merged: Inertial) -> None:
-    com = merged.moment / merged.mass if merged.mass else np.zeros(3)
-    J = merged.inertia - merged.mass * (com @ com * np.eye(3) - np.outer(com, com))
+def _write(link: Element, merged: np.ndarray) -> None:
+    mass = float(merged[3, 3])
+    com = merged[:3, 3] / mass if mass else np.zeros(3)
+    squares = merged[:3, :3] - mass * np.outer(com, com)
+    J = np.trace(squares) * np.eye(3) - squares
     inertial = SubElement(link, "inertial")
     SubElement(inertial, "origin", xyz=" ".join(map(repr, com.tolist())), rpy="0 0 0")
-    SubElement(inertial, "mass", value=repr(merged.mass))
+    SubElement(inertial, "mass", value=repr(mass))
     SubElement(inertial, "inertia", {f"i{'xyz'[a]}{'xyz'[b]}": repr(float((J[a, b] + J[b, a]) / 2))
                                      for a in range(3) for b in range(a, 3)})

@@ -30,8 +30,8 @@ def _nonlinear(reading: Reading) -> None:
     m = reading.model
     labels = [m.jnt(j).name or f"joint {j}" for j in range(m.njnt)]
     for field, flag, owner in (("jnt_stiffnesspoly", "SPRING", None), ("dof_dampingpoly", "DAMPER", "dof_jntid")):
-        values = getattr(m, field, None)
-        if values is not None and np.any(values) and not off(reading, flag):
+        values = getattr(m, field)
+        if np.any(values) and not off(reading, flag):
             rows = np.flatnonzero(np.any(np.atleast_2d(values), axis=1))
             which = rows if owner is None else getattr(m, owner)[rows]
             reading.lost += [f"nonlinear {'stiffness' if owner is None else 'damping'} of joint {labels[int(j)]!r}"
@@ -47,10 +47,8 @@ def _tendons(reading: Reading) -> list[Table]:
     for t in range(m.ntendon):
         k, c = float(m.tendon_stiffness[t]), float(m.tendon_damping[t])
         k, c = (0.0 if off(reading, "SPRING") else k), (0.0 if off(reading, "DAMPER") else c)
-        hard = (m.tendon_limited[t] and not off(reading, "LIMIT")) or m.tendon_frictionloss[t] or (
-            hasattr(m, "tendon_armature") and m.tendon_armature[t])
-        bent = any(np.any(getattr(m, field)[t]) for field in ("tendon_stiffnesspoly", "tendon_dampingpoly")
-                   if hasattr(m, field))
+        hard = (m.tendon_limited[t] and not off(reading, "LIMIT")) or m.tendon_frictionloss[t] or m.tendon_armature[t]
+        bent = np.any(m.tendon_stiffnesspoly[t]) or np.any(m.tendon_dampingpoly[t])
         if not (k or c or hard or bent):
             continue
         wraps = range(int(m.tendon_adr[t]), int(m.tendon_adr[t]) + int(m.tendon_num[t]))

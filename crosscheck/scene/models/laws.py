@@ -13,6 +13,7 @@ from crosscheck.errors import ArgumentError, unknown
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import quaternion_from_rotation
 from crosscheck.scene.models.neutral import Reading
+from crosscheck.scene.models.words import distinct
 from crosscheck.scene.schema import Content as Table
 
 CHOICES = {"actuators": ("keep", "drop"), "limits": ("monitor", "keep", "drop"), "contacts": ("monitor", "drop"),
@@ -184,7 +185,7 @@ def acts(reading: Reading, a: int) -> bool:
     import mujoco
 
     m, d = reading.model, reading.data
-    if any(np.any(getattr(m, field)[a]) for field in PASSIVE if hasattr(m, field)):
+    if any(np.any(getattr(m, field)[a]) for field in PASSIVE):
         return True
     if m.actuator_forcelimited[a] and not m.actuator_forcerange[a, 0] <= 0 <= m.actuator_forcerange[a, 1]:
         return True
@@ -217,8 +218,7 @@ def _servo(reading: Reading, a: int, place: tuple[Table, int, float] | None, con
     m, d = reading.model, reading.data
     plain = (m.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED and m.actuator_actadr[a] < 0
              and mujoco.mjtBias(m.actuator_biastype[a]) in (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
-             and m.actuator_ctrlnum[a] == 1 and not any(
-                 np.any(getattr(m, field)[a]) for field in PASSIVE if hasattr(m, field)))
+             and m.actuator_ctrlnum[a] == 1 and not any(np.any(getattr(m, field)[a]) for field in PASSIVE))
     if not plain or place is None or not JOINT_TYPES[place[0]["type"]].has_one or "mimic" in place[0]:
         return None
     b0, b1, b2 = (m.actuator_biasprm[a, :3].tolist() if m.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE else
@@ -376,9 +376,9 @@ def _contacts(reading: Reading, wants: Wants, found: Laws) -> None:
                                             for a, b, _ in pairs))
         return
     shapes: dict[int, Table] = {}
-    names: set[str] = set()
+    watched = []
     for a, b, margin in pairs:
-        made = [shapes.get(g) or _shape(reading, g, names) for g in (a, b)]
+        made = [shapes.get(g) or _shape(reading, g) for g in (a, b)]
         if None in made:
             reading.lost.append(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}")
             continue
@@ -386,11 +386,11 @@ def _contacts(reading: Reading, wants: Wants, found: Laws) -> None:
             reading.lost.append(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}, which touch at the "
                                 f"start, {gap:.3g} m apart")
             continue
-        for g, shape in zip((a, b), made, strict=True):
-            if shape is not None:
-                shapes[g] = shape
-        found.monitors.append({"type": "touch", "shapes": [shapes[a]["name"], shapes[b]["name"]], "margin": margin})
-    found.shapes += shapes.values()
+        shapes |= {g: shape for g, shape in zip((a, b), made, strict=True) if shape is not None}
+        watched.append((a, b, margin))
+    found.shapes += distinct(list(shapes.values()))
+    found.monitors += [{"type": "touch", "shapes": [shapes[a]["name"], shapes[b]["name"]], "margin": margin}
+                       for a, b, margin in watched]
 
 
 def _bodies(reading: Reading, a: int, b: int) -> str:
@@ -399,7 +399,7 @@ def _bodies(reading: Reading, a: int, b: int) -> str:
     return " - ".join(body_label(m, body) for body in ids)
 
 
-def _shape(reading: Reading, g: int, names: set[str]) -> Table | None:
+def _shape(reading: Reading, g: int) -> Table | None:
     """A geometry as a shape; None for a height field or a distance field."""
     import mujoco
     from scipy.spatial import ConvexHull, QhullError
@@ -412,13 +412,8 @@ def _shape(reading: Reading, g: int, names: set[str]) -> Table | None:
     group = int(reading.groups[m.geom_bodyid[g]])
     body, position = reading.end(group, d.geom_xpos[g])
     attitude = quaternion_from_rotation(reading.attitude(group).T @ d.geom_xmat[g].reshape(3, 3))
-    base = name = m.geom(g).name or f"{body} {kind}"
-    number = 1
-    while name in names:
-        number += 1
-        name = f"{base} {number}"
-    names.add(name)
-    made: Table = {"name": name, "body": body, "type": kind, "position": position, "attitude": attitude.tolist()}
+    made: Table = {"name": m.geom(g).name or f"{body} {kind}", "body": body, "type": kind, "position": position,
+                   "attitude": attitude.tolist()}
     if kind == "mesh":
         mesh = int(m.geom_dataid[g])
         points = m.mesh_vert[m.mesh_vertadr[mesh]:m.mesh_vertadr[mesh] + m.mesh_vertnum[mesh]].astype(float)

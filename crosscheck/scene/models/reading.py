@@ -16,7 +16,7 @@ from crosscheck.scene.building import scene_from
 from crosscheck.scene.models import checking, compiling, features, known, laws, neutral, source, watched
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.source import Source
-from crosscheck.scene.models.words import quoted, together
+from crosscheck.scene.models.words import distinct, quoted, together
 from crosscheck.scene.schema import Content as Table
 
 MOST_DRAWS = 200
@@ -35,8 +35,6 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
           controls: Mapping[str, Any] | None = None, limits: str = "monitor", contacts: str = "monitor",
           friction: str = "keep", start: str | int = "model") -> Table:
     """The content of a scene file, see `crosscheck.import_model`."""
-    if not isinstance(path, str | os.PathLike):
-        raise ArgumentError(f"path: the name of a model file is wanted, not {type(path).__name__}")
     if base not in ("fixed", "free"):
         raise ArgumentError(unknown("base", base, ("fixed", "free")))
     wants = laws.Wants(actuators, limits, contacts, friction, controls or {})
@@ -92,7 +90,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         "source": Path(path).name, "tags": ["imported"], "gravity": neutral.gravity(m).tolist(),
         "duration": duration, "samples": samples, "left_out": left_out,
         "bodies": [*map(neutral.body_table, reading.bodies.values()), *reading.light],
-        "joints": _distinct([*joints, *further]), "forces": [*forces, *own.forces], "shapes": own.shapes,
+        "joints": distinct([*joints, *further]), "forces": [*forces, *own.forces], "shapes": own.shapes,
         "monitors": own.monitors, "sites": sites, "sensors": sensors}
     return {key: value for key, value in content.items() if value not in ([], "")}
 
@@ -140,7 +138,7 @@ def _check_motion(model: Source, reading: Reading, wants: laws.Wants) -> None:
         gaps.append(checking.motion(reading, d, scene_from({
             "schema": 3, "name": "away", "gravity": neutral.gravity(reading.model).tolist(), "duration": 1.0,
             "samples": 2, "bodies": [*map(neutral.body_table, there.bodies.values()), *there.light],
-            "joints": _distinct(joints), "forces": [*forces, *([] if checking.unactuated(reading) else own.forces)]},
+            "joints": distinct(joints), "forces": [*forces, *([] if checking.unactuated(reading) else own.forces)]},
             model.path)))
     gap, relative, name = max(gaps, key=lambda each: (not each[1] <= checking.LOOSEST, each[1]))
     if not relative <= checking.LOOSEST:
@@ -275,18 +273,6 @@ def _name(model: Source) -> str:
     text = model.root.get("name") or model.root.get("model") or model.path.stem
     clean = "".join(letter if letter.isprintable() and letter not in "/\\" else " " for letter in text).strip(" .")
     return clean or "model"
-
-
-def _distinct(joints: list[Table]) -> list[Table]:
-    """The joints with a number added to every name that occurred before."""
-    names: set[str] = set()
-    for joint in joints:
-        name, count = joint["name"], 1
-        while joint["name"] in names:
-            count += 1
-            joint["name"] = f"{name} {count}"
-        names.add(joint["name"])
-    return joints
 
 
 def _check_against_pinocchio(model: Source, reading: Reading, base: str) -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import sys
-import tempfile
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from crosscheck.errors import SceneError, foreign
+from crosscheck.files import aside
 from crosscheck.scene.models.source import Source
 
 
@@ -19,22 +17,14 @@ def explained(build: Callable[[], Any]) -> Any:
 
     urdfdom writes the reason of an error to stderr, and its exception does not contain it.
     """
-    sys.stderr.flush()
-    before = os.dup(2)
-    with tempfile.TemporaryFile() as aside:
-        os.dup2(aside.fileno(), 2)
-
+    with aside(2) as file:
         def refused(error: Exception) -> ValueError:  # urdfdom and Pinocchio raise several kinds
-            aside.seek(0)
-            said = aside.read(1000).decode(errors="replace").strip().partition("\n")[0].removeprefix("Error:")
+            file.seek(0)
+            said = file.read(1000).decode(errors="replace").strip().partition("\n")[0].removeprefix("Error:")
             return ValueError("; ".join(" ".join(each.split()) for each in (str(error), said) if each.strip()))
 
-        try:
-            with foreign(refused):
-                return build()
-        finally:
-            os.dup2(before, 2)
-            os.close(before)
+        with foreign(refused):
+            return build()
 
 
 def parsed(model: Source, base: str = "fixed") -> Any:

@@ -244,14 +244,6 @@ def files(model: Source) -> Iterator[tuple[Element, str, Path | None]]:
                 yield element, name, target if target.is_relative_to(folder) else None
 
 
-def inside(path: Path, folder: Path, name: str) -> Path:
-    """The path of the file `name` in a model; raises `SceneError` if it lies outside the model's folder."""
-    found = (folder / name).resolve()
-    if not found.is_relative_to(folder):
-        raise outside(path, name)
-    return found
-
-
 def outside(path: Path, name: str) -> SceneError:
     """The error that a model refers to a file outside its folder."""
     return SceneError(f"{path}: refers to {name}, which is outside its folder; move it beside the model")
@@ -266,7 +258,9 @@ def _expand(path: Path, element: Element, folder: Path, above: tuple[Path, ...])
         name = child.get("file", "")
         if not name:
             raise SceneError(f"{path}: an <include> names no file; give it one or remove it")
-        target = inside(path, folder, name)
+        target = (folder / name).resolve()
+        if not target.is_relative_to(folder):
+            raise outside(path, name)
         if target in above:
             raise SceneError(f"{path}: includes {name} in a circle; remove one of the includes")
         if len(above) > 32:

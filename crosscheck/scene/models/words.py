@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 MOST_ALIKE, MOST_NAMED = 3, 6
 """Largest number of like sentences written out, and of names in the one sentence that replaces more of them."""
@@ -28,3 +29,15 @@ def quoted(sentence: str) -> tuple[str, str]:
     """The sentence and the name in quotes in it, '' if it has not exactly one."""
     parts = sentence.split("'")
     return sentence, f"'{parts[1]}'" if len(parts) == 3 else ""
+
+
+def distinct(tables: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The tables with a number added to every name that occurred before."""
+    names: set[str] = set()
+    for table in tables:
+        name, count = table["name"], 1
+        while table["name"] in names:
+            count += 1
+            table["name"] = f"{name} {count}"
+        names.add(table["name"])
+    return tables

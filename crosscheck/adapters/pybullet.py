@@ -1,0 +1,102 @@
+"""PyBullet: joint coordinates of a `btMultiBody`, stepped by Bullet's semi-implicit Euler method in double precision.
+
+Source: E. Coumans and Y. Bai, PyBullet Quickstart Guide; Bullet takes joint accelerations from the articulated-body
+algorithm. Its dampings, its motors and its clamp of joint velocities, all of which are on by default, are off here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.common import open_tree, stepping, tree
+from crosscheck.adapters.common.known import GYROSCOPIC
+from crosscheck.document.known import Known
+from crosscheck.files import aside
+from crosscheck.scene.model import GROUND, Scene, quaternion_from_rotation
+
+
+class PyBullet(open_tree.OpenTree):
+    """Adapter of PyBullet, form `tree`."""
+
+    name = "pybullet"
+    methods = ("SemiImplicitEuler",)
+    package = "pybullet"
+    known_defects = (Known(("3.2",), methods, ("heavy_top",), ("tree",), {"energy": 7.0e8}, GYROSCOPIC,
+                           practical=True),)
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """Integrate; raises `EngineError` if the state becomes infinite or NaN."""
+        with aside(1, 2):
+            import pybullet
+        client = pybullet.connect(pybullet.DIRECT)
+        try:
+            pybullet.setGravity(*scene.gravity)
+            pybullet.setTimeStep(stepping.fixed_step(scene, spec)[1])
+            robot, order, axes = build(pybullet, scene)
+
+            def advance(count: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
+                q, v = np.empty((count // stride, 7 * scene.n)), np.empty((count // stride, 6 * scene.n))
+                for row in range(len(q)):
+                    for _ in range(stride):
+                        pybullet.stepSimulation()
+                    q[row], v[row] = _state(pybullet, robot, order)
+                return q, v
+
+            raw = stepping.march(scene, spec, _state(pybullet, robot, order), advance, open_tree.of_poses(scene, axes),
+                                 lambda t, q, v: v)
+        finally:
+            pybullet.disconnect(client)
+        raw.form = "tree"
+        return raw
+
+
+def build(pybullet: Any, scene: Scene) -> tuple[int, list[int], np.ndarray]:
+    """(the multibody in its initial state, number of each body's link, (n, 3, 3) principal axes of each body).
+
+    The frame of a link is at its joint with the axes of its body, that of its inertia at the centre of mass.
+    """
+    chain = list(tree.links(scene))
+    number = {GROUND: 0} | {link.body: k + 1 for k, link in enumerate(chain)}  # of parents, the base is 0
+    moments, axes = np.linalg.eigh(scene.inertias)
+    axes *= np.sign(np.linalg.det(axes))[:, None, None]
+    origin = {GROUND: np.zeros(3)} | {link.body: link.child_anchor for link in chain}
+    robot = pybullet.createMultiBody(
+        baseMass=0.0, linkMasses=[scene.masses[link.body] for link in chain],
+        linkCollisionShapeIndices=[-1] * scene.n, linkVisualShapeIndices=[-1] * scene.n,
+        linkPositions=[(link.parent_anchor - origin[link.parent]).tolist() for link in chain],
+        linkOrientations=[_xyzw(open_tree.zero_attitude(scene, link)) for link in chain],
+        linkInertialFramePositions=[(-link.child_anchor).tolist() for link in chain],
+        linkInertialFrameOrientations=[_xyzw(axes[link.body]) for link in chain],
+        linkParentIndices=[number[link.parent] for link in chain],
+        linkJointTypes=[getattr(pybullet, f"JOINT_{link.type.upper()}") for link in chain],
+        linkJointAxis=[link.parts[0].axis.tolist() if link.dofs == 1 else [0, 0, 1] for link in chain])
+    pybullet.changeDynamics(robot, -1, linearDamping=0.0, angularDamping=0.0)
+    for k, link in enumerate(chain):
+        # inertia in a call of its own: together with the rest PyBullet sets it to zero
+        pybullet.changeDynamics(robot, k, localInertiaDiagonal=moments[link.body].tolist())
+        pybullet.changeDynamics(robot, k, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
+                                maxJointVelocity=1e12)  # by default they are clamped at 100
+        q, v = tree.initial_coordinates(scene, link)
+        if link.dofs == 1:
+            pybullet.resetJointState(robot, k, float(q[0]), float(v[0]))
+            pybullet.setJointMotorControl2(robot, k, pybullet.VELOCITY_CONTROL, force=0.0)
+        elif link.dofs:  # a ball, whose velocity is in the axes of the inertia
+            pybullet.resetJointStateMultiDof(robot, k, [0.0, 0.0, 0.0, 1.0], (axes[link.body].T @ v).tolist())
+            pybullet.setJointMotorControlMultiDof(robot, k, pybullet.POSITION_CONTROL, targetPosition=[0, 0, 0, 1],
+                                                  positionGain=0.0, velocityGain=0.0, force=[0.0, 0.0, 0.0])
+    return robot, [number[body] - 1 for body in range(scene.n)], axes
+
+
+def _state(pybullet: Any, robot: int, order: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """((7 n,) centre of mass and quaternion of every body's inertia, (6 n,) velocities of both), in world axes."""
+    links = pybullet.getLinkStates(robot, order, computeLinkVelocity=1, computeForwardKinematics=1)
+    return (np.array([(*link[0], *link[1]) for link in links]).ravel(),
+            np.array([(*link[6], *link[7]) for link in links]).ravel())
+
+
+def _xyzw(R: np.ndarray) -> list[float]:
+    made: list[float] = quaternion_from_rotation(R)[[1, 2, 3, 0]].tolist()
+    return made

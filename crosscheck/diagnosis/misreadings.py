@@ -27,8 +27,8 @@ Pose = tuple[np.ndarray, np.ndarray]
 
 
 def rolled(R: np.ndarray, shift: int) -> np.ndarray:
-    """The rotation that follows if the four numbers of the quaternion of R are read `shift` places on."""
-    return rotation_from_quaternion(np.roll(quaternion_from_rotation(R), shift))
+    """The rotations (..., 3, 3) that follow if the four numbers of the quaternions of R are read `shift` places on."""
+    return rotation_from_quaternion(np.roll(quaternion_from_rotation(R), shift, axis=-1))
 
 
 @dataclasses.dataclass(frozen=True)

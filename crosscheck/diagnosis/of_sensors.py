@@ -90,7 +90,7 @@ def named(scene: Scene, states: States, sensor: Sensor, given: np.ndarray) -> tu
     if before > AGREES:
         exact = itertools.chain(mistakes(reader, sensor, right), _followed(given, right))
         for told, share in itertools.chain(((each, EXPLAINED) for each in exact),
-                                           ((each, FOLLOWED) for each in _filtered(given, right))):
+                                           ((each, FOLLOWED) for each in filtered(given, right))):
             after = _left(given, told[2]) / size if told[2].shape == given.shape else math.inf
             if after <= max(AGREES, share * before):
                 return before, after, told
@@ -152,7 +152,7 @@ def _followed(given: np.ndarray, right: np.ndarray) -> Iterator[Told]:
         yield ("rounded output", f"readings are rounded to {digits} decimals", np.round(right, digits))
 
 
-def _filtered(given: np.ndarray, right: np.ndarray) -> Iterator[Told]:
+def filtered(given: np.ndarray, right: np.ndarray) -> Iterator[Told]:
     """Low-pass filters in the forms that loops over steps have, and means over some samples."""
     change = given[1:] - given[:-1]
     for now in (1.0, 0.0, 0.5):

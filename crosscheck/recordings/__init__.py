@@ -17,21 +17,8 @@ from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import finite
 from crosscheck.judge.tolerances import CONSTANTS, order_margin
 from crosscheck.recordings import causes as find_causes
-from crosscheck.recordings.comparing import (
-    POSES,
-    RATES,
-    UNITS,
-    Differences,
-    Shown,
-    compare,
-    gaps,
-    intervals,
-    invariants,
-    norms,
-    part_of,
-    restored,
-    whole,
-)
+from crosscheck.recordings import comparing
+from crosscheck.recordings.comparing import POSES, RATES, UNITS, Differences, Shown, compare, gaps, norms, part_of
 from crosscheck.recordings.page import write_page as write_page
 from crosscheck.recordings.reading import Progress, Recording, read
 from crosscheck.recordings.reading import suggest as suggest
@@ -39,7 +26,6 @@ from crosscheck.references import dense
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
 from crosscheck.scene.starts import restarted
-from crosscheck.scene.states import States
 from crosscheck.scene.vectors import exponential
 
 if TYPE_CHECKING:
@@ -126,8 +112,8 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: Any, colum
         As in `crosscheck.truth`.
     """
     loaded = scene_file.as_scene(scene)
-    several = isinstance(recording, list | tuple)
-    given = [read(each, loaded, columns, progress) for each in (recording if several else [recording])]
+    given = [read(each, loaded, columns, progress) for each in (
+        recording if isinstance(recording, list | tuple) else [recording])]
     if start not in ("scene", "recorded"):
         raise ArgumentError(f"start: {unknown('start', start, ('scene', 'recorded'))}")
     allowed = _tolerances(loaded, tolerance)
@@ -192,9 +178,8 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     if beyond and (failed or not allowed) and not order_alone and (len(given) == 1 or limit is not None):
         verdict.cause, said = _cause(system, limit or seen, verdict.until, limit is not None)
         lines += said
-    if verdict.cause is None and (own := [each.partition(":")[0] for each in failed if each.startswith((
-            "order", "wrong limit"))]):
-        verdict.cause = own[0]
+    verdict.cause = verdict.cause or next((each.partition(":")[0] for each in failed if each.startswith((
+        "order", "wrong limit"))), None)
     mark = {"pass": "✓", "fail": "✗", "measured": "·", "unjudged": "?"}[verdict.outcome]
     verdict.lines = [f"{mark} {verdict.outcome}: {lines[0]}", *lines[1:], *(f"✗ {each}" for each in failed), *notes]
     return verdict
@@ -210,7 +195,7 @@ def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Scene, Any, 
         return scene, truth, 0.0, notes
     first = part_of(first, first.t <= truth.horizon)
     if start == "recorded":
-        states = restored(scene, first, truth.at(first.t))
+        states = comparing.restored(scene, first, truth.at(first.t))
         if states is None:
             raise ArgumentError(f"{recording.name}: start: the first row does not determine the poses of all bodies; "
                                 "record more, or judge it from the scene's start")
@@ -283,7 +268,7 @@ def _defects(scene: Scene, seen: Differences, since: float, allowed: Mapping[str
     """Intervals that miss the true motion from their own start; the frame of all into the verdict."""
     import pandas as pd
 
-    missed = intervals(scene, seen, since)
+    missed = comparing.intervals(scene, seen, since)
     if missed is None:
         notes.append("not judged: single intervals" + (
             ", of fewer than four rows" if len(seen.recording.t) < 4 else
@@ -306,16 +291,12 @@ def _defects(scene: Scene, seen: Differences, since: float, allowed: Mapping[str
 
 def _figures(scene: Scene, recording: Recording, truth: Any, since: float, verdict: Verdict, notes: list[str]) -> None:
     """Energy, momentum and levels, where the states of all bodies are recorded."""
-    states = whole(scene, recording)
-    if states is None:
-        notes.append("not judged: energy, momentum and joints, which need position, attitude and velocities of every "
-                     "body")
-        return
-    rows = np.unique(np.linspace(0, len(recording.t) - 1, 20_000).astype(int))
-    exact = truth.at(recording.t[rows] - since)
-    verdict.figures = invariants(scene, States(exact.t, *(getattr(states, name)[rows] for name in "xRvw")), exact)
-    notes.append("largest errors: " + ", ".join(f"{name} {value:.1e}" for name, value in verdict.figures.items())
-                 + " (energy over the largest kinetic energy)")
+    figures = comparing.invariants(scene, recording, truth, since)
+    verdict.figures = figures or {}
+    notes.append("not judged: energy, momentum and joints, which need position, attitude and velocities of every body"
+                 if figures is None else "largest errors: " + ", ".join(
+                     f"{name} {value:.1e}" for name, value in figures.items()) + " (energy over the largest kinetic "
+                 "energy)")
 
 
 def _orders(runs: list[Differences], steps: list[float], order: int | None, verdict: Verdict, lines: list[str]

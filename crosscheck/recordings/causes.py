@@ -19,8 +19,8 @@ from crosscheck.diagnosis.altered import Model
 from crosscheck.diagnosis.fit import gauss_newton
 from crosscheck.diagnosis.hypotheses import Cause as Hypothesis
 from crosscheck.diagnosis.hypotheses import Context, causes
-from crosscheck.diagnosis.misreadings import placed
-from crosscheck.diagnosis.of_sensors import mistakes
+from crosscheck.diagnosis.misreadings import placed, rolled
+from crosscheck.diagnosis.of_sensors import filtered, mistakes
 from crosscheck.diagnosis.physics import Physics, levers, of_scene
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import CrosscheckError
@@ -30,7 +30,7 @@ from crosscheck.recordings.comparing import Differences, Shown, gaps, norms, par
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import Force, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.model import Force, Scene, quaternion_from_rotation
 from crosscheck.scene.sensors import Reader, read
 from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
@@ -204,14 +204,10 @@ def _point(m: Lot) -> np.ndarray:
     return np.asarray(np.mean(_back(m.R, m.given - m.true), axis=0))
 
 
-def _rolled(R: np.ndarray, shift: int) -> np.ndarray:
-    return rotation_from_quaternion(np.roll(quaternion_from_rotation(R), shift, axis=1))
-
-
 FRAME, ORDER, POINT = "velocity frame", "quaternion order", "position of another point"
 MISREPORTS: tuple[tuple[str, str, str, Callable[[Lot], np.ndarray] | None, Callable[[Lot, Any], np.ndarray]], ...] = (
-    ("attitude", ORDER, "x, y, z, w read as w, x, y, z", None, lambda m, _: _rolled(m.true, 1)),
-    ("attitude", ORDER, "w, x, y, z read as x, y, z, w", None, lambda m, _: _rolled(m.true, -1)),
+    ("attitude", ORDER, "x, y, z, w read as w, x, y, z", None, lambda m, _: rolled(m.true, 1)),
+    ("attitude", ORDER, "w, x, y, z read as x, y, z, w", None, lambda m, _: rolled(m.true, -1)),
     ("attitude", "quaternion conjugated", "the inverse: world to body", None, lambda m, _: np.swapaxes(m.true, -1, -2)),
     ("attitude", "body axes", "axes turned by a constant in the body", _axes, lambda m, Q: m.true @ Q),
     ("velocity", FRAME, "in body axes", None, lambda m, _: _back(m.R, m.true)),
@@ -276,12 +272,11 @@ def _misreported(case: Case, key: str, scope: Sequence[int], where: str) -> Iter
         free = 0 if fit is None else 1 if fit is _mean else len(scope)
         yield case.cause(name, text, changed, free)
         if name.startswith("position of"):
+            arms = {g.owner: m.arm if each is None else each for g, m, each in zip(groups, lots, theta, strict=True)}
             for k, g in enumerate(case.groups):
-                arm = next((m.arm if each is None else each for h, m, each in zip(groups, lots, theta, strict=True)
-                            if h.owner == g.owner), None)
-                if g.key == "velocity" and arm is not None and len(g.parts) == 3:
-                    b = case.shown.body[g.owner]
-                    changed[k] = case.values[k] + _out(case.states.R[:, b], np.cross(case.states.w[:, b], arm))
+                if g.key == "velocity" and g.owner in arms and len(g.parts) == 3:
+                    R, w = (part[:, case.shown.body[g.owner]] for part in (case.states.R, case.states.w))
+                    changed[k] = case.values[k] + _out(R, np.cross(w, arms[g.owner]))
             yield case.cause(name, f"{text}, and velocities", changed, free)
 
 
@@ -416,7 +411,8 @@ def _samples(case: Case) -> Iterator[Cause]:
             knots = np.concatenate([[0], np.flatnonzero(~straight) + 1, [len(t) - 1]])
             yield case.cause("interpolated output", f"straight lines over {len(t) / len(knots):.3g} samples",
                              case.shaped(np.stack([np.interp(t, t[knots], part[knots]) for part in true.T], axis=1)))
-        yield from _filtered(case, true, float(t[1] - t[0]))
+        for name, text, values in filtered(given, true):
+            yield case.cause(name, text, case.shaped(np.where(np.isnan(values), given, values)), 1)
     clamped, said = {}, []
     for k, group in enumerate(case.groups):
         low, high = group.values.min(axis=0), group.values.max(axis=0)
@@ -427,24 +423,6 @@ def _samples(case: Case) -> Iterator[Cause]:
     if clamped:
         yield case.cause("clamp", "; ".join(said), clamped, 1)
     yield from _rough(case, given - true)
-
-
-def _filtered(case: Case, true: np.ndarray, interval: float) -> Iterator[Cause]:
-    """Means of neighbours, and a low pass."""
-    import pandas as pd
-
-    frame = pd.DataFrame(true)
-    for count, centred in itertools.product((2, 3, 4, 5, 7, 9, 10, 15, 20, 25, 50), (False, True)):
-        means = frame.rolling(count, min_periods=1, center=centred).mean().to_numpy()
-        yield case.cause("filtered", f"the mean of {count} samples", case.shaped(means), 1)
-
-    def filtered(log_tau: float) -> Values:
-        return case.shaped(frame.ewm(alpha=-np.expm1(-interval / np.exp(log_tau)), adjust=False).mean().to_numpy())
-
-    best = min(np.log(interval) + np.linspace(-1.5, 5.0, 14), key=lambda tau: float(np.linalg.norm(case.residual(
-        filtered(tau)))))
-    log_tau = float(gauss_newton(lambda tau: case.residual(filtered(tau[0])), np.array([best]))[0])
-    yield case.cause("filtered", f"a first-order low pass of {np.exp(log_tau):.5g} s", filtered(log_tau), 1)
 
 
 def _rough(case: Case, difference: np.ndarray) -> Iterator[Cause]:
@@ -670,22 +648,18 @@ def _changed(owner: Any, path: Sequence[Any], change: Callable[[Any], Any]) -> A
 
 
 def _anchors(scene: Scene) -> Iterator[Hypothesis]:
-    if not all(joint.type in ("spherical", "universal", "revolute") for joint in scene.joints):
-        return
     for k, joint in enumerate(scene.joints):
-        fields = ["parent_anchor", "child_anchor"]
-        if JOINT_TYPES[joint.type].axes == "parallel" and joint.parent == -1:
-            fields.append("parent_axis")
-        for field in fields:
-            turned = field == "parent_axis"
+        has_axis = JOINT_TYPES[joint.type].axes == "parallel" and joint.parent == -1
+        for field in ("parent_anchor", "child_anchor", *(["parent_axis"] if has_axis else [])):
+            turned, where = field == "parent_axis", f"{field.replace('_', ' ')} of joint {joint.name!r}"
 
             def moved(given: Any, theta: np.ndarray, k: int = k, field: str = field, turned: bool = turned) -> Any:
                 return placed(_changed(given, ("joints", k, field), lambda value: exponential(theta[None])[0] @ value if
                                        turned else value + theta))
 
-            def say(theta: np.ndarray, joint: Any = joint, field: str = field, turned: bool = turned) -> str:
-                off = f"turned by {_numbers(np.degrees(theta))} deg" if turned else f"off by {_numbers(theta)} m"
-                return f"{field.replace('_', ' ')} of joint {joint.name!r} {off}"
+            def say(theta: np.ndarray, where: str = where, turned: bool = turned) -> str:
+                return f"{where} turned by {_numbers(np.degrees(theta))} deg" if turned else (
+                    f"{where} off by {_numbers(theta)} m")
 
             yield Hypothesis(OF_JOINTS[turned], moved, ((0.0, 0.0, 0.0),), say, "check where the joint holds",
                              target=joint.name)

@@ -40,6 +40,9 @@ MOST_INTERVALS, MOST_OF_LAWS = 2000, 500
 """Intervals whose defects are measured; of a longer recording, so many over its whole length. In scenes with friction,
 stops or servos, which remember the interval before, they follow each other, and are longer."""
 
+MOST_FIGURES = 20_000
+"""Rows of which energy, momentum and levels are computed."""
+
 TURN = 0.1
 """Turn (rad) of the fastest motion in one step of the integration of an interval."""
 
@@ -163,17 +166,11 @@ def compare(scene: Scene, recording: Recording, truth: Any, since: float = 0.0) 
     """The differences from a truth whose time zero is `since` (s) of the recording."""
     shown = Shown(scene, recording.groups)
     t = recording.t - since
-    values: list[list[np.ndarray]] = [[] for _ in recording.groups]
-    last: list[np.ndarray] | None = None
-    for begin in range(0, len(t), CHUNK):
-        now = shown.at(truth, t[max(begin - 1, 0):begin + CHUNK])
-        for k, group in enumerate(recording.groups):
-            if group.angle:
-                before = last[k] if last is not None else group.values[:1] if since else now[k][:1]
-                now[k] = now[k] + 2 * np.pi * np.round((before - now[k][:1]) / (2 * np.pi))
-            values[k].append(now[k][1 if begin else 0:])
-        last = [each[-1:] for each in now]
-    joined = [np.concatenate(parts) for parts in values]
+    pieces = [shown.at(truth, t[begin:begin + CHUNK]) for begin in range(0, len(t), CHUNK)]
+    joined = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
+    if since:  # whole turns before it are not known
+        joined = [value + 2 * np.pi * np.round((group.values[:1] - value[:1]) / (2 * np.pi)) if group.angle else value
+                  for group, value in zip(recording.groups, joined, strict=True)]
     gap = [gaps(group, group.values, value) for group, value in zip(recording.groups, joined, strict=True)]
     floor = [group.floor + truth.error + recording.blur * _speed(group, value, t)
              for group, value in zip(recording.groups, joined, strict=True)]
@@ -292,24 +289,23 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
     return piece.t[keep], defects
 
 
-def whole(scene: Scene, recording: Recording) -> States | None:
-    """The recorded states of all bodies, if all of them are recorded."""
-    by = {(group.key, group.owner): group for group in recording.groups}
-    parts = []
+def invariants(scene: Scene, recording: Recording, truth: Any, since: float) -> dict[str, float] | None:
+    """Largest errors of energy, over the largest kinetic energy, and of the momentum about the vertical, and levels.
+
+    None if the states of all bodies are not recorded.
+    """
+    piece = part_of(recording, np.unique(np.linspace(0, len(recording.t) - 1, MOST_FIGURES).astype(int)))
+    by, parts = {(group.key, group.owner): group for group in piece.groups}, []
     for key in UNITS:
         groups = [by.get((key, body.name)) for body in scene.bodies]
         if any(g is None or (key != "attitude" and len(g.parts) < 3) or g.frame or g.point is not None for g in groups):
             return None
         parts.append(np.stack([g.values for g in groups if g is not None], axis=1))
-    return States(recording.t, *parts)
-
-
-def invariants(scene: Scene, states: States, truth: States) -> dict[str, float]:
-    """Largest errors of energy, over the largest kinetic energy, and of the momentum about the vertical, and levels."""
-    kinetic = float(mechanics.kinetic_energy(scene, truth).max()) or 1.0
-    errors = {"energy": float(np.abs(mechanics.energy(scene, states) - mechanics.energy(scene, truth)).max()) / kinetic,
-             "momentum": float(np.abs(mechanics.momentum_vertical(scene, states)
-                                      - mechanics.momentum_vertical(scene, truth)).max())}
+    exact = truth.at(piece.t - since)
+    states, kinetic = States(exact.t, *parts), float(mechanics.kinetic_energy(scene, exact).max()) or 1.0
     levels = level_norms(Constraints(scene), states.x, states.R, states.v, states.w, None, None, states.t)
-    return errors | {name.replace("constraint_", "level "): float(np.max(series)) for name, series in levels.items()
-                    if isinstance(series, np.ndarray) and scene.joints}
+    return {"energy": float(np.abs(mechanics.energy(scene, states) - mechanics.energy(scene, exact)).max()) / kinetic,
+            "momentum": float(np.abs(mechanics.momentum_vertical(scene, states)
+                                     - mechanics.momentum_vertical(scene, exact)).max())} | {
+        name.replace("constraint_", "level "): float(np.max(series)) for name, series in levels.items()
+        if isinstance(series, np.ndarray) and scene.joints}

@@ -628,7 +628,7 @@ def suggest(data: Any, scene: Scene) -> str:
         elif places and says & {"rate", "pose"}:
             numbered["rate" in says or words[-1].endswith("dot")].setdefault(places[-1], (column, given))
     for rate, columns in numbered.items():  # q1, q2, ... qd1, qd2, ...: all coordinates in the order of the scene
-        names, first = _coordinates(scene, rate), min(columns, default=0)
+        names, first = _coordinates(scene, known, rate), min(columns, default=0)
         if sorted(columns) == list(range(first, first + len(names))):
             made |= {columns[first + k][0]: (what, columns[first + k][1]) for k, what in enumerate(names)}
     return "[columns]\n" + "".join(
@@ -645,17 +645,16 @@ def _clock(source: Source, column: str, unit: str) -> str:
     return (f', unit = "{unit}"' if unit else "") + (f", offset = {-first!r}" if since else "")
 
 
-def _coordinates(scene: Scene, rate: bool) -> list[str]:
+def _coordinates(scene: Scene, known: Mapping[str, Column], rate: bool) -> list[str]:
     """Names of all coordinates or rates, body after body: MuJoCo's qpos and qvel; quaternions have the scalar first."""
     names = []
     for body, owner in enumerate(scene.bodies):
         joints = [joint for joint in scene.joints if joint.child == body]
         free = ("vx", "vy", "vz", "wx", "wy", "wz") if rate else ("x", "y", "z", "qw", "qx", "qy", "qz")
         names += [f"{owner.name}.{part}" for part in free if not joints]
-        for joint in joints:
-            count = len(JOINT_TYPES[joint.type].coordinates) if joint.type != "spherical" else 3 if rate else 4
-            names += [f"{joint.name}.{'velocity' if rate else 'position'}{f'[{k}]' if count > 1 else ''}"
-                      for k in range(count)]
+        for name in (f"{joint.name}.{'velocity' if rate else 'position'}" for joint in joints):
+            count = len(known[name].parts) if name in known else 0  # none if it has no coordinates
+            names += [f"{name}[{k}]" for k in range(count)] if count > 1 else [name] * count
     return names
 
 

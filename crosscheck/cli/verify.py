@@ -170,12 +170,13 @@ def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
     """Print one line for all passing runs of an engine on a scene; the page lists each of them."""
     part = [record for record in passing if state(record) == "partly"]
     best = min(passing, key=lambda record: record.judged_error)
-    line = f"✓ {scene}, {engine}: {len(passing)} run{' passes' if len(passing) == 1 else 's pass'}"
+    line = f"✓ {scene}, {engine}: {len(passing)} run{' behaves' if len(passing) == 1 else 's behave'} as documented"
     if part:
         line += f" ({len(part)} over {100 * judged_share(part):.0f} % of {'its' if len(part) == 1 else 'their'} time)"
     if math.isfinite(best.judged_error):
-        line += (f", least position error {best.judged_error:.1e} m by {best.label.removeprefix(f'{engine} ')} at "
-                 f"{_size(best)}")
+        size = "" if best.off is None else f"{best.off:.1e} of the scene's size, "
+        who = best.label.removeprefix(f"{engine} ")
+        line += f", least error {size}{best.judged_error:.1e} m, by {who} at {_size(best)}"
     say(line)
 
 

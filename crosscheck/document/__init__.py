@@ -338,6 +338,7 @@ class Record(Way, frozen=True, kw_only=True):
     status: str = ""  # as the engine says
     duration: float | None = None  # s, of the main run
     errors: dict[str, Errors] = {}  # by quantity
+    off: float | None = None  # the largest error of a pose: position over the scene's length, or attitude, rad
     levels: dict[str, Level] = {}
     energy_error: float | None = None  # over the largest kinetic energy: of every step, or of samples if work is done
     energy_error_by_start: float | None = None  # the same over |E(0)|, where the potential is zero at the origin

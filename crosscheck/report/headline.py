@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 from crosscheck.document import Change, Document, Record, Scene
@@ -63,8 +64,9 @@ def _passing(document: Document) -> str:
     whole = count["pass"]
     said = [f"{counted(whole, 'run', none='No')} pass{'es' if whole == 1 else ''}"]
     if part:
+        reasons = Counter(record.not_judged for record in part if record.not_judged).most_common(1)
         said.append(f"{len(part)} more over part of {'its' if len(part) == 1 else 'their'} time "
-                    f"({100 * judged_share(part):.0f} %)")
+                    f"({100 * judged_share(part):.0f} %{f', since {reasons[0][0]}' if reasons else ''})")
     if count["budgeted"]:
         said.append(f"{count['budgeted']} at steps too coarse to judge")
     if count["unjudged"]:
@@ -167,6 +169,15 @@ def sentence(record: Record) -> str:
         return f"{kind} {number(worst.value, 3)}, {relation} {number(worst.bound, 3)}{why}"
     relation = "within" if worst.status == "ok" else "beyond"
     return f"{kind} {number(worst.value)}{unit}, {relation} {number(worst.bound)}{unit}"
+
+
+SHADES = (1e-9, 1e-6, 1e-3, 1e-1)
+"""Errors in the scene's own size at which their colour changes: rounding, fine, seen in a plot, another motion."""
+
+
+def shade(record: Record) -> int:
+    """The number of its colour, by the size of its error and not by its verdict."""
+    return sum(record.off is None or not record.off <= most for most in SHADES)
 
 
 def plain_number(value: float | None) -> str:

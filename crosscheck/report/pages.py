@@ -22,6 +22,7 @@ from crosscheck.report.headline import (
     partly,
     plain_number,
     sentence,
+    shade,
     span,
     spoken,
     state,
@@ -95,7 +96,8 @@ def environment() -> Any:
         loader=jinja2.FileSystemLoader(HERE / "templates"), undefined=jinja2.StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
-    made.filters |= {"number": number, "sentence": sentence, "anchor": anchor, "span": span, "spoken": spoken,
+    made.filters |= {"number": number, "sentence": sentence, "shade": shade, "anchor": anchor,
+                     "span": span, "spoken": spoken,
                      "state": state, "judged_share": judged_share, "sortable": plain_number,
                      "query": urllib.parse.quote, "slug": slug,
                      "select_state": lambda records, wanted: [each for each in records if state(each) == wanted]}

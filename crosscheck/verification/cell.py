@@ -312,6 +312,13 @@ def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, s
     return float(np.abs(traj.energy - expected).max() / size)
 
 
+def _off(scene: Scene, reference: Reference | None, missed: Mapping[str, Error]) -> float | None:
+    """The largest error of a pose in the scene's own size."""
+    if reference is None or "position" not in missed:
+        return None
+    return max(missed["position"].max / tolerances.scales(scene, reference).length, missed["attitude"].max)
+
+
 def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference | None, missed: Mapping[str, Error],
               held: frozenset[str], maxima: Mapping[str, float]) -> Record:
     """The measured values of a run."""
@@ -328,7 +335,7 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference 
     gap = energy_error * size if scene.worked_on else _energy_gap(traj, maxima)
     return replace(
         run, form=traj.form or run.form, status=traj.status, duration=scene.duration,
-        errors={name: error.figures for name, error in missed.items()}, levels=levels,
+        errors={name: error.figures for name, error in missed.items()}, levels=levels, off=_off(scene, reference, missed),
         energy_error=energy_error, energy_error_by_start=float(gap / start) if start else None,
         momentum_error=momentum, orthogonality=_most(traj.orthogonality, maxima.get("orthogonality")),
         steps=int(traj.steps), wall_time=float(traj.wall_time), us_per_step=1e6 * traj.wall_time / max(1, traj.steps),

@@ -35,7 +35,7 @@ def test_verify_folds_passes_to_a_line_and_says_where_the_report_is(verified):
     done, out, _ = verified
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith("engines: mujoco 4.0.0\n")
-    assert "✓ single_pendulum, mujoco: 5 runs pass, least position error" in done.stdout
+    assert "✓ single_pendulum, mujoco: 5 runs behave as documented, least error" in done.stdout
     assert done.stdout.splitlines()[-1] == f"report: {out / 'index.html'}"
     assert done.stdout.splitlines()[-2].startswith("All 5 runs pass (")
     assert "single_pendulum: Trust mujoco" in done.stdout

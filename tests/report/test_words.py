@@ -2,6 +2,7 @@
 
 import re
 
+import pytest
 from msgspec.structs import replace
 
 from crosscheck.document import Finding, Recommended, Scene, extended
@@ -126,6 +127,16 @@ def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the
         (None, "No recommendation: none passed.", ["a"])]
 
 
+@pytest.mark.parametrize(("off", "shade"), [(0.0, 0), (1e-9, 0), (1e-7, 1), (1e-4, 2), (0.05, 3), (0.2, 4),
+                                            (None, 4)])
+def test_errors_are_coloured_by_their_size_whatever_the_verdict(results, off, shade):
+    for outcome in ("pass", "fail", "known"):
+        record = replace(results.records[0], off=off, outcome=outcome)
+        assert headline.shade(record) == shade
+        text = pages.index(made(results.scenes[:1], [record]))
+        assert (f'class="off off{shade} figure"' in text) == (off is not None)
+
+
 def test_every_scene_has_a_page_of_its_own():
     scenes = ["top", "Top", "a/top.toml", "b/top.toml", "a top", "a-top", "a/b.toml", "a-b-toml"]
     assert len({pages.scene_file(failed_scene(name, "")).lower() for name in scenes}) == len(scenes)
@@ -137,6 +148,8 @@ def test_runs_at_too_coarse_steps_and_shares_of_time_stand_in_the_headline(resul
     coarse = replace(whole, outcome="unjudged", findings=[Finding("step", "ok", 1.0, 0.5, "s", "none is fine enough")])
     said = headline.headline(made(results.scenes[:1], [whole, part, part, coarse]))
     assert said == ("1 run passes, 2 more over part of their time (25 %), 1 at steps too coarse to judge, none fails")
+    ended = replace(part, not_judged="a monitor ended the scene")
+    assert "(25 %, since a monitor ended the scene)" in headline.headline(made(results.scenes[:1], [whole, ended]))
     assert [headline.state(each) for each in (whole, part, coarse)] == ["pass", "partly", "budgeted"]
     plain = made(results.scenes[:1], [whole, part, coarse])
     text = pages.index(replace(plain, meta=replace(plain.meta, engines={"fake": "1"})))

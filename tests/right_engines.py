@@ -119,6 +119,26 @@ class Rotations(Matrices):
         return [state[0], U @ V, *state[2:]]
 
 
+class Angles(Rotations):
+    """Attitudes within a step by three angles about y, x and z, which prefer axes of the world."""
+
+    def step(self, scene, t, state, h, stages, weights):
+        x, R, v, w = state
+        angles = Rotation.from_matrix(R[0]).as_euler("YXZ")[None]
+        x, angles, v, w = super().step(scene, t, [x, angles, v, w], h, stages, weights)
+        return [x, Rotation.from_euler("YXZ", angles[0]).as_matrix()[None], v, w]
+
+    def rates(self, scene, t, x, R, v, w):
+        """R are the angles: w = Z^T X^T e_y a' + Z^T e_x b' + e_z c'."""
+        X, Z = (Rotation.from_euler(axis, R[0][:, [k]]).as_matrix() for axis, k in (("X", 1), ("Z", 2)))
+        Zt = np.swapaxes(Z, 1, 2)
+        along = np.broadcast_to([0.0, 0.0, 1.0], R[0].shape)
+        E = np.stack([(Zt @ np.swapaxes(X, 1, 2))[..., 1], Zt[..., 0], along], -1)
+        attitudes = Rotation.from_euler("YXZ", R[0]).as_matrix()[None]
+        v, _, a, alpha = super().rates(scene, t, x, attitudes, v, w)
+        return v, np.linalg.solve(E, w[0][..., None])[None, ..., 0], a, alpha
+
+
 class Projected(Rotations):
     """The same, and states that satisfy positions and velocities of the joints after every step."""
 

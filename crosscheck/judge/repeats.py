@@ -8,6 +8,7 @@ world, differs by a part of its own errors; these it may have.
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,8 @@ JUMP = 4.0
 norm of its own, and joints that are open move on."""
 
 DECLARED = 100.0
-"""An engine's numbers are believed to be so many times coarser than two runs from one state differ."""
+"""An engine's numbers are believed to be so many times coarser than two runs from one state differ; and it prefers axes
+if these differ by more roundings in two worlds."""
 
 
 def seen_eps(traj: Any, repeat: Answer, units: dict[str, float], said: float, most: float) -> float:
@@ -82,6 +84,27 @@ def judge_repeat(traj: Any, repeat: Answer, own: Defects) -> tuple[list[Finding]
     finding = Finding("repeat", "ok" if value <= most else "fail", value, most, QUANTITIES[name], why,
                       f"{name}, t = {traj.t[at + 1]:.4g} s")
     return [finding], bool(same >= SAME)
+
+
+def judge_axes(turned: Answer, plain: Answer, own: Defects) -> list[Finding]:
+    """The finding that an engine prefers axes of the world: from the same states it does otherwise in a turned one.
+
+    None if both are the same in most parts. Errors of such an engine differ from start to start.
+    """
+    units = own.scale.units
+    gaps = {name: each.max(axis=1)[1:] / units[name] for name, each in differences(plain.traj, turned.traj).items()}
+    rounding = DECLARED * np.max([own.floor[name] / units[name] for name in QUANTITIES], axis=0)
+    bound = _added(own, plain, 0.0 * plain.begins.t, rounding)
+    over = np.max(list(gaps.values()), axis=0) * own.flow.regular / bound
+    parts = itertools.pairwise(plain.marks.tolist())
+    if np.mean([bool(np.nanmax(over[first:last]) <= 1.0) for first, last in parts]) >= SAME:
+        return []
+    name = max(gaps, key=lambda each: float(np.nanmax(gaps[each])))
+    at = int(np.nanargmax(gaps[name]))
+    value = float(gaps[name][at] * units[name])
+    return [Finding("axes", "ok", value, None, QUANTITIES[name], "the engine prefers axes of the world, as angles "
+                    "do and steps that are chosen by single components: from the same states it moves otherwise where "
+                    "the world is turned", f"{name}, t = {plain.traj.t[at + 1]:.4g} s")]
 
 
 def _added(own: Defects, repeat: Answer, begun: np.ndarray, each: np.ndarray) -> np.ndarray:

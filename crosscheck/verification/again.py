@@ -263,11 +263,14 @@ class Asked:
         answers = (made(interval / each) for each in counts[:2 if run.documented_order == 1 else 1])
         return [each for each in answers if not isinstance(each, str)]
 
-    def repeat(self, length: float) -> Answer | str:
-        """The parts of the run once more, at its own step or tolerance, elsewhere; or why they could not be made."""
+    def repeat(self, length: float, turned: bool = True) -> Answer | str:
+        """The parts of the run once more, at its own step or tolerance, elsewhere; or why they could not be made.
+
+        Without `turned`, or where a turned world cannot be made, the other world is only shifted.
+        """
         answer: Answer | str = ""
-        for turned in (True, False):
-            answer = self.parts(self.run.step, World.drawn(self.scene, length, turned))
+        for also in (True, False)[not turned:]:
+            answer = self.parts(self.run.step, World.drawn(self.scene, length, also))
             if not isinstance(answer, str):
                 break
         return answer

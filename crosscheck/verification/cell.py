@@ -22,7 +22,7 @@ from crosscheck.judge.intervals import Judged as Covered
 from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows, unjudged
 from crosscheck.judge.metrics import Error, errors
 from crosscheck.judge.overrides import override
-from crosscheck.judge.repeats import judge_repeat, seen_eps
+from crosscheck.judge.repeats import judge_axes, judge_repeat, seen_eps
 from crosscheck.judge.sensors import judge_sensors
 from crosscheck.judge.substeps import MORE
 from crosscheck.judge.verdict import (
@@ -170,18 +170,28 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
         told, forgets = ([_not_repeated(again)], False) if isinstance(again, str) else judge_repeat(
             traj, again, runs[0])
         runs = [dataclasses.replace(each, forgets=forgets) for each in runs]
-        intervals, covered = judge_intervals(scene, traj, runs)
-        findings = [*intervals, *judge_noise(runs), *judge_windows(runs)]
-        # Accelerations of its own have not settled after a part, if the engine remembers more than the state.
         settled, beside = others, runs
         if not (whole or forgets):
+            # Accelerations of its own have not settled after a part, if the engine remembers more than the state.
             settled = asked.companions(True)
             beside = [runs[0], *measured(scene, traj, settled, reference, claim, runs[0])]
+            if axes := _axes(asked, again, runs[0]):  # parts have other errors, since their axes are others
+                told, others, runs = [*told, *axes], settled, beside
+        intervals, covered = judge_intervals(scene, traj, runs)
+        findings = [*intervals, *judge_noise(runs), *judge_windows(runs)]
         findings += judge_accelerations(scene, [traj, *(each.traj for each in settled)], beside)
         return _Seen(eps, [*findings, *told], runs, others, covered)
     except np.linalg.LinAlgError:
         return _Seen(eps, [Finding("interval velocity", "fail", np.inf, None, "m/s", "the equations of motion have no "
                                    "solution along the true motion from the run's own states")], [], [], nothing)
+
+
+def _axes(asked: Asked, again: Answer | str, own: Defects) -> list[Finding]:
+    """The finding on an engine that prefers axes of the world; none where that does not show."""
+    if isinstance(again, str) or not again.turned or len(own.flow.index) < len(asked.traj.t) - 1:
+        return []
+    plain = asked.repeat(own.scale.length, turned=False)
+    return [] if isinstance(plain, str) else judge_axes(again, plain, own)
 
 
 def _main_run(asked: Asked, reference: Reference, window: Reference, held: frozenset[str], budgeted: bool) -> _Main:
@@ -335,7 +345,8 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference 
     gap = energy_error * size if scene.worked_on else _energy_gap(traj, maxima)
     return replace(
         run, form=traj.form or run.form, status=traj.status, duration=scene.duration,
-        errors={name: error.figures for name, error in missed.items()}, levels=levels, off=_off(scene, reference, missed),
+        off=_off(scene, reference, missed), errors={name: error.figures for name, error in missed.items()},
+        levels=levels,
         energy_error=energy_error, energy_error_by_start=float(gap / start) if start else None,
         momentum_error=momentum, orthogonality=_most(traj.orthogonality, maxima.get("orthogonality")),
         steps=int(traj.steps), wall_time=float(traj.wall_time), us_per_step=1e6 * traj.wall_time / max(1, traj.steps),

@@ -10,7 +10,7 @@ from crosscheck.references import truth
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell, windowed
 from tests.fake_engine import install
-from tests.right_engines import TABLEAUX, Adaptive, Floats, Matrices, Millimetres, Projected, Rotations
+from tests.right_engines import TABLEAUX, Adaptive, Angles, Floats, Matrices, Millimetres, Projected, Rotations
 
 SCENES = ("single_pendulum", "double_pendulum", "triple_pendulum", "heavy_top", "hinge_pendulum", "four_bar",
           "cylindrical_pendulum", "universal_pendulum", "prismatic_slider", "spring_pendulum", "planar_slider",
@@ -54,6 +54,14 @@ def test_coordinates_that_are_chosen_anew_for_each_start_are_no_fault():
     """A ball of Exudyn's tree is three angles: their order depends on the motion, and with it the error."""
     run = run_cell(Cell("heavy_top", Way("exudyn", "DOPRI5", form="tree"), PLANS["heavy_top"], study=False))
     assert run.outcome == "pass", run.worst
+
+
+@pytest.mark.parametrize(("engine", "named"), [(Angles, True), (Rotations, False)])
+def test_axes_of_the_world_are_named_and_no_fault(monkeypatch, engine, named):
+    install(monkeypatch, engine())
+    run = run_cell(Cell("single_pendulum", Way("fake", "RK4"), plan("single_pendulum"), study=False, whole=False))
+    assert run.outcome == "pass", run.worst
+    assert any(finding.kind == "axes" for finding in run.findings) == named
 
 
 @pytest.mark.slow

@@ -2,24 +2,80 @@
 
 from __future__ import annotations
 
+import ast
+import functools
 import importlib.metadata
 import io
 import os
 import sys
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
 
 from crosscheck.cli.console import INTERRUPTED, complain, interrupted
-from crosscheck.cli.engines import inspect, list_, support
-from crosscheck.cli.history import app as history
-from crosscheck.cli.models import bisect, derivatives, diff, export, import_, modes, reproduce
-from crosscheck.cli.runs import advise, explain, judge, law, run, truth
-from crosscheck.cli.study import app as study
-from crosscheck.cli.verify import nightly, paper, report, sweep, verify
 from crosscheck.errors import CrosscheckError, missing
 
-app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
+COMMANDS = {
+    "verify": "verify", "judge": "runs", "advise": "runs", "run": "runs", "truth": "runs", "explain": "runs",
+    "law": "runs", "inspect": "engines", "derivatives": "models", "modes": "models", "diff": "models",
+    "reproduce": "models", "bisect": "models", "support": "engines", "report": "verify", "paper": "verify",
+    "nightly": "verify", "sweep": "verify", "list": "engines", "import": "models", "export": "models",
+    "history": "history", "study": "study"}
+"""The file of each command."""
+
+FUNCTIONS = {"list": "list_", "import": "import_", "history": "alone", "study": "alone"}
+"""The function of a command with another name. Those with commands of their own have `alone`, and an `app`."""
+
+
+@functools.cache
+def loaded(name: str) -> Any:
+    """A command, whose file is imported, and with it what it needs."""
+    module = importlib.import_module(f"crosscheck.cli.{COMMANDS[name]}")
+    if FUNCTIONS.get(name) == "alone":
+        return get_command(module.app)
+    single = typer.Typer(add_completion=False)
+    single.command(name)(getattr(module, FUNCTIONS.get(name, name)))
+    return get_command(single)
+
+
+class _Commands(Mapping[str, Any]):
+    """All commands by name. They are imported one by one, when they are asked for."""
+
+    __getitem__ = staticmethod(loaded)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COMMANDS)
+
+    def __len__(self) -> int:
+        return len(COMMANDS)
+
+
+class Commands(TyperGroup):
+    """The command `crosscheck`, which lists its commands without importing them."""
+
+    commands: Any
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self.commands = _Commands()
+
+    def format_help(self, *given: Any) -> None:
+        """Write what each function says of itself in its file."""
+        told = {file: {node.name: ast.get_docstring(node) for node in ast.parse(
+            Path(__file__).with_name(f"{file}.py").read_text(encoding="utf-8")).body
+            if isinstance(node, ast.FunctionDef)} for file in set(COMMANDS.values())}
+        self.commands = {name: TyperCommand(name, help=told[file][FUNCTIONS.get(name, name)])
+                         for name, file in COMMANDS.items()}
+        super().format_help(*given)
+        self.commands = _Commands()
+
+
+app = typer.Typer(name="crosscheck", cls=Commands, add_completion=False, no_args_is_help=True,
+                  pretty_exceptions_enable=False,
                   help="One multibody scene, many engines, every result measured against independent truth. Begin with "
                        "`crosscheck list` and `crosscheck verify --scene double_pendulum --profile smoke`.")
 
@@ -41,16 +97,6 @@ def _print_versions(asked: bool) -> None:
     for name in adapters.names():
         typer.echo(f"{name} {engine_version(name)}")
     raise typer.Exit
-
-
-for command in (verify, judge, advise, run, truth, explain, law, inspect, derivatives, modes, diff, reproduce, bisect,
-                support, report, paper, nightly, sweep):
-    app.command()(command)
-app.command("list")(list_)
-app.command("import")(import_)
-app.command()(export)
-app.add_typer(history)
-app.add_typer(study)
 
 
 def main() -> None:

@@ -12,12 +12,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli.console import console, figures, key, print_table, say, words
-from crosscheck.errors import ArgumentError, counted
+from crosscheck.errors import ArgumentError, counted, unknown
+from crosscheck.history import changes
+from crosscheck.history import store as stored
+from crosscheck.history.overview import write_history, write_trend
+from crosscheck.report.schema import read_document
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
-app = typer.Typer(name="history", help="The runs in the store, their changes and trends; alone: the last runs.")
+app = typer.Typer(name="history", add_completion=False)
 
 OUTCOME = "outcome"
 """A column of `show` that is not a number; `trend` prints where it changed."""
@@ -39,17 +43,15 @@ def alone(context: typer.Context, store: Store = None) -> None:
 @app.command("list")
 def list_(store: Store = None, limit: Annotated[int, typer.Option(help="how many of the last runs")] = 20) -> None:
     """The last runs, the newest first."""
-    from crosscheck.history.store import EMPTY, recent
-
     rows = []
     with _opened(store) as opened:
-        for run in recent(opened, limit):
+        for run in stored.recent(opened, limit):
             engines = ", ".join(f"{name} {version}" for name, version in sorted(run.versions["engine"].items()))
             machine = f"{run.environment.processor}, {run.environment.cores} cores"
             rows.append((run.name, run.profile, str(run.exit_code), "yes" if run.good else "",
                          run.environment.commit or "", machine, engines))
     if not rows:
-        say(EMPTY)
+        say(stored.EMPTY)
         return
     columns = [key("run"), *figures("profile", "exit", "compared with", "commit"), words("machine"), words("engines")]
     print_table(console(200), columns, rows)
@@ -60,11 +62,9 @@ def show(run: Run = "latest", store: Store = None,
          scene: Annotated[str | None, typer.Option(help="only this scene")] = None,
          metric: Annotated[list[str] | None, typer.Option(help="may be repeated")] = None) -> None:
     """The figures of one run."""
-    from crosscheck.history.store import find, load
-
     wanted = metric or ["position error", "position order", "energy error", "us per step", "speed ratio"]
     with _opened(store) as opened:
-        past = load(opened, find(opened, run))
+        past = stored.load(opened, stored.find(opened, run))
     known = sorted({name for result in past.results.values() for name in result.figures})
     for name in wanted:
         if metric and name not in known:
@@ -85,11 +85,8 @@ def show(run: Run = "latest", store: Store = None,
 @app.command()
 def compare(before: Run, after: Run = "latest", store: Store = None) -> None:
     """Print what changed from one run to another; exit code 1 if something became worse."""
-    from crosscheck.history import changes
-    from crosscheck.history.store import find, load
-
     with _opened(store) as opened:
-        old, new = (load(opened, find(opened, name)) for name in (before, after))
+        old, new = (stored.load(opened, stored.find(opened, name)) for name in (before, after))
     changed = changes.compare(old, new)
     typer.echo(f"{old.name} -> {new.name}")
     for change in changed:
@@ -113,14 +110,10 @@ def trend(
     store: Store = None,
 ) -> None:
     """Print one figure over all runs, with its change points marked ◆."""
-    from crosscheck.history import changes
-    from crosscheck.history.overview import write_trend
-    from crosscheck.history.store import figure_names, outcomes, series
-
     cell = (scene, engine, method, form, coarse)
     if metric == OUTCOME:
         with _opened(store) as opened:
-            told = outcomes(opened, cell)
+            told = stored.outcomes(opened, cell)
         if not told:
             raise ArgumentError(_no("metric", OUTCOME, []))
         typer.echo(f"{OUTCOME}, {counted(len(told), 'run')}")
@@ -129,9 +122,9 @@ def trend(
             typer.echo(f"{outcome}: {counted(len(names), 'run')} from {names[0]} on")
         return
     with _opened(store) as opened:
-        seen = series(opened, metric, cell)
+        seen = stored.series(opened, metric, cell)
         if not seen:
-            raise ArgumentError(_no("metric", metric, figure_names(opened, cell)))
+            raise ArgumentError(_no("metric", metric, stored.figure_names(opened, cell)))
     series_of = [figure for _, figure in seen]
     changed = changes.change_points(series_of)
     unit = "" if series_of[0].unit == "1" else f" {series_of[0].unit}"
@@ -153,8 +146,6 @@ def trend(
 def page(out: Annotated[Path, typer.Option(help="folder of the page; beside reports it shares their menus")] = Path(
              "reports/history"), store: Store = None) -> None:
     """Write the page of the history: sparklines of every scene and engine, and of the figures of every run."""
-    from crosscheck.history.overview import write_history
-
     with _opened(store) as opened:
         typer.echo(f"page: {write_history(out, opened)}")
 
@@ -162,41 +153,32 @@ def page(out: Annotated[Path, typer.Option(help="folder of the page; beside repo
 @app.command()
 def add(folder: Annotated[Path, typer.Argument(help="a report, or its results.json")], store: Store = None) -> None:
     """Add a run of `crosscheck verify` to the store; it counts as good if all its verdicts pass."""
-    from crosscheck.history.store import run_from_document, save
-    from crosscheck.report.schema import read_document
-
     path = folder if folder.suffix == ".json" else folder / "results.json"
     document = read_document(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:4]
     name = f"{document.meta.time.removesuffix(' UTC').replace(' ', 'T').replace(':', '-')}-{digest}"
     with _opened(store) as opened:
-        new = save(opened, run_from_document(name, document, good=document.exit_code == 0))
+        new = stored.save(opened, stored.run_from_document(name, document, good=document.exit_code == 0))
     typer.echo(f"{'added' if new else 'already there'}: {name}")
 
 
 @app.command()
 def accept(run: Run = "latest", store: Store = None) -> None:
     """Compare later runs with this one, even if its verdicts changed, because the changes are intended."""
-    from crosscheck.history.store import find, set_good
-
     with _opened(store) as opened:
-        name = find(opened, run)
-        set_good(opened, name)
+        name = stored.find(opened, run)
+        stored.set_good(opened, name)
     typer.echo(f"accepted: {name}")
 
 
 def _no(what: str, name: str, known: list[str]) -> str:
-    from crosscheck.errors import unknown
-
     return unknown(what, name, known) if known else (
         "no run in the store has this scene, engine, method and form; `crosscheck history show` lists what it has")
 
 
 @contextlib.contextmanager
 def _opened(where: str | None) -> Iterator[Engine]:
-    from crosscheck.history.store import open_store
-
-    engine = open_store(where)
+    engine = stored.open_store(where)
     try:
         yield engine
     finally:

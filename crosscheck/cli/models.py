@@ -5,12 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
+from crosscheck import adapters
+from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.export import export_model
 from crosscheck.cli import options
 from crosscheck.cli.console import say, waiting
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, counted
 from crosscheck.files import put
+from crosscheck.inspection import bisect as releases
+from crosscheck.inspection.bisect import issue as filed
+from crosscheck.inspection.diff import diff as compare
+from crosscheck.inspection.reproduce import reproduce as written
+from crosscheck.jointspace.derivatives import truth
+from crosscheck.jointspace.laws import smooth
+from crosscheck.jointspace.modes import modes as find
+from crosscheck.jointspace.parameters import altered
+from crosscheck.jointspace.verdicts import Verdict, judge
+from crosscheck.scene.models import import_file
+from crosscheck.scene.models.words import quoted, together
 
 
 def import_(
@@ -35,11 +50,6 @@ def import_(
 
     Exit code 0: written; 2: refused, and nothing is written.
     """
-    from crosscheck import adapters
-    from crosscheck.adapters.base import RunSpec
-    from crosscheck.scene.models import import_file
-    from crosscheck.scene.models.words import quoted, together
-
     with waiting(f"reading {model.name}"):
         scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples,
                             balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
@@ -62,8 +72,6 @@ def export(
     out: Annotated[Path, typer.Option("--out", "-o", help="the file: .xml (MJCF), .urdf, or .py, which runs Exudyn")],
 ) -> None:
     """Convert a scene to MJCF, URDF or a script for Exudyn; refuse, by name, what the format cannot hold."""
-    from crosscheck.adapters.export import export_model
-
     export_model(scene, out)
     typer.echo(f"written: {out}")
 
@@ -76,8 +84,6 @@ def diff(
 
     Exit code 0: the same motion; 1: something differs; 2: one of them cannot be read.
     """
-    from crosscheck.inspection.diff import diff as compare
-
     report = compare(a, b)
     for line in report.lines:
         say(line)
@@ -105,10 +111,6 @@ def derivatives(
 
     Exit code 0: all are right; 1: one is wrong; 2: it could not be done.
     """
-    from crosscheck.jointspace.derivatives import truth
-    from crosscheck.jointspace.laws import smooth
-    from crosscheck.jointspace.verdicts import Verdict, judge
-
     asked = smooth(options.loaded(scene, drop, keyframe))
     exact = truth(asked)
     verdicts: list[Verdict] = []
@@ -163,11 +165,6 @@ def modes(
     keyframe: options.Keyframe = None,
 ) -> None:
     """Eigenvalues of small motions about a scene's start, an equilibrium or a steady motion."""
-    import numpy as np
-
-    from crosscheck.jointspace.modes import modes as find
-    from crosscheck.jointspace.parameters import altered
-
     asked = options.loaded(scene, drop, keyframe)
     eigenvalues = {"": find(asked).eigenvalues}
     path = ""
@@ -210,9 +207,6 @@ def reproduce(
 
     Exit code 0: written; 2: no script can hold it.
     """
-    from crosscheck.inspection.bisect import issue as filed
-    from crosscheck.inspection.reproduce import reproduce as written
-
     script = written(scene, engine, method, step, duration, keyframe)
     for path, text in ((out, script.text), (issue, filed(script, engine))):
         if path is not None:
@@ -237,9 +231,6 @@ def bisect(
     An environment is made for each release that is run, by uv or pip, and kept. Exit code 0: nothing changed; 1: a
     release changed the answer; 2: it could not be done.
     """
-    from crosscheck.inspection import bisect as releases
-    from crosscheck.inspection.reproduce import reproduce as written
-
     script = written(scene, engine, method, step, duration, keyframe)
     result = releases.bisect(script, engine, versions, say)
     for change in result.changes:

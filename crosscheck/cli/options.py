@@ -6,20 +6,20 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from crosscheck.adapters.base import CHOICES
 from crosscheck.errors import ArgumentError, unknown
-from crosscheck.files import finite
+from crosscheck.files import cache_folder, finite
+from crosscheck.scene.file import load_scene
+from crosscheck.scene.model import Scene
+from crosscheck.scene.models import import_file, import_model, is_model
 
-if TYPE_CHECKING:
-    from crosscheck.scene.model import Scene
 
 def _known_map(given: str | Sequence[str] | None) -> Any:
     """The map or maps of an option; raises `ArgumentError` for an unknown one."""
-    from crosscheck.adapters.base import CHOICES
-
     for name in (given,) if isinstance(given, str) else given or ():
         if name not in CHOICES["coordinate_map"]:
             raise ArgumentError(unknown("--map", name, CHOICES["coordinate_map"]))
@@ -74,9 +74,6 @@ def controls(given: Iterable[str] | None) -> dict[str, float]:
 def loaded(name: str, drop: bool, keyframe: str | None, control: Iterable[str] | None = None,
            limits: str = "monitor") -> Scene:
     """The scene of a name, a scene file or a model file; prints what is left out of a model."""
-    from crosscheck.scene.file import load_scene
-    from crosscheck.scene.models import import_model, is_model
-
     if not is_model(name):
         if drop or keyframe is not None or control or limits != "monitor":
             raise ArgumentError("--drop, --keyframe, --control and --limits go with a model file, .xml or .urdf, not "
@@ -95,9 +92,6 @@ def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None, c
     if names is None:
         return None
     import hashlib
-
-    from crosscheck.files import cache_folder
-    from crosscheck.scene.models import import_file, is_model
 
     files = []
     for name in names:

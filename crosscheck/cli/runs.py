@@ -8,20 +8,31 @@ import math
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated, Any
+from typing import IO, Annotated, Any
 
+import msgspec
 import typer
 
+from crosscheck import adapters, recordings
+from crosscheck.adapters.base import RunSpec
 from crosscheck.cli import options
 from crosscheck.cli.console import progress_bar, say, waiting
 from crosscheck.cli.options import figure
+from crosscheck.diagnosis import explain as explain_run
+from crosscheck.diagnosis.laws import which_law
 from crosscheck.document import PASSING, Advice, Record, Way, extended
 from crosscheck.errors import ArgumentError
 from crosscheck.files import cell, replacing
-
-if TYPE_CHECKING:
-    from crosscheck.running.trajectory import Trajectory
-    from crosscheck.scene.model import Scene
+from crosscheck.judge.verdict import word, worst
+from crosscheck.references import Chaotic, conditioning
+from crosscheck.running.provenance import engine_version
+from crosscheck.running.run import run as run_scene
+from crosscheck.running.run import truth as truth_of
+from crosscheck.running.trajectory import Trajectory
+from crosscheck.scene.model import Scene
+from crosscheck.scene.sensors import columns, unit
+from crosscheck.verification.advice import advise as advice_for
+from crosscheck.verification.cell import judge_run
 
 
 def run(
@@ -53,9 +64,6 @@ def run(
 
     Exit code 0: the verdict passes; 1: it fails.
     """
-    from crosscheck import adapters
-    from crosscheck.running.run import run as run_scene
-
     if method is None:
         if engine != "lieeuler":
             raise ArgumentError(f"--method: {engine} has {', '.join(adapters.get(engine).methods)}: name one of them")
@@ -79,11 +87,6 @@ def run(
 def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: float | None,
             given: Mapping[str, Any]) -> Record | None:
     """The verdict; None if there is neither a step nor a tolerance by which to judge."""
-    from crosscheck import adapters
-    from crosscheck.adapters.base import RunSpec
-    from crosscheck.running.provenance import engine_version
-    from crosscheck.verification.cell import judge_run
-
     adapter, used = adapters.get(engine), step or traj.stats.get("step")
     spec = RunSpec(traj.method, step=used if rtol is None else None, rtol=rtol, form=given.get("form"))
     order = adapter.documented_order(traj.scene, spec)
@@ -97,8 +100,6 @@ def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: 
 
 
 def _print_verdict(judged: Record | None, traj: Trajectory) -> None:
-    from crosscheck.judge.verdict import word, worst
-
     if judged is None:
         say("verdict: none, because bounds follow from --step or --rtol and neither was given")
         return
@@ -150,9 +151,6 @@ def truth(
     floor: Annotated[bool, typer.Option("--floor", help="say what rounding leaves in double precision")] = False,
 ) -> None:
     """Print the independent truth of a scene: its sources, its error, the end state."""
-    from crosscheck.references import Chaotic
-    from crosscheck.running.run import truth as truth_of
-
     shown = options.loaded(scene, drop, keyframe)
     try:
         reference = truth_of(shown)
@@ -173,8 +171,6 @@ def truth(
     say(f"a perturbation grows {reference.amplification:.3g}-fold over {shown.duration:g} s; "
         f"runs are compared with truth up to {reference.horizon:g} s")
     if floor:
-        from crosscheck.references import conditioning
-
         left, when = conditioning.floor(shown)
         say(f"floor of double precision: {left:.1e} of the length, radians; a rounding at {when:g} s grows most")
     for body, position in zip(shown.bodies, reference.states.x[-1], strict=True):
@@ -183,8 +179,6 @@ def truth(
 
 def write_csv(scene: Any, states: Any, target: str) -> None:
     """Write states as CSV, one line per output time, in full precision; `target` is a path, or - for the terminal."""
-    from crosscheck.scene.sensors import columns, unit  # here: `crosscheck --help` does without NumPy
-
     header = ["t [s]"]
     for body in scene.bodies:
         header += [f"{body.name} x_{axis} [m]" for axis in "xyz"]
@@ -244,8 +238,6 @@ def judge(
     Exit code 0: within the tolerances; 1: not; 2: a file cannot be read; 3: no verdict was asked for, or none is
     possible.
     """
-    from crosscheck import recordings
-
     described = options.loaded(scene, drop, keyframe)
     if suggest:
         typer.echo(recordings.suggest(files[0], described), nl=False)
@@ -288,10 +280,9 @@ def explain(
 
     Exit code 0: no difference; 1: a cause is named; 2: it differs, and the cause is unknown.
     """
-    from crosscheck.diagnosis import explain as find
-
-    answer = find(options.loaded(scene, drop, keyframe), engine, method, form, step, coordinate_map=coordinate_map,
-                  softness=softness, node=node, alpha=alpha, beta=beta, spectral_radius=spectral_radius, reduce=reduce)
+    answer = explain_run(options.loaded(scene, drop, keyframe), engine, method, form, step,
+                         coordinate_map=coordinate_map, softness=softness, node=node, alpha=alpha, beta=beta,
+                         spectral_radius=spectral_radius, reduce=reduce)
     if as_json:
         options.print_json(answer.plain())
     else:
@@ -334,8 +325,6 @@ def law(
 
     Exit code 0: to the scene's law; 1: to another one, or not at all; 2: it could not be done, or truth is missing.
     """
-    from crosscheck.diagnosis.laws import which_law
-
     answers = which_law(options.loaded(scene, drop, keyframe), engine, method, step, softness)
     say(str(answers))
     raise typer.Exit(2 if answers.without else 0 if answers.way.limit() in ("the scene's", "both") else 1)
@@ -352,12 +341,8 @@ def advise(
     The first call for a scene and engine compares runs with truth, for at most half a minute of processor time; later
     calls read the results. Exit code 0: a method reaches the error; 1: none does.
     """
-    import msgspec
-
-    from crosscheck.verification.advice import advise as find
-
     with waiting(f"runs of {engine} at a ladder of steps, against truth"):
-        advice = find(scene, engine=engine, error=error)
+        advice = advice_for(scene, engine=engine, error=error)
     if as_json:
         options.print_json(msgspec.to_builtins(advice))
     else:

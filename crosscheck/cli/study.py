@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -13,15 +13,17 @@ from crosscheck.cli.console import console, figures, key, print_table, progress_
 from crosscheck.cli.options import Engines, chosen, figure
 from crosscheck.cli.options import figures as shown
 from crosscheck.errors import counted
+from crosscheck.studies import study as studies
+from crosscheck.studies.chaos import ChaosAsk, ChaosStudy
+from crosscheck.studies.drift import DriftAsk, DriftStudy
+from crosscheck.studies.stability import Stability, StabilityAsk
+from crosscheck.studies.study import Ask, Study, StudyDocument
+from crosscheck.studies.work_precision import FRONTIERS, WorkPrecision, WorkPrecisionAsk
 
-if TYPE_CHECKING:
-    from crosscheck.studies.study import Ask, Study, StudyDocument
+Asked = TypeVar("Asked", bound=Ask)
+Doc = TypeVar("Doc", bound=StudyDocument)
 
-    Asked = TypeVar("Asked", bound=Ask)
-    Doc = TypeVar("Doc", bound=StudyDocument)
-
-app = typer.Typer(name="study", no_args_is_help=True,
-                  help="Work against precision, drift over long runs, largest usable steps, chaos.")
+app = typer.Typer(name="study", no_args_is_help=True, add_completion=False)
 
 SHOWN = (1, 4, 7)
 """Indices of the error levels in the table of all methods, see `crosscheck.studies.work_precision.LEVELS`."""
@@ -31,12 +33,15 @@ Step = Annotated[float, typer.Option(min=1e-9, help="s; powers of 2, such as the
 Out = Annotated[Path, typer.Option("--out", "-o", help="folder of the page, JSON and CSV")]
 
 
+@app.callback()
+def alone() -> None:
+    """Work against precision, drift over long runs, largest usable steps, chaos."""
+
+
 def _conduct(study: Study[Asked, Any, Doc], ask: Asked, out: Path) -> Doc:
     """Run a study with a progress bar; returns its document."""
-    from crosscheck.studies.study import conduct
-
     with progress_bar() as progress:
-        return conduct(study, ask, out, progress)
+        return studies.conduct(study, ask, out, progress)
 
 
 def _tell_page(out: Path) -> None:
@@ -56,8 +61,6 @@ def work_precision(
     out: Out = Path("reports/work-precision"),
 ) -> None:
     """Measure errors against stepping time and force evaluations, and the fastest runs at errors 1e-2 ... 1e-11."""
-    from crosscheck.studies.work_precision import FRONTIERS, WorkPrecision, WorkPrecisionAsk
-
     ask = WorkPrecisionAsk(chosen(scene), chosen(engine), chosen(method), time_limit, repeats, bound, duration,
                            coordinate_map=coordinate_map)
     document = _conduct(WorkPrecision(), ask, out)
@@ -105,8 +108,6 @@ def drift(
     out: Out = Path("reports/drift"),
 ) -> None:
     """Measure the drift of energy, momentum, constraints and attitudes over long runs."""
-    from crosscheck.studies.drift import DriftAsk, DriftStudy
-
     ask = DriftAsk(chosen(scene), chosen(engine), chosen(method), time_limit, step, steps,
                    coordinate_map=coordinate_map)
     document = _conduct(DriftStudy(), ask, out)
@@ -144,8 +145,6 @@ def stability(
 
     A study that was killed continues when it is started again with the same arguments.
     """
-    from crosscheck.studies.stability import Stability, StabilityAsk
-
     ask = StabilityAsk(chosen(scene), chosen(engine), chosen(method), time_limit, jobs, step, duration, fresh=fresh,
                        coordinate_map=coordinate_map)
     document = _conduct(Stability(), ask, out)
@@ -187,8 +186,6 @@ def chaos(
 
     Exit code 0: no distribution differs; 1: one does.
     """
-    from crosscheck.studies.chaos import ChaosAsk, ChaosStudy
-
     ask = ChaosAsk(chosen(scene), chosen(engine), chosen(method), time_limit, duration, step,
                    coordinate_map=coordinate_map)
     document = _conduct(ChaosStudy(), ask, out)

@@ -11,21 +11,38 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
+import msgspec
 import typer
 
+from crosscheck import adapters
+from crosscheck import report as site
+from crosscheck.adapters.base import CHOICES
 from crosscheck.cli import options
 from crosscheck.cli.console import complain, console, figures, key, print_table, progress_bar, say
 from crosscheck.cli.options import Control, Drop, EngineNames, Keyframe, Limits, SceneNames, scene_files
 from crosscheck.document import EULER, Asked, Document, Record
 from crosscheck.errors import ArgumentError, counted, install, unknown
 from crosscheck.files import put
+from crosscheck.history import nightly as nights
+from crosscheck.jobs.table import Table
+from crosscheck.judge import overrides
+from crosscheck.recordings import published
+from crosscheck.report import check_out, schema, write
+from crosscheck.report.figures import write_figures
 from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, state
 from crosscheck.report.overview import worst_first
-
-if TYPE_CHECKING:
-    from crosscheck.recordings.published import Figure
+from crosscheck.report.pages import cover
+from crosscheck.report.pdf import find_browser, write_pdf
+from crosscheck.report.schema import read_document
+from crosscheck.scene.file import as_scene, load_scene
+from crosscheck.studies.paper import bundle
+from crosscheck.studies.paper.figures import FORMATS
+from crosscheck.studies.paper.runs import Request
+from crosscheck.sweeps import job as sweeps
+from crosscheck.verification import job
+from crosscheck.verification.job import limits_of
 
 COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order", "position error, m", "bound, m",
                                               "judged to", "energy error", "us/step"))
@@ -64,14 +81,6 @@ def verify(
     kill; times are measured anew. Exit code 0: all within tolerance; 1: a verdict
     failed; 2: the run itself failed; 3, with --strict: nothing failed, but a run could not be judged.
     """
-    from crosscheck.jobs.table import Table
-    from crosscheck.judge import overrides
-    from crosscheck.recordings import published
-    from crosscheck.report import check_out, schema, write
-    from crosscheck.scene.file import as_scene
-    from crosscheck.verification import job
-    from crosscheck.verification.job import limits_of
-
     if jobs < 1:
         raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
     if tag:
@@ -151,7 +160,7 @@ def print_verdicts(document: Document, page: Path) -> None:
     print(f"report: {page}")
 
 
-def _print_published(literature: Sequence[Figure]) -> None:
+def _print_published(literature: Sequence[published.Figure]) -> None:
     """Print published figures beside truth and the engines; those that differ from truth are marked."""
     if not literature:
         return
@@ -223,13 +232,10 @@ def nightly(
 
     Exit code 0: all within tolerance and no finding; 1: a verdict failed or something became worse; 2: the run failed.
     """
-    from crosscheck.history import nightly as job
-    from crosscheck.verification.job import limits_of
-
-    wanted = job.Wanted(profile, scene, engine, jobs, limits_of(time_limit, memory_limit),
+    wanted = nights.Wanted(profile, scene, engine, jobs, limits_of(time_limit, memory_limit),
                         Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler, fresh)
     with progress_bar() as progress:
-        night = job.nightly(out, wanted, store, keep, progress)
+        night = nights.nightly(out, wanted, store, keep, progress)
     for line in night.summary.splitlines():
         say(line, hang=2)
     raise typer.Exit(night.exit_code)
@@ -246,24 +252,20 @@ def sweep(
     cell: Annotated[str | None, typer.Option(help="run only this cell again, and print its row")] = None,
 ) -> None:
     """Run a sweep. Finished cells are not computed again, so the same command continues an interrupted sweep."""
-    import msgspec
-
-    from crosscheck.sweeps import job
-
     target = out or Path("reports") / f"sweep-{file.stem}"
     if dry_run:
-        count, missing, seconds = job.estimate(file, target, workers)
+        count, missing, seconds = sweeps.estimate(file, target, workers)
         spoken = (f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min" if seconds < 7200 else
                   f"{seconds / 3600:.1f} h")
         say(f"{counted(count, 'cell')}, of which {count - missing} finished and {missing} to be computed, about "
             f"{spoken} with {counted(workers, 'worker')}")
         return
     if cell is not None:
-        for name, value in msgspec.structs.asdict(job.one(file, cell)).items():
+        for name, value in msgspec.structs.asdict(sweeps.one(file, cell)).items():
             typer.echo(f"{name}: {value}")
         return
     with progress_bar() as progress:
-        frame = job.sweep(file, workers, scheduler, target, progress, fresh)
+        frame = sweeps.sweep(file, workers, scheduler, target, progress, fresh)
     report = frame.attrs["report"]
     counts = frame.groupby(["scene", "engine", "method"], dropna=False)
     print_table(console(160), [key("scene"), key("engine"), key("method"), *figures(
@@ -281,7 +283,7 @@ def sweep(
                "'lieeuler-crosscheck[report]')")
 
 
-FORMATS = ("html", "pdf", "svg")
+RENDERED = ("html", "pdf", "svg")
 
 
 def report(
@@ -292,23 +294,15 @@ def report(
     appendix: Annotated[bool, typer.Option("--appendix", help="pdf: add all other pages")] = False,
 ) -> None:
     """Render a finished run again from its results.json, without running anything."""
-    from crosscheck import report as site
-
     folder = run.parent if run.name == "results.json" else run
-    if format_ not in FORMATS:
-        raise ArgumentError(f"--format {format_!r} is unknown: choose {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
+    if format_ not in RENDERED:
+        raise ArgumentError(f"--format {format_!r} is unknown: choose {', '.join(RENDERED[:-1])} or {RENDERED[-1]}")
     if not folder.is_dir():
         raise ArgumentError(f"{run}: no such folder; name one that `crosscheck verify` wrote, such as reports/latest")
     if format_ == "svg":
-        from crosscheck.report.figures import write_figures
-
         written = write_figures(site.load_report(folder), folder / site.FIGURES)
         typer.echo(f"{len(written)} figures: {folder / site.FIGURES}")
     elif format_ == "pdf":
-        from crosscheck.report.pages import cover
-        from crosscheck.report.pdf import find_browser, write_pdf
-        from crosscheck.report.schema import read_document
-
         browser = find_browser()
         site.render_again(folder)
         document = read_document(folder / "results.json")
@@ -338,13 +332,6 @@ def paper(
                        ] = None,
 ) -> None:
     """Write figures and tables like those in the papers for any scenes: vector graphics, LaTeX, BibTeX and the data."""
-    from crosscheck import adapters
-    from crosscheck.adapters.base import CHOICES
-    from crosscheck.scene.file import load_scene
-    from crosscheck.studies.paper import bundle
-    from crosscheck.studies.paper.figures import FORMATS
-    from crosscheck.studies.paper.runs import Request
-
     known = adapters.get(engine).fixed_step_methods
     methods = tuple(dict.fromkeys(method or (EULER if engine == "lieeuler" else known)))
     maps, kinds = tuple(coordinate_map or ("exp",)), tuple(formats or FORMATS)

@@ -215,7 +215,7 @@ def change_points(figures: Sequence[Figure]) -> list[int]:
     A point is compared with the median of the points since the last change. For a speed, the next point must agree, if
     there is one, so that a single slow night is not a change. Values with unknown rounding have no change points.
     """
-    found: list[int] = []
+    points: list[int] = []
     start = 0
     for index in range(1, len(figures)):
         level = statistics.median(figure.value for figure in figures[start:index])
@@ -223,9 +223,9 @@ def change_points(figures: Sequence[Figure]) -> list[int]:
         former = figures[start]._replace(value=level)
         if all(_moved(former, figure) and (figure.value > level) == (figures[index].value > level)
                for figure in following):
-            found.append(index)
+            points.append(index)
             start = index
-    return found
+    return points
 
 
 def _moved(former: Figure, figure: Figure) -> bool:

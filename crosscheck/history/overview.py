@@ -91,23 +91,23 @@ def courses(store: Engine, metrics: Sequence[str], limit: int) -> tuple[list[Sto
     runs = [run for run in everything if run.profile == everything[0].profile][:limit][::-1]
     place = {run.name: index for index, run in enumerate(runs)}
     among = t.runs.c.name.in_(place)
-    found: dict[CellKey, Course] = {}
+    by_cell: dict[CellKey, Course] = {}
     with store.connect() as connection:
         cells: dict[int, tuple[CellKey, int]] = {}
         for row in connection.execute(sqlalchemy.select(t.results, t.runs.c.name.label("run"))
                                       .select_from(t.results.join(t.runs))
                                       .where(among).order_by(t.runs.c.started, t.results.c.id)):
             key = (row.scene, row.engine, row.method, row.form, bool(row.practical))
-            course = found.setdefault(key, Course(row.label, [None] * len(runs),
+            course = by_cell.setdefault(key, Course(row.label, [None] * len(runs),
                                                   {name: [None] * len(runs) for name in metrics}))
             course.outcomes[place[row.run]] = row.outcome
             cells[row.id] = key, place[row.run]
         for row in connection.execute(sqlalchemy.select(t.metrics).select_from(t.metrics.join(t.results).join(t.runs))
                                       .where(among, t.metrics.c.name.in_(metrics))):
             key, index = cells[row.result_id]
-            found[key].figures[row.name][index] = Figure(row.name, row.unit, row.value, row.deviation, row.repeats,
+            by_cell[key].figures[row.name][index] = Figure(row.name, row.unit, row.value, row.deviation, row.repeats,
                                                          row.rounding)
-    return runs, found
+    return runs, by_cell
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,14 +147,14 @@ def spark(figures: Sequence[Figure | None]) -> Spark | None:
 
 def bars(names: Sequence[str], outcomes: Sequence[Sequence[str | None]]) -> list[Bar]:
     """A bar for each night in which a scene and engine were run. `outcomes` has a list over the nights per cell."""
-    found = []
+    drawn = []
     for index, name in enumerate(names):
         count = Counter(each[index] for each in outcomes)
         made = [outcome for outcome in SEVERITY if count[outcome]]
         if made:
             words = ", ".join(f"{count[outcome]} {outcome}" for outcome in made)
-            found.append(Bar(round(ACROSS * index / len(names), 1), made[0], f"{name[:10]}: {words}"))
-    return found
+            drawn.append(Bar(round(ACROSS * index / len(names), 1), made[0], f"{name[:10]}: {words}"))
+    return drawn
 
 
 def write_history(folder: Path, store: Engine) -> Path:

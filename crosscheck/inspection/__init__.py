@@ -84,8 +84,8 @@ def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None
                 probes.append(probe(adapter, scene, at, one))
             except (Unsupported, EngineError) as error:
                 skipped[f"{adapter.name} {one}" if one else adapter.name] = str(error)
-    found = [deviation for one in probes for deviation in deviations(scene, truth, one)]
-    return Inspection(scene, at, truth.probe, tuple(probes), tuple(found), skipped)
+    every = [deviation for one in probes for deviation in deviations(scene, truth, one)]
+    return Inspection(scene, at, truth.probe, tuple(probes), tuple(every), skipped)
 
 
 def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Probe:
@@ -102,5 +102,5 @@ def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Pr
         raise Unsupported(reasons[0])
     with foreign(lambda error: EngineError(f"{adapter.name}: {named(error)}" if not isinstance(error, ImportError) else
                                            f"{adapter.name} cannot be imported: {error}; {install(adapter.name)}")):
-        found: Probe = own(scene, at, form)
-    return found
+        told: Probe = own(scene, at, form)
+    return told

@@ -71,9 +71,9 @@ def _pose(scene: Scene, constraints: Constraints, rng: np.random.Generator) -> t
     L = length(scene)
     step *= rng.uniform(*TURN) / max(np.abs(step[:, :3]).max() / L, np.abs(step[:, 3:]).max(), np.finfo(float).tiny)
     for _ in range(_HALVINGS):
-        found = _close(scene, constraints, *_moved(scene.x0, scene.R0, step), L)
-        if found is not None:
-            return found
+        pose = _close(scene, constraints, *_moved(scene.x0, scene.R0, step), L)
+        if pose is not None:
+            return pose
         step = step / 2
     return scene.x0, scene.R0  # the bodies cannot move
 

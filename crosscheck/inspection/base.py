@@ -41,15 +41,15 @@ BY_STATE = ("x", "R", "v", "w", "com", "kinetic", "potential", "jacobian", "clos
 
 def stacked(probes: Sequence[Probe]) -> Probe:
     """Join probes of one engine, each of one state, to one probe of all states. Other fields are those of the first."""
-    found = dataclasses.replace(probes[0])
+    whole = dataclasses.replace(probes[0])
     for name in BY_STATE:
         parts = [getattr(one, name) for one in probes]
-        setattr(found, name, None if any(part is None for part in parts) else np.concatenate(parts))
-    if found.reactions is not None:
+        setattr(whole, name, None if any(part is None for part in parts) else np.concatenate(parts))
+    if whole.reactions is not None:
         wrenches = [one.reactions for one in probes if one.reactions is not None]
-        found.reactions = {joint: (np.concatenate([each[joint][0] for each in wrenches]),
-                                   np.concatenate([each[joint][1] for each in wrenches])) for joint in found.reactions}
-    return found
+        whole.reactions = {joint: (np.concatenate([each[joint][0] for each in wrenches]),
+                                   np.concatenate([each[joint][1] for each in wrenches])) for joint in whole.reactions}
+    return whole
 
 
 @dataclasses.dataclass(frozen=True)

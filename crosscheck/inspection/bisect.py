@@ -140,9 +140,9 @@ def bisect(script: Reproduction, engine: str, span: str, echo: Callable[[str], o
             raise EngineError(f"{failed[names[end]]}; take another end of --versions than {names[end]}")
     probes = np.unique(np.linspace(0, len(names) - 1, PROBES + 1).round().astype(int)).tolist()
     posts = [index for index in probes if at(index) is not None]
-    found = tuple(change for low, high in itertools.pairwise(posts) for change in changes(low, high))
+    every = tuple(change for low, high in itertools.pairwise(posts) for change in changes(low, high))
     tried = tuple(release for _, release in sorted(done.items()) if release is not None)
-    return Bisection(found, tried, failed, len(names), time.monotonic() - began)
+    return Bisection(every, tried, failed, len(names), time.monotonic() - began)
 
 
 def _run(script: Reproduction, engine: str, version: str) -> Release:

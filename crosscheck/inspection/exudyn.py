@@ -31,15 +31,15 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """Probe the Exudyn model in form "maximal" (Lie-group nodes), "tree" or "pivot"."""
     chosen = form or "maximal"
     at = {"maximal": _maximal, "pivot": _pivot, "tree": _tree}[chosen]
-    found = stacked([at(posed(scene, states, k)) for k in range(len(states.t))])
-    found.notes = {**NOTES, "reaction torque": NOTES["reaction force"]}
-    if found.masses is None:
-        found.notes |= dict.fromkeys(("mass", "inertia", "centre of mass"), LINKS if chosen == "tree" else PIVOT)
+    probe = stacked([at(posed(scene, states, k)) for k in range(len(states.t))])
+    probe.notes = {**NOTES, "reaction torque": NOTES["reaction force"]}
+    if probe.masses is None:
+        probe.notes |= dict.fromkeys(("mass", "inertia", "centre of mass"), LINKS if chosen == "tree" else PIVOT)
     if chosen == "pivot":
-        found.notes |= dict.fromkeys(("total mass", "kinetic energy", "mass matrix", "gravity force"), PIVOT)
-    if found.a is None:
-        found.notes |= dict.fromkeys(("acceleration", "angular acceleration"), DIFFERENCES)
-    return found
+        probe.notes |= dict.fromkeys(("total mass", "kinetic energy", "mass matrix", "gravity force"), PIVOT)
+    if probe.a is None:
+        probe.notes |= dict.fromkeys(("acceleration", "angular acceleration"), DIFFERENCES)
+    return probe
 
 
 def _pivot(scene: Scene) -> Probe:
@@ -55,11 +55,11 @@ def _maximal(scene: Scene) -> Probe:
     model = models.maximal(scene)
     matrix, right, speeds = _assembled(model.system, "GeneralizedAlpha")
     data = [np.array([model.system.GetSensorValues(sensor)]) for sensor in model.sensors]
-    found = _moving("maximal", model.convert(np.zeros(1), data))
-    found.a = found.alpha = None
+    probe = _moving("maximal", model.convert(np.zeros(1), data))
+    probe.a = probe.alpha = None
     if not scene.joints:
         rates = np.linalg.solve(matrix, right).reshape(-1, 6)
-        found.a, found.alpha = rates[None, :, :3], np.einsum("nji,nj->ni", scene.R0, rates[:, 3:])[None]
+        probe.a, probe.alpha = rates[None, :, :3], np.einsum("nji,nj->ni", scene.R0, rates[:, 3:])[None]
     items = [model.system.GetObject(k) for k in range(model.system.systemData.NumberOfObjects())]
     bodies = [item for item in items if item["objectType"] == "RigidBody"]
     turned = np.array([_inertia(item["inertia"]) for item in bodies])  # node axes are the world's at the start
@@ -69,7 +69,7 @@ def _maximal(scene: Scene) -> Probe:
         jacobian[6 * k:6 * k + 3, 6 * k:6 * k + 3] = np.eye(3)
         jacobian[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = scene.R0[k].T
     return dataclasses.replace(
-        found, masses=np.array([item["mass"] for item in bodies]),
+        probe, masses=np.array([item["mass"] for item in bodies]),
         inertias=np.einsum("nji,njk,nkl->nil", scene.R0, turned, scene.R0), jacobian=jacobian[None],
         mass_matrix=matrix[None, :size, :size], applied_force=right[None, :size],
         gravity_force=_weight(scene, models.maximal, "GeneralizedAlpha")[None, :size],
@@ -87,18 +87,18 @@ def _tree(scene: Scene) -> Probe:
     # The order of Cardan angles does not change the system. The one farthest from gimbal lock has the least rounding.
     orders = ["".join(order) for order in itertools.permutations("XYZ")] if kinematic_tree.balls(scene) else ["XYZ"]
     order, model, matrix, right, speeds = min((made(order) for order in orders),
-                                              key=lambda found: np.linalg.cond(found[2]))
+                                              key=lambda probe: np.linalg.cond(probe[2]))
     size = len(matrix)
     q = np.atleast_1d(model.system.GetSensorValues(model.sensors[0]))
-    found = _moving("tree", model.convert(np.zeros(1), [q[None], speeds[None], np.linalg.solve(matrix, right)[None]]))
+    probe = _moving("tree", model.convert(np.zeros(1), [q[None], speeds[None], np.linalg.solve(matrix, right)[None]]))
     if closed:  # the solve above leaves the constraints out
-        found.a = found.alpha = None
+        probe.a = probe.alpha = None
     unit = model.convert(np.zeros(size), [np.tile(q, (size, 1)), np.eye(size), np.zeros((size, size))])
     jacobian = np.concatenate([unit.v, unit.w], axis=2).reshape(size, -1).T  # velocities are linear in the rates
     items = [model.system.GetObject(k) for k in range(model.system.systemData.NumberOfObjects())]
     tree = next(item for item in items if item["objectType"] == "KinematicTree")
     return dataclasses.replace(
-        found, kinetic=np.array([0.5 * speeds @ matrix @ speeds]), total_mass=float(sum(tree["linkMasses"])),
+        probe, kinetic=np.array([0.5 * speeds @ matrix @ speeds]), total_mass=float(sum(tree["linkMasses"])),
         jacobian=jacobian[None], mass_matrix=matrix[None],
         gravity_force=_weight(scene, lambda bare: kinematic_tree.kinematic_tree(bare, order), method)[None])
 

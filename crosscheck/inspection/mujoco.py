@@ -44,25 +44,25 @@ def _at(scene: Scene, form: str) -> Probe:
     matrix = np.zeros((model.nv, model.nv))
     if model.nv:
         mujoco.mj_fullM(model, data, matrix)
-    found = Probe(
+    probe = Probe(
         "mujoco", form, model.body_mass[bodies],
         np.einsum("nij,nj,nkj->nik", principal, model.body_inertia[bodies], principal), data.xipos[None, bodies],
         R[None], twists[None, :, 3:], np.einsum("nji,nj->ni", R, twists[:, :3])[None],
         kinetic=data.energy[1:].copy(), potential=data.energy[:1].copy(),
         jacobian=jacobian.reshape(1, 6 * scene.n, model.nv), mass_matrix=matrix[None])
     if model.neq:
-        found.notes = dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"), SOFT)
+        probe.notes = dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"), SOFT)
     else:
-        found.a, found.alpha = rates[None, :, 3:], np.einsum("nji,nj->ni", R, rates[:, :3])[None]
-        found.reactions = _reactions(scene, model, data, bodies)
+        probe.a, probe.alpha = rates[None, :, 3:], np.einsum("nji,nj->ni", R, rates[:, :3])[None]
+        probe.reactions = _reactions(scene, model, data, bodies)
     if any(force.is_spring and force.functions for force in scene.forces):
-        found.potential, found.notes["potential energy"] = None, MOVED
+        probe.potential, probe.notes["potential energy"] = None, MOVED
     if form == "maximal":
-        found.applied_force = data.qfrc_smooth[None].copy()
+        probe.applied_force = data.qfrc_smooth[None].copy()
     data.qvel[:] = 0.0
     mujoco.mj_forward(model, data)
-    found.gravity_force = -data.qfrc_bias[None].copy()  # at rest the bias is gravity alone
-    return found
+    probe.gravity_force = -data.qfrc_bias[None].copy()  # at rest the bias is gravity alone
+    return probe
 
 
 def _motion(model: Any, data: Any, bodies: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -84,7 +84,7 @@ def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[s
     """Reactions of the joints of an open tree: the wrench between a body and its parent, less springs and motors."""
     import mujoco
 
-    found = {}
+    wrenches = {}
     motors = np.zeros(model.njnt)
     loads = []  # (body, point, (force, torque) in world axes): mj_rnePostConstraint does not subtract them
     for number in range(model.nu):
@@ -119,5 +119,5 @@ def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[s
                 loaded = model.body_parentid[loaded]
             if loaded == body:
                 force, torque = force - load[:3], torque - load[3:] - np.cross(at - point, load[:3])
-        found[joint.name] = sign * force[None], sign * torque[None]
-    return found
+        wrenches[joint.name] = sign * force[None], sign * torque[None]
+    return wrenches

@@ -130,10 +130,10 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
             adapters.get(name)  # raises if there is none
             if outside and name.startswith("mujoco"):  # MuJoCo would read files outside the model's folder
                 raise sources.outside(source, outside[0])
-            found = apart(_native, (os.getcwd(), name, str(source), states), str(source))
-            natives.append(dataclasses.replace(found, engine=f"{name} without meshes" if found.refusal else name))
-            if found.refusal:
-                refused[name] = found.refusal
+            heard = apart(_native, (os.getcwd(), name, str(source), states), str(source))
+            natives.append(dataclasses.replace(heard, engine=f"{name} without meshes" if heard.refusal else name))
+            if heard.refusal:
+                refused[name] = heard.refusal
         except ImportError as error:
             refused[name] = f"it cannot be imported: {error}"
         except CrosscheckError as error:
@@ -183,12 +183,12 @@ def _neutral(scene: Scene, states: JointStates) -> Native:
                 names[joint.parent + 1], names[joint.child + 1], joint.parent_anchor, joint.child_anchor,
                 joint.child_axis, zero_attitude(joint), joint.type, damping, armature, stiffness, rest,
                 joint.mimic.joint if joint.mimic else "")
-    found = Native("scene", links, joints, scene.gravity)
+    model = Native("scene", links, joints, scene.gravity)
     if len(scene.joints) != scene.n or len(joints) != scene.n:  # dynamics are compared for open trees only
-        return found
+        return model
     values = [_at(_posed(scene, states, k)) for k in range(len(states.position))]
     mass, bias, acceleration = (np.array(each) for each in zip(*values, strict=True))
-    return dataclasses.replace(found, order=states.names, mass_matrix=mass, bias=bias, acceleration=acceleration)
+    return dataclasses.replace(model, order=states.names, mass_matrix=mass, bias=bias, acceleration=acceleration)
 
 
 def _posed(scene: Scene, states: JointStates, k: int) -> Scene:
@@ -224,24 +224,24 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return M, -M @ coordinates(scene.replace(forces=())), coordinates(scene)
 
 
-def printed(found: NativeInspection, echo: Callable[[str], Any]) -> None:
+def printed(shown: NativeInspection, echo: Callable[[str], Any]) -> None:
     """Print the result through `echo`."""
-    silent = found.scene is not None and any(native.mass_matrix is None for native in found.native)
-    read = ", ".join(native.engine for native in found.native) or "no engine"
-    if found.scene is not None:
-        echo(f"{found.path}: {found.scene.n} moving bodies, {len(found.scene.joints)} joints; loaded by {read}")
-    for native in found.native if found.scene is None else ():
-        echo(f"{found.path}: {native.engine} reads {len(native.links)} moving bodies, {len(native.joints)} joints with "
+    silent = shown.scene is not None and any(native.mass_matrix is None for native in shown.native)
+    read = ", ".join(native.engine for native in shown.native) or "no engine"
+    if shown.scene is not None:
+        echo(f"{shown.path}: {shown.scene.n} moving bodies, {len(shown.scene.joints)} joints; loaded by {read}")
+    for native in shown.native if shown.scene is None else ():
+        echo(f"{shown.path}: {native.engine} reads {len(native.links)} moving bodies, {len(native.joints)} joints with "
              f"one coordinate, {sum(link.mass for link in native.links.values()):g} kg")
-    for words in found.lines:
+    for words in shown.lines:
         echo(words)
     if silent:
         echo("not compared: mass matrix, bias forces and accelerations, which need an open tree of joints with one "
              "coordinate each")
-    if found.agree:
+    if shown.agree:
         echo("no engine reads anything differently")
-    elif found.scene is not None and found.native and found.same:
-        echo(f"the same in all that loaded it: {', '.join(found.same)}")
+    elif shown.scene is not None and shown.native and shown.same:
+        echo(f"the same in all that loaded it: {', '.join(shown.same)}")
 
 
 def _named_alike(neutral: Native, native: Native) -> Native:
@@ -282,11 +282,11 @@ def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> I
     for name, gap in off.items():
         yield told("centre of mass", name, f"centre of mass of link {name} is shifted by {_shown(gap)} m")
     for name, joint in neutral.joints.items():
-        found = native.joints.get(name)
-        if found is None:
+        theirs = native.joints.get(name)
+        if theirs is None:
             yield told("joint", name, f"joint {name} is not in its model")
         else:
-            yield from _joint(name, joint, found, off, told)
+            yield from _joint(name, joint, theirs, off, told)
     yield from _dynamics(neutral, native, told)
 
 

@@ -20,22 +20,22 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """Probe the Pinocchio model in form "tree" or "maximal"."""
     chosen = form or "tree"
     dynamics = Dynamics(models.build(scene, chosen))
-    found = stacked([_at(dynamics, chosen, posed(scene, states, k)) for k in range(len(states.t))])
+    probe = stacked([_at(dynamics, chosen, posed(scene, states, k)) for k in range(len(states.t))])
     if any(not link.parts for link in dynamics.model.links):
-        found.masses = found.inertias = None
-        found.notes |= dict.fromkeys(("mass", "inertia"), "Pinocchio keeps one inertia for bodies fixed to each other")
+        probe.masses = probe.inertias = None
+        probe.notes |= dict.fromkeys(("mass", "inertia"), "Pinocchio keeps one inertia for bodies fixed to each other")
     if any(joint == 0 for body, (joint, _) in dynamics.model.frames.items() if body != GROUND):
-        found.total_mass = found.com = found.potential = None
-        found.notes |= dict.fromkeys(("total mass", "centre of mass", "potential energy"),
+        probe.total_mass = probe.com = probe.potential = None
+        probe.notes |= dict.fromkeys(("total mass", "centre of mass", "potential energy"),
                                      "Pinocchio leaves bodies fixed to the ground out of its sums")
     if np.any(dynamics.model.model.armature):
-        found.kinetic, found.notes["kinetic energy"] = None, "Pinocchio leaves rotors out of its kinetic energy"
+        probe.kinetic, probe.notes["kinetic energy"] = None, "Pinocchio leaves rotors out of its kinetic energy"
     if dynamics.model.mimics is not None:
-        found.notes |= dict.fromkeys(("kinetic energy", "potential energy"),
+        probe.notes |= dict.fromkeys(("kinetic energy", "potential energy"),
                                      "Pinocchio does not compute energies of models with mimic joints")
     if any(force.is_spring for force in scene.forces):
-        found.potential, found.notes["potential energy"] = None, SPRINGS
-    return found
+        probe.potential, probe.notes["potential energy"] = None, SPRINGS
+    return probe
 
 
 def _at(dynamics: Dynamics, form: str, scene: Scene) -> Probe:
@@ -62,16 +62,16 @@ def _at(dynamics: Dynamics, form: str, scene: Scene) -> Probe:
         masses[body] += mass
         inertias[body] += inertia
     x, R, velocity, w, acceleration, alpha = (values[None] for values in motion)
-    found = Probe(
+    probe = Probe(
         "pinocchio", form, masses, inertias, x, R, velocity, w, float(pinocchio.computeTotalMass(model)),
         pinocchio.centerOfMass(model, data, q)[None].copy(), kinetic, potential,
         jacobian.reshape(1, 6 * scene.n, model.nv), mass_matrix=mass_matrix[None],
         gravity_force=gravity[None], a=acceleration, alpha=alpha, reactions=reactions)
     if (closure := dynamics.closure) is not None:
-        found.closing = pinocchio.getConstraintsJacobian(model, data, closure.models, closure.workspaces)[None].copy()
+        probe.closing = pinocchio.getConstraintsJacobian(model, data, closure.models, closure.workspaces)[None].copy()
     if all(link.type == "free" for link in own.links):
-        found.applied_force = applied[None]
-    return found
+        probe.applied_force = applied[None]
+    return probe
 
 
 def _body(model: Any, data: Any, joint: int, frame: Any) -> tuple[float, np.ndarray, *tuple[np.ndarray, ...]]:

@@ -55,9 +55,9 @@ def reference(scene: Scene, at: States) -> Reference:
     weight = np.concatenate([scene.masses[:, None] * scene.gravity, np.zeros((n, 3))], axis=1).ravel()
     rows = [slice(k, k + 1) for k in range(count)]
     angles = [mechanics.torsion_angles(scene, at.R[k]) for k in rows]
-    found = [mechanics.index1(scene, at.x[k], at.R[k], at.v[k], at.w[k], angle)
+    solved = [mechanics.index1(scene, at.x[k], at.R[k], at.v[k], at.w[k], angle)
              for k, angle in zip(rows, angles, strict=True)]  # separately, because states may differ in rank
-    a, alpha, lam = (np.concatenate(part) for part in zip(*found, strict=True))
+    a, alpha, lam = (np.concatenate(part) for part in zip(*solved, strict=True))
     potential = [mechanics.potential_energy(scene, at.x[k], at.R[k], angle)[0]
                  for k, angle in zip(rows, angles, strict=True)]
     identity = np.broadcast_to(np.eye(6 * n), (count, 6 * n, 6 * n))
@@ -129,16 +129,16 @@ def deviations(scene: Scene, reference: Reference, probe: Probe) -> tuple[Deviat
         if np.isfinite(scaled).all():
             rounding = ROUNDINGS * np.finfo(float).eps * np.linalg.cond(scaled)
             solved = float(np.clip(rounding, TOLERANCE, LOOSEST))
-    found = []
+    listed = []
     for quantity in (quantity for quantity in QUANTITIES if quantity in gaps):
         sizes = gaps[quantity]
         state, place = np.unravel_index(np.argmax(np.where(np.isfinite(sizes), sizes, np.inf)), sizes.shape)
         gap, scale = float(sizes[state, place]), reference.scales.get(quantity, 1.0)
         of_joints = quantity.startswith("reaction")
         name = (scene.joints if of_joints else scene.bodies)[place].name if of_joints or quantity in OF_BODIES else ""
-        found.append(Deviation(probe.engine, probe.form, quantity, gap / scale, gap, scale, name, int(state),
+        listed.append(Deviation(probe.engine, probe.form, quantity, gap / scale, gap, scale, name, int(state),
                                solved if quantity in SOLVED else TOLERANCE))
-    return tuple(found)
+    return tuple(listed)
 
 
 def _gaps(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
@@ -151,9 +151,9 @@ def _gaps(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[st
         yield "inertia", np.abs(probe.inertias - scene.inertias).max(axis=(1, 2))[None] / sizes
     for quantity, field in (("position", "x"), ("attitude", "R"), ("velocity", "v"), ("angular velocity", "w"),
                             ("acceleration", "a"), ("angular acceleration", "alpha")):
-        found, wanted = getattr(probe, field), getattr(truth, field)
-        if found is not None:
-            yield quantity, np.abs(found - wanted).reshape(*found.shape[:2], -1).max(axis=2)
+        values, wanted = getattr(probe, field), getattr(truth, field)
+        if values is not None:
+            yield quantity, np.abs(values - wanted).reshape(*values.shape[:2], -1).max(axis=2)
     total = probe.total_mass
     if total is None and probe.masses is not None:
         total = float(probe.masses.sum())
@@ -172,8 +172,8 @@ def _gaps(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[st
 def _centre(probe: Probe) -> np.ndarray | None:
     if probe.com is not None or probe.masses is None or probe.x is None:
         return probe.com
-    found: np.ndarray | None = np.einsum("n,tnk->tk", probe.masses, probe.x) / probe.masses.sum()
-    return found
+    centre: np.ndarray | None = np.einsum("n,tnk->tk", probe.masses, probe.x) / probe.masses.sum()
+    return centre
 
 
 def _projected(reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
@@ -192,11 +192,11 @@ def _projected(reference: Reference, probe: Probe) -> Iterator[tuple[str, np.nda
         own.append(np.linalg.lstsq(rows, wanted, rcond=None)[0])
     for quantity, field in (("mass matrix", "mass_matrix"), ("gravity force", "gravity_force"),
                             ("applied force", "applied_force")):
-        found, wanted = getattr(probe, field), getattr(reference.probe, field)
-        if found is None:
+        values, wanted = getattr(probe, field), getattr(reference.probe, field)
+        if values is None:
             continue
         gaps = []
-        for Q, N, engine, truth in zip(own, reference.bases, found, wanted, strict=True):
+        for Q, N, engine, truth in zip(own, reference.bases, values, wanted, strict=True):
             seen, meant = ((Q.T @ engine @ Q, N.T @ truth @ N) if engine.ndim == 2 else (Q.T @ engine, N.T @ truth))
             gaps.append([np.abs(seen - meant).max(initial=0.0)])
         yield quantity, np.array(gaps)

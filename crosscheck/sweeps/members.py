@@ -155,14 +155,14 @@ def _freedom(joint: Joint, R: np.ndarray, values: Iterator[float]) -> tuple[np.n
 
 def _beyond(scene: Scene, joint: Joint) -> list[int]:
     """The child of a joint and all bodies connected to it by other joints, not through the ground or the parent."""
-    found, ready = {joint.child}, [joint.child]
+    beyond, ready = {joint.child}, [joint.child]
     while ready:
         body = ready.pop()
         for other in scene.joints:
             if other is joint or body not in (other.parent, other.child):
                 continue
             end = other.child if other.parent == body else other.parent
-            if end not in (GROUND, joint.parent) and end not in found:
-                found.add(end)
+            if end not in (GROUND, joint.parent) and end not in beyond:
+                beyond.add(end)
                 ready.append(end)
-    return sorted(found)
+    return sorted(beyond)

@@ -189,7 +189,7 @@ def _method(engine: str, adapter: Engine, entry: Any) -> tuple[str, dict[str, An
 def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple[Value, ...]], ...]:
     if not isinstance(given, Mapping):
         raise ArgumentError('parameters: a table of paths is wanted, such as "bodies.upper.mass" = [0.9, 1.1]')
-    found = []
+    parameters = []
     for path, values in given.items():
         for origin in origins:
             if origin.data is None:
@@ -199,8 +199,8 @@ def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple
                 if np.shape(value) != np.shape(now) or not np.isfinite(np.asarray(value, dtype=float)).all():
                     raise ArgumentError(f"parameters.{path}: {value!r} is not like {now!r}, the scene's, of "
                                         f"{origin.name!r}")
-        found.append((path, tuple(values)))
-    return tuple(found)
+        parameters.append((path, tuple(values)))
+    return tuple(parameters)
 
 
 def _perturbation(given: Any, origins: Sequence[Origin], taken: Sequence[str]) -> Perturbation | None:
@@ -285,21 +285,21 @@ def _walk(data: Any, path: str, scene: str) -> Any:
     for word in path.split("."):
         if isinstance(data, dict):
             names = list(data)
-            found = data.get(word)
+            entry = data.get(word)
         elif isinstance(data, list):
             index = _index(data, word)
             names = [each["name"] for each in data if isinstance(each, dict) and "name" in each]
             names = names or [str(k) for k in range(len(data))]
-            found = None if index is None else data[index]
+            entry = None if index is None else data[index]
         else:
-            names, found = [], None
-        if found is None:
+            names, entry = [], None
+        if entry is None:
             here = ".".join([*walked, word])
             near = difflib.get_close_matches(word, names, n=1)
             guess = f"did you mean {'.'.join([*walked, near[0]])!r}? " if near else ""
             raise ArgumentError(f"{path}: scene {scene!r} has no {here!r}; {guess}there "
                                 f"{'is' if len(names) == 1 else 'are'} {', '.join(names) or 'nothing below'}")
-        data = found
+        data = entry
         walked.append(word)
     return data
 

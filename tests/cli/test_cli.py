@@ -223,7 +223,7 @@ def test_an_unforeseen_error_is_one_line_and_not_the_exit_code_of_a_verdict():
 
 def test_an_engine_that_is_not_installed_is_listed_as_such(monkeypatch, capsys):
     from crosscheck.adapters import get
-    from crosscheck.cli import app
+    from crosscheck.cli import engines
     from crosscheck.document import Way
     from crosscheck.judge.plan import PENDING
     from crosscheck.running import provenance
@@ -234,7 +234,7 @@ def test_an_engine_that_is_not_installed_is_listed_as_such(monkeypatch, capsys):
         raise importlib.metadata.PackageNotFoundError("mujoco")
 
     monkeypatch.setattr(type(get("mujoco")), "version", missing)
-    app.list_()
+    engines.list_()
     assert "not installed" in next(line for line in capsys.readouterr().out.splitlines() if "mujoco" in line)
     assert provenance.describe(["mujoco"])["engines"] == {"mujoco": "not installed"}
     record = run_cell(Cell("single_pendulum", Way("mujoco", "RK4"), PENDING))

@@ -26,32 +26,32 @@ def figures(record: Record, scene: Scene) -> list[Figure]:
     """The finite values of a record and its scene."""
     steps = record.steps or 1
     rounding = _rounding(scene, steps)
-    found: list[Figure] = []
+    listed: list[Figure] = []
     for quantity, unit in QUANTITIES.items():
         error = record.errors.get(quantity)
         if error is not None:
             # An error larger than the quantity itself says that the motion is another one. Its value means nothing.
             said = error.max is not None and scene.scales is not None and error.max <= scene.scales.of(quantity)
             level = rounding.get(quantity) if said else None
-            found += [Figure(f"{quantity} {name}", unit, value, rounding=level)
+            listed += [Figure(f"{quantity} {name}", unit, value, rounding=level)
                       for value, name in ((error.max, "error"), (error.end, "end error"),
                                           (error.judged, "judged error"))
                       if value is not None]
         order = record.orders.get(quantity)
         if order is not None and order.observed is not None:
-            found.append(Figure(f"{quantity} order", "1", order.observed,
+            listed.append(Figure(f"{quantity} order", "1", order.observed,
                                 rounding=_order_rounding(record, quantity, scene)))
     if record.energy_error is not None:
         level = rounding.get("energy") if record.energy_error < 1.0 else None
-        found.append(Figure("energy error", "1", record.energy_error, rounding=level))
+        listed.append(Figure("energy error", "1", record.energy_error, rounding=level))
     if record.momentum_error is not None:
-        found.append(Figure("momentum error", "kg m^2/s", record.momentum_error, rounding=rounding.get("momentum")))
-    found += _levels(record)
-    found += _costs(record)
+        listed.append(Figure("momentum error", "kg m^2/s", record.momentum_error, rounding=rounding.get("momentum")))
+    listed += _levels(record)
+    listed += _costs(record)
     # At coarse steps rounding may be magnified without bound, so that changes are no findings.
     free = record.practical
     return [figure._replace(value=float(figure.value), rounding=None if free else figure.rounding)
-            for figure in found if math.isfinite(figure.value)]
+            for figure in listed if math.isfinite(figure.value)]
 
 
 def _rounding(scene: Scene, steps: int) -> dict[str, float]:
@@ -76,22 +76,22 @@ def _order_rounding(record: Record, quantity: str, scene: Scene) -> float | None
 
 def _levels(record: Record) -> list[Figure]:
     """Constraint levels and orthogonality. If the method satisfies a level, values up to its bound are rounding."""
-    found = []
+    levels = []
     bounds = {finding.kind: finding.bound for finding in record.findings}
     for level, unit in LEVELS.items():
         seen = record.levels.get(level)
         if seen is not None and seen.max is not None:
             rounding = bounds.get(f"level {level}") if seen.held else None
-            found.append(Figure(f"constraint {level}", unit, seen.max, rounding=rounding))
+            levels.append(Figure(f"constraint {level}", unit, seen.max, rounding=rounding))
     if record.orthogonality is not None:
-        found.append(Figure("orthogonality", "1", record.orthogonality, rounding=bounds.get("orthogonality")))
-    return found
+        levels.append(Figure("orthogonality", "1", record.orthogonality, rounding=bounds.get("orthogonality")))
+    return levels
 
 
 def _costs(record: Record) -> list[Figure]:
-    found = [Figure(name, unit, value) for name, unit, value in (
+    costs = [Figure(name, unit, value) for name, unit, value in (
         ("steps", "1", record.steps), ("us per step", "us", record.us_per_step),
         ("seconds per second", "1", record.seconds_per_second)) if value is not None]
     if record.speed is not None:
-        found.append(Figure(SPEED, "1", record.speed.ratio, record.speed.deviation, record.speed.repeats))
-    return found
+        costs.append(Figure(SPEED, "1", record.speed.ratio, record.speed.deviation, record.speed.repeats))
+    return costs

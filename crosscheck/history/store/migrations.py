@@ -33,11 +33,11 @@ def migrate(engine: Engine) -> int:
     with engine.execution_options(writes=True).begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
-        found = _version(connection)  # read again, because another process may have updated the store
-        if found > VERSION:
-            raise ArgumentError(f"--store: its schema has version {found}, this crosscheck knows {VERSION}; "
+        version = _version(connection)  # read again, because another process may have updated the store
+        if version > VERSION:
+            raise ArgumentError(f"--store: its schema has version {version}, this crosscheck knows {VERSION}; "
                                 "install the newer crosscheck that wrote it")
-        for number in range(found + 1, VERSION + 1):
+        for number in range(version + 1, VERSION + 1):
             step(connection, number)
             connection.execute(text("INSERT INTO schema_version (version, applied) VALUES (:version, :applied)"),
                                {"version": number, "applied": datetime.datetime.now(datetime.UTC).isoformat()})

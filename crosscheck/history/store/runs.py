@@ -249,9 +249,9 @@ def series(store: Engine, metric: str, key: CellKey, limit: int = 200) -> list[t
               .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit))
     with store.connect() as connection:
         rows = connection.execute(wanted).all()
-        found = [(_heading(connection, row), Figure(row.metric, row.unit, row.value, row.deviation, row.repeats,
+        points = [(_heading(connection, row), Figure(row.metric, row.unit, row.value, row.deviation, row.repeats,
                                                     row.rounding)) for row in rows]
-    return found[::-1]
+    return points[::-1]
 
 
 class Usual(NamedTuple):

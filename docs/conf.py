@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
 import importlib.metadata
 import os
 import re
@@ -90,15 +92,14 @@ def row(*cells: object) -> str:
     return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in cells) + " |\n"
 
 
-def pictures() -> str:
-    """All built-in scenes."""
-    sys.path.insert(0, str(DOCS))  # beside this file
-    from gallery import gallery
-
-    return gallery()
+def drawn(name: str) -> str:
+    """What a function of gallery.py draws."""
+    return str(getattr(importlib.import_module("gallery"), name)())
 
 
-MADE = {"commands": commands, "bounds": tolerances, "scenes": pictures}
+sys.path.insert(0, str(DOCS))  # gallery.py is beside this file
+MADE = {"commands": commands, "bounds": tolerances, "scenes": functools.partial(drawn, "gallery"),
+        "papers": functools.partial(drawn, "gains")}
 """What is added to a page when the site is built."""
 
 TAG = re.compile(r"\\tag\{([^}]*)\}")
@@ -123,6 +124,7 @@ ACCESS = [(re.compile(pattern), better) for pattern, better in (
     (r'role="heading"', 'role="heading" aria-level="2"'),
     (r'<aside class="sidebar-drawer"', r'\g<0> aria-label="pages"'),
     (r'<aside class="toc-drawer[^"]*"', r'\g<0> aria-label="on this page"'),
+    (r'(id="furo-main-content">\s*)(?=<noscript>)', r'\1<h1 class="unseen">Search</h1>'),
     (r"<pre(?=>)", '<pre tabindex="0"'),  # what scrolls sideways is reached by keys, too
     (r'<div class="table-wrapper[^"]*"', r'\g<0> tabindex="0"'),
     (r'<th class="head[^"]*"><p></p></th>', "<td></td>"),

@@ -1,4 +1,4 @@
-"""Pictures of the built-in scenes, drawn from runs of them when the site is built."""
+"""Pictures drawn from runs when the site is built: the built-in scenes, and what gains do to Baumgarte's method."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from html import escape
 import numpy as np
 
 import crosscheck
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.scene.model import Scene
 
 SAMPLES, WIDTH, HEIGHT, MARGIN = 160, 320, 200, 14
@@ -56,3 +58,33 @@ def view(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def coordinates(points: np.ndarray) -> str:
     """Points (n, 2) as SVG wants them."""
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+
+
+STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4)
+LINES = {"0 (INDEX1_LE)": (0.0, 0.0), "1 per s": (1.0, 0.0), "5 per s, the default": (5.0, 0.0),
+         "20 per s": (20.0, 0.0), "100 per s": (100.0, 0.0), "1 over the step": (0.0, 1.0)}
+"""Label, and the gain as a sum of a constant (1/s) and a multiple of 1/step."""
+
+
+def gains() -> str:
+    """The largest opening of the joints of double_pendulum against the step, for gains of BAUMGARTE_LE, as SVG."""
+    problem = build_problem(crosscheck.load_scene("double_pendulum"))
+    wide, high = 620, 370
+    lines = [f'<text x="10" y="14">largest opening of a joint, m</text><text x="{wide - 210}" y="{high - 6}">'
+             "step, s (falling to the right)</text>"]
+    place = lambda k, opened: (60 + 90 * k, 30 + 55 * (0.3 - np.log10(opened)))  # noqa: E731
+    lines += [f'<line x1="60" x2="{wide}" y1="{y:.1f}" y2="{y:.1f}" stroke="currentColor" stroke-opacity=".2"/>'
+              f'<text x="8" y="{y + 4:.1f}">1e{power}</text>' for power in range(-5, 1)
+              for _, y in (place(0, 10.0**power),)]
+    for label, (constant, over) in LINES.items():
+        points = []
+        for k, step in enumerate(STEPS):
+            gain = constant + over / step
+            run = lieeuler.integrate(problem, "BAUMGARTE_LE", step=step, t_eval=[0.0, 10.0], alpha=gain, beta=gain)
+            points.append(place(k, run.stats.maxima["constraint_position"]))
+        x, y = points[-1]
+        lines.append(f'<polyline points="{coordinates(np.array(points))}" fill="none" stroke="currentColor" '
+                     f'stroke-width="2"/><text x="{x + 8:.0f}" y="{y + 4:.1f}">{label}</text>')
+    lines += [f'<text x="{place(k, 1.0)[0] - 14}" y="{high - 24}">{step:g}</text>' for k, step in enumerate(STEPS)]
+    return (f'\n<svg viewBox="0 0 {wide} {high}" role="img" font-size="13" fill="currentColor" aria-label="opening of '
+            f'joints against step for six gains: it falls with the step and with the gain">{"".join(lines)}</svg>\n')

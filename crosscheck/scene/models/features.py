@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.scene.model import rotation_from_quaternion
-from crosscheck.scene.models.laws import body_label, off
+from crosscheck.scene.models.laws import body_label, label, off
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.schema import Content as Table
 
@@ -28,14 +28,11 @@ def collect(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Ta
 
 def _nonlinear(reading: Reading) -> None:
     m = reading.model
-    labels = [m.jnt(j).name or f"joint {j}" for j in range(m.njnt)]
-    for field, flag, owner in (("jnt_stiffnesspoly", "SPRING", None), ("dof_dampingpoly", "DAMPER", "dof_jntid")):
-        values = getattr(m, field)
-        if np.any(values) and not off(reading, flag):
-            rows = np.flatnonzero(np.any(np.atleast_2d(values), axis=1))
-            which = rows if owner is None else getattr(m, owner)[rows]
-            reading.lost += [f"nonlinear {'stiffness' if owner is None else 'damping'} of joint {labels[int(j)]!r}"
-                             for j in which]
+    for kind, flag, values, joints in (("stiffness", "SPRING", m.jnt_stiffnesspoly, np.arange(m.njnt)),
+                                       ("damping", "DAMPER", m.dof_dampingpoly, m.dof_jntid)):
+        if not off(reading, flag):
+            bent = joints[np.any(values.reshape(len(joints), -1), axis=1)].tolist()
+            reading.lost += [f"nonlinear {kind} of joint {label(reading, j)!r}" for j in dict.fromkeys(bent)]
 
 
 def _tendons(reading: Reading) -> list[Table]:

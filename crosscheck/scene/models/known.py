@@ -29,16 +29,15 @@ MJCF: Mapping[str, str | None] = {
     "flag": "actuation autoreset clampctrl constraint contact damper energy equality eulerdamp filterparent "
             "frictionloss fwdinv gravity invdiscrete island limit midphase multiccd nativeccd override refsafe sensor "
             "spring warmstart diagexact ipc speculative passive",
-    "body": f"{_PLACE} name childclass mocap gravcomp user", "frame": f"{_PLACE} name childclass", "replicate": None,
-    "attach": None, "composite": None, "inertial": f"{_PLACE} mass diaginertia fullinertia",
+    "body": f"{_PLACE} name childclass mocap gravcomp user", "frame": f"{_PLACE} name childclass",
+    "inertial": f"{_PLACE} mass diaginertia fullinertia",
     "joint": f"{_SOFT} type {_PLACE} axis springdamper limited range actuatorfrclimited actuatorfrcrange ref springref "
              "actuatorgravcomp stiffness damping armature frictionloss",
-    "freejoint": "name group align", "geom": None, "site": None, "mesh": None, "hfield": None, "model": None,
-    "plugin": None, "config": None, "extension": None, "instance": None,
-    "contact": None, "pair": None, "exclude": None, "tendon": "", "default tendon": _TENDON,
-    "spatial": _TENDON, "fixed": _TENDON, "pulley": None,
-    "fixed joint": None, "equality": None, "equality joint": None, "connect": None, "weld": None, "distance": None,
-    "equality tendon": None, "equality flex": None, "flexvert": None, "flexstrain": None,
+    "freejoint": "name group align", "tendon": "", "default tendon": _TENDON, "spatial": _TENDON, "fixed": _TENDON,
+    **dict.fromkeys(("geom", "site", "mesh", "hfield", "model", "plugin", "config", "extension", "instance", "contact",
+                     "pair", "exclude", "pulley", "equality", "connect", "weld", "distance", "flexvert", "flexstrain",
+                     "replicate", "attach", "composite")),
+    "fixed joint": None, "equality joint": None, "equality tendon": None, "equality flex": None,
     "keyframe": "", "key": "act ctrl mpos mquat name qpos qvel time"}
 """Of MJCF, by tag, or by parent and tag."""
 

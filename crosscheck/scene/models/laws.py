@@ -382,9 +382,9 @@ def _contacts(reading: Reading, wants: Wants, found: Laws) -> None:
         if None in made:
             reading.lost.append(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}")
             continue
-        if (gap := mujoco.mj_geomDistance(m, d, a, b, 1.0, None)) < margin:
-            reading.lost.append(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}, which touch at the "
-                                f"start, {gap:.3g} m apart")
+        if mujoco.mj_geomDistance(m, d, a, b, 1.0, None) < margin:
+            words = f"contacts of the colliding bodies {_bodies(reading, a, b)!r}"
+            reading.lost.append(f"{words}, which touch at the start")
             continue
         shapes |= {g: shape for g, shape in zip((a, b), made, strict=True) if shape is not None}
         watched.append((a, b, margin))

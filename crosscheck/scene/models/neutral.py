@@ -67,8 +67,7 @@ class Reading:
 
     def direction(self, group: int, vector: np.ndarray) -> list[float]:
         """A world vector in the frame of a group."""
-        found: list[float] = (vector if group == 0 else self.bodies[group].R.T @ vector).tolist()
-        return found
+        return [float(part) for part in (vector if group == 0 else self.bodies[group].R.T @ vector)]
 
     def attitude(self, group: int) -> np.ndarray:
         """(3, 3) attitude of a group."""

@@ -25,6 +25,9 @@ MOST_DRAWS = 200
 ROOM = 0.1
 """rad or m. Distance from its limit at which a joint starts whose reference is outside."""
 
+DROPPED = {"actuators": "actuator ", "friction": "dry friction of", "limits": "limits of", "contacts": "contacts of"}
+"""Options of an import that take "drop", and how the words begin in which their elements are lost."""
+
 MOST_ROOTS = 6
 """Largest number of names in a message."""
 
@@ -46,7 +49,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     if model.is_urdf and len(tops := source.roots(model)) > 1:
         raise SceneError(f"{model.path}: has {len(tops)} roots, {', '.join(map(repr, tops[:MOST_ROOTS]))}; a URDF is "
                          f"one tree: join them by fixed joints, or give --root {tops[0]} for a part")
-    lost = [*known.unknown(model), *(_urdf_limits(model) if model.is_urdf else ())]
+    lost, held = list(known.unknown(model)), _urdf_limits(model) if model.is_urdf else []
     m, noted = _compiled(model, base, balance)  # raises with advice if MuJoCo is not installed
     d = _start(model, m, keyframe, qpos, qvel, noted if wants.limits != "drop" else None)
     if start != "model":
@@ -55,8 +58,8 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         _draw(model, m, d, start, wants)
     wants = laws.controlled(m, d, wants)
     reading = read(model, m, d)
-    reading.lost += lost
-    reading.noted += noted
+    reading.lost += lost if wants.limits == "drop" else [*lost, *held]
+    reading.noted += noted if wants.limits != "drop" else [*noted, *held]
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
     own = laws.find(reading, joints, wants)
@@ -77,8 +80,13 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     if reading.impossible:
         raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(map(model.located, reading.impossible))}")
     if reading.lost and not drop:
-        words = "; ".join(together(quoted(model.located(each)) for each in reading.lost))
-        raise SceneError(f"{model.path}: a scene cannot hold {words}; give --drop (drop=True) to leave all this out")
+        words = "; ".join(together(quoted(model.located(each)) for each in dict.fromkeys(reading.lost)))
+        some = " ".join(f"--{name} drop" for name, begins in DROPPED.items()
+                        if any(each.startswith(begins) for each in reading.lost))
+        offer = "give --drop (drop=True) to leave all this out"
+        if all(each.startswith(tuple(DROPPED.values())) for each in reading.lost):
+            offer = f"crosscheck import {some} leaves this out, --drop all actuators, friction, limits and contacts"
+        raise SceneError(f"{model.path}: a scene cannot hold {words}; {offer}")
     left_out = [*reading.lost, *reading.noted]
     third = own.forces or own.monitors or sites or any({"dry_friction", "limits"} & joint.keys() for joint in joints)
     own.idle += [f"of transmission {each.get('name')!r}" for each in model.root.findall("transmission")]

@@ -42,14 +42,11 @@ def links(pin_model: Any) -> dict[str, int]:
     """The joint of each moving link: the first link in the joint's frame."""
     import pinocchio
 
-    found: dict[str, int] = {}
-    taken: set[int] = set()
+    first: dict[int, str] = {}
     for frame in pin_model.frames:
-        joint = int(frame.parentJoint)
-        if joint and joint not in taken and frame.type == pinocchio.FrameType.BODY:
-            found[frame.name] = joint
-            taken.add(joint)
-    return found
+        if frame.parentJoint and frame.type == pinocchio.FrameType.BODY:
+            first.setdefault(int(frame.parentJoint), frame.name)
+    return {name: joint for joint, name in first.items()}
 
 
 def bodies(model: Source, base: str) -> dict[str, tuple[float, np.ndarray]]:

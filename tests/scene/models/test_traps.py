@@ -236,7 +236,7 @@ def test_what_is_not_read_is_named(name, tmp_path):
         crosscheck.import_model(path)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
-    if "give --drop" in str(caught.value):
+    if "--drop" in str(caught.value):
         assert words in " ".join(crosscheck.import_model(path, drop=True).left_out)
 
 

@@ -32,8 +32,9 @@ help:
 ready: $(TOOLS)
 	@$(MAKE) -s -j2 $(DEPS) $(STAMP)
 
-# What tests, documents and lint need besides.
-setup: ready $(DEV)
+# What tests, documents and lint need besides, downloaded while the kernel compiles as well.
+setup: $(TOOLS)
+	@$(MAKE) -s -j2 $(DEV) $(STAMP)
 
 $(TOOLS): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
@@ -51,7 +52,7 @@ $(DEPS): pyproject.toml constraints.txt | $(TOOLS)
 	@$(INSTALL) $$($(PYTHON) tools/requirements.py all)
 	@touch $@
 
-$(DEV): pyproject.toml constraints.txt | ready
+$(DEV): pyproject.toml constraints.txt | $(DEPS)
 	@echo "installing what tests, documents and lint need"
 	@$(INSTALL) $$($(PYTHON) tools/requirements.py docs dev)
 	@touch $@

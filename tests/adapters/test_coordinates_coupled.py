@@ -25,7 +25,6 @@ def errors(name, engine, method, steps):
 @pytest.mark.parametrize(("name", "method", "order"), [
     ("geared_arm", "GeneralizedAlpha", 2), ("geared_arm", "RK44", 4), ("coupled_arm", "TrapezoidalIndex2", 2)])
 def test_exudyn_is_of_its_order(name, method, order):
-    pytest.importorskip("exudyn")
     steps = (4e-3, 2e-3, 1e-3)
     found, gaps = errors(name, "exudyn", method, steps)
     assert np.abs(slopes(steps, found) - order).max() < 0.1
@@ -33,7 +32,6 @@ def test_exudyn_is_of_its_order(name, method, order):
 
 
 def test_mujoco_holds_a_mimic_softly_and_is_of_its_order():
-    pytest.importorskip("mujoco")
     steps = (2e-3, 1e-3, 5e-4)
     found, gaps = errors("coupled_arm", "mujoco", "Euler", steps)
     assert np.abs(slopes(steps, found) - 1).max() < 0.1
@@ -43,7 +41,6 @@ def test_mujoco_holds_a_mimic_softly_and_is_of_its_order():
 @pytest.mark.parametrize(("method", "steps"), [
     ("SymplecticEuler", (2e-3, 1e-3, 5e-4)), ("RKMK4", (5e-3, 2.5e-3, 1.25e-3)), ("RKMK8", (1 / 50, 1 / 80, 1 / 100))])
 def test_mimic_joints_of_pinocchio_are_exact_and_its_steppers_of_their_order(method, steps):
-    pytest.importorskip("pinocchio")
     order = {"SymplecticEuler": 1, "RKMK4": 4, "RKMK8": 8}[method]
     found, gaps = errors("coupled_arm", "pinocchio", method, steps)
     # slopes of RKMK8 have fallen from 11 to 8.5 where rounding ends them, as those of rkmk853 on this scene
@@ -58,14 +55,14 @@ def without_rack():
 
 
 def test_a_joint_beyond_one_that_follows():
-    pytest.importorskip("pinocchio")
     run = crosscheck.run(without_rack(), engine="pinocchio", method="RKMK8", step=1e-2)
     assert np.abs(run.x - crosscheck.truth(without_rack()).states.x).max() < 1e-10
 
 
 def test_crba_of_mimic_joints_still_adds_to_its_last_result():
     """A defect of Pinocchio 4.1.0: when it is gone, `Dynamics.mass_matrix` needs no new workspace."""
-    pinocchio = pytest.importorskip("pinocchio")
+    import pinocchio
+
     from crosscheck.adapters.pinocchio import models
 
     built = models.build(without_rack())
@@ -76,7 +73,6 @@ def test_crba_of_mimic_joints_still_adds_to_its_last_result():
 
 
 def test_the_turns_of_a_leader_are_counted_over_every_step():
-    pytest.importorskip("pinocchio")
     scene = crosscheck.load_scene("coupled_arm").replace(samples=11)
     run = crosscheck.run(scene, engine="pinocchio", method="RKMK4", step=5e-3)
     assert np.ptp(run.joints["wrist"].position) > 4 * np.pi
@@ -109,6 +105,5 @@ def test_mimic_joints_with_rotors_and_springs_the_other_way_round(tmp_path):
     ("exudyn", {"method": "GeneralizedAlpha", "form": "maximal"}, "mimic, which needs a joint coordinate"),
     ("exudyn", {"method": "RK44"}, "explicit")])
 def test_who_cannot_says_so(engine, options, words):
-    pytest.importorskip(engine)
     with pytest.raises(crosscheck.Unsupported, match=words):
         crosscheck.run(crosscheck.load_scene("coupled_arm"), engine=engine, step=1e-3, **options)

@@ -68,6 +68,13 @@ class Watched:
         self.page.goto(self.folder.as_uri() + "/" + name)
         return self.page
 
+    def assert_accessible(self):
+        """Axe finds nothing on the open page."""
+        from axe_playwright_python.sync_playwright import Axe
+
+        found = Axe().run(self.page, options={"preload": False})  # it would ask for the style sheet a second time
+        assert found.violations_count == 0, found.generate_report()
+
 
 @pytest.fixture
 def pages(site):

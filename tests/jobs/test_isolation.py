@@ -37,11 +37,12 @@ def bad(name):
 
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory):
-    """A run of all of them and of MuJoCo, and how many lines were printed: two in each run of `Chatting`."""
+    """A run of all of them and of a right one, and how many lines were printed: two in each run of `Chatting`."""
     names, told = [*(bad(name) for name in REASONS), "mujoco"], tmp_path_factory.mktemp("chatting") / "runs"
     with pytest.MonkeyPatch.context() as changed:
         changed.setenv("CROSSCHECK_TEST_RUNS", str(told))
-        done = job.verify("smoke", ["single_pendulum"], names, limits=limits_of(300.0, 0.8))
+        done = job.verify("smoke", ["single_pendulum"], names, methods=["Rest", "RK4"],
+                          limits=limits_of(300.0, 0.8))
     return done, 2 * told.stat().st_size
 
 
@@ -84,9 +85,8 @@ def test_an_engine_that_hangs_is_one_failed_verdict(tmp_path):
 
 
 def test_the_rest_goes_on(results):
-    others = [record for record in results.records if record.engine == "mujoco"]
-    assert len(others) == 5
-    assert all(record.outcome == "pass" for record in others)
+    other, = (record for record in results.records if record.engine == "mujoco")
+    assert other.outcome == "pass"
     assert results.exit_code == 1
 
 

@@ -66,9 +66,13 @@ def test_sizes_where_nothing_moves_are_those_of_falling(scene, gravity):
 
 def test_a_free_body_has_the_length_of_its_radius_of_gyration():
     free = load_scene("axis_flip").replace(duration=1.0, samples=3)
-    (m,), (J,) = free.masses, free.inertias
     assert not free.joints
-    assert tolerances.scales(free, truth_of(free)).length == pytest.approx(math.sqrt(np.trace(J) / (2 * m)), **SAME)
+    book, = free.bodies
+    wide = dataclasses.replace(book, name="wide", mass=3.0, inertia=90.0 * book.inertia)
+    for bodies in ((book, wide), (wide, book)):
+        both = free.replace(bodies=bodies)
+        assert tolerances.scales(both, truth_of(both)).length == pytest.approx(
+            math.sqrt(np.trace(wide.inertia) / 6.0), **SAME)
 
 
 def state_derivative(truth, order, scale):
@@ -99,6 +103,14 @@ def rounded(scene, truth, size, steps, eps=EPS):
 def test_rounding(scene, truth, size, steps, eps):
     assert tolerances.rounding(scene, truth, size, steps, eps) == pytest.approx(
         rounded(scene, truth, size, steps, eps), **SAME)
+
+
+@pytest.mark.parametrize(("changes", "expected"), [
+    ({"inertia": np.diag([1.0, 1.0, 1e-3])}, 1e3), ({"mass": 1e-3}, 1001.0), ({}, 50.0)])
+def test_one_thin_or_light_body_grades_a_scene(scene, changes, expected):
+    whole = dataclasses.replace(scene.bodies[0], mass=1.0)
+    bodies = whole, dataclasses.replace(whole, name="other", **changes)
+    assert tolerances.grading(scene.replace(bodies=bodies)) == pytest.approx(expected, **SAME)
 
 
 @pytest.mark.parametrize(("disagreement", "size", "eps"), [(3e-13, 0.2, EPS), (3e-13, 30.0, EPS), (1e-20, 2.0, 1e-8)])
@@ -289,3 +301,11 @@ def test_what_newton_leaves_is_believed_up_to_a_share_of_the_forces(scene, turns
         assert tolerances.newton_left(scene, known, 2 * most) == pytest.approx(most, **SAME)
         assert tolerances.newton_left(scene, known, 0.5 * most) == 0.5 * most
         assert tolerances.newton_left(scene, known, -1.0) == 0.0
+
+
+def test_a_residual_is_believed_up_to_the_forces_that_turn_the_bulkiest_body(scene):
+    first, second = scene.bodies
+    bulky = scene.replace(bodies=(first, dataclasses.replace(second, inertia=1e4 * np.eye(3))))
+    known = truth_of(bulky)
+    assert tolerances.newton_left(bulky, known, 1.0) == pytest.approx(
+        1e-9 * (1.0 + 1e4 * known.attitude_derivatives[2]), **SAME)

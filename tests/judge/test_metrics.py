@@ -67,8 +67,11 @@ def test_a_run_that_blew_up_is_infinitely_wrong():
 
 def test_different_output_times_are_refused():
     scene = load_scene("single_pendulum")
-    with pytest.raises(ArgumentError, match="samples="):
-        errors(scene, standing(scene, 4), standing(scene, 5))
+    late = standing(scene)
+    late.t[1:] += 0.01
+    for one, other in ((standing(scene, 4), standing(scene, 5)), (late, standing(scene))):
+        with pytest.raises(ArgumentError, match="samples="):
+            errors(scene, one, other)
 
 
 def test_order_of_a_power_law_is_exact():
@@ -87,6 +90,32 @@ def test_steps_on_the_rounding_plateau_do_not_count():
     assert order.used == 4
     assert order.observed == pytest.approx(4.0, abs=1e-12)
     assert observed_order(steps[2:], values[2:], Plateau(floor)).observed is None
+
+
+@pytest.mark.parametrize(("floors", "used"), [(8.5, 4), (7.5, 3)])
+def test_an_error_counts_from_eight_floors_on(floors, used):
+    steps = 0.1 / 2.0 ** np.arange(4)
+    assert observed_order(steps, steps**2, Plateau(steps[-1]**2 / floors)).used == used
+
+
+def falling(*slopes):
+    """Steps that are halved, and errors of these orders between them."""
+    steps = 0.1 / 2.0 ** np.arange(len(slopes) + 1)
+    return steps, 1e-6 * 2.0 ** -np.cumsum([0.0, *slopes])
+
+
+@pytest.mark.parametrize(("documented", "judged"), [(4, False), (3, True)])
+def test_an_order_that_still_rises_where_rounding_sets_in_is_none_where_it_is_half_of_one_short(documented, judged):
+    steps, values = falling(2.5, 3.2, 9.0)
+    order = observed_order(steps, values, Plateau(values[-1], 0.0, documented))
+    assert (order.used, order.exhausted) == (3, True)
+    assert order.observed == (pytest.approx(2.85, abs=0.01) if judged else None)
+
+
+def test_two_errors_that_fall_too_slowly_are_not_both_rounding():
+    """By 1.5 orders of 4: the second is, as the order was shown before it; of two, they would have to stop."""
+    steps, values = falling(4.0, 4.0, 2.0, 1.5)
+    assert observed_order(steps, values, Plateau(0.0, 2 * values[-2], 4)).used == 4
 
 
 def test_finer_steps_show_an_order_that_the_next_term_hides():

@@ -298,3 +298,19 @@ def test_states_are_judged_over_the_window_where_the_whole_run_is_too_long(scene
     seen.clear()
     assert verdict.judge_states(scene, run, truth, window, Claim(None, None, 1e-9))[0][0].status == "ok"
     assert set(seen) == {(1e-9, 100)}
+
+
+def test_a_change_of_energy_counts_from_the_start(scene, monkeypatch):
+    truth = truth_of(scene)
+    most = 10 * truth.error * tolerances.scales(scene, truth).kinetic
+    monkeypatch.setattr(mechanics, "momentum_vertical", lambda *_: np.zeros(3))
+    for last, conserved in ((0.9, True), (1.2, False)):
+        monkeypatch.setattr(mechanics, "energy", lambda *_, last=last: most * np.array([0.0, 0.6, last]))
+        assert verdict._conservative(scene, truth) is conserved
+
+
+@pytest.mark.parametrize(("eps", "words"), [(2.0**-23, "single precision, spacing 1.2e-07"),
+                                            (1e-12, "its numbers, spacing 1.0e-12")])
+def test_numbers_are_called_single_precision_from_its_spacing_on(scene, eps, words):
+    told = verdict._arithmetic(scene, truth_of(scene), Claim(4, 1e-2, None, eps), 100)
+    assert told.why.startswith(words)

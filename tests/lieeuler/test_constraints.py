@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from lieeuler import Dot, Joint, Rotor, _kernel
 
-UNIT = st.floats(-1, 1)
 STEP = 1e-5
 
 

@@ -231,7 +231,6 @@ BALL = {"bodies": [{"name": "b", "mass": 1.0, "inertia": [[0.1, 0, 0], [0, 0.1, 
 
 
 def test_a_touch_ends_the_claim(tmp_path):
-    pytest.importorskip("coal")
     falling = scene(tmp_path, **BALL, gravity=(0.0, 0.0, -9.81), shapes=[
         {"name": "foot", "body": "b", "type": "sphere", "size": [0.1]},
         {"name": "floor", "body": "ground", "type": "plane", "position": [0, 0, 0.2]}],

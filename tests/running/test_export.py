@@ -29,7 +29,8 @@ def test_texts_are_one_short_line(traj):
 
 
 def test_a_frame_survives_parquet_bit_for_bit(traj, tmp_path):
-    pd = pytest.importorskip("pandas")
+    import pandas as pd
+
     frame = traj.to_frame()
     np.testing.assert_array_equal(frame.index, traj.t)
     np.testing.assert_array_equal(frame["lower.x_z"], traj.x[:, 1, 2])
@@ -41,7 +42,6 @@ def test_a_frame_survives_parquet_bit_for_bit(traj, tmp_path):
 
 
 def test_a_dataset_has_names_and_units(traj):
-    pytest.importorskip("xarray")
     data = traj.to_xarray()
     np.testing.assert_array_equal(data["x"].sel(body="lower", axis="z"), traj.x[:, 1, 2])
     np.testing.assert_array_equal(data["R"], traj.R)
@@ -83,7 +83,6 @@ def test_recordings_that_cannot_be_written_are_one_line(traj, tmp_path, monkeypa
 
 
 def test_a_plot_shows_every_body(traj, tmp_path):
-    pytest.importorskip("matplotlib")
     figure = traj.plot()
     assert [line.get_label() for line in figure.axes[0].lines] == ["upper", "lower"]
     np.testing.assert_array_equal(figure.axes[0].lines[1].get_ydata(), traj.x[:, 1, 2])

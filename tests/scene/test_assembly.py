@@ -21,7 +21,6 @@ from tests.scene_making import JOINT_TYPES, closed, drawn, jointed_pair, make_sc
 
 seeds = st.integers(0, 2**32 - 1)
 EPS = np.finfo(float).eps
-FIXES_ANCHORS = ("spherical", "universal", "revolute", "fixed")
 
 
 def residuals(scene, constraints=None):

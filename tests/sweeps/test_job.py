@@ -141,7 +141,6 @@ def test_an_estimate_counts_what_is_missing(local, tmp_path):
     ("json:dumps", "json:dumps"),
 ])
 def test_an_unreachable_scheduler_is_one_sentence(scheduler, words, monkeypatch, tmp_path):
-    pytest.importorskip("distributed")
     monkeypatch.setattr(cluster, "CONNECT", 1.0)
     with pytest.raises(CrosscheckError) as caught:
         crosscheck.sweep(SWEEP, scheduler=scheduler, out=tmp_path)
@@ -162,7 +161,8 @@ def test_any_executor_by_its_factory(local, tmp_path):
 
 
 def test_a_dask_cluster_gives_the_same_bits_and_survives_a_lost_worker(local, tmp_path):
-    distributed = pytest.importorskip("distributed")
+    import distributed
+
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         frame = crosscheck.sweep(SWEEP, scheduler=cluster.scheduler_address, out=tmp_path / "one")
         pd.testing.assert_frame_equal(frame, local[1])
@@ -211,7 +211,8 @@ def test_a_sweep_of_300_cells_killed_at_thirty_random_moments(where, tmp_path):
     with contextlib.ExitStack() as stack:
         words = ["--workers", "2"]
         if where == "on Dask":
-            distributed = pytest.importorskip("distributed")
+            import distributed
+
             cluster = stack.enter_context(distributed.LocalCluster(n_workers=2, threads_per_worker=1,
                                                                    dashboard_address=None))
             words = ["--scheduler", cluster.scheduler_address]

@@ -41,7 +41,8 @@ def test_a_scene_of_ones_own_travels_by_its_content(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_records(tmp_path, monkeypatch):
-    distributed = pytest.importorskip("distributed")
+    import distributed
+
     here = job.verify(scenes=["double_pendulum"], **ASKED)
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         far = job.verify(scenes=["double_pendulum"], scheduler=cluster.scheduler_address, **ASKED)

@@ -213,6 +213,10 @@ class Engine:
         """The request that comes nearest to the laws of the scene, if it is another one."""
         return None
 
+    def own_words(self, spec: RunSpec) -> str:
+        """What a user of the engine alone writes for its softness, "" if there is nothing to write."""
+        return ""
+
     def probe(self, scene: Scene, states: States, form: str | None) -> Any:
         """What its model says about the scene at some states, a `crosscheck.inspection.Probe`."""
         raise Unsupported(f"the adapter of {self.name} has no method probe(scene, states, form)")

@@ -347,7 +347,22 @@ def advise(
         options.print_json(msgspec.to_builtins(advice))
     else:
         tell(advice)
+        if (law := _law(scene, engine, advice)) is not None:
+            say(f"law      {law}", hang=9)
     raise typer.Exit(int(advice.method is None))
+
+
+def _law(scene: str, engine: str, advice: Advice) -> str | None:
+    """Of an engine with laws of friction and limits of its own: the setting nearest to the scene's, and its price."""
+    from crosscheck import adapters
+    from crosscheck.diagnosis.laws import which_law
+    from crosscheck.scene.file import as_scene
+
+    loaded = as_scene(scene)
+    if not loaded.has_laws or advice.step is None or "softness" not in adapters.get(engine).options:
+        return None
+    answers = which_law(loaded, engine, advice.method, advice.step, form=advice.form)
+    return answers.price and f"{answers.price}; with its default softness {answers.way.to_scene[-1].size:.2e}"
 
 
 def tell(each: Advice) -> None:

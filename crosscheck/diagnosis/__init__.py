@@ -21,6 +21,7 @@ from crosscheck.diagnosis import (
     fit,
     misreadings,
     observe,
+    of_laws,
     of_model,
     of_output,
     of_run,
@@ -81,6 +82,9 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     reason = subject.unsupported(loaded, None if subject.order(loaded) is None else step or 1e-3)
     if reason is not None:
         raise Unsupported(f"{subject.engine.name} {subject.way.method} on scene {loaded.name!r}: {reason}")
+    if loaded.has_laws and (law := of_laws.diagnose(subject, loaded)) is not None:
+        law.seconds = time.perf_counter() - began
+        return law
     scale = observe.scale_of(loaded)
     noise = of_output.floor(subject, observe.window(loaded, scale), scale)
     try:

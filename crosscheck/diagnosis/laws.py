@@ -108,12 +108,16 @@ class LawAnswers:
         limit = way.limit() or ("to none, it does not converge" if not way.converges else "not known")
         lines.append("; ".join([f"to which law: {limit}", *told, *([self.without] if self.without else [])]))
         lines.append("how far apart are the two: " + ("not known" if self.apart is None else str(self.apart)))
-        if self.nearest is not None and self.nearest.to_scene:
-            other = self.nearest
-            lines.append(f"nearest setting: {other.setting}, {other.to_scene[-1].size:.2e} from the scene's law at the "
-                         f"smallest step, order {other.order:.2f}, for {other.wall_time / way.wall_time:.1f} times the "
-                         "time")
-        return "\n".join(lines)
+        return "\n".join([*lines, *([f"nearest setting: {self.price}"] if self.price else [])])
+
+    @property
+    def price(self) -> str:
+        """The setting that comes nearest to the scene's law, its distance and what it costs; "" if there is no other.
+        """
+        other = self.nearest
+        return "" if other is None or not other.to_scene else (
+            f"{other.setting}, {other.to_scene[-1].size:.2e} from the scene's law at the smallest step, order "
+            f"{other.order:.2f}, for {other.wall_time / self.way.wall_time:.1f} times the time")
 
 
 def which_law(scene: Scene, engine: str, method: str | None = None, step: float | None = None,
@@ -175,7 +179,9 @@ def _walk(scene: Scene, engine: str, spec: RunSpec, exact: States | None, own: S
                                if value is not None}
     runs = [run(scene, engine, spec.method, step, monitor=False, **options) for step in steps]
     to = functools.partial(_gaps, scene, runs)
-    return Way(", ".join(f"{key} {value}" for key, value in options.items()) or "its only setting",
+    words = adapters.get(engine).own_words(dataclasses.replace(spec, step=steps[-1]))
+    setting = ", ".join(f"{key} {value}" for key, value in options.items()) or "its only setting"
+    return Way(f"{setting} ({words})" if words else setting,
                tuple(float(each.stats["step"] or 0.0) for each in runs),
                tuple(gap(scene, *pair).size for pair in itertools.pairwise(runs)), to(exact), to(own),
                runs[-1].wall_time)

@@ -7,12 +7,16 @@ import types
 import numpy as np
 import pytest
 
+from crosscheck import adapters
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco.own_law import default
-from crosscheck.diagnosis import laws
+from crosscheck.diagnosis import explain, laws, of_laws
+from crosscheck.diagnosis.observe import Subject
+from crosscheck.document import Way
 from crosscheck.errors import ArgumentError
 from crosscheck.scene.states import States
 from tests.adapters.test_laws import SERVO, arm, coulomb, pendulum
+from tests.law_mistakes import MISTAKES, SCENES, Wrong
 
 
 def states(scene, angles):
@@ -75,3 +79,26 @@ def test_a_servo_is_the_scenes_and_has_no_other_law(monkeypatch):
 def test_an_adaptive_method_is_refused():
     with pytest.raises(ArgumentError, match="fixed step"):
         laws.which_law(arm(), "lieeuler", "nothing")
+
+
+NAMED = {"friction 5 % high": "friction", "restitution .6 instead of .5": "restitution", "a limit 5 % off": "limits",
+         "saturation is ignored": "no saturation", "delay is ignored": "delay"}
+
+
+@pytest.mark.parametrize("what", [pytest.param(what, marks=() if what == "restitution .6 instead of .5" else
+                                               pytest.mark.slow) for what in NAMED])
+def test_explain_names_the_law_that_an_engine_has_wrong(monkeypatch, tmp_path, what):
+    mistake = next(each for each in MISTAKES if each.what == what)
+    get, wrong = adapters.get, Wrong(mistake)
+    monkeypatch.setattr(adapters, "get", lambda engine: get(engine) if engine == "lieeuler" else wrong)
+    answer = explain(SCENES[mistake.scene](tmp_path).replace(name="made"), "fake", "rkmk4")
+    assert answer.outcome == "named"
+    assert answer.names == (NAMED[what],)
+    assert answer.explained < 1e-7 < answer.deviation
+
+
+def test_explain_leaves_a_right_law_alone(tmp_path):
+    scene = SCENES["bounce"](tmp_path)
+    for engine, method in (("lieeuler", "rkmk4"), ("lieeuler", "DAE1L_LSE")):
+        subject = Subject(adapters.get(engine), Way.of(engine, method))
+        assert of_laws.diagnose(subject, scene) is None

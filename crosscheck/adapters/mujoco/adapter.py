@@ -79,6 +79,11 @@ class Forms(Engine):
         own = models.of_own_law(scene) and spec.softness == "default"
         return dataclasses.replace(spec, softness="tight") if own else None
 
+    def own_words(self, spec: RunSpec) -> str:
+        """Attributes of a joint in MJCF, of the tight setting."""
+        return "" if spec.softness == "default" or spec.step is None else (
+            f'solreffriction="{2 * spec.step:g} 1" solimpfriction="{models.TIGHT} {models.TIGHT}", limits alike')
+
     def turning(self, scene: Scene, form: str | None) -> list[int]:
         """Bodies on a ball joint, and free bodies."""
         branches, _ = models.closures(scene, form or "tree")

@@ -58,6 +58,7 @@ def compiled(model: Source, base: str = "fixed", balance: bool = False) -> Any:
         words = model.told(str(error))
         offer = "" if "balanceinertia" not in words or balance else (
             "; --balance (balance=True) lets MuJoCo replace such inertias, and lists it")
+        offer = "; give each that moves an inertial, or fix its joint" if "mjMINVAL" in words else offer
         return SceneError(f"{model.path}: MuJoCo cannot read it: {words}{offer}")
 
     with listening(), foreign(refused):

@@ -6,6 +6,7 @@ An attribute on the list is in the numbers that MuJoCo compiles and the reader t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from xml.etree.ElementTree import Element
 
@@ -69,6 +70,11 @@ GAZEBO = frozenset(("material", "mu1", "mu2", "kp", "kd", "minDepth", "min_depth
                     "provideFeedback", "stopCfm", "stopErp", "implicitSpringDamper", "disableFixedJointLumping",
                     "preserveFixedJoint", "sensor:camera", "sensor:contact", "sensor:ray"))
 """Children of <gazebo>, from looks, sensors, contacts and how it integrates, that do not change the motion."""
+
+
+def unread(words: str) -> bool:
+    """Whether these words of `unknown` are about an attribute that no reader of URDF takes, such as K of <dynamics>."""
+    return re.match(r"the attribute [^:]+ of <(dynamics|limit|joint|link|mimic)>", words) is not None
 
 
 def unknown(model: Source) -> Iterator[str]:

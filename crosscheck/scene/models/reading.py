@@ -50,6 +50,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         raise SceneError(f"{model.path}: has {len(tops)} roots, {', '.join(map(repr, tops[:MOST_ROOTS]))}; a URDF is "
                          f"one tree: join them by fixed joints, or give --root {tops[0]} for a part")
     lost, held = list(known.unknown(model)), _urdf_limits(model) if model.is_urdf else []
+    unread = [words for words in lost if model.is_urdf and known.unread(words)]
     m, noted = _compiled(model, base, balance)  # raises with advice if MuJoCo is not installed
     d = _start(model, m, keyframe, qpos, qvel, noted if wants.limits != "drop" else None)
     if start != "model":
@@ -58,8 +59,8 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         _draw(model, m, d, start, wants)
     wants = laws.controlled(m, d, wants)
     reading = read(model, m, d)
-    reading.lost += lost if wants.limits == "drop" else [*lost, *held]
-    reading.noted += noted if wants.limits != "drop" else [*noted, *held]
+    reading.lost += [words for words in lost if words not in unread] + (held if wants.limits != "drop" else [])
+    reading.noted += [*noted, *unread, *(held if wants.limits == "drop" else [])]
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
     own = laws.find(reading, joints, wants)

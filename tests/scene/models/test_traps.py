@@ -142,6 +142,8 @@ NAMED = {
                          "<drake:rotor_inertia>"),
     "a loop of Drake": (urdf(end='<drake:ball_constraint/>'), "<drake:ball_constraint>"),
     "a loop of another program": (urdf(end='<loop_joint name="l"/>'), "<loop_joint> 'l' (line 20)"),
+    "a link that moves without mass": (urdf(('<mass value="0.2"/>', '<mass value="0"/>')),
+                                       "give each that moves an inertial"),
     "two roots": (urdf(end='<link name="other"/>'), "2 roots, 'base', 'other'"),
     "limits that leave no room": (urdf(('lower="-1e9" upper="1e9"', 'lower="0" upper="0"')), "limits of joint 'reach'"),
     "limits left out": (urdf(('lower="-1e9" upper="1e9"', "")), "limits of joint 'reach'"),
@@ -158,7 +160,6 @@ NAMED |= {
     "halves of an inertia that differ": (urdf(('ixz="0.002"', 'ixz="0.002" izx="0.003"')), "izx of <inertia>"),
     "gravity off in another spelling": (urdf(end='<gazebo reference="upper"><gravity>false</gravity></gazebo>'),
                                         "the element gravity of <gazebo>"),
-    "parameters of a drive that nobody reads": (urdf(('damping="2"', 'damping="2" K="7000"')), "K of <dynamics>"),
     "a joint that follows one that is not there": (
         urdf(('<joint name="elbow" type="continuous">', '<joint name="elbow" type="continuous"><mimic joint="no"/>')),
         "mimic of joint 'elbow'"),
@@ -250,6 +251,14 @@ def test_what_says_nothing_about_the_motion_changes_nothing(name, tmp_path):
         scenes.append(crosscheck.import_model(path))
     assert scenes[0].hash == scenes[1].hash
     assert scenes[1].left_out == ()
+
+
+def test_an_attribute_that_no_reader_takes_is_named_and_no_refusal(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(urdf(('damping="2"', 'damping="2" K="7000"')))
+    scene = crosscheck.import_model(path)
+    assert scene.left_out == ("the attribute K of <dynamics> (line 19)",)
+    assert scene.joints[-1].damping == (2.0,)
 
 
 def test_followers_of_followers_start_where_their_leaders_put_them(tmp_path):

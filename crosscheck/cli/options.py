@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -91,8 +92,6 @@ def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None, c
     """The names, with every model file replaced by its scene file, which is written to the cache folder."""
     if names is None:
         return None
-    import hashlib
-
     files = []
     for name in names:
         if not is_model(name):

@@ -22,7 +22,7 @@ from crosscheck.adapters.base import CHOICES
 from crosscheck.cli import options
 from crosscheck.cli.console import complain, console, figures, key, print_table, progress_bar, say
 from crosscheck.cli.options import Control, Drop, EngineNames, Keyframe, Limits, SceneNames, scene_files
-from crosscheck.document import EULER, Asked, Document, Record
+from crosscheck.document import EULER, Asked, Document, Record, grouped
 from crosscheck.errors import ArgumentError, counted, install, unknown
 from crosscheck.files import put
 from crosscheck.history import nightly as nights
@@ -30,11 +30,10 @@ from crosscheck.jobs.table import Table
 from crosscheck.judge import overrides
 from crosscheck.recordings import published
 from crosscheck.report import check_out, schema, write
-from crosscheck.report.figures import write_figures
+from crosscheck.report.figures import find_browser, write_figures, write_pdf
 from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, state
 from crosscheck.report.overview import worst_first
 from crosscheck.report.pages import cover
-from crosscheck.report.pdf import find_browser, write_pdf
 from crosscheck.report.schema import read_document
 from crosscheck.scene.file import as_scene, load_scene
 from crosscheck.studies.paper import bundle
@@ -125,11 +124,8 @@ def print_verdicts(document: Document, page: Path) -> None:
         say(f"{document.meta.reused} results were computed before, since {(document.meta.reused_since or '')[:10]}; "
             "--fresh computes them anew")
     terminal = console(160)
-    passing: dict[tuple[str, str], list[Record]] = {}
-    for record in document.records:
-        if record.outcome in ("pass", "partly"):
-            passing.setdefault((record.scene, record.engine), []).append(record)
-    for (name, engine), records in passing.items():
+    passing = (record for record in document.records if record.outcome in ("pass", "partly"))
+    for (name, engine), records in grouped(passing, lambda record: (record.scene, record.engine)).items():
         _print_passes(name, engine, records)
     told = [record for record in document.records if record.outcome in ("known", "fail", "error")]
     if told:
@@ -144,13 +140,10 @@ def print_verdicts(document: Document, page: Path) -> None:
     for line in dict.fromkeys(f"{record.scene}, {record.label}: {finding.why}" for record in document.records
                               for finding in record.findings if finding.kind == "arithmetic"):
         say(line)
-    left_out: dict[str, list[str]] = {}
-    for record in document.records:
-        if record.outcome in ("unsupported", "unjudged"):
-            symbol, word, _ = OUTCOMES[state(record)]
-            left_out.setdefault(f"{symbol} {word} {record.scene}, {record.message}", []).append(record.label)
-    for message, labels in left_out.items():
-        say(f"{message}: {', '.join(labels)}")
+    left_out = (record for record in document.records if record.outcome in ("unsupported", "unjudged"))
+    for (outcome, name, message), records in grouped(
+            left_out, lambda record: (state(record), record.scene, record.message)).items():
+        say(f"{' '.join(OUTCOMES[outcome][:2])} {name}, {message}: {', '.join(record.label for record in records)}")
     for scene in document.scenes:
         say(f"{scene.name}: {scene.trust}")
         for row in scene.engines if len(scene.engines) > 1 else ():

@@ -15,6 +15,7 @@ from crosscheck.history.store.figures import SPEED, Figure
 from crosscheck.history.store.runs import EMPTY, CellKey, recent
 from crosscheck.history.store.schema import tables
 from crosscheck.report.overview import SEVERITY
+from crosscheck.report.standalone import one_file, write_page
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -25,8 +26,6 @@ WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 900, 360, 80, 30, 320
 
 def write_trend(path: Path, series: Sequence[tuple[StoredRun, Figure]], scene: str, engine: str, label: str) -> None:
     """Write the page of a series, which must not be empty. `label` is engine and method. An old file is replaced."""
-    from crosscheck.report.standalone import one_file
-
     figures = [figure for _, figure in series]
     values = [figure.value for figure in figures]
     logarithmic = spans_decades(values)
@@ -162,8 +161,6 @@ def write_history(folder: Path, store: Engine) -> Path:
 
     Raises `ArgumentError` if the store is empty or the folder cannot be written.
     """
-    from crosscheck.report.standalone import write_page
-
     runs, cells = courses(store, METRICS, NIGHTS)
     if not runs:
         raise ArgumentError(EMPTY)

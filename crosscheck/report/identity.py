@@ -14,6 +14,8 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
+from crosscheck.document import grouped
+
 HUES = {"lieeuler": 250.0, "mujoco": 50.0, "pinocchio": 335.0, "exudyn": 155.0, "drake": 95.0, "dart": 20.0,
         "newton": 200.0, "mjx": 290.0, "heyoka": 0.0}
 """Hues in degrees. An engine that is not listed gets one from a hash of its name."""
@@ -84,10 +86,8 @@ def looks(labels: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Look]]:
 
 def of_runs(runs: Iterable[tuple[str, str]]) -> dict[str, dict[str, Look]]:
     """`looks` of runs, given as (engine, label)."""
-    labels: dict[str, dict[str, None]] = {}
-    for engine, label in runs:
-        labels.setdefault(engine, {}).setdefault(base(label))
-    return looks({engine: list(own) for engine, own in labels.items()})
+    return looks({engine: list(dict.fromkeys(base(label) for _, label in own))
+                  for engine, own in grouped(runs, lambda run: run[0]).items()})
 
 
 def for_scripts(runs: Iterable[tuple[str, str]]) -> dict[str, dict[str, tuple[str, str, str, str, str]]]:

@@ -23,6 +23,7 @@ from crosscheck.document import Origin, Part
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import cell, plain, put
 from crosscheck.jobs.table import Session, Table, digest
+from crosscheck.report.standalone import write_page
 from crosscheck.running import provenance, versions
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
@@ -64,8 +65,6 @@ def write_folder(out: Path, document: StudyDocument, rows: Sequence[object]) -> 
 
     Numbers that are not finite become null in JSON and empty in CSV. Lists in a row are left out of the CSV file.
     """
-    from crosscheck.report.standalone import write_page
-
     study, content = document.study, plain(document)
     put(out / f"{study}.json", json.dumps(content, indent=1, allow_nan=False))
     text = io.StringIO()

@@ -20,11 +20,12 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from crosscheck.document import Part, Way, extended
+from crosscheck.document import Part, Way, extended, grouped
 from crosscheck.errors import CrosscheckError, Unsupported, foreign, said
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference, TruthError
+from crosscheck.references.taylor import Taylor
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.studies.study import Ask, Progress, StudyDocument, StudyMeta, Work
@@ -139,14 +140,10 @@ def frontier(curves: Sequence[Curve], levels: Sequence[float] = LEVELS) -> list[
 
 def curves(rungs: Sequence[Rung], error: str = "end_position", cost: str = "wall_ms") -> list[Curve]:
     """The curves of these rungs, in their order. Rungs without error or cost are left out."""
-    by_label: dict[str, tuple[str, list[float], list[float]]] = {}
-    for rung in rungs:
-        e, c = getattr(rung, error), getattr(rung, cost)
-        if e is not None and c is not None and math.isfinite(e):
-            _, es, cs = by_label.setdefault(rung.label, (rung.engine, [], []))
-            es.append(float(e))
-            cs.append(float(c))
-    return [Curve(engine, label, tuple(es), tuple(cs)) for label, (engine, es, cs) in by_label.items()]
+    drawn = [rung for rung in rungs if getattr(rung, error) is not None and getattr(rung, cost) is not None
+             and math.isfinite(getattr(rung, error))]
+    return [Curve(own[0].engine, label, *(tuple(float(getattr(rung, name)) for rung in own) for name in (error, cost)))
+            for label, own in grouped(drawn, lambda rung: rung.label).items()]
 
 
 def with_errors(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> Rung:
@@ -412,8 +409,6 @@ class Bound:
 
     def __init__(self, scene: Scene, truth: Reference) -> None:
         import heyoka  # noqa: F401, where it is missing the study says so before it runs anything
-
-        from crosscheck.references.taylor import Taylor
 
         self._scene, self._truth = scene, truth
         self._series = Taylor(scene)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import itertools
 import shlex
 import time
 from collections.abc import Callable, Sequence
@@ -29,6 +30,7 @@ from crosscheck.document import (
     Support,
     exit_code,
     extended,
+    grouped,
 )
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import plain, readable
@@ -164,8 +166,9 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     started = time.perf_counter()
     cells = [cell for cell in all_cells(scene_names, engine_names, settings, within)
              if not methods or cell.way.method in methods]
-    stages = Stages(jobs, session, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
-                                             + len(cells) + walk * len(scene_names) * len(engine_names), progress))
+    done, total = itertools.count(1), (len(scene_names) * (1 + bool(settings.timing) + settings.speed)
+                                       + len(cells) + walk * len(scene_names) * len(engine_names))
+    stages = Stages(jobs, session, lambda label: progress(next(done), total, label) if progress else None)
     far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
     with contextlib.nullcontext() if far is None else contextlib.closing(far):
         elsewhere = stages if far is None else dataclasses.replace(stages, executor=far.executor, jobs=far.workers)
@@ -302,30 +305,13 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
             for cell, each, label in zip(cells, judged, labels(judged), strict=True)]
 
 
-class _Counter:
-    """Counts finished tasks for the progress callback."""
-
-    def __init__(self, total: int, progress: Progress | None) -> None:
-        self.done, self.total, self.progress = 0, total, progress
-
-    def __call__(self, label: str) -> None:
-        self.done += 1
-        if self.progress is not None:
-            self.progress(self.done, self.total, label)
-
-
 def labels(runs: Sequence[Record]) -> list[str]:
     """The name of every run. It has the form only if the method was run in more than one form on any scene."""
-    forms: dict[tuple[str, str], set[str]] = {}
-    for run in runs:
-        forms.setdefault((run.engine, run.method), set()).update({run.form} if run.form else ())
-    names = []
-    for run in runs:
-        several = len(forms[run.engine, run.method]) > 1 and run.form
-        coarse = f" at {1e3 * run.step:g} ms" if run.practical and run.step else ""
-        names.append(f"{run.engine} {run.method}" + (f" ({run.form})" if several else "")
-                     + (f" with {run.coordinate_map}" if run.coordinate_map else "") + coarse)
-    return names
+    forms = grouped({(run.engine, run.method, run.form) for run in runs if run.form}, lambda each: each[:2])
+    return [f"{run.engine} {run.method}"
+            + (f" ({run.form})" if run.form and len(forms[run.engine, run.method]) > 1 else "")
+            + (f" with {run.coordinate_map}" if run.coordinate_map else "")
+            + (f" at {1e3 * run.step:g} ms" if run.practical and run.step else "") for run in runs]
 
 
 def command(name: str, profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None,

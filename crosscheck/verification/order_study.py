@@ -160,16 +160,11 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     findings = _tell_cut(ladder.cut, findings, orders)
     low = frozenset(each.kind.removeprefix("order ") for each in findings if each.status == "fail")
     limits = judge_limit(scene, ladder.runs, reference, order, orders, low, eps)
-    return ladder.study([*findings, *limits, *_substeps(ladder, sizes, order)], orders)
-
-
-def _substeps(ladder: _Ladder, sizes: Sequence[float], order: int) -> list[Finding]:
-    """Findings about hidden sub-steps, from the coarsest run. There are none if any run failed."""
-    scene, runs = ladder.scene, [(size, run) for size, (_, run) in zip(sizes, ladder.runs, strict=False)]
-    if not runs or len(ladder.runs) < len(ladder.rungs):
-        return []
-    size, traj = runs[0]
-    return judge_substeps(scene, traj, ladder.reference, order, steps_per_sample(scene, size)[0] * (scene.samples - 1))
+    # Hidden sub-steps show in the coarsest run, if none failed.
+    whole = ladder.runs and len(ladder.runs) == len(ladder.rungs)
+    substeps = judge_substeps(scene, ladder.runs[0][1], reference, order, steps_per_sample(scene, sizes[0])[0] * (
+        scene.samples - 1)) if whole else []
+    return ladder.study([*findings, *limits, *substeps], orders)
 
 
 SMALL = 1e-6

@@ -115,15 +115,13 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
     engine, scene = adapters.get(engine_name), load_scene(scene_name)
     cells = []
     for method in engine.methods:
-        cells.append(Cell(scene_name, Way(engine_name, method), PENDING, True, profile.rungs, profile.whole))
         forms = engine.forms if profile.forms else ()
         usable = [form for form in forms if engine.unsupported(scene, RunSpec(method, step=1e-3, form=form)) is None]
-        # The first usable form is the engine's default, which has a cell already.
+        # The first usable form is the engine's default.
         cells += [Cell(scene_name, Way(engine_name, method, form=form), PENDING, True, profile.rungs, profile.whole,
-                       False) for form in usable[1:]]
-        plan = PLANS.get(scene_name, PENDING)
+                       form is None) for form in (None, *usable[1:])]
         spec = RunSpec(method, step=1e-3)
-        if profile.whole and plan.practical and engine.documented_order(scene, spec) == 1 and not engine.unsupported(
-                scene, spec):
+        if profile.whole and PLANS.get(scene_name, PENDING).practical and (
+                engine.documented_order(scene, spec) == 1 and not engine.unsupported(scene, spec)):
             cells.append(Cell(scene_name, Way(engine_name, method), PENDING, study=False, practical=True))
     return cells

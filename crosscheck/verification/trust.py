@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from crosscheck.document import EngineTrust, Recommended, Record, SceneTruth
+from crosscheck.document import EngineTrust, Recommended, Record, SceneTruth, grouped
 from crosscheck.errors import counted
 
 TARGETS = (1e-6, 1e-3)
@@ -80,8 +80,7 @@ def sentence(scene: SceneTruth, records: Sequence[Record]) -> str:
 def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]:
     """The recommendation for each engine, in the order of the records."""
     rows = []
-    for engine in dict.fromkeys(record.engine for record in records):
-        own = [record for record in records if record.engine == engine]
+    for engine, own in grouped(records, lambda record: record.engine).items():
         made = [record for record in own if record.outcome != "unsupported"]
         best = None if scene.failure or scene.no_truth else recommend(scene, made)
         passing = sum(record.outcome in ("pass", "partly") for record in made)

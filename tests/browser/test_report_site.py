@@ -281,7 +281,7 @@ def test_the_page_to_print_draws_everything_at_once_in_light_colours(watched):
 def test_the_report_prints_to_one_pdf(browser, site, tmp_path):
     from pypdf import PdfReader
 
-    from crosscheck.report.pdf import write_pdf
+    from crosscheck.report.figures import write_pdf
 
     printed = PdfReader(write_pdf([site / "index.html", site / "engine-mujoco.html"], tmp_path / "report.pdf"))
     assert [mark.title for mark in printed.outline] == ["index", "engine-mujoco"]

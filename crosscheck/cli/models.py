@@ -93,16 +93,17 @@ def diff(
 STEPS = ("1e-2", "1e-3", "1e-4", "1e-5", "1e-6", "1e-7", "1e-8", "1e-9")
 """Of MuJoCo's differences, for the curve of their error."""
 
-SOURCES = ("pinocchio:aba", *(f"mujoco:inverseFD@{step}" for step in STEPS), "mujoco:transitionFD",
-           "exudyn:linearised", *(f"{engine}:differences" for engine in ("mujoco", "pinocchio", "exudyn", "lieeuler")))
+SOURCES = (*(f"pinocchio:{way}" for way in ("aba", "rnea", "constrained")),
+           *(f"mujoco:inverseFD@{step}" for step in STEPS), "mujoco:transitionFD", "exudyn:linearised",
+           *(f"{engine}:differences" for engine in ("mujoco", "pinocchio", "exudyn", "lieeuler")))
 """What is asked by default."""
 
 
 def derivatives(
     scene: options.SceneName,
-    source: Annotated[list[str] | None, typer.Option("--source", help="an engine, engine:way (aba, inverseFD@1e-6, "
-                                                     "transitionFD, differences) or a class of your own as "
-                                                     "module:Class; may be repeated")] = None,
+    source: Annotated[list[str] | None, typer.Option("--source", help="an engine, engine:way (aba, rnea, constrained, "
+                                                     "inverseFD@1e-6, transitionFD, differences) or a class of "
+                                                     "your own as module:Class; may be repeated")] = None,
     as_json: options.AsJson = False,
     drop: options.Drop = False,
     keyframe: options.Keyframe = None,
@@ -115,13 +116,11 @@ def derivatives(
     exact = truth(asked)
     verdicts: list[Verdict] = []
     skipped: dict[str, str] = {}
-    for each in source or SOURCES if exact.da_dq is not None else ():
+    for each in source or SOURCES:
         try:
             verdicts.append(judge(asked, each, exact))
         except (Unsupported, EngineError) as error:
             skipped[each] = str(error)
-    if source and exact.da_dq is None:
-        raise ArgumentError(f"--source: {asked.name!r} has no joint coordinates in which sources give derivatives")
     if as_json:
         options.print_json({
             "scene": asked.name, "coordinates": exact.coordinates, "error": exact.error,
@@ -148,7 +147,7 @@ def _print_derivatives(exact: Any, verdicts: Any, skipped: dict[str, str]) -> No
             + ("" if each.right else f"; {each.cause or 'the cause is unknown'}"))
     curve = [each for each in verdicts if "inverseFD" in each.source]
     if len(curve) > 2:
-        best = min(curve, key=lambda each: max(each.errors["da_dq"], each.errors["da_dv"]))
+        best = min(curve, key=lambda each: max(error for name, error in each.errors.items() if name != "da_dtau"))
         say(f"of MuJoCo's steps {best.source.partition('@')[2]} is the best; larger ones have the error of order one, "
             "smaller ones that of rounding")
     for name, reason in skipped.items():

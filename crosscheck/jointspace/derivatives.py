@@ -16,14 +16,14 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.motion import JointSpace, TreeSpace, placed
+from crosscheck.jointspace.motion import JointSpace, TreeSpace, of_coordinates, placed, shifted
 from crosscheck.jointspace.sources import allowed, condition, taken
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
 from crosscheck.references.world import Motion
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
-from crosscheck.scene.vectors import exponential
+from crosscheck.scene.states import States
 
 AGREED = 1e-8
 """Largest relative difference of the two routes of truth; what it is counts as the error of the truth."""
@@ -177,6 +177,38 @@ def linearised(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return changes @ free, rates @ free, free
 
 
+@dataclasses.dataclass(frozen=True)
+class Tangent:
+    """m directions along which a scene can move, loops closed: a basis of the tangent space of its constraints.
+
+    Attributes
+    ----------
+    changes : (12n, m) of the states of all bodies, see `linearised`.
+    q, v, a : (n, m) changes of the coordinates of the scene, of their rates and of their accelerations.
+    """
+
+    changes: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+
+def tangent_space(scene: Scene) -> Tangent:
+    """The directions, and what truth says about each."""
+    space = TreeSpace(scene)
+    changes, _, free = linearised(space)
+    pose = np.moveaxis(changes.reshape(2, scene.n, 6, -1)[0], 2, 0)
+    x, R = (np.broadcast_to(each, (len(pose), *each.shape)) for each in (scene.x0, scene.R0))
+
+    def seen(change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+        states = space.bodies(change, speeds).states
+        return np.concatenate([of_coordinates(scene, states, later)[0] for later in (False, True)])
+
+    v, a = np.split(np.concatenate(space.derivative(seen), axis=1) @ free, 2)
+    q = of_coordinates(scene, States(np.zeros(len(pose)), x, R, pose[..., :3], pose[..., 3:])).T
+    return Tangent(changes, q, v, a)
+
+
 def _ties(space: TreeSpace) -> np.ndarray:
     """Rows of what keeps coordinates of the tree together, and of driven ones, which do not change."""
     ties = [*space.equations.ties, *({body: [1.0]} for body in space.equations.driven)]
@@ -206,11 +238,10 @@ def differences(scene: Scene, directions: np.ndarray) -> np.ndarray:
 
 def _rates(equations: Maximal, scene: Scene, step: np.ndarray) -> np.ndarray:
     """(v, w, a, alpha) of a changed state, (12n,)."""
-    n = scene.n
-    pose, speed = step.reshape(2, n, 6)
-    x, v, w, turn = (np.concatenate([values, np.zeros((1, 3))]) for values in (
-        scene.x0 + pose[:, :3], scene.v0 + speed[:, :3], scene.w0 + speed[:, 3:], pose[:, 3:]))
-    R = np.concatenate([scene.R0 @ exponential(pose[:, 3:]), np.eye(3)[None]])
+    n, moved, none = scene.n, shifted(scene, step), np.zeros((1, 3))
+    x, v, w, turn = (np.concatenate([values, none]) for values in (
+        moved.x0, moved.v0, moved.w0, step.reshape(2, n, 6)[0, :, 3:]))
+    R = np.concatenate([moved.R0, np.eye(3)[None]])
     start, angles = equations.motion(equations.initial())
     spins = [spring.rate(Motion(start.x, R, v * 0, turn)) for spring in equations.torsions]
     a, alpha = equations.accelerations(Motion(x, R, v, w, start.hinges), angles + np.reshape(spins, angles.shape))

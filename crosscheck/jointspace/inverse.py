@@ -109,7 +109,7 @@ def by_pinocchio(scene: Scene, a: np.ndarray) -> np.ndarray:
     """`rnea`, with springs, dampers and loads as torques and wrenches from outside."""
     import pinocchio
 
-    dynamics, q, v, T = pinocchio_at(scene)
+    dynamics, q, v, (_, T) = pinocchio_at(scene)
     torque, wrenches = dynamics._applied(0.0, q, v)
     external = () if wrenches is None else (wrenches,)
     return np.asarray(T @ (pinocchio.rnea(dynamics.model.model, dynamics.data, q, v, T.T @ a, *external) - torque))
@@ -119,7 +119,7 @@ def by_mujoco(scene: Scene, a: np.ndarray) -> np.ndarray:
     """`mj_inverse` minus the loads that are actuators here."""
     import mujoco
 
-    model, data, T = mujoco_at(scene)
+    model, data, (_, T) = mujoco_at(scene)
     data.qacc[:] = T.T @ a
     mujoco.mj_inverse(model, data)
     return np.asarray(T @ (data.qfrc_inverse - data.qfrc_actuator))

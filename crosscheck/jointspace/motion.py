@@ -33,13 +33,13 @@ from crosscheck.references.joint_motion import STILL
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree import FREE, Link
 from crosscheck.references.tree_loads import angle_rate
-from crosscheck.scene.coordinates import accelerations, histories
+from crosscheck.scene.coordinates import histories, rates
 from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, SMOOTH, Scene, quaternion_from_rotation, quaternion_from_turn
 from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import Motion, States
-from crosscheck.scene.vectors import slide_direction
+from crosscheck.scene.vectors import exponential, slide_direction
 
 STEP = 1e-30
 """Its square times anything in a scene is below rounding."""
@@ -61,6 +61,11 @@ class Bodies:
     rates: np.ndarray
     values: np.ndarray
     slopes: np.ndarray
+
+    @property
+    def states(self) -> States:
+        """Of the bodies, at one time."""
+        return States(np.zeros(1), *(part[None] for part in (self.x, self.R, self.v, self.w, self.a, self.alpha)))
 
 
 class _Equations(Taylor):
@@ -262,9 +267,7 @@ class JointSpace(TreeSpace):
 
     def accelerations(self, change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
         """Second derivatives of the scene's coordinates, (size,)."""
-        b = self.bodies(change, speeds)
-        return of_coordinates(self.scene, States(np.zeros(1), *(each[None] for each in (
-            b.x, b.R, b.v, b.w, b.a, b.alpha))))
+        return np.asarray(of_coordinates(self.scene, self.bodies(change, speeds).states, True)[0])
 
     @functools.cached_property
     def motions(self) -> np.ndarray:
@@ -289,16 +292,16 @@ class JointSpace(TreeSpace):
         return np.asarray(M)
 
 
-def of_coordinates(scene: Scene, states: States) -> np.ndarray:
-    """Accelerations of the coordinates of the scene, (n,), at the first time."""
-    first = States(*(np.asarray(getattr(states, name))[:1] for name in ("t", "x", "R", "v", "w", "a", "alpha")))
-    assert first.a is not None
-    assert first.alpha is not None
+def of_coordinates(scene: Scene, states: States, accelerated: bool = False) -> np.ndarray:
+    """Rates of the coordinates of the scene, (T, n), or their derivatives, also of joints that close loops."""
+    linear, angular = (states.a, states.alpha) if accelerated else (states.v, states.w)
+    assert linear is not None
+    assert angular is not None
     carried = {joint.child for joint in scene.joints}
-    parts = [np.concatenate([first.a[0, k], first.alpha[0, k]]) for k in range(scene.n) if k not in carried]
-    parts += [np.atleast_1d(accelerations(joint, first)[0]) for joint in scene.joints
+    parts = [np.concatenate([linear[:, k], angular[:, k]], axis=1) for k in range(scene.n) if k not in carried]
+    parts += [rates(joint, states, accelerated).reshape(len(linear), -1) for joint in scene.joints
               if JOINT_TYPES[joint.type].coordinates]
-    return np.concatenate(parts)
+    return np.asarray(np.concatenate([np.zeros((len(linear), 0)), *parts], axis=1))
 
 
 def _turn(vector: Vector) -> Vector:
@@ -358,6 +361,14 @@ def placed(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
     return scene.replace(bodies=moved.bodies, joints=tuple(
         joint if joint.start is None or joint.type == "spherical" else
         dataclasses.replace(joint, start=tuple(q[space.of_joint[joint.name]])) for joint in scene.joints))
+
+
+def shifted(scene: Scene, change: np.ndarray) -> Scene:
+    """The scene with its start moved by (12n,), see `crosscheck.jointspace.derivatives.linearised`; joints may open."""
+    pose, speed = change.reshape(2, scene.n, 6)
+    return scene.replace(bodies=bodies_at(scene, Configuration(
+        scene.x0 + pose[:, :3], quaternion_from_rotation(scene.R0 @ exponential(pose[:, 3:])),
+        scene.v0 + speed[:, :3], scene.w0 + speed[:, 3:])))
 
 
 def posed(scene: Scene, found: Bodies) -> Scene:

@@ -15,8 +15,9 @@ from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.common import open_tree
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
 from crosscheck.inspection import probe
-from crosscheck.jointspace.motion import JointSpace, of_coordinates, positions, starting
+from crosscheck.jointspace.motion import JointSpace, of_coordinates, positions, shifted, starting
 from crosscheck.running.attempt import Ran, Way, attempt
+from crosscheck.scene.assembly import projected
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -27,8 +28,15 @@ EPS = 1e-6
 NEAR, MOST_DIRECTIONS = 1e-8, 3
 """Step of second differences for noise, whose truncation is 1e-16, and in how many directions."""
 
+PROXIMAL = 1e-10
+"""Regularisation by which Pinocchio takes dependent rows of loops; its iterations remove the effect."""
+
 SAME = 1e-9
 """Largest entry by which rates of an engine may differ from signed rates of the scene."""
+
+
+Where = tuple[np.ndarray, np.ndarray]
+"""Which coordinates of the scene those of an engine are, and T of (their rates) = T (rates of the engine)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +44,8 @@ class Blocks:
     """What a source gives.
 
     `order` is that of its error in `eps`, its step of differences; None if it is analytic. `rounding` is the spacing of
-    its numbers at 1.
+    its numbers at 1. On loops the coordinates are those that the engine has, `rows` of the scene's, or da_dq has all
+    accelerations by the directions of `Tangent`, and da_dv nothing.
     """
 
     da_dq: np.ndarray
@@ -45,10 +54,19 @@ class Blocks:
     order: int | None = None
     eps: float = 0.0
     rounding: float = 2.0**-52
+    rows: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, where: Where, da_dq: np.ndarray, da_dv: np.ndarray, da_dtau: np.ndarray | None,
+           order: int | None = None, eps: float = 0.0, rounding: float = 2.0**-52) -> Blocks:
+        """From those of an engine in its own coordinates, see `signed`."""
+        rows, T = where
+        return cls(T @ da_dq @ T.T, T @ da_dv @ T.T, None if da_dtau is None else T @ da_dtau @ T.T, order, eps,
+                   rounding, rows)
 
 
 WAYS: dict[str, tuple[str, ...]] = {
-    "pinocchio": ("aba", "differences"), "mujoco": ("inverseFD", "transitionFD", "differences"),
+    "pinocchio": ("aba", "rnea", "constrained", "differences"), "mujoco": ("inverseFD", "transitionFD", "differences"),
     "exudyn": ("linearised", "differences"), "drake": ("autodiff", "differences"),
     "mjx": ("jacfwd", "jacrev", "differences")}
 """The ways of engines besides "differences", the first by default. One of MuJoCo may end with "@EPS"."""
@@ -79,13 +97,13 @@ DERIVATIVE = 10.0
 of the motion grow as the root of the largest first derivative."""
 
 
-def taken(scene: Scene, source: Any) -> tuple[str, Blocks]:
-    """The label of a source, and its blocks."""
+def taken(scene: Scene, source: Any, along: np.ndarray | None = None) -> tuple[str, Blocks]:
+    """The label of a source, and its blocks; `along` as of `differences`."""
     if not isinstance(source, str):
-        return str(getattr(source, "name", type(source).__name__)), _own(scene, source)
+        return str(getattr(source, "name", type(source).__name__)), _own(scene, source, along)
     name, _, way = source.partition(":")
     if name not in WAYS and way and name not in adapters.names():  # module:Class
-        return source, _own(scene, adapters.get(source))
+        return source, _own(scene, adapters.get(source), along)
     ways = WAYS.get(name, ("differences",))
     way, _, step = (way or ways[0]).partition("@")
     if way not in ways and way not in adapters.methods(name):
@@ -101,40 +119,43 @@ def taken(scene: Scene, source: Any) -> tuple[str, Blocks]:
             return f"mujoco:{way}@{eps:g}", mujoco_differences(scene, way, eps)
         if way in GIVEN:
             return f"{name}:{way}", GIVEN[way](scene)
-        return f"{name}:{way}", differences(scene, adapters.get(name), None if way == "differences" else way)
+        return f"{name}:{way}", differences(scene, adapters.get(name), None if way == "differences" else way, along)
     except ModuleNotFoundError as error:
         raise EngineError(f"{name} cannot be imported: {error}") from error
 
 
-def signed(space: JointSpace, motions: np.ndarray, who: str) -> np.ndarray:
-    """T of (rates of the scene) = T (rates of an engine) from its body velocities of unit rates, (6n, nv)."""
-    T = np.linalg.pinv(space.motions) @ motions
+def signed(scene: Scene, unit: States, who: str) -> Where:
+    """From the velocities of a unit rate of the engine at each time of `unit`; joints that close loops follow."""
+    T = of_coordinates(scene, unit).T
     signs = np.round(T)
-    square = T.shape[0] == T.shape[1]
-    if not square or np.abs(T - signs).max() > SAME or not np.array_equal(np.abs(signs).sum(axis=0), np.ones(len(T))):
-        raise Unsupported(f"{who} on {space.scene.name!r}: its coordinates turn against those of the scene")
-    return np.asarray(signs)
+    rows = np.flatnonzero((np.abs(T - signs).max(axis=1, initial=0.0) < SAME) & (np.abs(signs).sum(axis=1) == 1))
+    if len(rows) != len(unit.t) or not np.array_equal(np.abs(signs[rows]).sum(axis=0), np.ones(len(rows))):
+        raise Unsupported(f"{who} on {scene.name!r}: its coordinates turn against those of the scene")
+    return rows, signs[rows]
 
 
-def pinocchio_at(scene: Scene) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray]:
-    """Its dynamics, q and v at the start, and T of `signed`."""
+def pinocchio_at(scene: Scene) -> tuple[Any, np.ndarray, np.ndarray, Where]:
+    """Its dynamics, q and v at the start, and what `signed` gives."""
     from crosscheck.adapters.pinocchio.dynamics import Dynamics
     from crosscheck.adapters.pinocchio.models import build
 
     made = build(scene, "tree")
     q, v = made.initial_state()
     count = len(v)
+    dynamics = Dynamics(made)
+    one = {joint.name for joint in scene.joints if joint.kind.has_one}
+    if made.parts and one == {link.joint for link in made.links}:
+        T = np.zeros((len(scene.joints), count))  # a body in two parts shows the rates of one
+        for row, joint in zip(T, scene.joints, strict=True):
+            _, at_v, sign = dynamics._turn(joint)
+            row[at_v] = sign
+        return dynamics, q, v, (np.arange(len(T)), T)
     unit = made.states(np.zeros(count), np.tile(q, (count, 1)), np.eye(count), None)
-    return Dynamics(made), q, v, signed(JointSpace(scene), _motions(unit), "pinocchio")
+    return dynamics, q, v, signed(scene, unit, "pinocchio")
 
 
-def _motions(unit: States) -> np.ndarray:
-    """(6n, count): body velocities of unit rates, each of which is a time of the states."""
-    return np.concatenate([unit.v, unit.w], axis=2).reshape(len(unit.v), -1).T
-
-
-def mujoco_at(scene: Scene) -> tuple[Any, Any, np.ndarray]:
-    """Its model and data at the start, after `mj_forward`, and T of `signed`."""
+def mujoco_at(scene: Scene) -> tuple[Any, Any, Where]:
+    """Its model and data at the start, after `mj_forward`, and what `signed` gives."""
     import mujoco
 
     from crosscheck.adapters.mujoco import models
@@ -148,52 +169,68 @@ def mujoco_at(scene: Scene) -> tuple[Any, Any, np.ndarray]:
     if control := models.controls(scene):
         control(model, data)
     mujoco.mj_forward(model, data)
-    motions = np.zeros((scene.n, 6, model.nv))
+    v, w = np.zeros((2, model.nv, scene.n, 3))
     for k in range(scene.n):
-        body = model.body(str(k)).id
-        mujoco.mj_jacBodyCom(model, data, motions[k, :3], motions[k, 3:], body)
-        motions[k, 3:] = data.xmat[body].reshape(3, 3).T @ motions[k, 3:]
-    return model, data, signed(JointSpace(scene), motions.reshape(6 * scene.n, -1), "mujoco")
+        body, motions = model.body(str(k)).id, np.zeros((2, 3, model.nv))
+        mujoco.mj_jacBodyCom(model, data, *motions, body)
+        v[:, k], w[:, k] = motions[0].T, motions[1].T @ data.xmat[body].reshape(3, 3)
+    x, R = (np.broadcast_to(each, (model.nv, *each.shape)) for each in (scene.x0, scene.R0))
+    return model, data, signed(scene, States(np.zeros(model.nv), x, R, v, w), "mujoco")
 
 
-def pinocchio_aba(scene: Scene) -> Blocks:
-    """`computeABADerivatives`. Springs are torques from outside to it, whose derivatives are added by the chain rule;
-    dampers are its own `model.damping`.
+def pinocchio_given(scene: Scene, way: str) -> Blocks:
+    """`computeABADerivatives`, or those of `rnea` divided by the mass matrix, or those of closed loops.
+
+    Springs are torques from outside to it, whose derivatives are added by the chain rule; dampers are its own
+    `model.damping`, which those of closed loops do not take.
     """
     import pinocchio
 
-    dynamics, q, v, T = pinocchio_at(scene)
-    model, data = dynamics.model.model, dynamics.data
-    if dynamics._forces:
-        raise Unsupported(f"pinocchio on {scene.name!r}: derivatives of {dynamics._forces[0].type} are not its own")
+    dynamics, q, v, where = pinocchio_at(scene)
+    model, data, loops = dynamics.model.model, dynamics.data, dynamics.closure
+    if dynamics._forces or (loops is None) == (way == "constrained") or dynamics.model.mimics is not None:
+        raise Unsupported(f"pinocchio:{way} on {scene.name!r}: " + (
+            f"derivatives of {dynamics._forces[0].type} are not its own" if dynamics._forces else
+            "it is for closed loops" if loops is None else "it is for trees"))
     damping, springs = np.zeros(model.nv), np.zeros(model.nv)
     for force, _, at_v, _ in dynamics._turns:
         if force.type == "torsional_spring":
             damping[at_v] += force.parameters["damping"]
             springs[at_v] += force.parameters["stiffness"]
-    model.damping = damping
     tau, _ = dynamics._applied(0.0, q, v)
-    pinocchio.computeABADerivatives(model, data, q, v, tau)
-    upper = np.triu(data.Minv)
-    inverse = upper + np.triu(upper, 1).T
-    return Blocks(T @ (data.ddq_dq - inverse @ np.diag(springs)) @ T.T, T @ data.ddq_dv @ T.T, T @ inverse @ T.T)
+    if loops is not None:
+        settings = pinocchio.ProximalSettings(1e-14, PROXIMAL, 20)  # as it needs for dependent rows
+        pinocchio.constraintDynamics(model, data, q, v, tau, loops.models, loops.workspaces, settings)
+        pinocchio.computeConstraintDynamicsDerivatives(model, data, loops.models, loops.workspaces, settings)
+        inverse, by_q, by_v = data.ddq_dtau, data.ddq_dq, data.ddq_dv - data.ddq_dtau @ np.diag(damping)
+    elif way == "rnea":
+        model.damping = damping
+        pinocchio.computeRNEADerivatives(model, data, q, v, dynamics(q, v))
+        inverse = np.linalg.inv(dynamics.mass_matrix(q))
+        by_q, by_v = -inverse @ data.dtau_dq, -inverse @ data.dtau_dv
+    else:
+        model.damping = damping
+        pinocchio.computeABADerivatives(model, data, q, v, tau)
+        upper = np.triu(data.Minv)
+        inverse, by_q, by_v = upper + np.triu(upper, 1).T, data.ddq_dq, data.ddq_dv
+    return Blocks.of(where, by_q - inverse @ np.diag(springs), by_v, inverse)
 
 
 def mujoco_differences(scene: Scene, way: str, eps: float) -> Blocks:
     """`mjd_inverseFD`, forward differences, or `mjd_transitionFD`, central ones of a step of semi-implicit Euler."""
     import mujoco
 
-    model, data, T = mujoco_at(scene)
+    model, data, where = mujoco_at(scene)
     n, h = model.nv, model.opt.timestep
     if way == "inverseFD":
         Dq, Dv, Da = np.zeros((3, n, n))
         mujoco.mjd_inverseFD(model, data, eps, 1, Dq, Dv, Da, None, None, None, None)
         inverse = np.linalg.inv(Da.T)
-        return Blocks(-T @ inverse @ Dq.T @ T.T, -T @ inverse @ Dv.T @ T.T, T @ inverse @ T.T, 1, eps)
+        return Blocks.of(where, -inverse @ Dq.T, -inverse @ Dv.T, inverse, order=1, eps=eps)
     A = np.zeros((2 * n, 2 * n))
     mujoco.mjd_transitionFD(model, data, eps, 1, A, None, None, None)
     # The velocity after a step is v + h a, so that rounding of v is divided by h too.
-    return Blocks(T @ A[n:, :n] @ T.T / h, T @ (A[n:, n:] - np.eye(n)) @ T.T / h, None, 2, eps, 2.0**-52 / h)
+    return Blocks.of(where, A[n:, :n] / h, (A[n:, n:] - np.eye(n)) / h, None, order=2, eps=eps, rounding=2.0**-52 / h)
 
 
 def exudyn_linearised(scene: Scene) -> Blocks:
@@ -204,12 +241,12 @@ def exudyn_linearised(scene: Scene) -> Blocks:
     model, linearised = kinematic_tree.kinematic_tree(scene, "XYZ"), importlib.import_module("exudyn.solver")
     M, K, D = (np.array(part) for part in linearised.ComputeLinearizedSystem(model.system))
     q, one = np.atleast_1d(model.system.GetSensorValues(model.sensors[0])), np.eye(space.size)
-    T = signed(space, _motions(model.convert(np.zeros(len(q)), [np.tile(q, (len(q), 1)), one, 0 * one])), "exudyn")
+    where = signed(scene, model.convert(np.zeros(len(q)), [np.tile(q, (len(q), 1)), one, 0 * one]), "exudyn")
     inverse = np.linalg.inv(M)
     how = exudyn.SimulationSettings().timeIntegration.newton.numericalDifferentiation
     steps = how.relativeEpsilon * (how.minimumCoordinateSize + np.array([0.0, np.abs([q, space.speeds]).max()]))
-    return Blocks(-T @ inverse @ K @ T.T, -T @ inverse @ D @ T.T, T @ inverse @ T.T, 1, steps[1],
-                  2.0**-52 * steps[1] / steps[0])
+    return Blocks.of(where, -inverse @ K, -inverse @ D, inverse, order=1, eps=steps[1],
+                     rounding=2.0**-52 * steps[1] / steps[0])
 
 
 def drake_autodiff(scene: Scene) -> Blocks:
@@ -218,7 +255,7 @@ def drake_autodiff(scene: Scene) -> Blocks:
 
     from crosscheck.adapters import drake
 
-    engine, space = drake.Drake(), JointSpace(scene)
+    engine = drake.Drake()
     reason = engine.unsupported(scene, RunSpec(engine.methods[0]))
     if reason or any(JOINT_TYPES[joint.type].coordinates == ("ball",) for joint in scene.joints):
         raise Unsupported(f"drake on {scene.name!r}: {reason or 'its ball joint has angles'}")
@@ -226,12 +263,12 @@ def drake_autodiff(scene: Scene) -> Blocks:
     model.start(scene, model.bench)
     q, v = (np.array(get(model.bench)) for get in (model.plant.GetPositions, model.plant.GetVelocities))
     convert = open_tree.converter(scene, model.set_state, model.body_state)
-    T = signed(space, _motions(convert(np.zeros(len(q)), np.tile(q, (len(q), 1)), np.eye(len(q)), None)), "drake")
+    where = signed(scene, convert(np.zeros(len(q)), np.tile(q, (len(q), 1)), np.eye(len(q)), None), "drake")
     plant = model.plant.ToAutoDiffXd()
     context = plant.CreateDefaultContext()
     plant.SetPositionsAndVelocities(context, InitializeAutoDiff(np.concatenate([q, v])))
     slopes = ExtractGradient(plant.EvalTimeDerivatives(context).get_generalized_velocity().CopyToVector())
-    return Blocks(T @ slopes[:, :len(q)] @ T.T, T @ slopes[:, len(q):] @ T.T, None)
+    return Blocks.of(where, slopes[:, :len(q)], slopes[:, len(q):], None)
 
 
 def mjx_jacobian(scene: Scene, mode: str) -> Blocks:
@@ -241,7 +278,7 @@ def mjx_jacobian(scene: Scene, mode: str) -> Blocks:
     from crosscheck.adapters.mjx import library
 
     mjx = library(True)
-    built, start, T = mujoco_at(scene)
+    built, start, where = mujoco_at(scene)
     if built.nq != built.nv:
         raise Unsupported(f"mjx on {scene.name!r}: its positions are quaternions")
     model, data = mjx.put_model(built), mjx.put_data(built, start)
@@ -250,66 +287,62 @@ def mjx_jacobian(scene: Scene, mode: str) -> Blocks:
         return mjx.forward(model, data.replace(qpos=q, qvel=v)).qacc
 
     da_dq, da_dv = (np.asarray(part) for part in jax.jit(getattr(jax, mode)(accelerated, (0, 1)))(data.qpos, data.qvel))
-    return Blocks(T @ da_dq @ T.T, T @ da_dv @ T.T, None)
+    return Blocks.of(where, da_dq, da_dv, None)
 
 
 GIVEN: dict[str, Callable[[Scene], Blocks]] = {
-    "aba": pinocchio_aba, "linearised": exudyn_linearised, "autodiff": drake_autodiff,
+    "linearised": exudyn_linearised, "autodiff": drake_autodiff,
+    **{way: functools.partial(pinocchio_given, way=way) for way in ("aba", "rnea", "constrained")},
     **{mode: functools.partial(mjx_jacobian, mode=mode) for mode in ("jacfwd", "jacrev")}}
 """Derivatives that an engine has by a way of its own, without a step to choose."""
 
 
-def differences(scene: Scene, engine: Any, method: str | None = None) -> Blocks:
+def differences(scene: Scene, engine: Any, method: str | None = None, along: np.ndarray | None = None) -> Blocks:
     """Central differences of the accelerations that an engine gives at the start of changed scenes.
 
-    The step is the cube root of the rounding that they show, at which rounding and truncation are alike.
+    The step is the cube root of the rounding that they show, at which rounding and truncation are alike. `along`
+    (12n, m): directions, where joints close loops.
     """
-    space = JointSpace(scene)
     names = (method,) if method else engine.methods
     known = method is None and engine.name in adapters.built_in.ENTRIES
-    zero = np.zeros(space.size)
+    def moved(change: np.ndarray) -> Scene:
+        if along is None:
+            return JointSpace(scene).moved(*np.split(change, 2))
+        return projected(scene, shifted(scene, along @ change))
 
-    def accelerated(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        changed = space.moved(q, v)
+    count = 2 * JointSpace(scene).size if along is None else along.shape[1]
+
+    def accelerated(k: int, size: float) -> Any:
+        changed = moved(size * np.eye(count)[k])
         if known:  # what its model says at a state, without a step
             start = starting(changed)
             said = probe(engine, changed, start)
             if said.a is not None and said.alpha is not None:
-                return of_coordinates(changed, dataclasses.replace(start, a=said.a, alpha=said.alpha))
+                return of_coordinates(changed, dataclasses.replace(start, a=said.a, alpha=said.alpha), True)[0]
         h = 1e-6
         for name in names:
             outcome = attempt(changed.replace(duration=h, samples=2), Way(engine.name, name, h), engine, monitor=False)
-            if isinstance(outcome, Ran):
-                s = outcome.raw.states
-                if s.a is not None and s.alpha is not None:
-                    return of_coordinates(changed, s)
+            if isinstance(outcome, Ran) and outcome.raw.states.a is not None:
+                return of_coordinates(changed, outcome.raw.states, True)[0]
         raise Unsupported(f"{engine.name} gives no accelerations on {scene.name!r}")
 
-    eps = max(float(getattr(engine, "eps", 2.0**-52)), _noise(accelerated, space.size))
+    begin = accelerated(0, 0.0)
+    noise = [accelerated(k, NEAR) - 2.0 * begin + accelerated(k, -NEAR) for k in range(min(count, MOST_DIRECTIONS))]
+    eps = max(float(getattr(engine, "eps", 2.0**-52)),
+              float(np.abs(noise).max() / 2.0 / max(1.0, np.abs(begin).max(initial=0.0))))
     step = eps ** (1 / 3)
-    columns = [[(accelerated(*(zero + step * sign * row if part == k else zero for k in range(2))))
-                for sign in (1, -1)] for part in range(2) for row in np.eye(space.size)]
-    found = np.array([(up - down) / (2 * step) for up, down in columns]).T
-    return Blocks(found[:, :space.size], found[:, space.size:], None, 2, step, eps)
+    slopes = np.array([(accelerated(k, step) - accelerated(k, -step)) / (2 * step) for k in range(count)]).T
+    cut = count // 2 if along is None else count
+    return Blocks(slopes[:, :cut], slopes[:, cut:], None, 2, step, eps)
 
 
-def _noise(accelerated: Callable[[np.ndarray, np.ndarray], np.ndarray], size: int) -> float:
-    """Relative noise of accelerations: of second differences so small that they have nothing else."""
-    zero = np.zeros(size)
-    begin, noise = accelerated(zero, zero), 0.0
-    for row in np.eye(size)[:MOST_DIRECTIONS]:
-        ends = [accelerated(sign * NEAR * row, zero) for sign in (1.0, -1.0)]
-        noise = max(noise, float(np.abs(ends[0] - 2.0 * begin + ends[1]).max()) / 2.0)
-    return noise / max(1.0, float(np.abs(begin).max()))
-
-
-def _own(scene: Scene, engine: Any) -> Blocks:
+def _own(scene: Scene, engine: Any, along: np.ndarray | None) -> Blocks:
     """Those of an engine's `derivatives(scene, state)`, or differences of its accelerations."""
     give: Callable[..., Any] | None = getattr(engine, "derivatives", None)
-    space = JointSpace(scene)
-    given = None if give is None else give(scene, (positions(scene), space.speeds))
-    if given is None:
-        return differences(scene, adapters.get(engine))
+    space = JointSpace(scene) if along is None else None
+    given = None if give is None or space is None else give(scene, (positions(scene), space.speeds))
+    if given is None or space is None:
+        return differences(scene, adapters.get(engine), along=along)
     who, shape = f"derivatives of {getattr(engine, 'name', engine)!r}", (space.size, space.size)
     if not isinstance(given, Mapping) or not {"da_dq", "da_dv"} <= set(given):
         raise EngineError(f"{who}: give a dict with da_dq, da_dv and da_dtau")

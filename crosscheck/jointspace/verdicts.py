@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from crosscheck.errors import Unsupported
-from crosscheck.jointspace.derivatives import Derivatives, of, truth
+from crosscheck.jointspace.derivatives import Derivatives, of, tangent_space, truth
 from crosscheck.jointspace.motion import JointSpace, placed, starting
+from crosscheck.jointspace.sources import Blocks, allowed, condition, taken
+from crosscheck.scene import mechanics
 from crosscheck.scene.coordinates import relative
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Force, Scene
@@ -26,13 +28,16 @@ DIFFERENCE = 1e-3
 MOST_DIGITS, WHOLE = 1e9, 1e-3
 """Differences with a small step, in last digits of the accelerations, and how far they may be from whole numbers."""
 
+LINEAR = 0.1
+"""Part by which an error may miss a tenth of another one that has ten times its step."""
+
 EXPLAINED = 0.02
 """Part of a difference that may be left of it once the cause is in the truth, besides the bound."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Verdict:
-    """Derivatives of one source against truth, each error relative to the block's size."""
+    """Derivatives of one source against truth, each error relative to the block's size; "tangent" on closed loops."""
 
     source: str
     errors: dict[str, float]
@@ -45,7 +50,7 @@ def judge(scene: Scene, source: Any, exact: Derivatives | None = None) -> Verdic
     """The verdict on a source at the start of a scene; errors as of `crosscheck.derivatives`."""
     exact = exact or truth(scene)
     if exact.da_dq is None:
-        raise Unsupported(f"{scene.name!r} has no joint coordinates in which sources give derivatives")
+        return _on_loops(scene, source, exact.error)
     given = of(scene, source)
     sizes = scales(exact)
     errors = {name: float(np.abs(values - exact.blocks[name]).max() / sizes[name])
@@ -54,6 +59,35 @@ def judge(scene: Scene, source: Any, exact: Derivatives | None = None) -> Verdic
     wrong = {name: given.blocks[name] for name, error in errors.items() if not error <= bound}
     cause = cause_of(scene, exact, wrong, bound, given.source) if wrong else ""
     return Verdict(given.source, errors, bound, not wrong, cause)
+
+
+def _on_loops(scene: Scene, source: Any, known: float) -> Verdict:
+    """The verdict where joints close loops: accelerations by the directions in which the joints let the scene move."""
+    exact = tangent_space(scene)
+    if not exact.a.size:
+        raise Unsupported(f"{scene.name!r} has no joint coordinates in which sources give derivatives")
+    size = max(float(np.abs(exact.a).max()), 1e-300)
+
+    def apart(source: Any) -> tuple[str, Blocks, Callable[[np.ndarray], float]]:
+        label, blocks = taken(scene, source, exact.changes)
+        rows = np.arange(len(exact.a)) if blocks.rows is None else blocks.rows
+        given = blocks.da_dq if blocks.rows is None else blocks.da_dq @ exact.q[rows] + blocks.da_dv @ exact.v[rows]
+        return label, blocks, lambda other: float(np.abs(given - other[rows]).max() / size)
+
+    label, blocks, off = apart(source)
+    count = exact.changes.shape[1] // 2
+    motions = np.linalg.svd(exact.changes[:6 * scene.n])[0][:, :count]
+    mass = motions.T @ np.linalg.inv(mechanics.inverse_mass(scene)) @ motions
+    bound, error, cause = max(allowed(blocks, size, condition(mass)), known), off(exact.a), ""
+    if not error <= bound:
+        cause = next((words for words, changed in itertools.chain([("the sign is reversed", -exact.a)], (
+            (words, tangent_space(each).a) for words, each in _models(scene)))
+            if off(changed) <= bound + EXPLAINED * error), "")
+    if not error <= bound and not cause and blocks.order == 1 and isinstance(source, str):
+        finer = apart(f"{label.partition('@')[0]}@{blocks.eps / 10:g}")[-1](exact.a)
+        if abs(10 * finer / error - 1) < LINEAR:
+            cause = f"forward differences of soft loops: their error is {error / blocks.eps:.0e} times their step"
+    return Verdict(label, {"tangent": error}, bound, error <= bound, cause)
 
 
 def scales(exact: Derivatives) -> dict[str, float]:
@@ -69,7 +103,7 @@ def cause_of(scene: Scene, exact: Derivatives, wrong: dict[str, np.ndarray], bou
     """What is wrong with the wrong blocks, in words; "" if no known mistake explains it."""
     sizes = scales(exact)
     apart = {name: float(np.abs(values - exact.blocks[name]).max()) for name, values in wrong.items()}
-    for words, changed in itertools.chain(_algebra(scene, exact), _models(scene), _steps(scene, exact, wrong)):
+    for words, changed in itertools.chain(_algebra(scene, exact), _altered(scene), _steps(scene, exact, wrong)):
         if all(name in changed and float(np.abs(values - changed[name]).max())
                <= bound * sizes[name] + EXPLAINED * apart[name] for name, values in wrong.items()):
             return f"{words} ({', '.join(wrong)})"
@@ -84,8 +118,8 @@ Mistakes = Iterator[tuple[str, dict[str, np.ndarray]]]
 """Each known mistake and the blocks that it would give."""
 
 
-def _models(scene: Scene) -> Mistakes:
-    """Something of the scene is left out, or the state is another one."""
+def _models(scene: Scene) -> Iterator[tuple[str, Scene]]:
+    """Scenes of which something is left out, or whose state is another one."""
     turning = [force for force in scene.forces if force.type == "torsional_spring"]
     changes = [(f"the {key} of {whose} is left out", _without(scene, key, among))
                for whose, among in (("joints", turning), *((f"joint {each.joint!r}", [each]) for each in turning))
@@ -98,13 +132,18 @@ def _models(scene: Scene) -> Mistakes:
     changes += [(f"{words} left out", scene.replace(forces=tuple(f for f in scene.forces if f.type not in types)))
                 for words, types in (("linear springs are", ("linear_spring",)), ("the loads are", (
                     "constant_force", "constant_torque", "joint_torque", "joint_force")))]
-    changes += [("gravity is left out", scene.replace(gravity=np.zeros(3))),
+    yield from changes
+    yield from (("gravity is left out", scene.replace(gravity=np.zeros(3))),
                 ("gravity has the wrong sign", scene.replace(gravity=-scene.gravity)),
                 ("gravity counts twice", scene.replace(gravity=2 * scene.gravity)),
                 ("the rates are left out", scene.replace(bodies=tuple(dataclasses.replace(
-                    body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in scene.bodies))),
-                ("it is taken at zero coordinates", placed(scene, 0 * (speeds := JointSpace(scene).speeds), speeds))]
-    for words, changed in changes:
+                    body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in scene.bodies))))
+
+
+def _altered(scene: Scene) -> Mistakes:
+    """The blocks of such scenes."""
+    at_zero = ("it is taken at zero coordinates", placed(scene, 0 * (speeds := JointSpace(scene).speeds), speeds))
+    for words, changed in (*_models(scene), at_zero):
         space = JointSpace(changed)
         da_dq, da_dv = space.derivative(space.accelerations)
         yield words, {"da_dq": da_dq, "da_dv": da_dv, "da_dtau": np.linalg.inv(space.mass)}

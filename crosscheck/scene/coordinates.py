@@ -147,14 +147,15 @@ def relative(joint: Joint, states: Motion, accelerated: bool = False) -> Relativ
                     np.einsum("tji,tj->ti", Rp, beyond))
 
 
-def accelerations(joint: Joint, states: States) -> np.ndarray:
-    """The derivatives of a joint's rates, (T,) or (T, count), from states with accelerations."""
-    moved = relative(joint, states, accelerated=True)
-    assert moved.spinning is not None
-    assert moved.speeding is not None
+def rates(joint: Joint, states: States, accelerated: bool = False) -> np.ndarray:
+    """The rates of a joint, (T,) or (T, count), or their derivatives, from states with accelerations."""
+    moved = relative(joint, states, accelerated)
+    w, rate = (moved.spinning, moved.speeding) if accelerated else (moved.w, moved.rate)
+    assert w is not None
+    assert rate is not None
     if joint.kind.coordinates == ("ball",):
-        return np.asarray(np.einsum("tji,tj->ti", moved.turn, moved.spinning))
-    columns = [_rate(word, joint, moved.turn, moved.spinning, moved.speeding) for word in joint.kind.coordinates]
+        return np.asarray(np.einsum("tji,tj->ti", moved.turn, w))
+    columns = [_rate(word, joint, moved.turn, w, rate) for word in joint.kind.coordinates]
     return np.stack(columns, axis=1) if len(columns) > 1 else columns[0]
 
 

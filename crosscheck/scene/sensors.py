@@ -20,7 +20,7 @@ import numpy as np
 from crosscheck.scene import mechanics
 from crosscheck.scene.armature import rate_row, rotors
 from crosscheck.scene.constraints import Constraints
-from crosscheck.scene.coordinates import JointHistory, accelerations, histories
+from crosscheck.scene.coordinates import JointHistory, histories, rates
 from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import Servo
@@ -274,7 +274,7 @@ SENSOR_TYPES: dict[str, SensorType] = {
     "gyroscope": SensorType(Reader.spin, "rad/s", _SITE, "site"),
     "joint_position": SensorType(lambda reader, joint: reader.histories[joint.name].position, "rad", _JOINT, size=-1),
     "joint_velocity": SensorType(lambda reader, joint: reader.histories[joint.name].velocity, "rad/s", _JOINT, size=-1),
-    "joint_acceleration": SensorType(lambda reader, joint: accelerations(joint, reader.states), "rad/s^2", _JOINT,
+    "joint_acceleration": SensorType(lambda reader, joint: rates(joint, reader.states, True), "rad/s^2", _JOINT,
                                      size=-1, dynamic=True),
     "joint_effort": SensorType(Reader.effort, "N m", _JOINT, size=0, dynamic=True),
     "force": SensorType(lambda reader, *at: reader.wrench(*at)[0], "N", _BOTH, "site", dynamic=True),

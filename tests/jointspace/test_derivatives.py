@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import crosscheck
+from crosscheck import adapters
 from crosscheck.cli.app import app
 from crosscheck.jointspace.derivatives import WEIGHTS, truth
 from crosscheck.jointspace.laws import smooth
@@ -21,6 +22,7 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.laws import DryFriction, Limits
 from crosscheck.scene.states import States
+from tests.diagnosis.misbuilt import Misbuilt
 from tests.jointspace.arms import arm
 
 TREES = {"arm": lambda: arm(), "hanging": lambda: hanging(),
@@ -44,7 +46,7 @@ def accelerations(scene):
     """Of the coordinates at the start, by the index-1 equations."""
     state = scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]
     a, alpha, _ = mechanics.index1(scene, *state)
-    return of_coordinates(scene, States(np.zeros(1), *state, a, alpha))
+    return of_coordinates(scene, States(np.zeros(1), *state, a, alpha), True)[0]
 
 
 @pytest.mark.parametrize("name", TREES)
@@ -189,6 +191,37 @@ def test_automatic_derivatives_where_they_are_installed(source, module):
     assert max(verdict.errors.values()) < 1e-13
     with pytest.raises(crosscheck.Unsupported, match=r"ball|quaternions"):
         judge(balls(), source)
+
+
+@pytest.mark.parametrize(("source", "most", "cause"), [
+    ("pinocchio:constrained", 1e-13, ""), ("mujoco:transitionFD", 3e-5, ""), ("pinocchio:differences", 1e-9, ""),
+    ("lieeuler:differences", 1e-9, ""), ("mujoco:inverseFD", None, "forward differences of soft loops")])
+def test_verdicts_on_a_loop(source, most, cause):
+    verdict = judge(crosscheck.load_scene("four_bar"), source)
+    assert verdict.right == (not cause)
+    assert cause in verdict.cause
+    assert most is None or verdict.errors["tangent"] < most
+
+
+@pytest.mark.parametrize(("change", "cause"), [
+    (lambda scene: scene, ""),
+    (lambda scene: scene.replace(gravity=2 * scene.gravity), "gravity counts twice"),
+    (lambda scene: scene.replace(gravity=0 * scene.gravity), "gravity is left out")])
+def test_wrong_sources_on_a_loop_are_named(change, cause):
+    engine = Misbuilt(adapters.get("lieeuler"), (change,))
+    engine.name = "own"
+    verdict = judge(crosscheck.load_scene("four_bar"), engine)
+    assert (verdict.right, verdict.cause) == (not cause, cause), verdict
+
+
+@pytest.mark.parametrize("name", ["arm", "double_pendulum", "universal_pendulum"])
+def test_inverse_dynamics_of_pinocchio_gives_what_its_accelerations_give(name):
+    scene = arm(3, seed=4, damping=0.0) if name == "arm" else crosscheck.load_scene(name)
+    one, other = (crosscheck.derivatives(scene, f"pinocchio:{way}") for way in ("aba", "rnea"))
+    for block, values in one.blocks.items():
+        np.testing.assert_allclose(other.blocks[block], values, rtol=0, atol=1e-12 * np.abs(values).max())
+    with pytest.raises(crosscheck.Unsupported, match="closed loops"):
+        crosscheck.derivatives(scene, "pinocchio:constrained")
 
 
 def test_mujocos_differences_have_the_error_of_their_order():

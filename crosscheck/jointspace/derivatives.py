@@ -1,7 +1,7 @@
 """Derivatives of accelerations at a state: truth, and those of engines.
 
 Truth is a complex step through the articulated formulation, compared with central differences of order eight of the
-maximal one. Trees have da/dq, da/dv and da/dtau in the coordinates of `scene.coordinates`; every scene has the
+index-1 equations. Trees have da/dq, da/dv and da/dtau in the coordinates of `scene.coordinates`; every scene has the
 generator of its linearised flow on the tangent space of its constraints.
 """
 
@@ -16,14 +16,14 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.motion import JointSpace, TreeSpace, of_coordinates, placed, shifted
+from crosscheck.jointspace.motion import JointSpace, TreeSpace, of_coordinates, placed
 from crosscheck.jointspace.sources import allowed, condition, taken
 from crosscheck.references.base import TruthError
-from crosscheck.references.maximal import Maximal
-from crosscheck.references.world import Motion
 from crosscheck.scene import file as scene_file
+from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
+from crosscheck.scene.vectors import exponential
 
 AGREED = 1e-8
 """Largest relative difference of the two routes of truth; what it is counts as the error of the truth."""
@@ -220,29 +220,20 @@ def _ties(space: TreeSpace) -> np.ndarray:
 
 
 def differences(scene: Scene, directions: np.ndarray) -> np.ndarray:
-    """Rates of change of the states of all bodies, (12n, m), by central differences of the maximal formulation.
+    """Rates of change of the states of all bodies, (12n, m), by central differences of the index-1 equations.
 
     `directions` (12n, m) as in `linearised`. Straight steps along them open the rows by the square of the step, which
-    has no first derivative.
+    has no first derivative; the first state is the start, whose rank is that of the rows.
     """
-    n, equations = scene.n, Maximal(scene)
-    total = np.zeros(directions.shape)
-    for k, weight in WEIGHTS:
-        for sign in (1.0, -1.0) if total.size else ():
-            total += sign * weight / DIFFERENCE * np.stack([
-                _rates(equations, scene, sign * k * DIFFERENCE * each) for each in directions.T], axis=1)
+    n, none = scene.n, np.zeros((1, 12 * scene.n))
+    sizes, weights = np.array([(sign * k, sign * weight) for k, weight in WEIGHTS for sign in (1.0, -1.0)]).T
+    moved = np.concatenate([none, *(DIFFERENCE * size * directions.T for size in sizes)])
+    pose, speed = np.moveaxis(moved.reshape(-1, 2, n, 6), 1, 0)
+    v, w = scene.v0 + speed[..., :3], scene.w0 + speed[..., 3:]
+    a, alpha, _ = index1(scene, scene.x0 + pose[..., :3], scene.R0 @ exponential(pose[..., 3:]), v, w)
+    rates = np.stack([np.concatenate(pair, axis=2) for pair in ((v, w), (a, alpha))], axis=1)
+    total: np.ndarray = np.einsum("s,smk->km", weights / DIFFERENCE, rates[1:].reshape(
+        len(weights), directions.shape[1], -1))
     turn = directions.reshape(2, n, 6, -1)[0, :, 3:]
     total.reshape(2, n, 6, -1)[0, :, 3:] -= np.cross(scene.w0[:, :, None], turn, axis=1)
     return total
-
-
-def _rates(equations: Maximal, scene: Scene, step: np.ndarray) -> np.ndarray:
-    """(v, w, a, alpha) of a changed state, (12n,)."""
-    n, moved, none = scene.n, shifted(scene, step), np.zeros((1, 3))
-    x, v, w, turn = (np.concatenate([values, none]) for values in (
-        moved.x0, moved.v0, moved.w0, step.reshape(2, n, 6)[0, :, 3:]))
-    R = np.concatenate([moved.R0, np.eye(3)[None]])
-    start, angles = equations.motion(equations.initial())
-    spins = [spring.rate(Motion(start.x, R, v * 0, turn)) for spring in equations.torsions]
-    a, alpha = equations.accelerations(Motion(x, R, v, w, start.hinges), angles + np.reshape(spins, angles.shape))
-    return np.concatenate([np.concatenate(pair, axis=1).ravel() for pair in ((v[:n], w[:n]), (a, alpha))])

@@ -166,15 +166,14 @@ def _engine(source: str, step: float | None, options: dict[str, Any]) -> End:
 
 def _difference(end: Callable[[float], Ended], base: Ended, scene: Scene) -> np.ndarray:
     """d/ds of the coordinates at the end, (2n,), at s = 0; the jumps at events are in it."""
-    total = np.zeros(2 * len(scene.coordinates))
-    for k, weight in WEIGHTS:
-        for sign in (1.0, -1.0):
-            states, events = end(sign * k * STEP)
-            if [event[1:] for event in events] != [event[1:] for event in base[1]]:
-                raise Unsupported(f"derivative of the flow of {scene.name!r}: the events of its laws, or their order, "
-                                  "change with the start or the number, so that it has none")
-            total += sign * weight / STEP * change(scene, base[0], states)
-    return total
+    def moved(size: float) -> np.ndarray:
+        states, events = end(size)
+        if [event[1:] for event in events] != [event[1:] for event in base[1]]:
+            raise Unsupported(f"derivative of the flow of {scene.name!r}: the events of its laws, or their order, "
+                              "change with the start or the number, so that it has none")
+        return change(scene, base[0], states)
+
+    return np.asarray(sum(weight / STEP * (moved(k * STEP) - moved(-k * STEP)) for k, weight in WEIGHTS))
 
 
 def change(scene: Scene, base: States, other: States) -> np.ndarray:

@@ -59,8 +59,7 @@ def _friction(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> list[tuple[float, 
         if when > 0:
             found.append((when, "sticks" if rest[k + 1] else "slips"))
     for k in np.flatnonzero((v[:-1] * v[1:] < 0) & ~rest[:-1] & ~rest[1:]).tolist():
-        c = _cubic(t, q, v, k)
-        found.append((float(t[k] + _root(np.array([c[1], 2.0 * c[2], 3.0 * c[3]]), t[k + 1] - t[k])), "reverses"))
+        found.append((_crossing(t, q, v, k, rate=True), "reverses"))
     return found
 
 
@@ -71,9 +70,7 @@ def _limits(t: np.ndarray, q: np.ndarray, v: np.ndarray, limits: Limits) -> list
             continue
         beyond = gap < 0
         for k in np.flatnonzero(beyond[1:] != beyond[:-1]).tolist():
-            c = _cubic(t, q, v, k)
-            c[0] -= end
-            found.append((float(t[k] + _root(c, t[k + 1] - t[k])), f"{'hits' if beyond[k + 1] else 'leaves'}_{side}"))
+            found.append((_crossing(t, q - end, v, k), f"{'hits' if beyond[k + 1] else 'leaves'}_{side}"))
     return found
 
 
@@ -109,16 +106,10 @@ def _touches(scene: Scene, states: Motion) -> list[Event]:
     return found
 
 
-def _cubic(t: np.ndarray, q: np.ndarray, v: np.ndarray, k: int) -> np.ndarray:
-    """Coefficients of the cubic through both ends of interval k in powers of the time since its begin."""
-    h, change = t[k + 1] - t[k], q[k + 1] - q[k]
-    return np.array([q[k], v[k], (3.0 * change / h - 2.0 * v[k] - v[k + 1]) / h,
-                     (v[k] + v[k + 1] - 2.0 * change / h) / h**2])
+def _crossing(t: np.ndarray, q: np.ndarray, v: np.ndarray, k: int, rate: bool = False) -> float:
+    """When the cubic through both ends of interval k, or its rate, first crosses zero; it has two signs at them."""
+    from scipy.interpolate import CubicHermiteSpline
 
-
-def _root(coefficients: np.ndarray, h: float) -> float:
-    """The first root of a polynomial in [0, h], at whose ends it has two signs."""
-    roots = np.polynomial.polynomial.polyroots(coefficients / abs(coefficients).max())
-    real = np.sort(roots[abs(roots.imag) < 1e-9 * max(h, 1e-300) + 1e-14].real)
-    inside = real[(real >= -1e-12 * h) & (real <= h * (1 + 1e-12))]
-    return float(np.clip(inside[0], 0.0, h)) if len(inside) else h
+    cubic = CubicHermiteSpline(t[k:k + 2], q[k:k + 2], v[k:k + 2])
+    roots = (cubic.derivative() if rate else cubic).roots(extrapolate=False)
+    return float(roots[0] if len(roots) else t[k + 1])

@@ -23,23 +23,20 @@ from crosscheck.references.generic import (
     Vector,
     add,
     apply,
-    apply_transposed,
     cross,
     quaternion_product,
-    rotation,
     scale,
 )
-from crosscheck.references.joint_motion import STILL
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree import FREE, Link
 from crosscheck.references.tree_loads import angle_rate
-from crosscheck.scene.coordinates import histories, rates
+from crosscheck.scene.coordinates import histories, rates, relative_pose, relative_rates
 from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, SMOOTH, Scene, quaternion_from_rotation, quaternion_from_turn
 from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import Motion, States
-from crosscheck.scene.vectors import exponential, slide_direction
+from crosscheck.scene.vectors import exponential
 
 STEP = 1e-30
 """Its square times anything in a scene is below rounding."""
@@ -201,8 +198,6 @@ class JointSpace(TreeSpace):
             reason = ("closes a loop" if joint.name not in links else "follows another one" if joint.mimic is not None
                       else "is driven" if joint.drive is not None
                       else "has no coordinates" if not JOINT_TYPES[joint.type].coordinates and joint.type != "fixed"
-                      else "leads from its child to its parent" if (joint.type, links[joint.name].body) == (
-                          "planar", joint.parent)
                       else "")
             if reason:
                 raise Unsupported(f"{scene.name!r} in joint coordinates: joint {joint.name!r} {reason}")
@@ -214,59 +209,32 @@ class JointSpace(TreeSpace):
         self.of_joint = {link.joint.name: self.own[link.body] for link in self.links if link.joint is not None}
 
     @functools.cached_property
-    def speeds(self) -> np.ndarray:
-        """(size,) the rates at the start, in the order of `scene.coordinates`."""
+    def rates(self) -> np.ndarray:
+        """(size,) of the scene's coordinates at the start."""
         return np.asarray(coordinates(self.scene)[1][0])
 
     def moved(self, q: np.ndarray, v: np.ndarray) -> Scene:
         """The scene with its start changed by q in position and by v in rates, in the order of its coordinates."""
-        return posed(self.scene, self.bodies(q, self.speeds + v))
+        here = positions(self.scene)
+        there = here + q
+        for turn in turns(self.scene):
+            there[turn] = (Rotation.from_rotvec(here[turn]) * Rotation.from_rotvec(q[turn])).as_rotvec()
+        return placed(self.scene, there, self.rates + v)
 
-    def _map(self, link: Link) -> np.ndarray:
-        """From the coordinates of a link without a free turn to those of its joint."""
-        joint = link.joint
-        assert joint is not None
-        back = bool(link.body == joint.parent)
-        if joint.type == "universal":
-            return np.eye(2)[::-1] if back else np.eye(2)
-        turns = np.eye(link.turn + len(link.directions))
-        if joint.type == "planar":
-            across = np.array([slide_direction(word, joint.parent_axis) for word in ("slide n1", "slide n2")])
-            turns = np.zeros((3, 3))
-            turns[:2, 1:], turns[2, 0] = across @ np.array(link.directions).T, 1.0
-        elif back:
-            turns[link.turn:, link.turn:] *= -1.0
-        return turns
+    @functools.cached_property
+    def _from_tree(self) -> np.ndarray:
+        """(2 size, 2 size): changes of the tree's coordinates and speeds by those of the scene's and their rates."""
+        by_change, by_speed = super().derivative(
+            lambda change, speeds: of_coordinates(self.scene, self.bodies(change, speeds).states)[0])
+        return np.linalg.inv(np.block([[by_speed, 0 * by_speed], [by_change, by_speed]]))
 
-    def state(self, change: np.ndarray, speeds: np.ndarray) -> list[Any]:
-        """The state vector of the formulation; changes and speeds are those of `scene.coordinates`."""
-        tree, state = self.equations.tree, [*self.equations.initial.tolist()]
-        frames = {GROUND: STILL}
-        for link in tree.links:
-            moved, rates = [*change[self.own[link.body]]], [*speeds[self.own[link.body]]]
-            place, pace, inner = tree.coordinates[link.body], tree.speeds[link.body], frames[link.parent]
-            if link.joint is None:
-                q, x = state[place][:4], state[place][4:]
-                state[place] = [*quaternion_product(q, _turn(moved[3:])), *add(x, moved[:3])]
-                state[pace] = [*rates[3:], *rates[:3]]
-            elif link.turn == FREE:
-                if link.body == link.joint.child:
-                    relative = quaternion_product(tree.kept[link.body], _turn(moved))
-                    w = add(apply_transposed(rotation(relative), inner.w), rates)
-                else:
-                    relative = quaternion_product(_turn(scale(-1.0, moved)), tree.kept[link.body])
-                    w = apply_transposed(rotation(relative), add(inner.w, scale(-1.0, rates)))
-                state[place], state[pace] = quaternion_product(inner.q, relative), w
-            elif moved:
-                inverse = np.linalg.inv(self._map(link))
-                state[place] = add(state[place], [*(inverse @ np.array(moved))])
-                state[pace] = [*(inverse @ np.array(rates))]
-            frame = frames[link.body] = tree._placed(link, state, inner)
-            tree._set_in_motion(link, state, frame, inner)
-        return state
+    def derivative(self, function: Callable[[np.ndarray, np.ndarray], Any]) -> tuple[np.ndarray, np.ndarray]:
+        """As that of the tree, but by the coordinates of the scene and their rates."""
+        by_q, by_v = np.split(np.concatenate(super().derivative(function), axis=1) @ self._from_tree, 2, axis=1)
+        return by_q, by_v
 
     def accelerations(self, change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-        """Second derivatives of the scene's coordinates, (size,)."""
+        """Second derivatives of the scene's coordinates, (size,), for changes of the tree's and its speeds."""
         return np.asarray(of_coordinates(self.scene, self.bodies(change, speeds).states, True)[0])
 
     @functools.cached_property
@@ -339,14 +307,19 @@ def starting(scene: Scene) -> States:
     return States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
 
 
+def turns(scene: Scene) -> list[slice]:
+    """The places of small turns, of balls and free bodies, among the coordinates."""
+    names = scene.coordinates
+    return [slice(k, k + 3) for k, name in enumerate(names) if name.endswith(".rx") and names[k + 1:k + 3] == (
+        f"{name[:-2]}ry", f"{name[:-2]}rz")]
+
+
 def between(scene: Scene, p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The change from positions p to q, (n,): of balls and free bodies the small turn in their own axes."""
-    change, names = q - p, scene.coordinates
-    for k in range(len(names) - 2):
-        body = names[k].removesuffix(".rx")
-        if names[k:k + 3] == (f"{body}.rx", f"{body}.ry", f"{body}.rz"):
-            first, last = (Rotation.from_rotvec(each[k:k + 3]) for each in (p, q))
-            change[k:k + 3] = (first.inv() * last).as_rotvec()
+    change = q - p
+    for turn in turns(scene):
+        first, last = (Rotation.from_rotvec(each[turn]) for each in (p, q))
+        change[turn] = (first.inv() * last).as_rotvec()
     return np.asarray(change)
 
 
@@ -356,9 +329,29 @@ def placed(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
     Of a ball q is a rotation vector: the child is turned by it, in its own axes, from the attitude at zero coordinates.
     Of a free body it is the position, and such a vector for the attitude.
     """
-    space = JointSpace(scene.lawless)
-    moved = space.moved(between(scene, positions(scene), q), v - space.speeds)
-    return scene.replace(bodies=moved.bodies, joints=tuple(
+    space, kept = JointSpace(scene.lawless), np.concatenate([scene.R0, np.eye(3)[None]])
+    frames = {GROUND: (np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))}  # x, R, v, and w in the world
+    for link in space.equations.tree.links:
+        joint, position, rate = link.joint, q[space.own[link.body]], v[space.own[link.body]]
+        if joint is None:
+            R = Rotation.from_rotvec(position[3:]).as_matrix()
+            frames[link.body] = position[:3], R, rate[:3], R @ rate[3:]
+            continue
+        if joint.kind.coordinates == ("ball",):
+            position = Rotation.from_rotvec(position).as_quat(scalar_first=True)
+        (turn, d), (w, speed) = relative_pose(joint, position), relative_rates(joint, position, rate)
+        turn = kept[joint.parent].T @ kept[joint.child] if joint.kind.keeps_attitude else turn
+        x, R, velocity, spin = frames[link.parent]
+        outward = link.body == joint.child
+        across = R if outward else R @ turn.T  # the attitude of the joint's parent
+        other = spin + (1 if outward else -1) * across @ w
+        arm, out = across @ (joint.parent_anchor + d), (R @ turn if outward else R) @ joint.child_anchor
+        near, far = (arm, out) if outward else (out, arm)
+        frames[link.body] = (x + near - far, R @ turn if outward else across, velocity + np.cross(spin, near) + (
+            1 if outward else -1) * across @ speed - np.cross(other, far), other)
+    x, R, velocity, spin = (np.array(part) for part in zip(*(frames[k] for k in range(scene.n)), strict=True))
+    return scene.replace(bodies=bodies_at(scene, Configuration(
+        x, quaternion_from_rotation(R), velocity, np.einsum("nji,nj->ni", R, spin))), joints=tuple(
         joint if joint.start is None or joint.type == "spherical" else
         dataclasses.replace(joint, start=tuple(q[space.of_joint[joint.name]])) for joint in scene.joints))
 

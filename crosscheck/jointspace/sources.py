@@ -244,7 +244,7 @@ def exudyn_linearised(scene: Scene) -> Blocks:
     where = signed(scene, model.convert(np.zeros(len(q)), [np.tile(q, (len(q), 1)), one, 0 * one]), "exudyn")
     inverse = np.linalg.inv(M)
     how = exudyn.SimulationSettings().timeIntegration.newton.numericalDifferentiation
-    steps = how.relativeEpsilon * (how.minimumCoordinateSize + np.array([0.0, np.abs([q, space.speeds]).max()]))
+    steps = how.relativeEpsilon * (how.minimumCoordinateSize + np.array([0.0, np.abs([q, space.rates]).max()]))
     return Blocks.of(where, -inverse @ K, -inverse @ D, inverse, order=1, eps=steps[1],
                      rounding=2.0**-52 * steps[1] / steps[0])
 
@@ -340,7 +340,7 @@ def _own(scene: Scene, engine: Any, along: np.ndarray | None) -> Blocks:
     """Those of an engine's `derivatives(scene, state)`, or differences of its accelerations."""
     give: Callable[..., Any] | None = getattr(engine, "derivatives", None)
     space = JointSpace(scene) if along is None else None
-    given = None if give is None or space is None else give(scene, (positions(scene), space.speeds))
+    given = None if give is None or space is None else give(scene, (positions(scene), space.rates))
     if given is None or space is None:
         return differences(scene, adapters.get(engine), along=along)
     who, shape = f"derivatives of {getattr(engine, 'name', engine)!r}", (space.size, space.size)

@@ -142,7 +142,7 @@ def _models(scene: Scene) -> Iterator[tuple[str, Scene]]:
 
 def _altered(scene: Scene) -> Mistakes:
     """The blocks of such scenes."""
-    at_zero = ("it is taken at zero coordinates", placed(scene, 0 * (speeds := JointSpace(scene).speeds), speeds))
+    at_zero = ("it is taken at zero coordinates", placed(scene, 0 * (speeds := JointSpace(scene).rates), speeds))
     for words, changed in (*_models(scene), at_zero):
         space = JointSpace(changed)
         da_dq, da_dv = space.derivative(space.accelerations)
@@ -233,5 +233,5 @@ def _bases(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if link.joint is not None and JOINT_TYPES[link.joint.type].coordinates == ("ball",):
             balls[own] = 1.0
             turns[own, own] = relative(link.joint, start).turn[0]
-            spins[own, own] = np.cross(space.speeds[own], np.eye(3)).T
+            spins[own, own] = np.cross(space.rates[own], np.eye(3)).T
     return turns, spins, balls

@@ -15,7 +15,7 @@ from crosscheck import adapters
 from crosscheck.cli.app import app
 from crosscheck.jointspace.derivatives import WEIGHTS, truth
 from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.motion import JointSpace, of_coordinates, placed, positions
+from crosscheck.jointspace.motion import JointSpace, of_coordinates, placed, positions, starting
 from crosscheck.jointspace.sources import Blocks
 from crosscheck.jointspace.verdicts import judge
 from crosscheck.scene import mechanics
@@ -38,7 +38,7 @@ def hanging():
     for _ in range(30):  # Newton's method for no acceleration
         space = JointSpace(scene)
         a = np.real(space.accelerations(np.zeros(2), np.zeros(2)))
-        scene = space.moved(-np.linalg.solve(space.derivative(space.accelerations)[0], a), -space.speeds)
+        scene = space.moved(-np.linalg.solve(space.derivative(space.accelerations)[0], a), -space.rates)
     return scene
 
 
@@ -68,11 +68,11 @@ def test_truth_of_trees_against_differences_of_the_index_1_equations(name):
 def mass_by_bodies(scene, space):
     """M by the kinetic energy of unit rates."""
     def energy(v):
-        found = space.bodies(np.zeros(space.size), v)
+        found = starting(placed(scene, positions(scene), v))
         rotors = sum(value * v[space.own[link.body]][k] ** 2 for link in space.links if link.joint is not None
                      for k, value in enumerate(link.joint.armature))
-        return float(np.real(np.einsum("n,nk,nk->", scene.masses, found.v, found.v)
-                             + np.einsum("ni,nij,nj->", found.w, scene.inertias, found.w)) + rotors) / 2
+        return float(np.real(np.einsum("n,nk,nk->", scene.masses, found.v[0], found.v[0])
+                             + np.einsum("ni,nij,nj->", found.w[0], scene.inertias, found.w[0])) + rotors) / 2
 
     rows = np.eye(space.size)
     return np.array([[energy(a + b) - energy(a) - energy(b) for b in rows] for a in rows])
@@ -334,7 +334,7 @@ WRONG = {
     "gravity twice": (joints, of_scene(gravity=[0.0, 0.0, -19.62]), "gravity counts twice"),
     "at rest": (joints, altered(lambda s: s.replace(bodies=tuple(dataclasses.replace(
         body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in s.bodies))), "rates are left out"),
-    "at zero": (joints, altered(lambda s: placed(s, np.zeros(3), JointSpace(s).speeds)), "at zero coordinates"),
+    "at zero": (joints, altered(lambda s: placed(s, np.zeros(3), JointSpace(s).rates)), "at zero coordinates"),
     "sign": (joints, each(np.negative, "da_dq"), "sign is reversed (da_dq)"),
     "transposed": (joints, each(np.transpose, "da_dv"), "rows and columns are exchanged (da_dv)"),
     "upper": (joints, each(np.triu, "da_dtau"), "lower triangle is left out (da_dtau)"),

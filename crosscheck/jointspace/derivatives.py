@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.errors import ArgumentError, Unsupported
+from crosscheck.errors import Unsupported
 from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.motion import JointSpace, TreeSpace, of_coordinates, placed
+from crosscheck.jointspace.motion import JointSpace, TreeSpace, checked, of_coordinates, placed
 from crosscheck.jointspace.sources import allowed, condition, taken
 from crosscheck.references.base import TruthError
 from crosscheck.scene import file as scene_file
@@ -107,15 +107,7 @@ def at_state(scene: Scene, state: Any) -> Scene:
     """The scene with its start at a state; see `derivatives`."""
     if state is None:
         return scene
-    count = len(scene.coordinates)
-    try:
-        q, v = (np.array(part, dtype=float) for part in state)
-        if q.shape != (count,) or v.shape != (count,) or not np.isfinite([q, v]).all():
-            raise ValueError
-    except (TypeError, ValueError):
-        raise ArgumentError(f"state: give (q, v), {count} numbers each, in the order of scene.coordinates: "
-                            f"{', '.join(scene.coordinates)}") from None
-    return placed(scene, q, v)
+    return placed(scene, *checked(scene, f"state: give (q, v), {len(scene.coordinates)} numbers each", state, 2))
 
 
 def truth(scene: Scene) -> Derivatives:

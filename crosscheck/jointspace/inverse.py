@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import ArgumentError, Unsupported, unknown
-from crosscheck.jointspace.motion import JointSpace, placed
+from crosscheck.jointspace.motion import JointSpace, checked, placed
 from crosscheck.jointspace.sources import mujoco_at, pinocchio_at
 from crosscheck.references.base import TruthError
 from crosscheck.scene import file as scene_file
@@ -48,15 +48,8 @@ def inverse_dynamics(scene: Scene | str | os.PathLike[str], q: Any, v: Any, a: A
     if engine not in ENGINES:
         raise ArgumentError(unknown("engine", engine, ENGINES))
     count = len(loaded.coordinates)
-    try:
-        parts = [np.array(part, dtype=float) for part in (q, v, a)]
-        single = parts[0].ndim == 1
-        Q, V, A = (np.atleast_2d(part) for part in parts)
-        if not Q.shape == V.shape == A.shape == (len(Q), count) or not np.isfinite([Q, V, A]).all():
-            raise ValueError
-    except (TypeError, ValueError):
-        raise ArgumentError(f"q, v, a: give arrays (T, {count}) of finite numbers, in the order of scene.coordinates: "
-                            f"{', '.join(loaded.coordinates)}") from None
+    parts = checked(loaded, f"q, v, a: give arrays (T, {count}) of finite numbers", (q, v, a), 3, axes=2)
+    single, (Q, V, A) = parts[0].ndim == 1, (np.atleast_2d(part) for part in parts)
     closing = [joint.name for joint in loaded.joints if joint.mimic is not None or joint.drive is not None]
     if closing:
         raise Unsupported(f"inverse dynamics of {loaded.name!r}: the coordinate of joint {closing[0]!r} is not free")

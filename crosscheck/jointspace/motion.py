@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crosscheck.errors import Unsupported, install
+from crosscheck.errors import ArgumentError, Unsupported, install
 from crosscheck.references import loops
 from crosscheck.references.articulated import centripetal
 from crosscheck.references.generic import (
@@ -240,11 +240,7 @@ class JointSpace(TreeSpace):
     @functools.cached_property
     def motions(self) -> np.ndarray:
         """V, (6n, size): body velocities (v world, w body axes) of unit rates."""
-        def velocities(change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-            found = self.bodies(change, speeds)
-            return np.concatenate([found.v, found.w], axis=1).ravel()
-
-        return self.derivative(velocities)[1]
+        return self.derivative(lambda *change: np.concatenate([(made := self.bodies(*change)).v, made.w], 1).ravel())[1]
 
     @functools.cached_property
     def mass(self) -> np.ndarray:
@@ -295,6 +291,19 @@ def coordinates(scene: Scene, states: Motion | None = None) -> tuple[np.ndarray,
         q.append(position.reshape(count, -1))
         v.append(each.velocity.reshape(count, -1))
     return np.concatenate(q, axis=1), np.concatenate(v, axis=1)
+
+
+def checked(scene: Scene, wanted: str, given: Any, number: int, axes: int = 1) -> list[np.ndarray]:
+    """So many arrays of finite numbers, all of one shape, the last of up to `axes` axes in the scene's coordinates."""
+    try:
+        made = [np.array(part, dtype=float) for part in given]
+        shape = made[0].shape
+        if len(made) != number or any(part.shape != shape or not np.isfinite(part).all() for part in made) or (
+                not 1 <= len(shape) <= axes or shape[-1] != len(scene.coordinates)):
+            raise ValueError
+    except (TypeError, ValueError, IndexError):
+        raise ArgumentError(f"{wanted}, in the order of scene.coordinates: {', '.join(scene.coordinates)}") from None
+    return made
 
 
 def positions(scene: Scene) -> np.ndarray:

@@ -10,8 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from crosscheck.scene.coordinates import rates
 from crosscheck.scene.model import GROUND, Joint, Scene
-from crosscheck.scene.vectors import cross
+from crosscheck.scene.states import States
 
 Rotor = tuple[float, np.ndarray, np.ndarray]
 
@@ -40,30 +41,15 @@ def _turn(joint: Joint, scene: Scene, x: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _slide(joint: Joint, scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray,
            w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """S and s of slide = e . d, with e the axis in the world and d from the parent's anchor to the child's."""
-    parent, child, none = joint.parent, joint.child, np.zeros((len(x), 3))
+    """S by unit velocities of the two bodies, and s by the velocities that they have, without accelerations."""
+    def slid(v: np.ndarray, w: np.ndarray, *still: np.ndarray) -> np.ndarray:
+        given = rates(joint, States(np.zeros(len(x)), x, R, v, w, *still), bool(still))
+        return given.reshape(len(x), -1)[:, joint.kind.coordinates.index("slide")]
+
     S = np.zeros((len(x), scene.n, 6))
-    arm = R[:, child] @ joint.child_anchor
-    spin = np.einsum("tij,tj->ti", R[:, child], w[:, child])
-    if parent == GROUND:
-        e, base, move, turn = np.broadcast_to(joint.parent_axis, none.shape), none, none, none
-    else:
-        e, base, move = R[:, parent] @ joint.parent_axis, x[:, parent], v[:, parent]
-        turn = np.einsum("tij,tj->ti", R[:, parent], w[:, parent])
-    anchor = joint.parent_anchor + none if parent == GROUND else R[:, parent] @ joint.parent_anchor
-    reach = x[:, child] + arm - base  # from the parent's centre of mass to the child's anchor
-    d = reach - anchor
-    d_rate = v[:, child] + cross(spin, arm) - move - cross(turn, anchor)
-    e_rate = cross(turn, e)
-    S[:, child, :3] = e
-    S[:, child, 3:] = np.einsum("tji,tj->ti", R[:, child], cross(arm, e))
-    if parent != GROUND:
-        S[:, parent, :3] = -e
-        S[:, parent, 3:] = np.einsum("tji,tj->ti", R[:, parent], cross(e, reach))
-    bend = cross(spin, cross(spin, arm)) - cross(turn, cross(turn, anchor))
-    s = _dot(cross(turn, e_rate), d) + 2 * _dot(e_rate, d_rate) + _dot(e, bend)
-    return S.reshape(len(x), -1), s
-
-
-def _dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    return np.asarray(np.einsum("tk,tk->t", p, q))
+    for body in {joint.parent, joint.child} - {GROUND}:
+        for k in range(6):
+            unit = np.zeros((2, *v.shape))
+            unit[k // 3, :, body, k % 3] = 1.0
+            S[:, body, k] = slid(*unit)
+    return S.reshape(len(x), -1), slid(v, w, 0 * v, 0 * w)

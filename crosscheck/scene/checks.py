@@ -264,9 +264,10 @@ def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: Join
                          'write parent = "ground"')
     parent_axis, child_axis = (None if axis is None else _unit(f"{entry}: {key}", axis, "write the axis's direction")
                                for key, axis in (("parent_axis", joint.parent_axis), ("child_axis", joint.child_axis)))
-    joint_options.check_types(entry, joint)
     reference = None
     if joint.reference_attitude is not None:
+        if not (joint.kind.coordinates or joint.kind.keeps_attitude):
+            raise EntryError(f"{entry}: reference_attitude", f"a {joint.type} joint has none", "remove it")
         reference = _unit(f"{entry}: reference_attitude", joint.reference_attitude, "write a quaternion w, x, y, z")
     elastic = {key: joint_options.elastic(entry, joint, key)
                for key in ("armature", "damping", "stiffness", "rest_position")}

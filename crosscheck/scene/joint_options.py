@@ -251,10 +251,3 @@ def _forces(scene: Scene, joint: Joint) -> list[Force]:
                 "free_length": back + rest, "damping": damping}, joint.name)
         found.append(force)
     return found
-
-
-def check_types(entry: str, joint: JointEntry) -> None:
-    """Refuse a reference attitude for a joint whose coordinates and rows do not use one."""
-    kind = joint.kind
-    if joint.reference_attitude is not None and not (kind.coordinates or kind.keeps_attitude):
-        raise EntryError(f"{entry}: reference_attitude", f"a {joint.type} joint has none", "remove it")

@@ -19,10 +19,7 @@ def block_diagonal(blocks: np.ndarray) -> csr_array:
     """The matrix (kn, kn) with the blocks (n, k, k) on its diagonal."""
     from scipy.sparse import bsr_array
 
-    count, size, _ = blocks.shape
-    found: csr_array = bsr_array((blocks, np.arange(count), np.arange(count + 1)),
-                                 shape=(count * size, count * size)).tocsr()
-    return found
+    return bsr_array((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1))).tocsr()
 
 
 def least_norm(W: csr_array, rhs: np.ndarray) -> np.ndarray:

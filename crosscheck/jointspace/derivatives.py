@@ -133,11 +133,9 @@ def generator(scene: Scene) -> tuple[np.ndarray, np.ndarray, float]:
     basis = U[:, :int(np.count_nonzero(sizes > DEPENDENT * sizes[0]))] if sizes.size and sizes[0] else poses[:, :0]
     k = basis.shape[1]
     both = np.kron(np.eye(2), basis)
-    found = both.T @ flow @ np.linalg.pinv(both.T @ tangent)
-    directions = tangent @ np.linalg.pinv(both.T @ tangent)
-    other = both.T @ differences(scene, directions)
-    size = np.abs(found).max(initial=1.0)
-    return found, basis, float(np.abs(found - other).max(initial=0.0) / size) if k else 0.0
+    made = both.T @ flow @ np.linalg.pinv(both.T @ tangent)
+    other = both.T @ differences(scene, tangent @ np.linalg.pinv(both.T @ tangent))
+    return made, basis, float(np.abs(made - other).max(initial=0.0) / np.abs(made).max(initial=1.0)) if k else 0.0
 
 
 def linearised(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

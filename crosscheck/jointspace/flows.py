@@ -110,9 +110,8 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
         size = abs(value) or 1.0
         return _difference(lambda s: end(altered(loaded, path, value + s * size)), base, loaded) / size
 
-    columns = [by(*each) for each in zip(parameters, numbers, strict=True)]
-    return FlowDerivative(loaded.name, source, float(duration), loaded.coordinates, matrix,
-                          np.array(columns).reshape(-1, 2 * space.size).T, error)
+    columns = np.array([by(*each) for each in zip(parameters, numbers, strict=True)]).reshape(-1, 2 * space.size).T
+    return FlowDerivative(loaded.name, source, float(duration), loaded.coordinates, matrix, columns, error)
 
 
 def jet(space: JointSpace) -> np.ndarray:
@@ -132,11 +131,9 @@ def jet(space: JointSpace) -> np.ndarray:
                                         opt_level=0)
     integrator.propagate_until(scene.duration)
     state = np.array(integrator.state)
-    slices = [integrator.get_vslice(order=1, component=k) for k in range(size)]
-    first = np.array([state[each] for each in slices])
-    last = posed(scene, space.at(state[:size].tolist()))
-    into, out = _tangent(space), _tangent(JointSpace(last))
-    return np.asarray(np.linalg.pinv(out) @ first @ into)
+    first = np.array([state[integrator.get_vslice(order=1, component=k)] for k in range(size)])
+    last = JointSpace(posed(scene, space.at(state[:size].tolist())))
+    return np.asarray(np.linalg.pinv(_tangent(last)) @ first @ _tangent(space))
 
 
 def _tangent(space: JointSpace) -> np.ndarray:

@@ -442,7 +442,8 @@ def _plain(record: Any) -> dict[str, object]:
     """A dataclass as JSON values; floats keep every bit."""
     fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
     return {name: _value(value) for name, value in fields.items()
-            if name not in _NOT_HASHED and not (name in _OPTIONAL and (value is None or (isinstance(value, tuple) and not value)))}
+            if name not in _NOT_HASHED and not (name in _OPTIONAL and (
+                value is None or (isinstance(value, tuple) and not value)))}
 
 
 def _value(value: Any) -> Any:

@@ -28,8 +28,7 @@ DIFFERENCE = 1e-3
 MOST_DIGITS, WHOLE = 1e9, 1e-3
 """Differences with a small step, in last digits of the accelerations, and how far they may be from whole numbers."""
 
-LINEAR = 0.1
-"""Part by which an error may miss a tenth of another one that has ten times its step."""
+LINEAR = 0.1  # part by which an error may miss a tenth of that with ten times its step
 
 EXPLAINED = 0.02
 """Part of a difference that may be left of it once the cause is in the truth, besides the bound."""

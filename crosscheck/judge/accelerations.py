@@ -239,9 +239,9 @@ def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float =
 
 
 def _noise(run: Defects) -> float:
-    """Positions open by e, by rounding, are accelerations of e / h^2."""
+    """Positions open by e, by rounding of what is as far as the reach, are accelerations of e / h^2."""
     step = run.claim.step
-    return 16 * run.claim.eps * run.scale.length / step**2 if step else 0.0
+    return 16 * run.claim.eps * max(run.scale.length, run.scale.reach) / step**2 if step else 0.0
 
 
 def _lasting(scene: Scene, run: Defects) -> np.ndarray:

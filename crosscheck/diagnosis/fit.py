@@ -58,7 +58,6 @@ class Fit:
     causes: tuple[Cause, ...]
     theta: tuple[np.ndarray, ...]
     left: float  # max |z|
-    relative: float  # largest difference of accelerations that is left, in units of L W^2 and W^2
     most: float = EXPLAINED  # max |z| that it may leave
 
     @property
@@ -160,12 +159,10 @@ class Data:
             try:
                 physics = self._altered(causes, theta)
                 z = self.residual(physics)
-                left = max(float(np.abs(each).max()) for each in self.differences(physics))
             except np.linalg.LinAlgError:
-                return Fit(causes, tuple(parts), np.inf, np.inf)
+                return Fit(causes, tuple(parts), np.inf)
         worst = float(np.abs(z).max())
-        return Fit(causes, tuple(parts), worst if np.isfinite(worst) else np.inf,
-                   left if np.isfinite(left) else np.inf, self.most)
+        return Fit(causes, tuple(parts), worst if np.isfinite(worst) else np.inf, self.most)
 
 
 def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Differences of the output and of the geometry: motions that follow from the true one by a known change.
+"""Differences of the output: motions that follow from the true one by a known change.
 
 Each hypothesis predicts the whole observed motion of the scene and its copies. Only points and times are fitted.
 """
@@ -12,14 +12,14 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from crosscheck.diagnosis import fit, misreadings
+from crosscheck.diagnosis import fit
 from crosscheck.diagnosis.observe import FASTEST, REACH, Observation, Scale, Silent, Subject, rates, true_motion
 from crosscheck.diagnosis.physics import levers
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.judge.flow import rates_of
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
-from crosscheck.scene.model import GROUND, Joint, Scene
+from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
 AGREES = 1e-8
@@ -134,7 +134,6 @@ def hypotheses(first: Observation) -> Iterator[Told]:
     yield from _points(first)
     yield from _attitudes(first)
     yield from _filtered(first)
-    yield from _geometry(scene)
     yield from _times(first)
 
 
@@ -217,43 +216,6 @@ def _filtered(first: Observation) -> Iterator[Told]:
 
 def _vector(values: np.ndarray) -> str:
     return f"({', '.join(f'{value:.5g}' for value in values)})"
-
-
-# --- geometry ---------------------------------------------------------------------------------------------------------
-
-
-def _geometry(scene: Scene) -> Iterator[Told]:
-    """Anchors of one joint or of all: exchanged, with the other sign, or left out."""
-    def anchored(where: str, text: str, which: tuple[int, ...],
-                 change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Told:
-        def show(given: Scene) -> States | None:
-            joints = list(given.joints)
-            for k in which:
-                parent, child = change(joints[k].parent_anchor, joints[k].child_anchor)
-                joints[k] = dataclasses.replace(joints[k], parent_anchor=parent, child_anchor=child)
-            made = replaced(given, tuple(joints))
-            return None if made is None else true_motion(made)
-
-        return Told("anchors", f"{where}: {text}", "check the anchors that the engine is given, and the frame they are "
-                    "in", show)
-
-    joints = tuple(range(len(scene.joints)))
-    scopes = [(f"joint {scene.joints[k].name!r}", (k,)) for k in joints] + [("all joints", joints)] * (len(joints) > 1)
-    for text, change in (("anchors of parent and child swapped", lambda p, c: (c, p)),
-                         ("the child's anchor with the other sign", lambda p, c: (p, -c)),
-                         ("the parent's anchor with the other sign", lambda p, c: (-p, c)),
-                         ("the child's anchor left out", lambda p, c: (p, 0.0 * c)),
-                         ("the parent's anchor left out", lambda p, c: (0.0 * p, c))):
-        yield from (anchored(where, text, which, change) for where, which in scopes)
-
-
-def replaced(scene: Scene, joints: tuple[Joint, ...]) -> Scene | None:
-    """The scene with these joints, and its bodies where they put them; None if they put them nowhere else."""
-    if all(np.array_equal(one.parent_anchor, other.parent_anchor)
-           and np.array_equal(one.child_anchor, other.child_anchor)
-           for one, other in zip(scene.joints, joints, strict=True)):
-        return None
-    return misreadings.placed(scene.replace(joints=joints))
 
 
 # --- times ------------------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from crosscheck.diagnosis.misreadings import placed
 from crosscheck.diagnosis.variants import close
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene, rotation_from_quaternion
 from tests.diagnosis.stepper import Flaws, Stepper
@@ -107,6 +108,15 @@ def _placed(scene):
 
 
 # --- alterations of the scene -----------------------------------------------------------------------------------------
+
+
+def replaced(scene, joints):
+    """The scene with these joints, and its bodies where they put them; None if they put them nowhere else."""
+    if all(np.array_equal(one.parent_anchor, other.parent_anchor)
+           and np.array_equal(one.child_anchor, other.child_anchor)
+           for one, other in zip(scene.joints, joints, strict=True)):
+        return None
+    return placed(scene.replace(joints=joints))
 
 
 def _bodies(scene, change):

@@ -231,7 +231,7 @@ def scene_of(name):
             body, mass=(1.0 + 0.6 * k) * body.mass, inertia=(1.0 + 0.5 * k) * Q[k] @ body.inertia @ Q[k].T)
             for k, body in enumerate(scene.bodies)))
         joint = scene.joints[1]
-        made = of_output.replaced(scene, (scene.joints[0], dataclasses.replace(
+        made = misbuilt.replaced(scene, (scene.joints[0], dataclasses.replace(
             joint, parent_anchor=np.array([0.2, 0.1, -0.8]), child_anchor=np.array([0.0, -0.1, 0.6]))))
         scene = scene if made is None else made
     return scene.replace(duration=min(scene.duration, 3.0), samples=31)

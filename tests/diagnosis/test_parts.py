@@ -193,7 +193,7 @@ def test_a_pair_of_which_one_explains_by_itself_is_not_named():
     class Lucky(fit.Data):
         def fit(self, causes, starts=None):
             good = len(causes) == 2 or starts == ((0.5,),)
-            return fit.Fit(tuple(causes), tuple(np.array([0.5]) for _ in causes), 1.0 if good else 1e9, 0.0)
+            return fit.Fit(tuple(causes), tuple(np.array([0.5]) for _ in causes), 1.0 if good else 1e9)
 
     data = Lucky([], None)
     found, _ = fit.search(data, data, [Cause(name, lambda p, t: p, ((0.1,),), str, "") for name in ("one", "other")])

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crosscheck import adapters
-from crosscheck.diagnosis import of_output
 from crosscheck.diagnosis.variants import close
 from tests.diagnosis import misbuilt
 from tests.diagnosis.misbuilt import Misbuilt
@@ -71,7 +70,7 @@ def products(factor, which=None):
 def joints(change):
     """Anchors altered and bodies moved to where the joints then put them."""
     def made(rng, scene):
-        return lambda s: of_output.replaced(s, tuple(change(k, joint) for k, joint in enumerate(s.joints))) or s
+        return lambda s: misbuilt.replaced(s, tuple(change(k, joint) for k, joint in enumerate(s.joints))) or s
     return made
 
 
@@ -84,7 +83,7 @@ def shifted(side, body=-1, placed=True):
             last = body % len(s.joints)
             joints = tuple(dataclasses.replace(joint, **{side: getattr(joint, side) + d}) if k == last else joint
                            for k, joint in enumerate(s.joints))
-            return of_output.replaced(s, joints) if placed else s.replace(joints=joints)
+            return misbuilt.replaced(s, joints) if placed else s.replace(joints=joints)
         return changed
     return change
 

@@ -155,6 +155,8 @@ def _by_pieces(problem: Problem, arguments: Arguments, events: bool | None) -> S
     """The run of a problem with laws."""
     without = PreparedRun(Problem.unchecked(problem, laws=()), arguments)  # checks the arguments
     method, step, t = arguments[:3]
+    if step is None and arguments.reduce is None:  # pieces have few steps, and reductions are planned for each
+        arguments = arguments._replace(reduce="off")
 
     def solve(piece: Problem, times: np.ndarray) -> Solution:
         size = None if step is None else float(np.diff(times).max())

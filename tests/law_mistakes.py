@@ -107,17 +107,12 @@ def replaced(**changes):
         key: value(getattr(law, key)) if callable(value) else value for key, value in changes.items()})
 
 
-def viscous(each):
-    """A damper in the place of dry friction."""
-    return dataclasses.replace(each, dry_friction=(), damping=each.dry_friction[0].sliding)
-
-
 MISTAKES = (
     Mistake("friction 5 % high", "friction", friction(replaced(sliding=times(1.05), static=times(1.05)))),
     Mistake("friction 5 % low", "friction", friction(replaced(sliding=times(0.95), static=times(0.95)))),
     Mistake("friction 1 % high", "friction", friction(replaced(sliding=times(1.01), static=times(1.01)))),
     Mistake("no friction", "friction", joint(lambda each: dataclasses.replace(each, dry_friction=()))),
-    Mistake("a damper instead of friction", "friction", joint(viscous)),
+    Mistake("a damper instead of friction", "friction", instead(derivative=0.5)),
     Mistake("friction regularised at .1 rad/s", "friction", instead(derivative=5.0, effort_limit=(-0.5, 0.5))),
     Mistake("friction regularised at .01 rad/s", "friction", instead(derivative=50.0, effort_limit=(-0.5, 0.5))),
     Mistake("more friction on the way back", "friction", lambda scene: with_servo(

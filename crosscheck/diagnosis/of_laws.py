@@ -146,10 +146,9 @@ def _of_friction(scene: Scene, joint: Joint, law: DryFriction) -> Iterator[Alter
     c, s, at = law.sliding, law.static, f"joint {joint.name}"
     yield Altered("no friction", at, lambda _: _joint(scene, joint, dry_friction=()))
     yield Altered("friction", f"{at}: {{}} times", lambda k: given(k * c, k * s), (0.5, 0.95, 0.99, 1.01, 1.05, 2.0))
-    yield Altered("viscous friction", f"{at}: {{}} times the rate",
-                  lambda k: _joint(scene, joint, dry_friction=(), damping=k), (0.5 * c, 2 * c))
+    yield Altered("viscous friction", f"{at}: {{}} times the rate", lambda k: instead(derivative=k), (0.5 * c, 2 * c))
     yield Altered("smooth friction", f"{at}: in proportion to the rate below {{}}", lambda k: instead(
-        derivative=c / max(abs(k), 1e-9), effort_limit=(-c, c)), (0.3, 0.1, 0.01, 0.001))
+        derivative=c / max(abs(k), 1e-3), effort_limit=(-c, c)), (0.3, 0.1, 0.01))
     yield Altered("friction as a torque", f"{at}: {{}} in one direction", lambda k: instead(feedforward=k), (c, -c))
     if s > c:
         yield Altered("static friction", f"{at}: {{}} times", lambda k: given(c, k * s), (c / s, 0.9, 1.1, 2.0))

@@ -203,6 +203,8 @@ def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Scene, Any, 
                  zip(first.groups, Shown(scene, first.groups).of(states), strict=True)}
         notes.append("truth starts from the recorded state, " + ", ".join(
             f"{key.replace('_', ' ')} moved by {size:.1e}" for key, size in moved.items()) + " onto the joints")
+        if first.t[0] > 0.0 and any(servo.period is not None for _, servo in scene.servos.values()):
+            notes.append("sampled servos are taken to give nothing before their first sample")
         length = float(recording.t[-1] - first.t[0])
         begun = restarted(scene, states, 0, min(max(length, 1e-9), BEYOND * scene.duration), scene.samples)
         return begun, dense(begun), float(first.t[0]), notes

@@ -66,7 +66,7 @@ def outcome(path: Path) -> tuple[str, list[str]]:
             first = said(error, path)
         else:
             return name, first if drop else list(left_out)
-    return ("still" if "nothing in it moves" in first[0] else "refused"), first
+    return ("still" if base == "free" else "refused"), first  # what does not move, and has no mass to be freed
 
 
 def main() -> None:

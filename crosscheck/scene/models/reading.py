@@ -130,7 +130,7 @@ def _check_motion(model: Source, reading: Reading, wants: laws.Wants) -> None:
     and as noted what may be rounding."""
     if any(map(checking.unlike, reading.lost)):
         return
-    if len(reading.bodies) > checking.MOST_BODIES:
+    if len(reading.bodies) + len(reading.light) > checking.MOST_BODIES:
         reading.noted.append(f"a comparison of accelerations with MuJoCo's: more than {checking.MOST_BODIES} bodies")
         return
     gaps = []

@@ -312,11 +312,11 @@ def _close_velocities(constraints: Constraints, state: Configuration) -> Configu
     """The velocities nearest to the given ones, mass-weighted, with G u = 0."""
     scene = constraints.scene
     size = _length_scale(scene, state) * float(np.abs(state.w).max()) + float(np.abs(state.v).max())
-    unweighted = _inverse_root_mass(scene)
     for _ in range(3):  # one solve closes the joints; the others remove its rounding errors
         rates = constraints.velocity(state.x[None], state.R[None], state.v[None], state.w[None])[0]
         if _at_rounding(constraints, rates, size, float(np.abs(state.w).max())):
             break
+        unweighted = _inverse_root_mass(scene)
         scaled = constraints.sparse_jacobian(state.x, state.R) @ unweighted
         nearest = (least_norm(scaled, -rates) if scene.n > _LARGE
                    else np.linalg.lstsq(scaled.toarray(), -rates, rcond=RANK_TOLERANCE)[0])

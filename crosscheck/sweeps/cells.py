@@ -8,6 +8,7 @@ import hashlib
 import json
 import math
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from msgspec.structs import replace
@@ -113,10 +114,11 @@ class Done:
     trouble: list[str]  # why there is no truth
 
 
-def key(scene: Scene, way: Way, code: Code, timing: bool) -> str:
-    """The content key of a cell: a digest of all that determines its values, and of nothing else."""
-    content = [scene.hash, way.engine, code.engine(way), way.method, way.arguments, code.libraries, timing]
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+def keys(scene: Scene, ways: Sequence[Way], code: Code, timing: bool) -> list[str]:
+    """The content keys of cells: digests of all that determines their values, and of nothing else."""
+    own = scene.hash
+    return [hashlib.sha256(json.dumps([own, way.engine, code.engine(way), way.method, way.arguments, code.libraries,
+                                       timing], sort_keys=True).encode()).hexdigest()[:32] for way in ways]
 
 
 def run(task: Task) -> Done:
@@ -138,9 +140,9 @@ def run(task: Task) -> Done:
         exact, why = _truth(member, checked)
         trouble += [why] if why else []
         middle = time.perf_counter()
-        for way in member.ways:
+        for way, row in zip(member.ways, empty_rows(member, task), strict=True):
             output.at(f"{member.name} {way.engine} {way.method}")
-            rows.append(_measured(empty_row(member, way, task), member, way, exact, task.timing))
+            rows.append(_measured(row, member, way, exact, task.timing))
         truth_seconds += middle - began
         run_seconds += time.perf_counter() - middle
     return Done(rows, truth_seconds, run_seconds, checked, trouble)
@@ -193,7 +195,9 @@ def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: 
                    wall_time=float(traj.wall_time) if timing else math.nan, **found)
 
 
-def empty_row(member: Member, way: Way, task: Task) -> Row:
-    """The row of a cell before it ran."""
-    return extended(Row, way, cell=key(member.scene, way, task.code, task.timing), scene=member.name,
-                    version=task.code.engine(way), member=member.index, parameters=json.dumps(dict(member.parameters)))
+def empty_rows(member: Member, task: Task) -> list[Row]:
+    """The rows of a member's cells before they ran."""
+    parameters = json.dumps(dict(member.parameters))
+    return [extended(Row, way, cell=key, scene=member.name, version=task.code.engine(way), member=member.index,
+                     parameters=parameters)
+            for key, way in zip(keys(member.scene, member.ways, task.code, task.timing), member.ways, strict=True)]

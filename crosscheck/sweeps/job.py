@@ -248,8 +248,8 @@ def one(source: Mapping[str, Any] | str | os.PathLike[str], cell: str) -> cells.
     own = cells.Code(asked.engines, tuple(versions.of(()).items()))
     for start in members.starts(asked):
         for index, scene in enumerate(members.of_start(start, asked.perturbation)):
-            for way in asked.ways:
-                if cells.key(scene, way, own, asked.timing) == cell:
+            for key, way in zip(cells.keys(scene, asked.ways, own, asked.timing), asked.ways, strict=True):
+                if key == cell:
                     member = cells.Member(scene, scene, start.origin.name, index, tuple(start.parameters.items()),
                                           (way,), True)
                     return cells.run(cells.Task((member,), own, asked.timing)).rows[0]
@@ -322,8 +322,7 @@ class _Sweep:
         most = None if self.asked.timing else max(1, CELLS_PER_LOOK // len(self.asked.ways))
         drawn = self._members()
         while look := list(itertools.islice(drawn, most)):
-            keys = [[cells.key(member.scene, way, self.own, self.asked.timing) for way in self.asked.ways]
-                    for _, member in look]
+            keys = [cells.keys(member.scene, self.asked.ways, self.own, self.asked.timing) for _, member in look]
             self.wanted += (every := list(itertools.chain(*keys)))
             missing = self._missing(every)
             for _, group in itertools.groupby(zip(look, keys, strict=True), key=lambda pair: pair[0][0]):
@@ -340,7 +339,8 @@ class _Sweep:
         """(number of the start, member with all ways) of the whole sweep."""
         for number, start in enumerate(members.starts(self.asked)):
             # Drawn by a hash of the start, so that every run of a sweep checks the same members.
-            drawn = sorted((hashlib.sha256(f"{start.scene.hash} {index}".encode()).digest(), index)
+            own = start.scene.hash
+            drawn = sorted((hashlib.sha256(f"{own} {index}".encode()).digest(), index)
                            for index in range(self.asked.members))
             checked = {index for _, index in drawn[:max(1, round(CHECKED * len(drawn)))]}
             shared = structure_of(start.scene)
@@ -357,7 +357,7 @@ class _Sweep:
             if task.cells > 1:
                 self._split += task.split()
                 return []
-            row = cells.empty_row(task.members[0], task.members[0].ways[0], task)
+            row, = cells.empty_rows(task.members[0], task)
             rows = [msgspec.structs.replace(row, status="crashed", message=result.message)]
         else:
             rows = result.rows

@@ -153,7 +153,7 @@ def _engine(source: str, step: float | None, options: dict[str, Any]) -> End:
         raise ArgumentError(f"source: {source!r}: name a method too, as in \"lieeuler:rattle2\"")
 
     def end(scene: Scene) -> Ended:
-        outcome = attempt(scene, Way.of(name, method, step, **options), monitor=False)
+        outcome = attempt(scene, Way.of(name, method, step, **options), monitor=False, derived=False)
         if isinstance(outcome, Ran):
             return outcome.raw.states, outcome.raw.events or ()
         raise outcome.error

@@ -291,6 +291,10 @@ class Truth:
         return {}
 
     @functools.cached_property
+    def _maxima(self) -> dict[float, np.ndarray]:
+        return {}
+
+    @functools.cached_property
     def _series_compared(self) -> Solved:
         return Solved(self.on_series(self.compared), self.series.source)
 
@@ -341,7 +345,9 @@ class Truth:
         if len(self.third[0]) > third:
             self._keep()
         amplification = self._growth_until(scene.duration)
-        position, attitude = self._maxima_until(scene.duration)
+        if scene.duration not in self._maxima:
+            self._maxima[scene.duration] = self._maxima_until(scene.duration)
+        position, attitude = self._maxima[scene.duration]
         return Reference(self._motion(agreed.chosen, scene.t), agreed.chosen.source, agreed.second.source,
                          agreed.difference, allowed, amplification, horizon, position, attitude, agreed.outvoted,
                          cause, tuple(event for event in self.events if event[0] <= horizon))

@@ -7,6 +7,7 @@ process that an engine takes down with it is the matter of `crosscheck.jobs`, wh
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import numbers
 from collections.abc import Mapping
@@ -54,13 +55,19 @@ WORD, MOST_STATS = 100, 10**6
 class Ran:
     """The run reached its end, and the answer has the right shapes and finite states."""
 
-    trajectory: Trajectory
+    scene: Scene
+    way: Way
     raw: RawRun  # as the engine returned it, with plain numbers
+
+    @functools.cached_property
+    def trajectory(self) -> Trajectory:
+        """The states with what follows from them."""
+        return derive(self.scene, self.way.engine, self.way.method, self.raw)
 
     @property
     def status(self) -> str:
         """What the run says of its end: "success", or a word of the engine."""
-        return self.trajectory.status
+        return self.raw.status
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,12 +105,13 @@ class Failed:
 Outcome = Ran | Refused | Failed
 
 
-def attempt(scene: Scene, way: Way, engine: Engine | None = None, **more: Any) -> Outcome:
+def attempt(scene: Scene, way: Way, engine: Engine | None = None, derived: bool = True, **more: Any) -> Outcome:
     """The outcome of a way on a scene. Raises no `Exception`.
 
     Parameters
     ----------
     engine : an object that runs instead of the engine that the way names
+    derived : whether more than the states of the run is wanted; what cannot be derived from them is an error of the run
     more : arguments of `crosscheck.run` beside those of the way, or instead of them
     """
     asked, method = way.arguments | more, way.method
@@ -125,7 +133,9 @@ def attempt(scene: Scene, way: Way, engine: Engine | None = None, **more: Any) -
             if reason is not None:
                 raise Unsupported(f"{label} {method} on scene {scene.name!r}: {reason}")
             raw = _checked(f"{label} {method}", scene, adapter.run(scene, spec))
-            return Ran(derive(scene, label, method, raw), raw)
+            ran = Ran(scene, way, raw)
+            _ = ran.trajectory if derived else None
+            return ran
     except Unsupported as error:
         return Refused(error)
     except CrosscheckError as error:

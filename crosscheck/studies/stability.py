@@ -149,16 +149,16 @@ def tried(goal: Target, way: Way, steps: int) -> Attempt:
     Raises `Unsupported` if the engine cannot run the scene with this method.
     """
     began = time.perf_counter()
-    outcome = lasting(attempt(goal.scene, way, step=goal.scene.duration / steps, monitor=False))
+    outcome = lasting(attempt(goal.scene, way, step=goal.scene.duration / steps, monitor=False, derived=False))
     if isinstance(outcome, Refused) or (isinstance(outcome, Failed) and isinstance(outcome.error, ArgumentError)):
         raise outcome.error
     if isinstance(outcome, Failed):
         word = "diverged" if "diverged" in outcome.why else "engine_error"
         return Attempt(steps, word if outcome.status == "failed" else outcome.status, None,
                        time.perf_counter() - began, outcome.why)
-    error = end_error(goal, outcome.trajectory.x[-1], outcome.trajectory.R[-1])
+    error = end_error(goal, outcome.raw.states.x[-1], outcome.raw.states.R[-1])
     return Attempt(steps, "usable" if error <= USABLE else "inaccurate", error if math.isfinite(error) else None,
-                   outcome.trajectory.wall_time)
+                   outcome.raw.wall_time)
 
 
 def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:

@@ -183,16 +183,15 @@ def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
 
 def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: bool) -> Row:
     """The row of a cell with its values. If there is none, the row has its status and message instead."""
-    outcome = attempt(member.scene, way)
+    outcome = attempt(member.scene, way, derived=False)
     if not isinstance(outcome, Ran):
         return replace(row, status=outcome.status, message=outcome.why)
-    traj = outcome.trajectory
-    found = {key: value for key, value in traj.maxima.items() if key in LEVELS}
+    raw = outcome.raw
+    found = {key: value for key, value in (raw.maxima or {}).items() if key in LEVELS}
     if exact is not None:
-        states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
-        found |= {ERRORS[name]: error.max for name, error in errors(member.scene, states, exact).items()}
-    return replace(row, status=traj.status, form=traj.form, steps=int(traj.steps),
-                   wall_time=float(traj.wall_time) if timing else math.nan, **found)
+        found |= {ERRORS[name]: error.max for name, error in errors(member.scene, raw.states, exact).items()}
+    return replace(row, status=raw.status, form=raw.form, steps=raw.steps,
+                   wall_time=raw.wall_time if timing else math.nan, **found)
 
 
 def empty_rows(member: Member, task: Task) -> list[Row]:

@@ -204,7 +204,7 @@ class Asked:
             if scene is None:
                 break
             outcome = lasting(attempt(scene if world is None else world.scene(scene), self.run, step=step,
-                                      rtol=self.run.rtol if step is None else None, monitor=False))
+                                      rtol=self.run.rtol if step is None else None, monitor=False, derived=False))
             if isinstance(outcome, Ran):
                 return scene, outcome, make is closed
             why = why or outcome.why

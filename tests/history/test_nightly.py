@@ -2,6 +2,7 @@
 
 import json
 import os
+import random
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError
 from crosscheck.history import nightly
 from crosscheck.history.store import open_store, recent
+from crosscheck.jobs import table
 from tests import ROOT
 from tests.killing import killed, results, rows, timeless
 
@@ -96,6 +98,26 @@ def test_a_killed_night_goes_on_and_ends_as_if_nothing_had_happened(undisturbed,
         assert len(rows()) == expected
         assert latest(out)["changes"] == []
     assert len(history_names(out)) == 3
+
+
+@pytest.mark.slow
+def test_thirty_kills_at_random_moments(undisturbed, tmp_path):
+    """Where a night has ended, another one follows in an empty folder, with an empty table."""
+    generator, kills, nights = random.Random(35), 0, 0
+    wanted = timeless(results(undisturbed[1] / "latest"))
+    for _ in range(30):
+        out = tmp_path / str(nights) / "nightly"
+        kills += killed(command(out, *QUICK), generator.choice(range(5)), generator.uniform(0.0, 1.0))
+        if (out / "latest").exists():
+            assert timeless(results(out / "latest")) == wanted
+            os.remove(os.environ[table.VARIABLE])
+            nights += 1
+    out = tmp_path / str(nights) / "nightly"
+    assert night(out, *QUICK).returncode == 0
+    assert timeless(results(out / "latest")) == wanted
+    assert len({key for key, _ in rows()}) == len(rows())  # nothing that had ended was run again
+    assert len(history_names(out)) == 1
+    assert kills >= 20
 
 
 def test_a_wrong_coefficient_and_another_version_are_named_on_the_first_page(undisturbed):

@@ -326,7 +326,8 @@ def law(
     Exit code 0: to the scene's law; 1: to another one, or not at all; 2: it could not be done, or truth is missing.
     """
     answers = which_law(options.loaded(scene, drop, keyframe), engine, method, step, softness)
-    say(str(answers))
+    for line in str(answers).splitlines():
+        say(line)
     raise typer.Exit(2 if answers.without else 0 if answers.way.limit() in ("the scene's", "both") else 1)
 
 

@@ -136,7 +136,7 @@ def which_law(scene: Scene, engine: str, method: str | None = None, step: float 
     Raises
     ------
     Unsupported
-        The engine cannot model the scene.
+        The engine cannot model the scene, or nothing moves in it.
     ArgumentError
         The engine or method is unknown, or the method takes no step.
     """
@@ -148,6 +148,9 @@ def which_law(scene: Scene, engine: str, method: str | None = None, step: float 
     if softness is None and "softness" in adapter.options:
         softness = "default"
     exact, without = _truth(scene)
+    if exact is not None and not (np.ptp(exact.x, axis=0).any() or np.ptp(exact.R, axis=0).any()):
+        raise Unsupported(f"{scene.name}: nothing moves in it, so that no law shows; let it start in motion, a model "
+                          "file by crosscheck import FILE --start random -o SCENE.toml")
     spec = RunSpec(method, step or scene.duration / COARSEST, form=form, softness=softness)
     own = _own(adapter, scene, spec)
     way = _walk(scene, engine, spec, exact, own)

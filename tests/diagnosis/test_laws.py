@@ -13,7 +13,7 @@ from crosscheck.adapters.mujoco.own_law import default
 from crosscheck.diagnosis import explain, laws, of_laws
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.document import Way
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.scene.states import States
 from tests.adapters.test_laws import SERVO, arm, coulomb, pendulum
 from tests.law_mistakes import MISTAKES, SCENES, Wrong
@@ -102,3 +102,12 @@ def test_explain_leaves_a_right_law_alone(tmp_path):
     for engine, method in (("lieeuler", "rkmk4"), ("lieeuler", "DAE1L_LSE")):
         subject = Subject(adapters.get(engine), Way.of(engine, method))
         assert of_laws.diagnose(subject, scene) is None
+
+
+def test_a_robot_that_does_not_move_gets_no_green(monkeypatch):
+    """A hinge that hangs at rest follows every law."""
+    scene = pendulum(dry_friction=0.5)
+    still = states(scene, np.zeros_like(scene.t))
+    monkeypatch.setattr(laws, "truth", lambda each: types.SimpleNamespace(states=still))
+    with pytest.raises(Unsupported, match="nothing moves in it, so that no law shows"):
+        laws.which_law(scene, "mujoco", "RK4", 4e-3)

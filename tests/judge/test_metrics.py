@@ -79,6 +79,7 @@ def test_order_of_a_power_law_is_exact():
     order = observed_order(steps, 3.0 * steps**4)
     assert order.observed == pytest.approx(4.0, abs=1e-12)  # logarithms of a few eps
     assert (order.used, len(order.pairs)) == (4, 3)
+    assert observed_order([0.2, 0.1], [0.04, 0.01]).pairs == pytest.approx((2.0,), abs=1e-12)
 
 
 def test_steps_on_the_rounding_plateau_do_not_count():

@@ -314,3 +314,13 @@ def test_a_change_of_energy_counts_from_the_start(scene, monkeypatch):
 def test_numbers_are_called_single_precision_from_its_spacing_on(scene, eps, words):
     told = verdict._arithmetic(scene, truth_of(scene), Claim(4, 1e-2, None, eps), 100)
     assert told.why.startswith(words)
+
+
+@pytest.mark.parametrize(("allowed", "value", "status"), [
+    (1.5, 1.5, "ok"), (1.5, 1.6, "fail"), (2.5, 2.5, None), (2.5, 2.6, "fail")])
+def test_a_drift_is_judged_by_the_sum_over_intervals_unless_that_is_larger_than_the_scene(allowed, value, status):
+    run = SimpleNamespace(allowed=[{"position": np.array([allowed])}], scale=SimpleNamespace(length=2.0, rate=1.0))
+    before = found("level position", "ok")
+    after = verdict._drifted(run, "position", np.array([value]), before, np.zeros(1))
+    assert (after is before) == (status is None)
+    assert status is None or (after.status, after.value, after.bound) == (status, value, allowed)

@@ -11,6 +11,7 @@ import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.jointspace.parameters import altered, value_of
 from crosscheck.scene.building import scene_from
+from crosscheck.scene.model import Force
 from tests.jointspace.arms import arm
 
 
@@ -38,6 +39,20 @@ def test_a_linear_oscillator():
                        (flow(30.0, 2.0 + h) - flow(30.0, 2.0 - h)) @ start / (2 * h)], axis=1)
     np.testing.assert_allclose(found.parameters, wanted, atol=1e-9)
     assert found.error < 1e-10
+
+
+def test_the_gains_of_a_servo():
+    scene = slider()
+    scene = scene.replace(forces=(Force("servo", None, None, "slide", {
+        "target": 0.0, "feedforward": 0.0, "proportional": 30.0, "derivative": 0.7}),))
+    found = crosscheck.flow_derivative(scene, 0.9, parameters=("forces.0.proportional", "forces.0.derivative"))
+
+    def end(k, c):
+        return expm(0.9 * np.array([[0.0, 1.0], [-k / 2.0, -c / 2.0]])) @ [0.3, 0.1]
+
+    h = 1e-5
+    wanted = [(end(30.0 + h, 0.7) - end(30.0 - h, 0.7)) / (2 * h), (end(30.0, 0.7 + h) - end(30.0, 0.7 - h)) / (2 * h)]
+    np.testing.assert_allclose(found.parameters.T, wanted, atol=1e-9)
 
 
 def block(duration=2.0, **law):

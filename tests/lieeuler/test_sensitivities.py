@@ -261,3 +261,57 @@ def test_a_run_without_sensitivities_has_none_and_they_change_nothing_of_the_run
     assert plain.sensitivities == {}
     np.testing.assert_array_equal(plain.R, given.R)
     assert given.sensitivities["gravity.2"].runs <= 16
+
+
+LEVER = 0.6
+
+
+def swinging():
+    """A hinge pendulum at 2.4 rad from below."""
+    hinge, arm = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, LEVER])
+    joint = lieeuler.revolute_joint(-1, 0, [0, 0, 0], arm, hinge, hinge)
+    R = np.array([[np.cos(2.4), 0.0, np.sin(2.4)], [0.0, 1.0, 0.0], [-np.sin(2.4), 0.0, np.cos(2.4)]])
+    x = -R @ arm
+    return lieeuler.Problem([lieeuler.Body(1.5, 0.2 * np.eye(3))], [joint], [0.0, 0.0, -9.81], [x], [R],
+                            [np.cross(0.7 * hinge, x)], [0.7 * hinge])
+
+
+def pull(mass, g, lever, sine):
+    """Its angular acceleration where the sine of the angle is this."""
+    return g * mass * lever * sine / (0.2 + mass * lever**2)
+
+
+NUMBERS = {"bodies.0.mass": 0, "gravity.2": 1, "joints.0.child_anchor.2": 2}
+
+
+@pytest.mark.parametrize("method", ["rkmk4", "rkmk54", "rkmk853"])
+def test_steps_of_runge_kutta_against_complex_steps(method):
+    """In the coordinate of the joint, a step is that of the tableau in the angle and its rate."""
+    tableau = METHODS[method].tableau
+    run = lieeuler.integrate(swinging(), method, 0.05, [0.0, 0.5], reduce="joints", sensitivities=tuple(NUMBERS))
+    for path, k in NUMBERS.items():
+        numbers = np.array([1.5, -9.81, LEVER], complex)
+        numbers[k] += SMALL * 1j
+        made = run.sensitivities[path]  # a longer arm moves the start too
+        y = np.array([2.4 + SMALL * 1j * made.turn[0, 0, 1], 0.7 + SMALL * 1j * made.w[0, 0, 1]])
+        for _ in range(10):
+            slopes = []
+            for row in ((), *tableau.stages):
+                at = y + 0.05 * sum((a * s for a, s in zip(row, slopes, strict=False)), 0 * y)
+                slopes.append(np.array([at[1], pull(*numbers, np.sin(at[0]))]))
+            y = y + 0.05 * sum(b * s for b, s in zip(tableau.weights, slopes, strict=True))
+        np.testing.assert_allclose([made.turn[-1, 0, 1], made.w[-1, 0, 1]], y.imag / SMALL, rtol=0, atol=1e-9)
+
+
+def test_methods_that_choose_their_steps_against_forty_digits():
+    """Their derivative is that of the motion: differences of a series with forty digits."""
+    mp = pytest.importorskip("mpmath").mp.clone()
+    mp.dps = 40
+    small = mp.mpf(10)**-15
+    ends = [mp.odefun(lambda t, y, g=g: [y[1], pull(1.5, g, mp.mpf(LEVER), mp.sin(y[0]))], 0,
+                      [mp.mpf(2.4), mp.mpf(0.7)])(mp.mpf(0.1)) for g in (-9.81 + small, -9.81 - small)]
+    wanted = [float((up - down) / (2 * small)) for up, down in zip(*ends, strict=True)]
+    for method in ("seulex", "taylor", "rkmk853"):
+        made = lieeuler.integrate(swinging(), method, rtol=1e-13, t_eval=[0.0, 0.1], sensitivities=("gravity.2",))
+        gravity = made.sensitivities["gravity.2"]
+        np.testing.assert_allclose([gravity.turn[-1, 0, 1], gravity.w[-1, 0, 1]], wanted, rtol=0, atol=1e-9)

@@ -119,6 +119,11 @@ def verify(
 
 def print_verdicts(document: Document, page: Path) -> None:
     """Print passes by engine and scene, every other run, what is wrong and what to trust, the headline, the page."""
+    titles = {scene.name: scene.title for scene in document.scenes}
+    if len(set(titles.values())) == len(titles):  # a path is long, and of a model file one in the cache folder
+        document = msgspec.structs.replace(
+            document, scenes=[msgspec.structs.replace(scene, name=scene.title) for scene in document.scenes],
+            records=[msgspec.structs.replace(record, scene=titles[record.scene]) for record in document.records])
     say("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
     if document.meta.reused:
         say(f"{document.meta.reused} results were computed before, since {(document.meta.reused_since or '')[:10]}; "

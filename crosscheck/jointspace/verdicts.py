@@ -192,7 +192,8 @@ def _steps(scene: Scene, exact: Derivatives, wrong: dict[str, np.ndarray]) -> Mi
     yield f"it is {factor:.10g} times as large", {key: factor * each for key, each in exact.blocks.items()}
     a = np.real(space.accelerations(np.zeros(space.size), space.speeds))
     for step in (10.0**-k for k in range(14, 6, -1)):  # they are whole numbers of the last digit of the accelerations
-        digits = values * step / np.spacing(np.abs(a))[:, None]
+        with np.errstate(over="ignore"):  # of an acceleration that is 0
+            digits = values * step / np.spacing(np.abs(a))[:, None]
         if np.abs(digits).max() < MOST_DIGITS and np.abs(digits - digits.round()).max() < WHOLE:
             yield f"differences with a step of {step:.0e}, which leaves nothing but rounding", wrong
     by_q, by_v, inertial = (np.zeros((2, space.size, space.size)) for _ in range(3))

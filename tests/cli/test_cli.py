@@ -152,7 +152,7 @@ def test_public_names():
                                     "SceneError", "Unsupported", "EngineError", "ArgumentError", "Trajectory"}
     for name in package.__all__:
         assert callable(getattr(package, name))
-    assert package.engines() == ("lieeuler", "mujoco", "pinocchio", "exudyn")
+    assert package.engines()[:4] == ("lieeuler", "mujoco", "pinocchio", "exudyn")  # then what else is installed
     assert "DAE1L_LSE" in package.methods("lieeuler")
     assert set(package.scenes()) >= {"single_pendulum", "double_pendulum", "heavy_top", "triple_pendulum"}
     with pytest.raises(AttributeError, match="no_such_name"):

@@ -213,7 +213,8 @@ def test_non_finite_and_missing_samples_are_engine_errors(scene: Scene) -> None:
 
 
 def test_engine_names_by_function_and_by_package() -> None:
-    assert crosscheck.engines() == adapters.names() == ("lieeuler", "mujoco", "pinocchio", "exudyn")
+    assert crosscheck.engines() == adapters.names()
+    assert crosscheck.engines()[:4] == ("lieeuler", "mujoco", "pinocchio", "exudyn")  # then those with environments
     assert crosscheck.methods("pinocchio") == ("SymplecticEuler", "RK4naive", "RKMK4", "RKMK8")
     with pytest.raises(ArgumentError, match="did you mean 'exudyn'"):
         crosscheck.methods("exudin")

@@ -375,21 +375,25 @@ def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Call
     redundant = np.empty((G.shape[1], 0)) if independent else _redundant(scaled[0])
     if not redundant.shape[1]:
         return lambda rhs: np.linalg.solve(S, rhs[:, :, None])[:, :, 0]
-    A = _pseudo_inverse(scaled, S, redundant)
+    A, bad, root = _pseudo_inverse(scaled, S, redundant)
 
     def solve(rhs: np.ndarray) -> np.ndarray:
         lam = A @ rhs[:, :, None]
-        return np.asarray(lam + A @ (rhs[:, :, None] - S @ lam))[:, :, 0]
+        lam = lam + A @ (rhs[:, :, None] - S @ lam)
+        lam[bad] = root @ (np.swapaxes(root, 1, 2) @ rhs[bad][:, :, None])  # rounding stays along the weakest row
+        return np.asarray(lam)[:, :, 0]
 
     return solve
 
 
-def _pseudo_inverse(scaled: np.ndarray, S: np.ndarray, redundant: np.ndarray) -> np.ndarray:
+def _pseudo_inverse(scaled: np.ndarray, S: np.ndarray, redundant: np.ndarray
+                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The inverse (T, m, m) of S = `scaled` `scaled`^T without its k least eigenvalues, to half the digits at least.
 
     Newton's method leads from their vectors at the first state, `redundant` (m, k), to those N of each, with
     B = (S + s N0 N0^T)^-1, which acts as S^-1 across N. Singular values take longer: they are taken where it misses, or
-    where the null space has turned too far.
+    where the null space has turned too far. Of these states, which the second array (T,) marks, the third is a root
+    (., m, m - k) of the inverse.
     """
     size = np.trace(S, axis1=1, axis2=2) / S.shape[1]
     try:
@@ -408,10 +412,9 @@ def _pseudo_inverse(scaled: np.ndarray, S: np.ndarray, redundant: np.ndarray) ->
         N = np.linalg.qr(N - B @ missed)[0]
     B -= N @ (np.swapaxes(N, 1, 2) @ B)
     B -= (B @ N) @ np.swapaxes(N, 1, 2)
-    if bad.any():
-        U, sigma, _ = (part[..., :S.shape[1] - redundant.shape[1]] for part in np.linalg.svd(scaled[bad]))
-        B[bad] = (U / sigma[:, None] ** 2) @ np.swapaxes(U, 1, 2)
-    return np.asarray(B)
+    B[bad] = 0.0
+    U, sigma, _ = (part[..., :S.shape[1] - redundant.shape[1]] for part in np.linalg.svd(scaled[bad]))
+    return B, bad, U / sigma[:, None]
 
 
 def _root(inverse: np.ndarray) -> np.ndarray:

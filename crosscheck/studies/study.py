@@ -176,7 +176,7 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
     A study that was killed goes on. Raises `ArgumentError` for wrong names, or a folder that must not be replaced.
     """
     versions.need(ask.engines or ())
-    engines = ask.engines or adapters.names()
+    engines = ask.engines or tuple(name for name in adapters.names() if not adapters.has_own_environment(name))
     check_names(engines, ask.methods)
     scenes = [load_scene(name) for name in ask.scenes or study.scenes]
     check(out, study.name)

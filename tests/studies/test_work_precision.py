@@ -81,8 +81,8 @@ def test_a_failed_run_is_a_row_and_the_others_go_on(swing, monkeypatch):
         ran = true_attempt(scene, rung, samples=samples, monitor=monitor)
         if isinstance(ran, Failed):
             return ran
-        steady = dataclasses.replace(ran.trajectory, wall_time=1e-6 * ran.trajectory.steps)  # the same on every machine
-        return dataclasses.replace(ran, trajectory=steady)
+        steps = ran.raw.steps
+        return dataclasses.replace(ran, raw=dataclasses.replace(ran.raw, wall_time=1e-6 * steps))  # on every machine
 
     monkeypatch.setattr(work_precision, "attempt", breaking)
     kept = []

@@ -66,7 +66,7 @@ class Stats:
     wall_time : float
         s.
     maxima : dict
-        energy_error (|E - E(0)| over the largest kinetic energy), kinetic (J), constraint_position,
+        energy_error (``|E - E(0)|`` over the largest kinetic energy), kinetic (J), constraint_position,
         constraint_velocity, constraint_acceleration (max norms, SI), orthogonality (max norm of R^T R - I). Empty
         without monitoring. Rows that were left out (see `reduce`) do not count.
     spin_free : tuple of int

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+import crosscheck
+import lieeuler
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.schema import FORCE_ENTRIES
 from tests import ROOT
@@ -100,6 +102,13 @@ def test_every_joint_and_force_is_in_the_tables_of_scenes():
     assert {*JOINT_TYPES, *FORCE_ENTRIES} <= listed
     scenes = {name for row in rows for name in CODE.findall(row.rstrip("| ").rpartition("|")[2]) if name[0].islower()}
     assert {"hinge_pendulum", "rolling_disk"} <= scenes & {path.stem for path in (ROOT / "scenarios").glob("*.toml")}
+
+
+@pytest.mark.parametrize("package", [crosscheck, lieeuler])
+def test_every_public_name_is_in_the_reference(package):
+    text = (ROOT / "docs" / "api.md").read_text("utf-8")
+    listed = set(re.findall(rf":: {package.__name__}\.(\w+)$", text, re.MULTILINE))
+    assert listed == set(package.__all__)
 
 
 def test_equations_are_numbered_once_and_cited_ones_exist():

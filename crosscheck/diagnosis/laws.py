@@ -18,6 +18,7 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.errors import ArgumentError, Unsupported
+from crosscheck.judge.tolerances import at_rest
 from crosscheck.references.base import TruthError
 from crosscheck.running.run import run, truth
 from crosscheck.scene.coordinates import histories
@@ -148,9 +149,6 @@ def which_law(scene: Scene, engine: str, method: str | None = None, step: float 
     if softness is None and "softness" in adapter.options:
         softness = "default"
     exact, without = _truth(scene)
-    if exact is not None and not (np.ptp(exact.x, axis=0).any() or np.ptp(exact.R, axis=0).any()):
-        raise Unsupported(f"{scene.name}: nothing moves in it, so that no law shows; let it start in motion, a model "
-                          "file by crosscheck import FILE --start random -o SCENE.toml")
     spec = RunSpec(method, step or scene.duration / COARSEST, form=form, softness=softness)
     own = _own(adapter, scene, spec)
     way = _walk(scene, engine, spec, exact, own)
@@ -162,9 +160,13 @@ def which_law(scene: Scene, engine: str, method: str | None = None, step: float 
 
 def _truth(scene: Scene) -> tuple[States | None, str]:
     try:
-        return truth(scene).states, ""
+        exact = truth(scene)
     except (Unsupported, TruthError) as error:
         return None, f"no truth of the scene's law: {error}"
+    if at_rest(scene, exact):
+        raise Unsupported(f"{scene.name}: nothing moves in it, so that no law shows; let it start in motion, a model "
+                          "file by crosscheck import FILE --start random -o SCENE.toml")
+    return exact.states, ""
 
 
 def _own(adapter: Engine, scene: Scene, spec: RunSpec) -> States | None:

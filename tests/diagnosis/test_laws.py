@@ -20,9 +20,9 @@ from tests.law_mistakes import MISTAKES, SCENES, Wrong
 
 
 def states(scene, angles):
-    """The states of the pendulum at these angles; rates are not compared."""
-    rest = np.zeros((len(angles), 1))
-    moved = OwnLaw(scene, default, "mujoco").motion(np.array(angles)[:, None], rest, rest)
+    """The states of the pendulum at these angles; rates are only compared with rest."""
+    q = np.array(angles)[:, None]
+    moved = OwnLaw(scene, default, "mujoco").motion(q, np.gradient(q, scene.t, axis=0), np.zeros_like(q))
     return States(scene.t, moved.x, moved.R, moved.v, moved.w)
 
 

@@ -20,7 +20,10 @@
   const size = (row) => (row.step ? short(row.step) + " s" : "rtol " + short(row.rtol));
   const breaks = (row) => (row.breaks_at === null ? "at none tried"
     : row.step ? short(row.breaks_at) + " s" : "rtol " + short(row.breaks_at));
-  const about = (row) => (row.estimated ? "about " : "");
+  const about = (row) => (row.estimated.includes("order") ? "about " : "");
+  const basis = (row) => (about(row) ? "estimated from " + row.estimated
+    : row.estimated ? row.estimated + " of this report; coarser ones were not made"
+    : "breaks " + (row.breaks_at === null ? "" : "at ") + breaks(row));
   const node = (tag, text) => Object.assign(document.createElement(tag), {textContent: text});
   // A line of a command ends at a space, never within "--step".
   function command(text) {
@@ -41,8 +44,7 @@
     } else {
       parts.push(node("b", mine.method), (mine.form ? " (form " + mine.form + ")" : "") + " of " + mine.engine + " at "
         + (mine.step ? "step " : "") + size(mine) + ": error " + about(mine) + short(mine.error) + " m for "
-        + short(1e3 * mine.cost) + " ms of stepping; " + (mine.estimated ? "estimated from " + mine.estimated
-        : "breaks " + (mine.breaks_at === null ? "" : "at ") + breaks(mine)) + ". ",
+        + short(1e3 * mine.cost) + " ms of stepping; " + basis(mine) + ". ",
         command(mine.command));
     }
     answer.replaceChildren(...parts);

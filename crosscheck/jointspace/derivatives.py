@@ -16,7 +16,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.motion import JointSpace, TreeSpace, checked, of_coordinates, placed
+from crosscheck.jointspace.motion import JointSpace, TreeSpace, checked, of_coordinates, placed, responses
 from crosscheck.jointspace.sources import allowed, condition, taken
 from crosscheck.references.base import TruthError
 from crosscheck.scene import file as scene_file
@@ -99,7 +99,8 @@ def of(scene: Scene, source: Any) -> Derivatives:
     """The derivatives of a source at the start of the scene."""
     label, blocks = taken(scene, source)
     size = max(float(np.abs(part).max(initial=1.0)) for part in (blocks.da_dq, blocks.da_dv))
-    claim = allowed(blocks, size, condition(JointSpace(scene).mass))
+    space = JointSpace(scene)
+    claim = allowed(blocks, size, condition(space.mass), float(np.abs(space.rates).max(initial=0.0)))
     return Derivatives(scene.name, label, scene.coordinates, blocks.da_dq, blocks.da_dv, blocks.da_dtau, claim)
 
 
@@ -192,7 +193,7 @@ def tangent_space(scene: Scene) -> Tangent:
 
     def seen(change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
         states = space.bodies(change, speeds).states
-        return np.concatenate([of_coordinates(scene, states, later)[0] for later in (False, True)])
+        return np.concatenate([responses(scene, states, later)[0] for later in (False, True)])
 
     v, a = np.split(np.concatenate(space.derivative(seen), axis=1) @ free, 2)
     q = of_coordinates(scene, States(np.zeros(len(pose)), x, R, pose[..., :3], pose[..., 3:])).T

@@ -268,6 +268,14 @@ def of_coordinates(scene: Scene, states: States, accelerated: bool = False) -> n
     return np.asarray(np.concatenate([np.zeros((len(linear), 0)), *parts], axis=1))
 
 
+def responses(scene: Scene, states: States, accelerated: bool = False) -> np.ndarray:
+    """As `of_coordinates`; of a scene without any, such as one that rolls, those of its bodies, (T, 6n)."""
+    if scene.coordinates:
+        return of_coordinates(scene, states, accelerated)
+    pair = (states.a, states.alpha) if accelerated else (states.v, states.w)
+    return np.concatenate([np.asarray(part) for part in pair], axis=2).reshape(-1, 6 * scene.n)
+
+
 def _turn(vector: Vector) -> Vector:
     """The quaternion of a rotation vector; of a complex one, which is small, to first order."""
     if any(isinstance(entry, complex) for entry in vector):

@@ -15,18 +15,17 @@ from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.common import open_tree
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
 from crosscheck.inspection import probe
-from crosscheck.jointspace.motion import JointSpace, of_coordinates, positions, shifted, starting
+from crosscheck.jointspace.motion import JointSpace, of_coordinates, positions, responses, shifted, starting
 from crosscheck.running.attempt import Ran, Way, attempt
 from crosscheck.scene.assembly import projected
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 EPS = 1e-6
 """Step of MuJoCo's finite differences where none is asked for; its own default."""
 
-NEAR, MOST_DIRECTIONS = 1e-8, 3
-"""Step of second differences for noise, whose truncation is 1e-16, and in how many directions."""
+NEAR, THIRD = 1e-6, np.array([1.0, -3.0, 3.0, -1.0])
+"""Step of third differences for noise, whose truncation is 1e-18, and their weights, with squares that add up to 20."""
 
 PROXIMAL = 1e-10
 """Regularisation by which Pinocchio takes dependent rows of loops; its iterations remove the effect."""
@@ -78,15 +77,17 @@ def condition(mass: np.ndarray) -> float:
     return float(np.linalg.cond(mass * np.outer(scaling, scaling)))
 
 
-def allowed(blocks: Blocks, size: float, condition: float) -> float:
+def allowed(blocks: Blocks, size: float, condition: float, rate: float) -> float:
     """Relative error that a source may have: rounding times conditioning, or that of its differences.
 
-    Differences have the error of their order, with derivatives of the size of the motion, and rounding over the step.
+    Differences have the error of their order, with derivatives of the size of the motion, and rounding over the step;
+    by a rate of this size they round as its terms do, which are as many times a derivative by it.
     """
     rounding = ROUNDINGS * blocks.rounding * condition
     if blocks.order is None:
         return rounding
-    return float(DERIVATIVE * max(1.0, size) ** (blocks.order / 2) * blocks.eps**blocks.order + rounding / blocks.eps)
+    return float(DERIVATIVE * max(1.0, size) ** (blocks.order / 2) * blocks.eps**blocks.order
+                 + rounding * max(1.0, rate) / blocks.eps)
 
 
 ROUNDINGS = 100.0
@@ -237,6 +238,7 @@ def exudyn_linearised(scene: Scene) -> Blocks:
     """M, K and D of `ComputeLinearizedSystem` of a kinematic tree; K and D are forward differences of the forces."""
     from crosscheck.adapters.exudyn import kinematic_tree, solving
 
+    _refuse_balls(scene, "exudyn")
     exudyn, space = solving.load(), JointSpace(scene)
     model, linearised = kinematic_tree.kinematic_tree(scene, "XYZ"), importlib.import_module("exudyn.solver")
     M, K, D = (np.array(part) for part in linearised.ComputeLinearizedSystem(model.system))
@@ -249,6 +251,14 @@ def exudyn_linearised(scene: Scene) -> Blocks:
                      rounding=2.0**-52 * steps[1] / steps[0])
 
 
+def _refuse_balls(scene: Scene, who: str) -> None:
+    """Rates of angles are not those of small turns, but a function of the angles too, which moves the derivatives."""
+    for joint in scene.joints:
+        if joint.kind.coordinates == ("ball",):
+            raise Unsupported(f"{who} on {scene.name!r}: its ball joint {joint.name!r} has three angles, which are not "
+                              "the coordinates of the scene")
+
+
 def drake_autodiff(scene: Scene) -> Blocks:
     """The plant over `AutoDiffXd`, forward mode."""
     from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
@@ -257,8 +267,9 @@ def drake_autodiff(scene: Scene) -> Blocks:
 
     engine = drake.Drake()
     reason = engine.unsupported(scene, RunSpec(engine.methods[0]))
-    if reason or any(JOINT_TYPES[joint.type].coordinates == ("ball",) for joint in scene.joints):
-        raise Unsupported(f"drake on {scene.name!r}: {reason or 'its ball joint has angles'}")
+    if reason:
+        raise Unsupported(f"drake on {scene.name!r}: {reason}")
+    _refuse_balls(scene, "drake")
     model = drake.Model(scene)
     model.start(scene, model.bench)
     q, v = (np.array(get(model.bench)) for get in (model.plant.GetPositions, model.plant.GetVelocities))
@@ -297,41 +308,40 @@ GIVEN: dict[str, Callable[[Scene], Blocks]] = {
 """Derivatives that an engine has by a way of its own, without a step to choose."""
 
 
+def acceleration(scene: Scene, engine: Any, method: str | None = None) -> np.ndarray:
+    """What an engine says at the start, see `responses`: of its model, or else of a method's first step."""
+    if method is None and engine.name in adapters.built_in.ENTRIES:
+        start = starting(scene)
+        said = probe(engine, scene, start)
+        if said.a is not None and said.alpha is not None:
+            return np.asarray(responses(scene, dataclasses.replace(start, a=said.a, alpha=said.alpha), True)[0])
+    h = 1e-6
+    for name in (method,) if method else engine.methods:
+        outcome = attempt(scene.replace(duration=h, samples=2), Way(engine.name, name, h), engine, monitor=False)
+        if isinstance(outcome, Ran) and outcome.raw.states.a is not None:
+            return np.asarray(responses(scene, outcome.raw.states, True)[0])
+    raise Unsupported(f"{engine.name} gives no accelerations on {scene.name!r}")
+
+
 def differences(scene: Scene, engine: Any, method: str | None = None, along: np.ndarray | None = None) -> Blocks:
     """Central differences of the accelerations that an engine gives at the start of changed scenes.
 
     The step is the cube root of the rounding that they show, at which rounding and truncation are alike. `along`
     (12n, m): directions, where joints close loops.
     """
-    names = (method,) if method else engine.methods
-    known = method is None and engine.name in adapters.built_in.ENTRIES
-    def moved(change: np.ndarray) -> Scene:
+    def accelerated(change: np.ndarray) -> np.ndarray:
         if along is None:
-            return JointSpace(scene).moved(*np.split(change, 2))
-        return projected(scene, shifted(scene, along @ change))
+            return acceleration(JointSpace(scene).moved(*np.split(change, 2)), engine, method)
+        return acceleration(projected(scene, shifted(scene, along @ change)), engine, method)
 
     count = 2 * JointSpace(scene).size if along is None else along.shape[1]
-
-    def accelerated(k: int, size: float) -> Any:
-        changed = moved(size * np.eye(count)[k])
-        if known:  # what its model says at a state, without a step
-            start = starting(changed)
-            said = probe(engine, changed, start)
-            if said.a is not None and said.alpha is not None:
-                return of_coordinates(changed, dataclasses.replace(start, a=said.a, alpha=said.alpha), True)[0]
-        h = 1e-6
-        for name in names:
-            outcome = attempt(changed.replace(duration=h, samples=2), Way(engine.name, name, h), engine, monitor=False)
-            if isinstance(outcome, Ran) and outcome.raw.states.a is not None:
-                return of_coordinates(changed, outcome.raw.states, True)[0]
-        raise Unsupported(f"{engine.name} gives no accelerations on {scene.name!r}")
-
-    begin = accelerated(0, 0.0)
-    noise = [accelerated(k, NEAR) - 2.0 * begin + accelerated(k, -NEAR) for k in range(min(count, MOST_DIRECTIONS))]
+    # one side of the start and all directions at once: where noise is odd about the start, or in one alone, it is seen
+    aside = NEAR * np.random.default_rng(count).uniform(0.5, 1.0, count)
+    near = np.array([accelerated(k * aside) for k in range(1, 5)])
     eps = max(float(getattr(engine, "eps", 2.0**-52)),
-              float(np.abs(noise).max() / 2.0 / max(1.0, np.abs(begin).max(initial=0.0))))
+              float(np.abs(THIRD @ near).max() / np.sqrt(20.0) / max(1.0, np.abs(near).max(initial=0.0))))
     step = eps ** (1 / 3)
-    slopes = np.array([(accelerated(k, step) - accelerated(k, -step)) / (2 * step) for k in range(count)]).T
+    slopes = np.array([(accelerated(row) - accelerated(-row)) / (2 * step) for row in step * np.eye(count)]).T
     cut = count // 2 if along is None else count
     return Blocks(slopes[:, :cut], slopes[:, cut:], None, 2, step, eps)
 

@@ -213,7 +213,9 @@ def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: i
     """
     from scipy.integrate import DOP853
 
-    rates, each = rates_of(scene), tau[:, None, None]
+    # In an interval that turns little, what combinations of rows are redundant changes little.
+    combined = mechanics.Index1(scene).independent(begin.x, begin.R) if count * TURN <= 1.0 else None
+    rates, each = rates_of(scene, combined), tau[:, None, None]
     nodes, fast, grid = [], np.zeros(len(tau)), np.linspace(0.0, 1.0, (parts or count) + 1).tolist()
 
     def states(y: np.ndarray) -> State:
@@ -231,7 +233,7 @@ def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: i
         nodes.append((a, dR @ _hat(w) + R @ _hat(alpha), alpha))
         np.maximum(fast, np.linalg.norm(w, axis=-1).max(axis=-1), out=fast)
 
-    step, begun = (1.0 + 1e-12) / count, flat([begin.x, begin.R, begin.v, begin.w]).ravel()
+    step, begun = min(1.0, (1.0 + 1e-12) / count), flat([begin.x, begin.R, begin.v, begin.w]).ravel()
     solver = DOP853(slope, 0.0, begun, 1.0, max_step=step, first_step=step, rtol=1.0, atol=1e300)  # of any error
     keep(solver.y, solver.f)
     while len(nodes) < len(grid):
@@ -252,12 +254,13 @@ def _hat(w: np.ndarray) -> np.ndarray:
     return found - np.swapaxes(found, -1, -2)
 
 
-def rates_of(scene: Scene) -> Callable[..., State]:
-    """(t, x, R, v, w) -> the rates of x, R, v, w by the index-1 equations."""
+def rates_of(scene: Scene, combined: np.ndarray | None = None) -> Callable[..., State]:
+    """(t, x, R, v, w) -> the rates of x, R, v, w by the index-1 equations; `combined` is of `mechanics.Index1`."""
     index1 = mechanics.Index1(scene)
 
     def rates(t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
-        a, alpha, _ = index1(x, R, v, w, mechanics.torsion_angles(scene, R, w, t), t)
+        a, alpha, _ = index1(x, R, v, w, mechanics.torsion_angles(scene, R, w, t), t,
+                              combined=combined)
         return [v, R @ _hat(w), a, alpha]
 
     return rates

@@ -68,7 +68,8 @@ def judge_substeps(scene: Scene, traj: Any, truth: Reference, order: int, asked:
     elif scene.has_laws:
         what += ", by its own count: where forces jump, no plain method stands beside it"
     else:
-        like, alike = _like(scene, traj, truth, order, asked // (len(traj.t) - 1))
+        with np.errstate(over="ignore", invalid="ignore"):
+            like, alike = _like(scene, traj, truth, order, asked // (len(traj.t) - 1))
         if alike:
             value, what = like, f"it comes out where a plain method of order {order} does with {like:g} steps for each"
         elif like >= FEWEST:
@@ -102,8 +103,11 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
     for stepper in _plain(order):  # ends at the first one if the sizes of errors do not fit
         def at(parts: int, stepper: Stepper = stepper) -> np.ndarray:
             h, state = tau / (per * parts), start
-            for k in range(per * parts):
-                state = stepper(rates, k * h, state, h)
+            try:
+                for k in range(per * parts):
+                    state = stepper(rates, k * h, state, h)
+            except np.linalg.LinAlgError:  # the plain method has diverged
+                return np.full_like(error, math.inf)
             return gap(state, true)
 
         plain = at(1)
@@ -117,6 +121,8 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
             continue
         tried = max(2, round(guess))
         found = at(tried)
+        if not np.isfinite(found).all():
+            continue
         again = round(tried * (float(np.linalg.norm(found)) / size) ** (1 / order))
         if again != tried and 1 < again <= MOST:
             tried, found = again, at(again)

@@ -311,11 +311,12 @@ class Index1:
 
     def __call__(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
                  angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0,
-                 efforts: Efforts | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+                 efforts: Efforts | None = None, combined: np.ndarray | None = None
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """a (T, n, 3) world, alpha (T, n, 3) body axes, lam (T, m) at states (T, ...) and times.
 
-        If rows are redundant lam has least norm, with the rank found at the first state. By dense algebra; open trees
-        of more than `FEW_BODIES` without rotors by sparse.
+        If rows are redundant lam has least norm, with the rank found at the first state, or is of the rows `combined`,
+        from `independent`. By dense algebra; open trees of more than `FEW_BODIES` without rotors by sparse.
         """
         scene, constraints = self.scene, self.constraints
         forces = applied_forces(scene, x, R, v, w, angles, t, efforts)
@@ -337,14 +338,29 @@ class Index1:
         lam = np.zeros((len(x), constraints.m))
         if constraints.m:
             G = constraints.jacobian(x, R)
-            solve = _schur_solver(G, inverse, independent=not self.closing)  # an open tree has no redundant rows
+            if combined is not None:
+                G, gamma = combined @ G, (combined @ gamma[:, :, None])[:, :, 0]
+            # An open tree has no redundant rows.
+            solve = _schur_solver(G, inverse, independent=not self.closing or combined is not None)
             # The second pass restores the digits that G M^-1 G^T loses when a light body carries a heavy one.
             for _ in range(2):
                 more = solve((G @ rates[:, :, None])[:, :, 0] + gamma)
                 rates = rates - ((more[:, None] @ G) @ inverse)[:, 0]
-                lam += more
+                lam += more if combined is None else (more[:, None] @ combined)[:, 0]
         a, alpha = np.split(rates.reshape(len(x), scene.n, 6), 2, axis=-1)
         return a, alpha, lam
+
+    def independent(self, x: np.ndarray, R: np.ndarray) -> np.ndarray | None:
+        """Combinations (T, r, m) of the rows that say the same as all of them at these states and near them.
+
+        None if no row is redundant. Their number is that of the scene's own state: where positions are a little off,
+        all rows seem independent. To solve for these takes half as long as to leave out a null space that turns.
+        """
+        if not self.closing or not (redundant := redundant_rows(self.scene)):
+            return None
+        scaled = self.constraints.jacobian(x, R) @ _root(self.inverse)
+        U = np.linalg.svd(scaled, full_matrices=False)[0][..., :scaled.shape[1] - redundant]
+        return np.ascontiguousarray(np.swapaxes(U, 1, 2))
 
 
 def _sparse_index1(scene: Scene, G: csr_array, force: np.ndarray, gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

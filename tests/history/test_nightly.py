@@ -100,6 +100,22 @@ def test_a_killed_night_goes_on_and_ends_as_if_nothing_had_happened(undisturbed,
     assert len(history_names(out)) == 3
 
 
+def test_a_night_computes_again_what_an_edited_helper_made(tmp_path, monkeypatch):
+    """The engine states a version, which stays; its own file as well."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "engine.py").write_text(
+        "import helper\nfrom crosscheck.adapters.lieeuler import LieEuler\n\n__version__ = '1.0'\n\n\n"
+        "class Mine(LieEuler):\n    methods = helper.METHODS\n", "utf-8")
+    counts = []
+    for more in ("", "", "# edited\n"):
+        with open(tmp_path / "helper.py", "a", encoding="utf-8") as helper:
+            helper.write(more or "METHODS = ('rattle2',)\n" * (not counts))
+        done = night(tmp_path / "nightly", *QUICK[:4], "--engine", "engine.py:Mine", "--jobs", "1", "--no-fresh")
+        assert done.returncode == 0, done.stdout + done.stderr
+        counts.append(len(rows()))
+    assert counts[0] == counts[1] == counts[2] - 1 > 1
+
+
 @pytest.mark.slow
 def test_thirty_kills_at_random_moments(undisturbed, tmp_path):
     """Where a night has ended, another one follows in an empty folder, with an empty table."""

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+import crosscheck
 from crosscheck import load_scene
 from crosscheck.adapters.base import RawRun, RunSpec, steps_per_sample
 from crosscheck.document import Plan, Way
@@ -105,6 +106,12 @@ def substeps(engine, name, method, order, brief=1.0):
 def test_hidden_steps_fail_and_small_errors_do_not(engine, method, status):
     found = substeps(engine, "single_pendulum", method, int(method[-1]), 0.2 if method[-1] < "4" else 1.0)
     assert found.status == status, found
+
+
+def test_a_plain_method_that_diverges_says_nothing_of_the_run():
+    scene = load_scene("bricard").replace(duration=1.0, samples=STUDY_SAMPLES)
+    run = crosscheck.run(scene, "lieeuler", "rkmk4", step=0.04)
+    assert judge_substeps(scene, run, truth(scene), 4, run.steps)[0].status == "ok"
 
 
 @pytest.mark.slow

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.document import QUANTITIES
 from crosscheck.errors import Unsupported
+from crosscheck.judge import tolerances
 from crosscheck.references import dense
 from crosscheck.references.base import Reference
 from crosscheck.references.modes import Mode
@@ -110,6 +112,26 @@ def near_impacts(scene: Scene, truth: Reference, position: float, step: float) -
         speed = rates[name][max(after - 1, 0):after + 1].max() * min(1.0, length)
         near |= np.abs(truth.t - t) <= STEPS * (step + position / speed if speed else np.inf)
     return near
+
+
+def late(scene: Scene, truth: Reference, step: float) -> dict[str, float]:
+    """What events alone may put a method of order one off by at this step (s), by quantity; {} without any in truth.
+
+    Steps of a ladder that divide each other may all meet an event at the same distance: such an error shows no order.
+    """
+    scale, until = tolerances.scales(scene, truth), min(float(truth.t[-1]), truth.horizon)
+    try:
+        restarts = restarts_of(scene, scale.length) if truth.events else None
+    except Unsupported:  # then it is not known
+        restarts = None
+    if restarts is None:
+        return {}
+    begin = Begin(0.0, scene, {name: float(angles[0]) for name, angles in _turns(scene, truth.states).items()})
+    found = restarts.follow([begin], [until], 0.0)[0][0]
+    pose, rate = across(found.events, 0.0, 0.0, until, found.derivatives, (1, step))
+    rate += sum(each.velocity for each in found.events if np.abs(truth.t - each.after).min() <= STEPS * step)
+    return {name: truth.amplification * unit * (rate if "velocity" in name else pose)
+            for name, unit in zip(QUANTITIES, (scale.length, 1.0, scale.length, 1.0), strict=True)}
 
 
 def across(events: tuple[Event, ...], pose: float, rate: float, tau: float, sizes: np.ndarray,

@@ -10,6 +10,7 @@ import numpy as np
 from crosscheck.document import QUANTITIES, Finding, Order
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import known, tolerances
+from crosscheck.judge.crossings import late
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.tolerances import Tol
 from crosscheck.judge.vanishing import cancelling
@@ -55,6 +56,7 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Referenc
     if not fine_step < coarse_step:
         raise ArgumentError(f"runs: two different steps are wanted, not {fine_step:g} s twice")
     findings, scale = [], tolerances.scales(scene, truth)
+    by_events = late(scene, truth, coarse_step) if order == 1 else {}
     for name, unit in QUANTITIES.items():
         used = extrapolation_order(order, orders[name], name in failing)
         limit = extrapolated(coarse, fine, coarse_step / fine_step, used)
@@ -62,6 +64,8 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Referenc
         tol = tolerances.limit(scene, truth, used, coarse_step, eps)[name]
         if rounding := orders[name].rounding:  # errors on the rounding plateau, which fall no more
             tol = Tol(tol.value + 2 * rounding, f"{tol.why}; rounding of both runs, {rounding:.1e}")
+        if name in by_events:
+            tol = Tol(tol.value + 2 * by_events[name], f"{tol.why}; events met late in both runs, {by_events[name]:.1e}")
         where = f"body {error.body}, t = {error.time:.4g} s, extrapolated with order {used}"
         if tol.value > scale.of(name) and np.isfinite(error.max):
             findings.append(Finding(f"limit {name}", "unjudged", error.max, None, unit, "at these steps the bound, "

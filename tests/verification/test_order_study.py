@@ -4,13 +4,16 @@ import dataclasses
 
 import pytest
 
+from crosscheck import adapters
 from crosscheck.document import Plan, Rung, Way
 from crosscheck.errors import EngineError
 from crosscheck.judge.plan import halved
+from crosscheck.references import truth
 from crosscheck.scene.file import load_scene
 from crosscheck.verification import order_study, scene_truth
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
+from tests.adapters.test_laws import pendulum
 from tests.fake_engine import FakeEngine, install
 
 PLAN = Plan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
@@ -93,6 +96,24 @@ def test_an_order_is_measured_where_only_the_main_run_fails(monkeypatch):
     assert record.outcome == "fail"
     assert len(record.ladder) == 4
     assert {finding.status for finding in orders(record).values()} == {"ok"}
+
+
+@pytest.mark.parametrize("friction", [0.5, 0.502])
+def test_a_step_that_always_meets_an_event_at_one_distance_has_no_order_there(monkeypatch, friction):
+    """Steps of .8, .4 and .2 ms all meet .7976 s, 5.8 us before the pendulum turns: the rate is off by as much at each.
+
+    An engine with .4 % too much friction is not excused.
+    """
+    scene = pendulum(1.0, 6, dry_friction=0.5)
+    if friction != 0.5:
+        run, wrong = adapters.get("pinocchio").run, pendulum(1.0, 6, dry_friction=friction)
+        monkeypatch.setattr(type(adapters.get("pinocchio")), "run", lambda self, _, spec: run(wrong, spec))
+    cell = Cell("pendulum", Way("pinocchio", "SymplecticEuler"), Plan(1.0, {1: 2e-4}, {1: halved(8e-4, 3)}, samples=6))
+    study = order_study.order_study(cell, 1, scene, truth(scene), [], False)
+    found = {finding.kind: finding.status for finding in study.findings}
+    assert study.orders["angular velocity"].observed < 0.0 or friction != 0.5
+    assert ("fail" in found.values()) == (friction != 0.5)
+    assert found["order angular velocity"] != "ok"
 
 
 def test_no_step_of_a_stiff_scene_is_longer_than_its_fastest_decay():

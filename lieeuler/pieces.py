@@ -41,12 +41,12 @@ SETTLED = 1e-12
 """A rate this small, as a part of the larger one of 1 and the rate before, is none."""
 LOWEST = 1e-15
 """A bounce whose height is below this, as a part of the larger one of 1 and the coordinate, is none."""
-BACK = 1e-2
-"""An acceleration this small, as a part of the largest one or 1, holds no coordinate that was let go just now: what
-drives it grows, and a method of first order finds the time of that by forces that are off by a part of its step."""
 PUSH = 1e4
 """The torque whose accelerations give those of an impulse, over the weights and one: so large that rounding of what the
 other forces do is small beside it."""
+AGAIN = 3
+"""Times that a coordinate may come to rest at one time, since others change there as well; then it stays for a step:
+the method and the accelerations of the index-1 system, which differ by a part of the step, disagree on what follows."""
 CHATTER = 100
 """More changes than this at one time end the run: no mode agrees with its own accelerations."""
 
@@ -112,6 +112,7 @@ class Pieces:
         self.laws, self.t = problem.laws, t
         self.events: list[tuple[float, int, str]] = []
         self.freed: dict[int, float] = {}  # by law, when it was let go last
+        self.rested: dict[int, tuple[float, int]] = {}  # when it came to rest last, and how often at that time
         self.stays: dict[int, float] = {}  # and when it was found to be at rest all the same
         self.ends = [self._ends(law) for law in self.laws]
         self.springs = {k: force.start_angle(problem.R) for k, force in enumerate(problem.forces)
@@ -236,6 +237,8 @@ class Pieces:
 
     def _stretch(self, solution: Solution, state: State, rows: list[int]) -> Stretch:
         """The coordinates along a run from a state on."""
+        if not len(solution.t):  # not even the accelerations of its start are known
+            raise IntegrationError(solution.status, solution.status.advice, solution)
         arrays = tuple(getattr(solution, name) for name in ("x", "R", "v", "w", "a", "alpha"))
         q, rate, acceleration, holding = np.empty((4, len(solution.t), len(self.laws)))
         for i, (law, ends, row) in enumerate(zip(self.laws, self.ends, rows, strict=True)):
@@ -349,7 +352,10 @@ class Pieces:
             else:
                 tb, fb, fa, kept = middle, f, fa / 2 if kept < 0 else fa, -1
         self._turn(*best)
-        return best[0].state(best[1]), key
+        reached = best[0].state(best[1])
+        if reached.t > state.t and reached.t in self.outputs:
+            self.rows.append((best[0].solution, best[1]))
+        return reached, key
 
     # --- changes
 
@@ -362,11 +368,15 @@ class Pieces:
         law, mode = self.laws[i], self.modes[i]
         if kind == "rest":
             was, mode.sign, mode.held = mode.sign, 0, True
+            last, count = self.rested.get(i, (state.t, 0))
+            self.rested[i] = state.t, count + 1 if last == state.t else 1
             state = self._still(state, i)
-            self._settle(state, {i})
-            if mode.held and self.freed.get(i) == state.t:  # as good as at rest: it stays for a step
+            if (count := self.rested[i][1]) <= AGAIN:
+                self._settle(state, {i})
+            if mode.held and (count > AGAIN or self.freed.get(i) == state.t):  # as good as at rest: it stays for a step
                 self.stays[i] = state.t
-                self.events = [event for event in self.events if event != (state.t, law.joint, "slips")]
+                self.events = [event for event in self.events if event[:2] != (state.t, law.joint) or event[2] not in (
+                    "slips", "reverses")]
             elif mode.held:
                 self._tell(state.t, i, "sticks")
             elif mode.sign != was:
@@ -471,8 +481,8 @@ class Pieces:
     def _settle(self, state: State, fresh: set[int], freed: int = -1) -> None:
         """Choose, among the coordinates at rest, those that stay: Gauss' principle by single changes.
 
-        fresh: held since just now, so that letting them go is no event. freed: let go just now, where its acceleration
-        is as good as zero, of either sign.
+        fresh: held since just now, so that letting them go is no event. freed: let go just now. Its acceleration is as
+        good as zero, of either sign, but what drives it grows: it may only be held again when another one changes.
         """
         resting = {i for i, mode in enumerate(self.modes) if mode.held} | {
             i for i, mode in enumerate(self.modes) if mode.sign and state.rate[i] == 0.0}
@@ -489,12 +499,11 @@ class Pieces:
                     room = 1e-12 * max(1.0, abs(holding))
                     if (over := max(holding - upper, lower - holding) - room) > worst:
                         worst, change = over, (i, -1 if holding > upper else 1)
-                elif (back := -mode.sign * float(s.acceleration[0, i])) > max(worst, (i == freed) * BACK * max(
-                        1.0, float(np.abs(s.acceleration[0]).max()))):
+                elif i != freed and (back := -mode.sign * float(s.acceleration[0, i])) > worst:
                     worst, change = back, (i, 0)
             if change is None:
                 break
-            i, sign = change
+            (i, sign), freed = change, -1
             self.modes[i].held, self.modes[i].sign = sign == 0, sign
             self.modes[i].stop = sides[i] if sign == 0 else 0
         for i in resting:
@@ -595,20 +604,22 @@ class Pieces:
             times = times[times > state.t + 1e-12 * (times[-1] - state.t)]
             s = self._run(state, times)
             crossed = self._first(s)
+            last = len(s.solution.t) - 1 if crossed is None else crossed[0] - 1
+            self._keep(s, last)
             if crossed is None and s.solution.status is not Status.SUCCESS:
                 self._fail(s.solution.status, begun)
-            last = len(times) if crossed is None else crossed[0] - 1
-            self._keep(s, last)
             before, state = state, s.state(last)
             self._turn(s, last)
-            while here < len(self.grid) and self.grid[here][-1] <= state.t:
-                here += 1
             if crossed is None:
                 ahead = min(2 * ahead, AHEAD)
+            else:
+                ahead = max(1, ahead // 2)
+                changes = 1 if state.t > before.t + 1e-12 * max(1.0, before.t) else changes + 1
+                state = self._cross(state, float(s.solution.t[crossed[0]]), crossed[1])
+            while here < len(self.grid) and self.grid[here][-1] <= state.t:
+                here += 1
+            if state.t > before.t:
                 self._tick(state, told=True)
-                continue
-            ahead, changes = max(1, ahead // 2), 1 if state.t > before.t + 1e-12 * max(1.0, before.t) else changes + 1
-            state = self._cross(state, float(s.solution.t[crossed[0]]), crossed[1])
             if changes > CHATTER:
                 self._fail(Status.STEP_TOO_SMALL, begun, "changes of friction and stops follow each other without end: "
                            "the motion has no unique continuation from here on")

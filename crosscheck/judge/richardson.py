@@ -65,7 +65,7 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Referenc
         if rounding := orders[name].rounding:  # errors on the rounding plateau, which fall no more
             tol = Tol(tol.value + 2 * rounding, f"{tol.why}; rounding of both runs, {rounding:.1e}")
         if name in by_events:
-            tol = Tol(tol.value + 2 * by_events[name], f"{tol.why}; events met late in both runs, {by_events[name]:.1e}")
+            tol = Tol(tol.value + 2 * by_events[name], f"{tol.why}; events met late in both, {by_events[name]:.1e}")
         where = f"body {error.body}, t = {error.time:.4g} s, extrapolated with order {used}"
         if tol.value > scale.of(name) and np.isfinite(error.max):
             findings.append(Finding(f"limit {name}", "unjudged", error.max, None, unit, "at these steps the bound, "

@@ -178,8 +178,8 @@ def _by_events(findings: list[Finding], ladder: _Ladder) -> list[Finding]:
     if not low or not all(rung.errors and rung.step for rung in ladder.rungs):
         return findings
     most = [late(ladder.scene, ladder.reference, rung.step or 0.0) for rung in ladder.rungs]
-    excused = {name for name in low if all(name in each and (rung.errors[name] or 0.0) <= each[name] for rung, each in zip(
-        ladder.rungs, most, strict=True))}
+    excused = {name for name in low if all(name in each and (rung.errors[name] or 0.0) <= each[name]
+                                           for rung, each in zip(ladder.rungs, most, strict=True))}
     return [replace(finding, status="unjudged", detail="events met up to two steps late explain errors of this size, "
                     "which depend on where steps meet them") if finding.kind.removeprefix("order ") in excused
             else finding for finding in findings]

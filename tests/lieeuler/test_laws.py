@@ -215,6 +215,47 @@ def test_euler_methods_take_events_at_steps():
     assert np.polyfit(np.log([4, 2, 1]), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.2)
 
 
+def arm(cs, q, rates, static=1.0):
+    """A chain of hinges about y with dry friction, 1 kg and half a metre each."""
+    axis, x, at, w, v = np.array([0.0, 1.0, 0.0]), np.zeros(3), 0.0, 0.0, np.zeros(3)
+    bodies, joints, laws, states = [], [], [], []
+    for k, (c, turn, rate) in enumerate(zip(cs, q, rates, strict=True)):
+        at, w = at + turn, w + rate
+        R = np.array([[np.cos(at), 0, np.sin(at)], [0, 1, 0], [-np.sin(at), 0, np.cos(at)]])
+        arm = R @ [0, 0, -0.25]
+        spin = w * axis
+        states.append((x + arm, R, v + np.cross(spin, arm), spin))
+        x, v = x + 2 * arm, v + np.cross(spin, 2 * arm)
+        bodies.append(lieeuler.Body(1.0, np.diag([0.02, 0.03, 0.025])))
+        joints.append(lieeuler.revolute_joint(k - 1, k, [0, 0, -0.25 * (k > 0)], [0, 0, 0.25], axis, axis))
+        laws.append(Law(k, lieeuler.Coordinate(axis, axis, np.eye(3)), turn, sliding=c, static=static * c))
+    return lieeuler.Problem(bodies, joints, [0, 0, -9.81], *zip(*states, strict=True), laws=tuple(laws))
+
+
+@pytest.mark.parametrize("events", [False, True])
+@pytest.mark.parametrize(("method", "step"), [("rkmk4", 0.03), ("DAE1L_LSE", 0.01), ("DAE3H_LE", 0.01)])
+def test_joints_that_stick_and_slip_together_run_through(method, step, events):
+    """Friction of one joint moves the others: the method and the index-1 system may disagree on which one rests."""
+    t = np.linspace(0.0, 2.0, 6)
+    for cs, q, rates, static in (([1.2, 0.6], [1.0, -0.5], [0.0, 2.0], 1.0), ([1.032, 0.2317], [0.494, 1.107],
+                                 [0.678, 2.504], 1.3), ([0.383, 0.163], [1.421, 1.445], [2.259, -0.169], 1.3),
+                                 ([0.46, 0.1, 0.6, 0.3], [0.3, -0.4, 0.9, 0.6], [1.0, -1.0, 2.0, -2.0], 1.0)):
+        solution = lieeuler.integrate(arm(cs, q, rates, static), method, step, t, events=events)
+        assert len(solution.t) == len(t)
+        energy = (0.5 * np.sum(solution.v ** 2, axis=(1, 2)) + 9.81 * solution.x[:, :, 2].sum(axis=1)
+                  + 0.5 * np.sum(solution.w ** 2 * [0.02, 0.03, 0.025], axis=(1, 2)))
+        assert energy[-1] < energy[0]  # friction only brakes
+
+
+@pytest.mark.parametrize("law", [{"sliding": 0.5, "static": 0.5}, {"stops": Stops(-0.5, 2.0)},
+                                 {"servos": (Servo(30.0),)}], ids=["friction", "stops", "servo"])
+def test_a_mass_beyond_all_sense_ends_with_a_status(law):
+    problem = pendulum(**law)
+    problem = dataclasses.replace(problem, bodies=(lieeuler.Body(1e100, 0.02e100 * np.eye(3)),))
+    with pytest.raises(lieeuler.IntegrationError):
+        lieeuler.integrate(problem, "rkmk4", 0.1, [0.0, 1.0])
+
+
 def test_ensembles_refuse_laws():
     with pytest.raises(lieeuler.ArgumentError, match="take no laws"):
         lieeuler.integrate_ensemble(pendulum(sliding=0.5, static=0.5), "rkmk4", 0.1, [0, 1], x=np.zeros((2, 1, 3)))

@@ -11,8 +11,21 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.scene import mechanics
-from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.states import States
+
+
+def per_scene(make):
+    """A function of a scene that computes once for all the steps of a run."""
+    kept = [None, None]
+
+    def made(scene):
+        if kept[0] is not scene:
+            kept[:] = scene, make(scene)
+        return kept[1]
+    return made
+
+
+equations = per_scene(mechanics.Index1)
 
 
 def rows(A):
@@ -79,7 +92,7 @@ class Matrices(Engine):
     def raw(self, scene, kept, steps, h):
         """The run as the adapter gives it, accelerations from the states."""
         x, R, v, w = (np.concatenate(parts) for parts in zip(*kept, strict=True))
-        a, alpha, lam = mechanics.index1(scene, x, R, v, w, t=scene.t)
+        a, alpha, lam = equations(scene)(x, R, v, w, t=scene.t)
         return RawRun(States(scene.t, x, R, v, w, a, alpha, lam), 1e-6 * steps, steps, h)
 
     def taken(self, scene):
@@ -87,7 +100,7 @@ class Matrices(Engine):
         return scene
 
     def rates(self, scene, t, x, R, v, w):
-        a, alpha, _ = mechanics.index1(scene, x, R, v, w, t=np.array([t]))
+        a, alpha, _ = equations(scene)(x, R, v, w, t=np.array([t]))
         return v, R @ np.cross(np.eye(3), w[..., None, :]), a, alpha
 
     def step(self, scene, t, state, h, stages, weights):
@@ -148,7 +161,7 @@ class Projected(Rotations):
     def after(self, scene, state):
         """Newton's iteration with the mass matrix as the metric."""
         x, R, v, w = super().after(scene, state)
-        constraints, inverse = Constraints(scene), mechanics.inverse_mass(scene)
+        constraints, inverse = equations(scene).constraints, equations(scene).inverse[0]
         if not constraints.m:
             return [x, R, v, w]
 

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
-from crosscheck.scene import mechanics
 from crosscheck.scene.monitor import Monitor
 from crosscheck.scene.states import States
+from tests.right_engines import equations, per_scene
 
 TABLEAUX = {
     1: ([[]], [1.0]),
@@ -63,7 +63,7 @@ class Right(Engine):
             if (k + 1) % per == 0:
                 kept.append(state)
         x, R, v, w = (np.concatenate(parts) for parts in zip(*kept, strict=True))
-        a, alpha, lam = mechanics.index1(scene, x, R, v, w)
+        a, alpha, lam = equations(scene)(x, R, v, w)
         states = self.reported(scene, States(scene.t, x, R, v, w, a, alpha, lam))
         return RawRun(states, 1e-6 * per * scene.samples, per * (scene.samples - 1), h,
                       maxima=None if monitor is None else monitor.maxima())
@@ -90,7 +90,7 @@ class Right(Engine):
         return [h * sum(weight * rate[part] for weight, rate in zip(row, rates, strict=True)) for part in range(4)]
 
     def accelerations(self, scene, x, R, v, w):
-        return mechanics.index1(scene, x, R, v, w)[:2]
+        return equations(scene)(x, R, v, w)[:2]
 
     def after(self, scene, t, state):
         """The state from which the next step starts, after a step from t."""
@@ -119,11 +119,11 @@ def _changed(scene, **factors):
 def late(name, factor):
     """A parameter that changes at some time of the run."""
     def make(random):
-        begin = random.uniform(0.1, 0.8)
+        begin, changed = random.uniform(0.1, 0.8), per_scene(lambda scene: _changed(scene, **{name: factor}))
 
         class Late(Right):
             def scene_at(self, scene, t):
-                return _changed(scene, **{name: factor}) if t > begin * scene.duration else scene
+                return changed(scene) if t > begin * scene.duration else scene
         return Late()
     return make
 
@@ -232,7 +232,7 @@ MISTAKES = (
     *(Mistake(f"accelerations x {k}", accelerating(lambda scene, a, al, *s, k=k: (k * a, k * al)))
       for k in (1.2, 0.9)),
     Mistake("no centripetal acceleration", accelerating(
-        lambda scene, a, al, x, R, v, w: mechanics.index1(scene, x, R, v, 0.0 * w)[:2])),
+        lambda scene, a, al, x, R, v, w: equations(scene)(x, R, v, 0.0 * w)[:2])),
     Mistake("angular drag", accelerating(lambda scene, a, al, x, R, v, w: (a, al - 0.3 * w))),
     Mistake("quadratic drag", accelerating(
         lambda scene, a, al, x, R, v, w: (a - 0.2 * v * np.linalg.norm(v, axis=-1, keepdims=True), al))),

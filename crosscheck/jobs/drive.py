@@ -8,6 +8,7 @@ hangs cannot be stopped. Here the executor has one thread per worker process, wh
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import dataclasses
 import functools
 import itertools
@@ -110,15 +111,16 @@ def drive(function: Callable[[Any], Any], tasks: Iterable[Any], place: Place, li
 
 def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 2,
               done: Callable[[int, Any], None] | None = None, limits: Limits | None = None,
-              executor: concurrent.futures.Executor | None = None, again: bool = False) -> list[Any]:
+              executor: concurrent.futures.Executor | None = None, again: bool = False, place: Place | None = None
+              ) -> list[Any]:
     """Results of `function(task)` for every task, in order, from `jobs` workers. `done` is called with (index, result)
-    in this thread as each task ends. The other arguments are those of `drive` and `Place`.
+    in this thread as each task ends. `place`: workers that stay. The others are those of `drive` and `Place`.
     """
     listed = list(tasks)
     results: list[Any] = [None] * len(listed)
     if not listed:
         return results
-    with Place(min(jobs, len(listed)), executor) as place:
+    with contextlib.nullcontext(place) if place else Place(min(jobs, len(listed)), executor) as place:
         for index, _, result in drive(function, listed, place, limits, again):
             results[index] = result
             if done is not None:
@@ -138,6 +140,7 @@ class Stages:
     session: Session | None
     count: Callable[[str], None]  # called as each task ends
     executor: concurrent.futures.Executor | None = None  # with `jobs` workers, instead of processes on this machine
+    place: Place | None = None  # whose workers serve all stages; otherwise each stage starts its own
 
     def run(self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], keys: Sequence[str],
             labels: Sequence[str], limits: Limits | None = None, again: bool = False,
@@ -160,7 +163,8 @@ class Stages:
             wrong = failure(result) if failure is not None else ""
             self.count(f"{FAILED}{labels[index]}: {wrong}" if wrong else labels[index])
 
-        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, self.executor, again)
+        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, self.executor, again,
+                  self.place)
         return results
 
     def kept(self, stage: str, key: str, reuse: Reuse = "rows") -> Any:

@@ -42,7 +42,7 @@ def write_report(document: Document, folder: Path) -> None:
     folder.mkdir(parents=True)
     for name, content in _files(document) if installed("jinja2", "plotly") else _tables(document):
         put(folder / name, content)
-    if installed("pandas", "pyarrow"):
+    if installed("pyarrow"):
         exports.write_parquet(document, folder / "results.parquet")
 
 
@@ -67,7 +67,7 @@ def render_again(folder: Path) -> Path:
         if name != "results.json":
             put(folder / name, content)
             kept.discard(name)
-    if installed("pandas", "pyarrow"):
+    if installed("pyarrow"):
         exports.write_parquet(document, folder / "results.parquet")
     # Remove pages of an earlier version, which would have dead links.
     for name in kept:

@@ -78,15 +78,14 @@ def table(document: Document) -> str:
 
 def write_parquet(document: Document, path: Path) -> None:
     """Write the same table as a Parquet file. An existing file is replaced as a whole."""
-    import pandas
+    import pyarrow
+    from pyarrow import parquet
 
-    read = columns(document)
-    frame = pandas.DataFrame({title: [value(record) for record in document.records] for title, value in read})
-    # pandas gives a column without any value the type object, which Parquet does not have.
-    empty = [title for title in frame if frame[title].isna().all()]
-    frame = frame.astype(dict.fromkeys(empty, "float64"))
+    found = {title: pyarrow.array([value(record) for record in document.records]) for title, value in columns(document)}
+    # A column without any value is one of numbers.
+    typed = {title: each.cast("float64") if each.null_count == len(each) else each for title, each in found.items()}
     with replacing(path) as aside:
-        frame.to_parquet(aside, index=False)
+        parquet.write_table(pyarrow.table(typed), aside)
 
 
 def junit(document: Document) -> str:

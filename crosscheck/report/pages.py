@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import os
 import re
 import urllib.parse
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ from typing import Any
 import msgspec
 
 from crosscheck.document import EULER, LEVELS, QUANTITIES, Document, Record, Scene, Support
+from crosscheck.files import cache_folder
 from crosscheck.report import overview
 from crosscheck.report.headline import (
     OUTCOMES,
@@ -92,7 +94,14 @@ def environment() -> Any:
     """The Jinja environment with templates, filters and constants of the pages; each template is compiled once."""
     import jinja2
 
+    compiled = cache_folder() / "templates"
+    try:
+        compiled.mkdir(parents=True, exist_ok=True)
+        cache = jinja2.FileSystemBytecodeCache(str(compiled)) if os.access(compiled, os.W_OK) else None
+    except OSError:  # a home that nobody may write to
+        cache = None
     made = jinja2.Environment(
+        bytecode_cache=cache,
         loader=jinja2.FileSystemLoader(HERE / "templates"), undefined=jinja2.StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))

@@ -34,7 +34,7 @@ from crosscheck.document import (
 )
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import plain, readable
-from crosscheck.jobs.drive import Crash, Limits, Stages
+from crosscheck.jobs.drive import Crash, Limits, Place, Stages
 from crosscheck.jobs.table import Session, digest
 from crosscheck.jobs.workers import output
 from crosscheck.jobs.workers.process import GIGABYTE
@@ -170,8 +170,9 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
                                        + len(cells) + walk * len(scene_names) * len(engine_names))
     stages = Stages(jobs, session, lambda label: progress(next(done), total, label) if progress else None)
     far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
-    with contextlib.nullcontext() if far is None else contextlib.closing(far):
-        elsewhere = stages if far is None else dataclasses.replace(stages, executor=far.executor, jobs=far.workers)
+    with (contextlib.nullcontext() if far is None else contextlib.closing(far),
+          Place(*((jobs,) if far is None else (far.workers, far.executor))) as place):
+        elsewhere = dataclasses.replace(stages, place=place)
         contents = own_contents(scene_names) if far is not None else {}
         keys = _keys(session is not None)
         truths = _truths(elsewhere, keys, scene_names, settings, asked, contents)

@@ -27,7 +27,7 @@ HOSTILE = {
     "recursion limit": "sys.setrecursionlimit(60)",
     "environment": "os.environ.clear(); os.environ['OMP_NUM_THREADS'] = '64'",
     "signal handlers": "signal.signal(signal.SIGTERM, signal.SIG_IGN); signal.setitimer(signal.ITIMER_REAL, 0.2, 0.2)",
-    "threads left running": "threading.Thread(target=lambda: [np.abs(1.0) for _ in iter(int, 1)], daemon=True).start()",
+    "threads left running": "threading.Thread(target=lambda: all(map(idle, iter(int, 1))), daemon=True).start()",
     "processes left running": "subprocess.Popen(['sleep', '600'], start_new_session=True)",
     "patched at its import": "",
 }
@@ -40,7 +40,7 @@ did to it.
 SIDE_EFFECTS = "import numpy as np\nnp.linalg.solve = None\nimport crosscheck\ncrosscheck.run = None\n"
 
 MODULE = """
-import ctypes, os, pathlib, resource, signal, subprocess, sys, threading
+import ctypes, os, pathlib, resource, signal, subprocess, sys, threading, time
 import numpy as np
 from crosscheck.adapters.base import RawRun
 from crosscheck.scene.states import States
@@ -50,6 +50,9 @@ class Bomb:
         return pathlib.Path.touch, (pathlib.Path({touched!r}),)
     def __float__(self):
         return 1.0
+def idle(_):
+    time.sleep(1e-3)
+    return True
 def ok(number):
     try:
         return bool(os.fstat(number))

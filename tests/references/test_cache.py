@@ -173,7 +173,7 @@ def test_nothing_is_left_of_a_failed_write(folder, single, counted, monkeypatch)
 def test_two_processes_at_once(folder):
     """Both compute, both succeed, one whole file remains."""
     code = ("from crosscheck.references import truth; from crosscheck.scene.file import load_scene;"
-            "print(repr(truth(load_scene('heavy_top').replace(samples=3)).states.x.tolist()))")
+            "print(repr(truth(load_scene('heavy_top').replace(samples=3, duration=0.05)).states.x.tolist()))")
     environment = {**os.environ, "CROSSCHECK_CACHE": str(folder)}
     racing = [subprocess.Popen([sys.executable, "-W", "error", "-c", code], env=environment, text=True,
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE) for _ in range(2)]

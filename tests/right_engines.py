@@ -238,3 +238,218 @@ class Adaptive(Rotations):
         found = self.stages(scene, t, state, h, [*stages, weights])  # the last stage is the end of the step
         error = self.moved([np.zeros_like(part) for part in state], h, RK45.E, found)
         return self.moved(state, h, weights, found[:-1]), error
+
+
+class Packed(Rotations):
+    """States as one vector y, of which `slope` is the rate: the base of the unusual ones below."""
+
+    methods = ("P",)
+    order = 4
+
+    def documented_order(self, scene, spec):
+        return self.order
+
+    def packed(self, scene, t, state):
+        return np.concatenate([part.ravel() for part in state])
+
+    def unpacked(self, scene, t, y):
+        x, R, v, w = np.split(y, np.cumsum([3 * scene.n, 9 * scene.n, 3 * scene.n]))
+        x, R, v, w = x.reshape(1, -1, 3), R.reshape(1, -1, 3, 3), v.reshape(1, -1, 3), w.reshape(1, -1, 3)
+        return self.after(scene, [x, R, v, w])
+
+    def slope(self, scene, t, y):
+        x, R, v, w = np.split(y, np.cumsum([3 * scene.n, 9 * scene.n, 3 * scene.n]))
+        return np.concatenate([part.ravel() for part in self.rates(
+            scene, t, x.reshape(1, -1, 3), R.reshape(1, -1, 3, 3), v.reshape(1, -1, 3), w.reshape(1, -1, 3))])
+
+    def runge_kutta(self, f, t, y, h, order=4):
+        stages, weights = TABLEAUX[order]
+        found = []
+        for row in stages:
+            found.append(f(t + h * sum(row), y + h * sum((c * k for c, k in zip(row, found, strict=True)), 0.0 * y)))
+        return y + h * sum(c * k for c, k in zip(weights, found, strict=True))
+
+    def run(self, scene, spec):
+        """From output to output, by `advanced`."""
+        per, h = (1, None) if spec.step is None else steps_per_sample(scene, spec.step)
+        y, self.past, self.steps = self.packed(scene, 0.0, [
+            scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]]), [], 0
+        kept = [self.unpacked(scene, 0.0, y)]
+        for begin, end in zip(scene.t[:-1], scene.t[1:], strict=True):
+            y = self.advanced(scene, begin, end, y, per, h, spec)
+            kept.append(self.unpacked(scene, end, y))
+        return self.raw(scene, kept, self.steps, h)
+
+    def advanced(self, scene, begin, end, y, per, h, spec):
+        for k in range(per):
+            y = self.stepped(lambda t, z: self.slope(scene, t, z), begin + k * h, y, h)
+            self.steps += 1
+        return y
+
+    def stepped(self, f, t, y, h):
+        return self.runge_kutta(f, t, y, h, self.order)
+
+
+def of_scipy(kind):
+    """An adaptive solver of SciPy, from output to output."""
+    class Solver(Packed):
+        order = None
+
+        def advanced(self, scene, begin, end, y, per, h, spec):
+            from scipy.integrate import solve_ivp
+
+            found = solve_ivp(lambda t, z: self.slope(scene, t, z), (begin, end), y, kind, rtol=max(spec.rtol, 3e-14),
+                              atol=spec.rtol * np.abs(y).max())
+            self.steps += len(found.t) - 1
+            return found.y[:, -1]
+    Solver.__name__ = kind
+    return Solver
+
+
+class Dense(of_scipy("DOP853")):
+    """One call over the whole run: outputs are values of the interpolation between steps."""
+
+    def run(self, scene, spec):
+        """The states at the output times."""
+        from scipy.integrate import solve_ivp
+
+        y = self.packed(scene, 0.0, [scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]])
+        found = solve_ivp(lambda t, z: self.slope(scene, t, z), (0.0, scene.duration), y, "DOP853", dense_output=True,
+                          rtol=max(spec.rtol, 3e-14), atol=spec.rtol * np.abs(y).max())
+        return self.raw(scene, [self.unpacked(scene, t, found.sol(t)) for t in scene.t], len(found.t) - 1, None)
+
+
+class Multistep(Packed):
+    """Adams and Bashforth's method of order 4 with Moulton's corrector, started by Runge-Kutta steps."""
+
+    def stepped(self, f, t, y, h):
+        self.past = [f(t, y), *self.past[:3]]
+        if len(self.past) < 4:
+            return self.runge_kutta(f, t, y, h)
+        guess = y + h * np.tensordot([55 / 24, -59 / 24, 37 / 24, -9 / 24], self.past, 1)
+        return y + h * np.tensordot([9 / 24, 19 / 24, -5 / 24, 1 / 24], [f(t + h, guess), *self.past[:3]], 1)
+
+
+class Backward(Packed):
+    """The backward differentiation formula of order 2, solved by iteration, started by a step of order 2."""
+
+    order = 2
+
+    def stepped(self, f, t, y, h):
+        before, self.past = self.past[:1], [y]
+        found = self.runge_kutta(f, t, y, h, 2)
+        for _ in range(12 if before else 0):
+            found = (4 * y - before[0]) / 3 + 2 * h / 3 * f(t + h, found)
+        return found
+
+
+class Gauss(Packed):
+    """Gauss' collocation of order 4, whose two stages are iterated."""
+
+    def stepped(self, f, t, y, h):
+        root = np.sqrt(3.0) / 6
+        A = np.array([[0.25, 0.25 - root], [0.25 + root, 0.25]])
+        k = np.array([f(t, y)] * 2)
+        for _ in range(14):
+            k = np.array([f(t + h * A[i].sum(), y + h * A[i] @ k) for i in range(2)])
+        return y + h * k.mean(axis=0)
+
+
+class Loose(Packed):
+    """The implicit midpoint rule, whose iteration ends at a residual that it states."""
+
+    order, left = 2, 1e-10
+
+    def stepped(self, f, t, y, h):
+        middle = y + 0.5 * h * f(t, y)
+        while True:
+            better = y + 0.5 * h * f(t + 0.5 * h, middle)
+            done, middle = np.abs(better - middle).max() < self.left, better
+            if done:
+                return 2 * middle - y
+
+    def raw(self, scene, kept, steps, h):
+        found = super().raw(scene, kept, steps, h)
+        found.stats["newton_left"] = self.left
+        return found
+
+
+class Quaternions(Packed):
+    """Attitudes as quaternions of any length, which nothing normalises; the length at the start is 1.7."""
+
+    def packed(self, scene, t, state):
+        q = 1.7 * Rotation.from_matrix(state[1][0]).as_quat()
+        return np.concatenate([state[0].ravel(), q.ravel(), state[2].ravel(), state[3].ravel()])
+
+    def parts(self, scene, y):
+        n = scene.n
+        return [part.reshape(1, n, -1) for part in np.split(y, np.cumsum([3 * n, 4 * n, 3 * n]))]
+
+    def unpacked(self, scene, t, y):
+        x, q, v, w = self.parts(scene, y)
+        return [x, Rotation.from_quat(q[0]).as_matrix()[None], v, w]
+
+    def slope(self, scene, t, y):
+        x, q, v, w = self.parts(scene, y)
+        _, _, a, alpha = self.rates(scene, t, x, Rotation.from_quat(q[0]).as_matrix()[None], v, w)
+        vector, scalar = q[..., :3], q[..., 3:]
+        turned = np.concatenate([scalar * w + np.cross(vector, w), -(vector * w).sum(-1, keepdims=True)], axis=-1)
+        return np.concatenate([v.ravel(), 0.5 * turned.ravel(), a.ravel(), alpha.ravel()])
+
+
+class Boosted(Packed):
+    """Positions and velocities in a frame that moves at a constant velocity."""
+
+    speed = np.array([3.0, -2.0, 1.0])
+
+    def packed(self, scene, t, state):
+        return super().packed(scene, t, [state[0] - self.speed * t, state[1], state[2] - self.speed, state[3]])
+
+    def unpacked(self, scene, t, y):
+        x, R, v, w = super().unpacked(scene, t, y)
+        return [x + self.speed * t, R, v + self.speed, w]
+
+    def slope(self, scene, t, y):
+        n = scene.n
+        there = y.copy()
+        there[:3 * n] += np.tile(self.speed * t, n)
+        there[12 * n:15 * n] += np.tile(self.speed, n)
+        rate = super().slope(scene, t, there)
+        rate[:3 * n] -= np.tile(self.speed, n)
+        return rate
+
+
+class Energetic(Rotations):
+    """Velocities are scaled after every step so that the energy stays; for scenes that conserve it."""
+
+    def run(self, scene, spec):
+        """The energy to keep is that of the start."""
+        self.kept = mechanics.energy(scene, States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None],
+                                                   scene.w0[None]))[0]
+        return super().run(scene, spec)
+
+    def after(self, scene, state):
+        x, R, v, w = super().after(scene, state)
+        here = States(np.zeros(1), x, R, v, w)
+        moving = mechanics.kinetic_energy(scene, here)[0]
+        wanted = moving + self.kept - mechanics.energy(scene, here)[0]
+        factor = np.sqrt(max(wanted, 0.0) / moving) if moving > 1e-3 * abs(self.kept) else 1.0
+        return [x, R, factor * v, factor * w]
+
+
+class Composed(Packed):
+    """Suzuki's composition of five midpoint steps, explicit ones: order 2, symmetric only in its leading term."""
+
+    order = 2
+
+    def stepped(self, f, t, y, h):
+        p = 1.0 / (4.0 - 4.0 ** (1 / 3))
+        for share in (p, p, 1 - 4 * p, p, p):
+            y = y + share * h * f(t + 0.5 * share * h, y + 0.5 * share * h * f(t, y))
+            t += share * h
+        return y
+
+
+UNUSUAL = ((of_scipy("LSODA"), "P"), (of_scipy("Radau"), "P"), (of_scipy("BDF"), "P"), (Dense, "P"), (Multistep, "P"),
+           (Backward, "P"), (Gauss, "P"), (Loose, "P"), (Quaternions, "P"), (Boosted, "P"), (Energetic, "RK2"),
+           (Energetic, "RK4"), (Composed, "P"))

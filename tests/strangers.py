@@ -16,8 +16,10 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, RunSpec, steps_per_sample
 from crosscheck.references import truth
+from crosscheck.scene import mechanics
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
+from tests.right_engines import Adaptive, Floats, Rotations
 
 METHODS = {"first": ("DAE1L_LSE", 1), "second": ("rattle2", 2), "fourth": ("rkmk4", 4)}
 KINDS = ("late", "claims", "name", "truth", "clock", "samples", "frame", "places", "outputs", "float32", "history")
@@ -160,6 +162,146 @@ def _started(scene):
     return bool(np.abs(scene.bodies[0].angular_velocity).max() == np.abs([0.5, 0.3, 1.0]).max())
 
 
+class Stepped(Rotations):
+    """A Runge-Kutta method of ours, whose steps go wrong."""
+
+    methods = ("RK4",)
+
+    def run(self, scene, spec):
+        """Counts its steps."""
+        self.count, self.scene = 0, scene
+        return super().run(scene, spec)
+
+    def step(self, scene, t, state, h, stages, weights):
+        self.count += 1
+        return super().step(*self.changed(scene, t, state, h), stages, weights)
+
+    def changed(self, scene, t, state, h):
+        """What the step is made of."""
+        return scene, t, state, h
+
+
+class EverySeventh(Stepped):
+    """Steps whose number is no multiple of seven are right."""
+
+    def changed(self, scene, t, state, h):
+        return pulled(scene, 1.01) if self.count % 7 == 0 else scene, t, state, h
+
+
+class Overflowing(Stepped):
+    """From step 700 of a run on its counter has another sign."""
+
+    def changed(self, scene, t, state, h):
+        return pulled(scene, 1.002) if self.count > 700 else scene, t, state, h
+
+
+class SlowClock(Stepped):
+    """Steps of another length than it tells."""
+
+    def changed(self, scene, t, state, h):
+        return scene, t, state, h * (1.0 - 2e-6)
+
+
+class Halves(Stepped):
+    """Mistakes in the first half of every output interval are undone in the second."""
+
+    def changed(self, scene, t, state, h):
+        first = (t / (scene.duration / (scene.samples - 1)) + 1e-9) % 1.0 < 0.5
+        return pulled(scene, 1.005 if first else 0.995), t, state, h
+
+
+class Injected(Stepped):
+    """The energy is projected after every step, to one that grows by a ten-thousandth a second."""
+
+    def after(self, scene, state):
+        here = States(np.zeros(1), *(part.copy() for part in super().after(scene, state)))
+        energy, moving = mechanics.energy(scene, here)[0], mechanics.kinetic_energy(scene, here)[0]
+        factor = np.sqrt(1.0 + 1e-4 * abs(energy) * scene.duration / (moving * 1000.0))
+        return [here.x, here.R, factor * here.v, factor * here.w]
+
+
+class Coupled(Stepped):
+    """The last joint pulls its bodies unlike: of the force on the inner one a ten-thousandth is lost."""
+
+    def rates(self, scene, t, x, R, v, w):
+        moved, turned, a, alpha = super().rates(scene, t, x, R, v, w)
+        missing = scene.masses[-1] * (a[:, -1] - scene.gravity)
+        a = a.copy()
+        a[:, -2] += 1e-4 * missing / scene.masses[-2]
+        return moved, turned, a, alpha
+
+
+class Rounded(Stepped):
+    """Angular velocities pass through 32 bits in every hundredth step, undeclared."""
+
+    def after(self, scene, state):
+        x, R, v, w = super().after(scene, state)
+        return [x, R, v, w.astype(np.float32).astype(float) if self.count % 100 == 0 else w]
+
+
+class Careless(Adaptive):
+    """Works at a tolerance a million times the one asked for, and tells many steps."""
+
+    def run(self, scene, spec):
+        found = super().run(scene, dataclasses.replace(spec, rtol=1e6 * spec.rtol))
+        return dataclasses.replace(found, steps=10**9)
+
+
+class Hiding(Floats):
+    """Declares numbers of 32 bits, which it has, and hides a gravity that is a little wrong behind them."""
+
+    methods, factor = ("RK4",), 1.002
+
+    def taken(self, scene):
+        return pulled(scene, self.factor)
+
+
+class Stale(Honest):
+    """Keeps what it has computed for the first scene that it saw."""
+
+    def physics(self, scene, states, k):
+        self.first = getattr(self, "first", scene)
+        return scene.replace(bodies=tuple(dataclasses.replace(body, inertia=1.02 * np.asarray(body.inertia))
+                                          for body in scene.bodies)) if scene.name != self.first.name else scene
+
+
+def interpolated(change: Callable[..., dict]) -> Callable[[], Engine]:
+    """An engine that knows the motion, in any world and from any start, and answers with a change of it."""
+    class Interpolated(Honest):
+        def run(self, scene, spec):
+            per, h = steps_per_sample(scene, spec.step)
+            exact = truth(scene).states
+            found = States(scene.t, *(getattr(exact, name).copy() for name in "xRvw"))
+            return RawRun(dataclasses.replace(found, **change(found, h)), 1e-3, per * (scene.samples - 1), h)
+    return Interpolated
+
+
+def _noisy(s, h):
+    return {"x": s.x + 1e-6 * np.random.default_rng(len(s.t)).standard_normal(s.x.shape)}
+
+
+class Drifting(Honest):
+    """Gravity grows with the time."""
+
+    def physics(self, scene, states, k):
+        return pulled(scene, 1.0 + 2.5e-4 * states.t[k])
+
+
+class Leaning(Honest):
+    """The inertia of the last body grows as it leans."""
+
+    def physics(self, scene, states, k):
+        return heavier(scene, 1.0 + 0.02 * (1.0 - states.R[k, -1, 2, 2]))
+
+
+class Sleepy(Stepped):
+    """A slow motion is slowed further."""
+
+    def changed(self, scene, t, state, h):
+        factor = 1.0 - 1e-6 * bool(np.abs(state[3]).max() < 2.0)
+        return scene, t, [*state[:2], factor * state[2], factor * state[3]], h
+
+
 FOURTH = ("fourth",)
 SLIP = np.array([0.0, 0.0, 1e-4])
 LATE = when(_after(0.75))
@@ -236,4 +378,23 @@ TABLE = (
         ("once it was fast", lambda self, scene, s, k: np.abs(s.w[:k + 1]).max() > 4.0, 1.01),
         ("since it came back", lambda self, scene, s, k: k > 30 and s.v[k - 20, -1, 2] > 0, 1.01),
         ("while it had a past", lambda self, scene, s, k: k >= 20, 1.01))),
+    # Kinds that share nothing with the mends of the judge.
+    Wrong("late", "gravity drifts by 2.5e-4 a second", Drifting, ("first", "fourth")),
+    Wrong("places", "inertia grows with the angle", Leaning, ("second", "fourth")),
+    Wrong("places", "slowed where it is slow", Sleepy, ("RK4",)),
+    Wrong("clock", "every seventh step", EverySeventh, ("RK4",)),
+    Wrong("clock", "steps a little shorter than told", SlowClock, ("RK4",)),
+    Wrong("history", "after 700 steps of a run", Overflowing, ("RK4",)),
+    Wrong("history", "what the first scene left behind", Stale, FOURTH),
+    Wrong("samples", "undone in the second half of every interval", Halves, ("RK4",)),
+    Wrong("places", "energy injected by a projection", Injected, ("RK4",)),
+    Wrong("places", "a coupling that loses force", Coupled, ("RK4",)),
+    Wrong("float32", "within, now and then", Rounded, ("RK4",), ("single_pendulum",)),
+    Wrong("claims", "a tolerance that is not kept", Careless, ("DP5",)),
+    Wrong("float32", "declared, and gravity 2e-3 off", Hiding, ("RK4",)),
+    Wrong("truth", "interpolated, with noise of 1e-6", interpolated(_noisy), FOURTH),
+    Wrong("truth", "interpolated, with a wave of 1e-5", interpolated(lambda s, h: {
+        "x": s.x + 1e-5 * np.sin(3.0 * s.t)[:, None, None], "v": s.v + 3e-5 * np.cos(3.0 * s.t)[:, None, None]}),
+          FOURTH),
+    Wrong("outputs", "v off by 1e-6 m/s, x right", reporting(lambda self, scene, s: {"v": s.v + SLIP / 100}), FOURTH),
 )

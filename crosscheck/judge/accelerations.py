@@ -155,7 +155,7 @@ def _limit(scene: Scene, runs: Sequence[Defects], sizes: Sequence[np.ndarray], p
     soft = _soft(runs)
     for run, size, weight, share in zip(runs, sizes, weights, shares(runs, power), strict=True):
         own, share = _bound(scene, run, power), np.where(share > APART, 1.0, share)
-        bound = bound + abs(weight) * (share * own + soft * _springs(run))
+        bound = bound + abs(weight) * (share * own + soft * _springs(run) + _noise(scene, run))  # noise adds up
         settling = _age([run]) < SETTLED * (run.claim.step or 0.0)
         bound[settling | ((size > own) & (run is not runs[0]))] = np.inf
     return weights, bound
@@ -214,7 +214,7 @@ def _independent(scene: Scene, runs: Sequence[Defects], change: np.ndarray) -> n
     """
     settling = _age(runs) < SETTLED * max(run.claim.step or 0.0 for run in runs)
     close = np.max(shares(runs[:2], 1), axis=0) < ALIKE
-    lasting = MOST * sum(_lasting(scene, run) + _noise(run) for run in runs[:2])
+    lasting = MOST * sum(_lasting(scene, run) + _noise(scene, run) for run in runs[:2])
     if _soft(runs):
         lasting += DEPENDING * sum(_springs(run) for run in runs[:2])
     return np.where(close & ~settling, DEPENDING * around(change, NEAR) + lasting, np.inf)
@@ -231,17 +231,22 @@ def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float =
         steps = WITHIN if not more else WITHIN**degree / math.factorial(degree)
         # The largest of the run: accelerations of their own remember where they came from.
         changed = times * steps * run.claim.step**degree * scale.length * float(found.jerks[degree].max())
-        changed += _noise(run)
+        changed += _noise(scene, run)
     else:
         share = RATES * run.claim.steps * len(found.tau) * (run.claim.rtol or 0.0)
         changed = share * scale.length * (found.jerks[0] + scale.rate**2)
     return np.asarray(changed + _lasting(scene, run))
 
 
-def _noise(run: Defects) -> float:
-    """Positions open by e, by rounding of what is as far as the reach, are accelerations of e / h^2."""
-    step = run.claim.step
-    return 16 * run.claim.eps * max(run.scale.length, run.scale.reach) / step**2 if step else 0.0
+def _noise(scene: Scene, run: Defects) -> float:
+    """Positions open by e, by the rounding that a held level is allowed, are accelerations of e / h^2.
+
+    At the shortest lever they turn a body, and move what is as far from it as the scene is long.
+    """
+    levers = [float(np.linalg.norm(joint.child_anchor)) or joint.radius or math.inf for joint in scene.joints]
+    length, step = run.scale.length, run.claim.step
+    e = tolerances.USUAL * run.claim.eps * max(length, run.scale.reach)
+    return e / step**2 * max(1.0, length / min([length, *levers])) if step else 0.0
 
 
 def _lasting(scene: Scene, run: Defects) -> np.ndarray:

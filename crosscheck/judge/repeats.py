@@ -50,6 +50,20 @@ def seen_eps(traj: Any, repeat: Answer, units: dict[str, float], said: float, mo
     return float(min(said, most, max(EPS, DECLARED * float(np.median(shown)))))
 
 
+SHOWN = 30.0
+"""Times the rounding that two runs show in an interval, which the rounding of coarser numbers may be there: parts of it
+are the same in both worlds."""
+
+
+def shown_floor(traj: Any, repeat: Answer, own: Defects) -> float:
+    """The share of the floor of an engine with coarser numbers that its rounding takes: two worlds differ by it."""
+    if own.claim.eps <= EPS or not repeat.turned or len(own.flow.index) < len(traj.t) - 1:
+        return 1.0
+    gaps, first = differences(traj, repeat.traj), repeat.marks[:-1]
+    shown = np.max([gaps[name].max(axis=1)[first + 1] / own.floor[name][first] for name in QUANTITIES], axis=0)
+    return float(min(1.0, SHOWN * float(np.median(shown))))
+
+
 def judge_repeat(traj: Any, repeat: Answer, own: Defects) -> tuple[list[Finding], bool]:
     """The finding on the largest difference over its bound, and whether the engine remembers nothing but the state.
 

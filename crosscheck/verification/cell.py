@@ -22,7 +22,7 @@ from crosscheck.judge.intervals import Judged as Covered
 from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows, unjudged
 from crosscheck.judge.metrics import Error, errors
 from crosscheck.judge.overrides import override
-from crosscheck.judge.repeats import judge_axes, judge_repeat, seen_eps
+from crosscheck.judge.repeats import judge_axes, judge_repeat, seen_eps, shown_floor
 from crosscheck.judge.sensors import judge_sensors
 from crosscheck.judge.substeps import MORE
 from crosscheck.judge.verdict import (
@@ -167,9 +167,11 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     others = asked.companions(whole)
     try:
         runs = measured(scene, traj, others, reference, claim)
-        told, forgets = ([_not_repeated(again)], False) if isinstance(again, str) else judge_repeat(
-            traj, again, runs[0])
-        runs = [dataclasses.replace(each, forgets=forgets) for each in runs]
+        told, forgets, share = [_not_repeated(again)] if isinstance(again, str) else [], False, 1.0
+        if not isinstance(again, str):
+            (told, forgets), share = judge_repeat(traj, again, runs[0]), shown_floor(traj, again, runs[0])
+        runs = [dataclasses.replace(each, forgets=forgets, floor={
+            name: share * part for name, part in each.floor.items()}) for each in runs]
         settled, beside = others, runs
         if not (whole or forgets):
             # Accelerations of its own have not settled after a part, if the engine remembers more than the state.

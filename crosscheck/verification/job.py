@@ -103,11 +103,12 @@ ROW_TYPES = {"truth": SceneTruth, "cell": Record, "timing": tuple[list[list[Poin
 def select_scenes(names: Sequence[str] | None, every: bool = False) -> list[str]:
     """Names or paths of the scenes to run. Each is loaded once, so that a bad file is refused before anything runs.
 
-    If `names` is None, these are the scenes in `PLANS` or, with `every`, all of the library but steady motions: every
-    method is exact there, so that rounding is all that is left to judge.
+    If `names` is None, these are the scenes in `PLANS` or, with `every`, all of the library.
     """
     chosen = list(dict.fromkeys(names or (scene_names() if every else PLANS)))
-    return [name for name in chosen if "steady" not in load_scene(name).tags or names]
+    for name in chosen:
+        load_scene(name)
+    return chosen
 
 
 def select_engines(names: Sequence[str] | None) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -300,3 +301,18 @@ LIKE = {
     "joint axis": "child anchor moved", "step limit": "clamp", "time lost": "slow clock",
 }
 """For each cause a mistake that looks like it and is not: it must not be named."""
+
+
+def main(part, parts):
+    """Print the answer of every `parts`-th case from number `part` on, a look-alike's with the causes it is for."""
+    cases = [(mistake, name) for mistake in MISTAKES for name in mistake.scenes]
+    for mistake, name in cases[part::parts]:
+        score, answer = scored(mistake, name, 41)
+        given = {option for cause in answer.names for option in cause.split(" or ")}
+        like = [cause for cause, key in LIKE.items() if key == mistake.key and name == mistake.scenes[0]]
+        print(score, mistake.key, name, "; ".join(answer.names) or answer.sentence, f"look-alike of {', '.join(like)}",
+              "MISTAKEN" if given & set(like) else "left alone", sep=" | ", flush=True)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

@@ -9,7 +9,7 @@ from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 from tests.strangers import KINDS, METHODS, TABLE, Honest
 
-STEPS = {"first": 2e-4, "second": 1e-3, "fourth": 2e-3}
+STEPS = {"first": 2e-4, "second": 1e-3, "fourth": 2e-3, "RK4": 4e-3, "DP5": 1e-3}
 CASES = [(wrong, method, scene) for wrong in TABLE for method in wrong.methods for scene in wrong.scenes]
 QUICK = [next(case for case in CASES if case[0].kind == kind) for kind in KINDS]
 

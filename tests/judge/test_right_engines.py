@@ -8,9 +8,20 @@ from crosscheck.document import Plan, Way
 from crosscheck.judge.plan import PLANS, plan_from_truth
 from crosscheck.references import truth
 from crosscheck.verification.cell import run_cell
+from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell, windowed
 from tests.fake_engine import install
-from tests.right_engines import TABLEAUX, Adaptive, Angles, Floats, Matrices, Millimetres, Projected, Rotations
+from tests.right_engines import (
+    TABLEAUX,
+    UNUSUAL,
+    Adaptive,
+    Angles,
+    Floats,
+    Matrices,
+    Millimetres,
+    Projected,
+    Rotations,
+)
 
 SCENES = ("single_pendulum", "double_pendulum", "triple_pendulum", "heavy_top", "hinge_pendulum", "four_bar",
           "cylindrical_pendulum", "universal_pendulum", "prismatic_slider", "spring_pendulum", "planar_slider",
@@ -64,8 +75,17 @@ def test_axes_of_the_world_are_named_and_no_fault(monkeypatch, engine, named):
     assert any(finding.kind == "axes" for finding in run.findings) == named
 
 
+def test_a_steady_motion_is_judged():
+    """Every method is exact there: rounding of positions over h^2 is all that accelerations of index 3 show."""
+    scene = prepare_truth(("bicycle", True, 20_000))
+    run = run_cell(Cell("bicycle", Way("exudyn", "GeneralizedAlpha"), scene.plan, study=False))
+    assert run.outcome == "pass", run.worst
+    assert run.judged_until == run.duration
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "engine", "method"), CASES)
+@pytest.mark.parametrize(("name", "engine", "method"), [
+    *CASES, *((name, *unusual) for name in SCENES[:5] for unusual in UNUSUAL)])
 def test_no_right_engine_is_accused(monkeypatch, name, engine, method):
     assert not accusations(monkeypatch, name, engine, method)
 

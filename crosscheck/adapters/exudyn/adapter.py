@@ -71,12 +71,13 @@ class Exudyn(Engine):
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All levels in joint coordinates; with constraints, the level of the method's index. Rows of rolling disks are
-        of velocity, the height's too."""
+        of velocity, the height's too, beside joints of index 3 no level is held by all."""
         if not scene.joints or not self._constrained(scene, self.form(scene, spec)):
             return tree.LEVELS
-        if _rolling(scene):
+        rolling = _rolling(scene)
+        if spec.method == "TrapezoidalIndex2" or len(rolling) == len(scene.joints):
             return frozenset({"velocity"})
-        return frozenset({"velocity" if spec.method == "TrapezoidalIndex2" else "position"})
+        return frozenset({"position"}) if not rolling else frozenset()
 
     def form(self, scene: Scene, spec: RunSpec) -> str:
         """The form used: the requested one, else maximal for implicit methods or free bodies, else pivot or tree."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +14,7 @@ from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.export import export_model
 from crosscheck.cli import options
 from crosscheck.cli.console import say, waiting
+from crosscheck.cli.linear_pages import write_derivatives, write_modes
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, counted
 from crosscheck.files import put
 from crosscheck.inspection import bisect as releases
@@ -22,7 +24,7 @@ from crosscheck.inspection.reproduce import reproduce as written
 from crosscheck.jointspace.derivatives import truth
 from crosscheck.jointspace.laws import smooth
 from crosscheck.jointspace.modes import modes as find
-from crosscheck.jointspace.parameters import altered
+from crosscheck.jointspace.parameters import altered, unit
 from crosscheck.jointspace.verdicts import Verdict, judge
 from crosscheck.scene.models import import_file
 from crosscheck.scene.models.words import quoted, together
@@ -99,12 +101,16 @@ SOURCES = (*(f"pinocchio:{way}" for way in ("aba", "rnea", "constrained")),
 """What is asked by default."""
 
 
+Page = Annotated[Path | None, typer.Option("-o", "--out", help="folder of a page")]
+
+
 def derivatives(
     scene: options.SceneName,
     source: Annotated[list[str] | None, typer.Option("--source", help="an engine, engine:way (aba, rnea, constrained, "
                                                      "inverseFD@1e-6, transitionFD, differences) or a class of "
                                                      "your own as module:Class; may be repeated")] = None,
     as_json: options.AsJson = False,
+    out: Page = None,
     drop: options.Drop = False,
     keyframe: options.Keyframe = None,
 ) -> None:
@@ -131,6 +137,8 @@ def derivatives(
         _print_derivatives(exact, verdicts, skipped)
     if source and not verdicts:
         raise ArgumentError(next(iter(skipped.values())))
+    if out is not None:
+        print(f"page: {write_derivatives(out, asked, exact, verdicts, skipped)}", file=sys.stderr)
     raise typer.Exit(0 if all(each.right for each in verdicts) else 1)
 
 
@@ -160,30 +168,33 @@ def modes(
                                              "speed=0:10")] = None,
     points: Annotated[int, typer.Option(help="values of that number", min=2, max=1001)] = 11,
     as_json: options.AsJson = False,
+    out: Page = None,
     drop: options.Drop = False,
     keyframe: options.Keyframe = None,
 ) -> None:
     """Eigenvalues of small motions about a scene's start, an equilibrium or a steady motion."""
     asked = options.loaded(scene, drop, keyframe)
-    eigenvalues = {"": find(asked).eigenvalues}
-    path = ""
+    found, path, over_numbers = find(asked), "", {}
     if over is not None:
         path, _, span = over.partition("=")
         try:
             low, high = (float(each) for each in span.split(":"))
         except ValueError:
             raise ArgumentError(f"--over: {over!r} is not understood; write PATH=FROM:TO, such as speed=0:10") from None
-        eigenvalues = {f"{value:.10g}": find(altered(asked, path, float(value))).eigenvalues
-                       for value in np.linspace(low, high, points)}
+        over_numbers = {float(value): find(altered(asked, path, float(value))).eigenvalues
+                        for value in np.linspace(low, high, points)}
+    told = {f"{value:.10g}": values for value, values in over_numbers.items()} or {"": found.eigenvalues}
+    if out is not None:
+        print(f"page: {write_modes(out, asked, found, path, over_numbers)}", file=sys.stderr)
     if as_json:
-        options.print_json({"scene": asked.name, "over": path, "eigenvalues": {
-            key: [[value.real, value.imag] for value in values] for key, values in eigenvalues.items()}})
+        options.print_json({"scene": asked.name, "over": path, "unit": unit(path), "eigenvalues": {
+            key: [[value.real, value.imag] for value in values] for key, values in told.items()}})
         return
-    for key, values in eigenvalues.items():
+    for key, values in told.items():
         zeros = int(np.count_nonzero(values == 0))
         text = "  ".join(f"{value.real:.14g}" if value.imag == 0 else f"{value.real:.14g} {value.imag:+.14g}i"
                          for value in values if value != 0)
-        say(f"{asked.name}{f', {path} = {key}' if key else ''}: {text or 'none'}"
+        say(f"{asked.name}{f', {path} = {key} {unit(path)}'.rstrip() if key else ''}: {text or 'none'}"
             + (f"; {zeros} of zero" if zeros else "") + " (1/s)")
 
 

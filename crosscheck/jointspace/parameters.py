@@ -13,6 +13,16 @@ from crosscheck.jointspace.motion import coordinates, placed
 from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import listed, nearest
 
+UNITS = {"speed": "m/s", "mass": "kg", "inertia": "kg m²", "gravity": "m/s²", "duration": "s", "parent_anchor": "m",
+         "child_anchor": "m", "velocity": "m/s", "angular_velocity": "rad/s", "parent_point": "m", "child_point": "m",
+         "rest_length": "m", "torque": "N m", "force": "N", "radius": "m"}
+"""Of the numbers whose unit is known by their name; stiffness and damping are of turns or of lengths."""
+
+
+def unit(path: str) -> str:
+    """The unit of the number at a path, "" if it has none or it depends on the joint."""
+    return next((UNITS[word] for word in reversed(path.split(".")) if word in UNITS), "")
+
 
 def value_of(scene: Scene, path: str) -> float:
     """The number at a path. Raises `ArgumentError` naming the part that is not there."""

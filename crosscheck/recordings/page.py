@@ -12,7 +12,6 @@ import numpy as np
 from crosscheck.errors import ArgumentError, missing
 from crosscheck.files import put
 from crosscheck.recordings.comparing import Differences, part_of, restored
-from crosscheck.report import pages
 from crosscheck.report.standalone import write_page as standalone
 from crosscheck.verification.curves import drawing, quaternions
 
@@ -36,8 +35,6 @@ def write_page(verdict: Verdict, folder: Path) -> Path:
         put(folder / "verdict.json", json.dumps(verdict.plain(), indent=1))
         if verdict.defects is not None:
             put(folder / "defects.csv", verdict.defects.to_csv(index=False))
-        for name in ("pens.js", "geometry.js", "playback.js"):
-            put(folder / name, (pages.HERE / "static" / name).read_text(encoding="utf-8"))
         standalone(folder, "recording.html.j2", verdict=verdict, scene=verdict.scene, curves=_curves(verdict, seen),
                    drawn=_drawn(verdict, seen))
     except ImportError as error:

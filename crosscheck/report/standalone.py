@@ -17,18 +17,19 @@ from crosscheck.files import put
 from crosscheck.report.pages import HERE, environment
 
 STATIC = ("report.css", "theme.js", "site.js", "tables.js")
+PLAYED = ("pens.js", "geometry.js", "playback.js")
 
 
 def write_page(folder: Path, template: str, page: str = "index.html", plots: bool = True, **content: object) -> None:
     """Write a page and the files that it needs into a folder. Existing files are replaced as a whole.
 
-    `plots` says whether the page needs Plotly.
+    `plots` says whether the page needs Plotly; a page with something `drawn` in it plays motions.
     """
     if plots:
         import plotly.offline
 
         put(folder / "plotly.min.js", plotly.offline.get_plotlyjs())
-    for name in STATIC:
+    for name in STATIC + (PLAYED if content.get("drawn") else ()):
         put(folder / name, (HERE / "static" / name).read_text(encoding="utf-8"))
     put(folder / FILE, ALONE)
     put(folder / page, environment().get_template(template).render(**content))

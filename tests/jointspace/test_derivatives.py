@@ -467,3 +467,18 @@ def test_a_model_file_is_inspected(tmp_path):
     assert "✗ pinocchio:aba" in answer.output
     assert "the damping of joints is left out" in answer.output
     assert "✓ mujoco:inverseFD" in answer.output
+
+
+@pytest.mark.parametrize(("scene", "name"), [("hinge_pendulum", "da_dq"), ("four_bar", "tangent")])
+def test_the_page_of_derivatives(tmp_path, scene, name):
+    sources = ("pinocchio:differences", *(f"mujoco:inverseFD@1e-{k}" for k in (4, 5, 6)))
+    answer = CliRunner().invoke(app, ["derivatives", scene, "--out", str(tmp_path), *(
+        word for source in sources for word in ("--source", source))])
+    assert answer.exit_code == (scene == "four_bar"), answer.output
+    text = (tmp_path / "index.html").read_text("utf-8")
+    told = json.loads(text.partition('id="found">')[2].partition("</script>")[0])
+    assert told["rows"][0]["source"] == sources[0]
+    assert all(row["cost"] > 0 for row in told["rows"])
+    assert [row["eps"] for row in told["curve"]] == [1e-4, 1e-5, 1e-6]
+    assert all(name in row["errors"] for row in told["rows"])
+    assert ("soft loops" in text) == (scene == "four_bar")

@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli.app import app
-from crosscheck.jointspace.parameters import altered
+from crosscheck.cli.linear_pages import _branches, _drawn
+from crosscheck.jointspace.parameters import altered, unit
 from crosscheck.scene.building import scene_from
 
 # doi:10.1098/rspa.2007.1857, table 2: weave (two real values at rest), capsize, castering; speed in m/s
@@ -48,15 +49,19 @@ def test_weave_and_capsize_speeds(near, wanted, pick):
     assert near + min(roots.real, key=abs) == pytest.approx(wanted, abs=1e-11)
 
 
-def hung(angle, spin=0.0, moments=(0.2, 0.2, 0.05), gravity=9.81):
+def described(angle, spin=0.0, moments=(0.2, 0.2, 0.05), gravity=9.81):
     """A body on a ball joint .5 m above its mass centre, or below it if the angle is pi."""
-    return scene_from({
+    return {
         "schema": 2, "name": "hung", "gravity": [0.0, 0.0, -gravity], "duration": 1.0, "samples": 11,
         "bodies": [{"name": "body", "mass": 2.0, "inertia": np.diag(moments).tolist(),
                     "attitude": [float(np.cos(angle / 2)), float(np.sin(angle / 2)), 0.0, 0.0],
                     "angular_velocity": [0.0, 0.0, spin]}],
         "joints": [{"name": "ball", "type": "spherical", "parent": "ground", "child": "body",
-                    "parent_anchor": [0.0, 0.0, 0.0], "child_anchor": [0.0, 0.0, 0.5]}]}, "hung")
+                    "parent_anchor": [0.0, 0.0, 0.0], "child_anchor": [0.0, 0.0, 0.5]}]}
+
+
+def hung(angle, spin=0.0):
+    return scene_from(described(angle, spin), "hung")
 
 
 def test_a_hanging_body_swings_at_its_frequency():
@@ -129,3 +134,50 @@ def test_the_command_over_speed():
     assert "6 of zero" in answer.output
     for wrong in ("speed", "speed=1", "weight=1:2"):
         assert CliRunner().invoke(app, ["modes", "bicycle", "--over", wrong]).exception is not None
+
+
+def test_the_page_has_eigenvalues_with_units_and_shapes_in_motion(tmp_path):
+    file = tmp_path / "hung.json"
+    file.write_text(json.dumps(described(0.0)), "utf-8")
+    answer = CliRunner().invoke(app, ["modes", str(file), "--over", "bodies.body.mass=1:3", "--points", "3", "--out",
+                                      str(tmp_path / "page")])
+    assert answer.exit_code == 0, answer.output
+    assert "bodies.body.mass = 2 kg: " in answer.output
+    text = (tmp_path / "page/index.html").read_text("utf-8")
+    told = json.loads(text.partition('id="found">')[2].partition("</script>")[0])
+    assert told["curves"]["label"] == "bodies body mass (kg)"
+    swings = [trace for trace in told["curves"]["traces"] if trace["name"] == "angular frequency"]
+    for k, mass in enumerate((1.0, 2.0, 3.0)):
+        wanted = np.sqrt(mass * 9.81 * 0.5 / (0.2 + mass * 0.25))
+        assert all(trace["y"][k] == pytest.approx(wanted, rel=1e-12) for trace in swings)
+        assert all(trace["x"][k] == mass for trace in swings)
+    assert len(swings) == 2
+    assert len(told["drawn"]["actors"]) == 3  # two swings and the start
+    assert (tmp_path / "page/playback.js").exists()
+
+
+def test_shapes_move_as_their_eigenvalues_say_with_joints_closed():
+    scene = crosscheck.load_scene("bicycle")
+    found = crosscheck.modes(scene)
+    kept = [k for k, value in enumerate(found.eigenvalues) if value.imag > 0]
+    drawn = _drawn(scene, found, kept)
+    t, moved = np.array(drawn["t"]), np.array(drawn["actors"][0]["x"]) - scene.x0[:, :, None]
+    assert t[-1] == pytest.approx(4 * np.pi / found.eigenvalues[kept[0]].imag)
+    shape = found.shapes[:, kept[0]].reshape(-1, 6)[:, :3]
+    wanted = np.real(shape[..., None] * np.exp(found.eigenvalues[kept[0]] * t))
+    wanted *= np.sum(wanted * moved) / np.sum(wanted**2)
+    assert np.abs(moved - wanted).max() < 0.15 * np.abs(wanted).max()  # the square of 0.3 rad
+    assert json.loads(json.dumps(drawn)) == drawn
+
+
+def test_eigenvalues_that_cross_keep_their_curves():
+    rows = {k: np.sort([k - 2.0, 2.0 - k, 0.0]).astype(complex) for k in (0.0, 1.5, 3.0)}
+    curves = _branches("gravity.2", rows)
+    assert curves["label"] == "gravity 2 (m/s²)"
+    assert sorted(trace["y"] for trace in curves["traces"]) == [[-2.0, -0.5, 1.0], [2.0, 0.5, -1.0]]
+
+
+@pytest.mark.parametrize(("path", "wanted"), [("speed", "m/s"), ("bodies.b.inertia.0.0", "kg m²"),
+                                              ("forces.0.stiffness", ""), ("joints.j.child_anchor.2", "m")])
+def test_units_of_numbers(path, wanted):
+    assert unit(path) == wanted

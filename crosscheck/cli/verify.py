@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import importlib
 import math
 import os
@@ -74,7 +75,8 @@ def verify(
     tag: Annotated[list[str] | None, typer.Option(help="scenes with this tag; may be repeated; published: their "
                                                   "figures in the literature, too")] = None,
 ) -> None:
-    """Run every method and engine over the scenes, judge the runs, and write the report.
+    """Run every method and engine over the scenes, judge the runs, and write the report. Where there is none yet, its
+    page comes after seconds and fills as runs end.
 
     Results that were computed before, by this code and these versions, are taken from the table of rows, also after a
     kill; times are measured anew. Exit code 0: all within tolerance; 1: a verdict
@@ -100,9 +102,11 @@ def verify(
             complain(table.trouble)
         if session.continued:
             typer.echo(f"going on with a run that was killed: {session.left} results are kept", err=True)
+        # An older report stays until this one is complete.
+        fills = None if site.is_complete(out) else functools.partial(write, out=out)
         with progress_bar() as progress:
             results = job.verify(profile, scene, engine, jobs, progress, session, within, own, methods=method,
-                                 asked=asked, scheduler=scheduler)
+                                 asked=asked, scheduler=scheduler, shown=fills)
         page = write(results, out)
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")

@@ -94,6 +94,7 @@ class Meta(Origin, frozen=True, kw_only=True):
     asked: Asked = AS_PLANNED
     reused: int = 0  # number of results that were computed by earlier commands
     reused_since: str | None = None  # UTC, when the oldest of them was computed
+    left: int = 0  # tasks that have not ended: the report is written again as they do
 
 
 # --- scenes

@@ -144,11 +144,13 @@ class Stages:
 
     def run(self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], keys: Sequence[str],
             labels: Sequence[str], limits: Limits | None = None, again: bool = False,
-            failure: Callable[[Any], str] | None = None, reuse: Reuse = "rows") -> list[Any]:
+            failure: Callable[[Any], str] | None = None, reuse: Reuse = "rows",
+            seen: Callable[[list[Any]], object] | None = None) -> list[Any]:
         """Results of one stage, in order. `keys` are those of the rows, `labels` name tasks in the progress bar.
 
         With `again`, a task whose process was killed from outside runs once more. `failure` returns what is wrong with
-        a result, or "". If something is wrong, the label begins with `FAILED` and ends with that text.
+        a result, or "". If something is wrong, the label begins with `FAILED` and ends with that text. `seen` is called
+        with all results as tasks end: None for those that have not.
         """
         results = [self.kept(stage, key, reuse) for key in keys]
         missing = [index for index, result in enumerate(results) if result is None]
@@ -162,6 +164,8 @@ class Stages:
             results[index] = result
             wrong = failure(result) if failure is not None else ""
             self.count(f"{FAILED}{labels[index]}: {wrong}" if wrong else labels[index])
+            if seen is not None:
+                seen(results)
 
         run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, self.executor, again,
                   self.place)

@@ -15,6 +15,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from msgspec.structs import replace
 
@@ -178,14 +179,24 @@ def check_out(out: Path) -> None:
         raise ArgumentError(f"--out {out}: {error.strerror or error}") from None
 
 
+def _meta(folder: Path) -> dict[str, Any]:
+    """What the report that `write` made in this folder says of itself; empty if there is none."""
+    try:
+        meta: dict[str, Any] = json.loads((folder / "results.json").read_text(encoding="utf-8"))["meta"]
+        return meta if str(meta["command"]).startswith("crosscheck verify") else {}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def is_complete(out: Path) -> bool:
+    """Whether the folder holds a report of which nothing was left to run."""
+    meta = _meta(out)
+    return bool(meta) and not meta.get("left")
+
+
 def _is_report(folder: Path) -> bool:
     """Whether this folder holds a report that `write` made, and nothing else."""
-    try:
-        document = json.loads((folder / "results.json").read_text(encoding="utf-8"))
-        ours = str(document["meta"]["command"]).startswith("crosscheck verify")
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
-    return ours and all(is_file_of_report(path) for path in folder.iterdir())
+    return bool(_meta(folder)) and all(is_file_of_report(path) for path in folder.iterdir())
 
 
 def write(document: Document, out: Path) -> Path:

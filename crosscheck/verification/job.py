@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import itertools
 import shlex
 import time
 from collections.abc import Callable, Sequence
@@ -135,7 +134,8 @@ def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[st
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
            jobs: int = 2, progress: Progress | None = None, session: Session | None = None,
            limits: Limits | None = None, overrides: Overrides = (), walk: bool = False,
-           methods: Sequence[str] | None = None, asked: Asked = AS_PLANNED, scheduler: str | None = None) -> Document:
+           methods: Sequence[str] | None = None, asked: Asked = AS_PLANNED, scheduler: str | None = None,
+           shown: Callable[[Document], object] | None = None) -> Document:
     """Run the main job and return its document. Nothing is written except rows.
 
     Parameters
@@ -151,6 +151,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     walk : also make the runs for advice, half a minute of processor time per scene and engine
     asked : map, step and duration of main runs instead of those of the plan
     scheduler : where truths and runs are computed, for `crosscheck.running.cluster.connect`; timings are made here
+    shown : called now and then with the document of what has ended, see `PAUSE`
 
     Raises
     ------
@@ -167,9 +168,30 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     started = time.perf_counter()
     cells = [cell for cell in all_cells(scene_names, engine_names, settings, within)
              if not methods or cell.way.method in methods]
-    done, total = itertools.count(1), (len(scene_names) * (1 + bool(settings.timing) + settings.speed)
-                                       + len(cells) + walk * len(scene_names) * len(engine_names))
-    stages = Stages(jobs, session, lambda label: progress(next(done), total, label) if progress else None)
+    left = total = (len(scene_names) * (1 + bool(settings.timing) + settings.speed)
+                    + len(cells) + walk * len(scene_names) * len(engine_names))
+
+    def ended(label: str) -> None:
+        nonlocal left
+        left -= 1
+        if progress:
+            progress(total - left, total, label)
+
+    def meta(**more: Any) -> Meta:
+        return msgspec.convert(provenance.describe(engine_names) | {
+            "profile": profile, "jobs": jobs, "asked": asked,
+            "command": command("verify", profile, scenes, engines, methods, [
+                *(word for name, bound, _ in overrides for word in ("--tol", f"{name}={bound!r}")), *asked.words,
+                "--jobs", str(jobs)]),
+            "seconds": session.seconds if session is not None else time.perf_counter() - started,
+            "reused": session.reused if session is not None else 0,
+            "reused_since": session.since if session is not None else None} | more, Meta)
+
+    def partial(records: list[Record]) -> None:
+        if shown is not None:
+            shown(document(meta(left=left), truths, records))
+
+    stages = Stages(jobs, session, ended)
     far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
     with (contextlib.nullcontext() if far is None else contextlib.closing(far),
           Place(*((jobs,) if far is None else (far.workers, far.executor))) as place):
@@ -178,25 +200,34 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         keys = _keys(session is not None)
         truths = _truths(elsewhere, keys, scene_names, settings, asked, contents)
         cells = _planned(cells, truths, settings, overrides, asked)
-        records = _records(elsewhere, keys, cells, truths, within, contents)
+        records = _records(elsewhere, keys, cells, truths, within, contents, Paced(partial))
     alone = dataclasses.replace(stages, jobs=1)
     if settings.timing:
         records = timed(cells, records, settings.timing, stages, within)
     records, calibration = measure_speed(records, settings.speed, alone, within) if settings.speed else (records, None)
     advised = _advice(alone, truths, engine_names, within, walk)
     advised += advice.from_records(truths, records, advised)
-    meta = provenance.describe(engine_names) | {
-        "profile": profile, "jobs": jobs, "calibration": calibration, "asked": asked,
-        "command": command("verify", profile, scenes, engines, methods, [
-            *(word for name, bound, _ in overrides for word in ("--tol", f"{name}={bound!r}")), *asked.words,
-            "--jobs", str(jobs)]),
-        "seconds": session.seconds if session is not None else time.perf_counter() - started,
-        "reused": session.reused if session is not None else 0,
-        "reused_since": session.since if session is not None else None}
     rows = [Support(scene=one.item, engine=one.engine, form=one.form, reason=one.reason, methods=list(one.methods))
             for one in support.of_scenes(scene_names, engine_names, within)]
-    return replace(document(msgspec.convert(meta, Meta), truths, records, rows),
-                   advice=advised or None)
+    return replace(document(meta(calibration=calibration), truths, records, rows), advice=advised or None)
+
+
+PAUSE, SHARE = 10.0, 0.05
+"""Time (s) before a first page of what has ended, and between two; share of the time that writing them may take."""
+
+
+class Paced:
+    """Calls a function with the value of another one, if the last call is so long ago that it takes little time."""
+
+    def __init__(self, call: Callable[[list[Record]], object]) -> None:
+        self._call, self._due = call, time.perf_counter() + PAUSE
+
+    def __call__(self, value: Callable[[], list[Record]]) -> None:
+        began = time.perf_counter()
+        if began >= self._due:
+            self._call(value())
+            ended = time.perf_counter()
+            self._due = ended + max(PAUSE, (ended - began) / SHARE)
 
 
 def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
@@ -279,8 +310,11 @@ def _failure(result: Record | Crash) -> str:
 
 
 def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths: list[SceneTruth], within: Limits,
-             contents: Contents) -> list[Record]:
-    """The records of all cells, in their order, also if a worker crashed or a scene could not be prepared."""
+             contents: Contents, shown: Callable[[Callable[[], list[Record]]], None]) -> list[Record]:
+    """The records of all cells, in their order, also if a worker crashed or a scene could not be prepared.
+
+    `shown` is called as cells end, with a function that returns the records of those that have.
+    """
     scenes = {scene.name: scene for scene in truths}
     # The longest first, so that all workers end at about the same time.
     def cost(index: int) -> tuple[float, float]:
@@ -290,21 +324,27 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
     ready = sorted((index for index, cell in enumerate(cells) if not scenes[cell.scene].failure), key=cost,
                    reverse=True)
     chosen = [cells[index] for index in ready]
-    results = stages.run("cell", functools.partial(with_scenes, contents, guarded_cell), chosen, [
-        keys("cell", cell.scene, cell.way.engine, cell) for cell in chosen],
-                       [f"{cell.scene}: {cell.label}" for cell in chosen], within, failure=_failure)
-    by_index = dict(zip(ready, results, strict=True))
-    judged = []
-    for index, cell in enumerate(cells):
-        result = by_index.get(index)
-        if result is None or isinstance(result, Crash):
-            message = (f"not run, the scene has no truth to judge by: {scenes[cell.scene].failure}" if result is None
-                       else result.message)
-            result = extended(Record, cell.way, scene=cell.scene, version="", message=message, findings=[
-                Finding("run", "fail", None, None, "", "a run has to reach its end", message)])
-        judged.append(result)
-    return [replace(each, label=label, default_form=cell.default_form)
-            for cell, each, label in zip(cells, judged, labels(judged), strict=True)]
+
+    def recorded(results: list[Any]) -> list[Record]:
+        by_index = dict(zip(ready, results, strict=True))
+        judged = []
+        for index, cell in enumerate(cells):
+            if (result := by_index.get(index)) is None and index in by_index:
+                continue  # it has not ended
+            if result is None or isinstance(result, Crash):
+                message = (f"not run, the scene has no truth to judge by: {scenes[cell.scene].failure}"
+                           if result is None else result.message)
+                result = extended(Record, cell.way, scene=cell.scene, version="", message=message, findings=[
+                    Finding("run", "fail", None, None, "", "a run has to reach its end", message)])
+            judged.append((cell, result))
+        return [replace(each, label=label, default_form=cell.default_form) for (cell, each), label in zip(
+            judged, labels([each for _, each in judged]), strict=True)]
+
+    return recorded(stages.run(
+        "cell", functools.partial(with_scenes, contents, guarded_cell), chosen,
+        [keys("cell", cell.scene, cell.way.engine, cell) for cell in chosen],
+        [f"{cell.scene}: {cell.label}" for cell in chosen], within, failure=_failure,
+        seen=lambda results: shown(functools.partial(recorded, results))))
 
 
 def labels(runs: Sequence[Record]) -> list[str]:

@@ -8,6 +8,8 @@ import sys
 import pytest
 
 from crosscheck.jobs import table
+from crosscheck.report import is_complete, write
+from crosscheck.verification import job
 from tests.commands import crosscheck
 from tests.killing import killed, results, rows, timeless
 
@@ -51,7 +53,7 @@ def said(done, words):
 def test_a_killed_run_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, tmp_path, fresh):
     out = tmp_path / "out"
     assert killed(command(out, *QUICK, *fresh), 2)
-    assert not out.exists()
+    assert not is_complete(out)
     before = rows()
     done = here(out, *QUICK, *fresh)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -85,13 +87,27 @@ def test_ci_computes_everything_anew_by_default():
     assert done.stdout.split() == ["True"] * 2  # and elsewhere not: above
 
 
+def test_the_page_fills_as_runs_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(job, "PAUSE", 0.0)
+    monkeypatch.setattr(job, "SHARE", 1e9)
+    parts = []
+    whole = job.verify("smoke", ["single_pendulum"], ["lieeuler"], 1, methods=["DAE1L_LSE", "rattle2", "rattle4"],
+                       shown=parts.append)
+    assert [(len(part.records), part.meta.left) for part in parts] == [(1, 2), (2, 1), (3, 0)]
+    assert parts[-1].records == whole.records
+    for part, filling in ((parts[0], True), (whole, False)):
+        page = write(part, tmp_path / "out")
+        assert is_complete(tmp_path / "out") != filling
+        assert ("2 tasks have not ended" in page.read_text("utf-8")) == filling
+
+
 @pytest.mark.slow
 def test_thirty_kills_at_random_moments(undisturbed, tmp_path):
     generator = random.Random(35)
     kills = 0
     for _ in range(30):
         out = tmp_path / "out"
-        if out.exists():  # it had ended: the table is emptied, and it starts anew
+        if is_complete(out):  # it had ended: the table is emptied, and it starts anew
             assert document(results(out)) == document(undisturbed)
             os.remove(os.environ[table.VARIABLE])
             out.rename(tmp_path / f"out{kills}")

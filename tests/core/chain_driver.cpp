@@ -25,7 +25,7 @@ void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 #include "methods/extrapolation.hpp"
 #include "methods/rkmk.hpp"
 #include "methods/taylor.hpp"
-#include "model/sizes.hpp"
+#include "model/scales.hpp"
 #include "run/loop.hpp"
 
 using namespace lieeuler;
@@ -152,11 +152,11 @@ int main(int argc, char** argv) {
   if (method == "seulex") return run(AdaptiveExtrapolation(plan), steps, h);
   if (method.starts_with("rattle")) return run(CompositionStepper<ExpMap>(plan, read_row(coefficients)), steps, h);
   if (method == "generalized_alpha") return run(LagrangeStepper<ExpMap>(plan, GeneralizedAlpha(0.8)), steps, h);
-  if (method == "INDEX1_LE") return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, {}), steps, h);
-  if (method == "BAUMGARTE_LE") return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, {5, 5}), steps, h);
+  if (method == "INDEX1_LE") return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, Gains{}), steps, h);
+  if (method == "BAUMGARTE_LE") return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, Gains{5, 5}), steps, h);
   const Level level =
       method[3] == '3' ? Level::position : (method.ends_with("LSE") ? Level::stabilised : Level::velocity);
   const bool index1 = method[3] == '1';
   if (method[4] == 'H') return run(HamiltonStepper<ExpMap>(plan, level, index1), steps, h);
-  return run(LagrangeStepper<ExpMap>(plan, level, index1, {}), steps, h);
+  return run(LagrangeStepper<ExpMap>(plan, level, index1, Gains{}), steps, h);
 }

@@ -22,152 +22,188 @@
 
 namespace lieeuler {
 
-template <class Map>
-class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
-  using Base = EulerStepper<HamiltonStepper<Map>, Map>;
-  friend Base;
+// a = M^-1 (f - G^T lam) with the multipliers in `state`.
+inline void accelerations_from_multipliers(const System& system, const Constraints& joints, State& state) {
+  generalized_forces(system, state.frames, state.u, state.angles, state.a);
+  for (size_t j = 0; j < system.joints.size(); ++j) {
+    const Joint& joint = system.joints[j];
+    for (const Part& part : joint.parts) {
+      Vec3 lam = Vec3::Zero();
+      for (int r = 0; r < part.rows(); ++r) lam[r] = state.lam[part.row + r];
+      joints[static_cast<int>(j)].subtract_reaction(part, lam, state.a[joint.parent], state.a[joint.child]);
+    }
+  }
+  for (int b = 0; b < system.n(); ++b) state.a[b] = velocity(system.bodies[b], state.a[b]);
+  state.a[system.n()] = Twist{};
+}
 
+template <class Map>
+class HamiltonEquations {
  public:
+  EulerStep<Map> at;
   enum class Kind { euler, rattle };
 
-  HamiltonStepper(const Plan& plan, Level level, bool index1_output, Kind kind = Kind::euler)
-      : Base(plan, level, index1_output,
-             {.second_order = level == Level::velocity, .eliminates = eliminates(plan, level)}),
+  HamiltonEquations(const Plan& plan, Level level, bool index1_output, Kind kind = Kind::euler)
+      : at(plan, level, index1_output,
+           {.solves_velocities = level == Level::velocity,
+            .second_order = level == Level::velocity,
+            .eliminates = eliminates(plan, level)}),
         rattle_(kind == Kind::rattle),
-        rotations_(system_.n() + 1),
-        slopes_(system_.n()),
+        rotations_(at.system.n() + 1),
+        slopes_(at.system.n()),
         tangents_(slopes_),
-        velocity_slopes_(level == Level::velocity || (!rattle_ && !plan.slips.empty()) ? system_.n() : 0),
-        momentum_(system_.n() + 1),
-        impulse_(system_.n() + 1),
-        change_(rattle_ ? system_.n() + 1 : 0),
-        mu_(system_.rows() + system_.others(), 0.0),
+        velocity_slopes_(level == Level::velocity || (!rattle_ && !plan.slips.empty()) ? at.system.n() : 0),
+        momentum_(at.system.n() + 1),
+        impulse_(at.system.n() + 1),
+        change_(rattle_ ? at.system.n() + 1 : 0),
+        mu_(at.system.rows() + at.system.others(), 0.0),
         rates_(plan.rotors.size(), 0.0),
         rotor_momenta_(rates_) {
-    if (!this->core_) find_blocks();
+    if (!at.core) find_blocks();
   }
 
-  static constexpr bool has_velocity_rows(Level level) { return level == Level::velocity; }
   static constexpr bool projects(Level level) { return level == Level::stabilised; }
   static constexpr bool exact_matrix() { return true; }
   static constexpr bool fall_back() { return false; }
   static constexpr bool couples_by_springs() { return false; }
 
+  Status begin() {
+    for (int b = 0; b < at.system.n(); ++b) momentum_[b] = canonical_momentum(at.system.bodies[b], at.state.u[b]);
+    if (rattle_) carried_.assign(at.system.n(), {});
+    for (size_t i = 0; i < rates_.size(); ++i)
+      rotor_momenta_[i] =
+          at.saddle.rotor_rate(at.joints, at.plan.rotors[i], at.state.u) / at.plan.part(at.plan.rotors[i]).compliance;
+    return Status::success;
+  }
+  void guess(std::vector<double>& z) const {
+    for (int b = 0; b < at.system.n(); ++b) store(at.state.u[b], &z[3 * at.nodes.v(b)]);
+    at.guess_multipliers(impulse_time(), z);
+  }
   Status residual(const std::vector<double>& z, std::vector<double>& r) {
     if (!configure(z)) return Status::map_domain;
-    joints_.update(state_.frames);
-    for (int b = 0; b < system_.n(); ++b) {
-      const Body& body = system_.bodies[b];
-      const Vec3 y = maps_[b].momentum(angular_momentum(body, xi_[b].w));
-      store(Twist{body.mass * xi_[b].v - impulse_[b].v, y - impulse_[b].w}, &r[3 * nodes_.v(b)]);
+    at.joints.update(at.state.frames);
+    for (int b = 0; b < at.system.n(); ++b) {
+      const Body& body = at.system.bodies[b];
+      const Vec3 y = at.maps[b].momentum(angular_momentum(body, at.xi[b].w));
+      store(Twist{body.mass * at.xi[b].v - impulse_[b].v, y - impulse_[b].w}, &r[3 * at.nodes.v(b)]);
       if (!velocity_slopes_.empty())
-        state_.u[b] = {xi_[b].v, times(body.inertia_inverse, transposed_times(rotations_[b], y) - body.spin)};
+        at.state.u[b] = {at.xi[b].v, times(body.inertia_inverse, transposed_times(rotations_[b], y) - body.spin)};
     }
-    for (int k = 0; k < nodes_.parts(); ++k)
-      store(by_velocity() ? this->velocity_rows(k, state_, this->here(k))
-                          : Vec3(this->here(k).position(this->part_of(k)) / h_),
-            &r[3 * nodes_.lam(k)]);
-    if (this->has_others_) complete_others(z, r);
+    for (int k = 0; k < at.nodes.parts(); ++k)
+      store(
+          by_velocity() ? at.velocity_rows(k, at.state, at.here(k)) : Vec3(at.here(k).position(at.plan.part(k)) / at.h),
+          &r[3 * at.nodes.lam(k)]);
+    if (at.has_others) complete_others(z, r);
     return Status::success;
   }
 
+  bool solve_linear(std::vector<double>& r) { return at.solve_linear(r); }
+
   void take_whole_matrix() {
-    this->plan_matrix(false);
+    at.plan_matrix(false);
     find_blocks();
   }
 
   bool factor() {
-    for (int b = 0; b < system_.n(); ++b) {
-      const Body& body = system_.bodies[b];
-      slopes_[b] = maps_[b].momentum_slope(xi_[b].w, angular_momentum(body, xi_[b].w), body.inertia, h_);
-      tangents_[b] = maps_[b].left_tangent();
+    for (int b = 0; b < at.system.n(); ++b) {
+      const Body& body = at.system.bodies[b];
+      slopes_[b] = at.maps[b].momentum_slope(at.xi[b].w, angular_momentum(body, at.xi[b].w), body.inertia, at.h);
+      tangents_[b] = at.maps[b].left_tangent();
       if (!velocity_slopes_.empty()) velocity_slopes_[b] = velocity_slope(b);
     }
-    return (this->core_ ? fill_core() : fill_matrix()) && this->factor_matrix();
+    return (at.core ? fill_core() : fill_matrix()) && at.factor_matrix();
+  }
+  Status finish() {
+    if (!configure(at.z)) return Status::map_domain;
+    if (rattle_)
+      carry_on();
+    else
+      turn_impulses();
+    at.store_multipliers(impulse_time());
+    for (size_t i = 0; i < rates_.size(); ++i) {
+      const int k = at.plan.rotors[i];
+      rotor_momenta_[i] += at.z[3 * at.nodes.lam(k)];
+      rates_[i] = at.plan.part(k).compliance * rotor_momenta_[i];
+    }
+    if (at.level == Level::stabilised) {
+      if (!at.saddle.factor(at.joints)) return Status::singular_matrix;
+      if (rattle_)
+        end_with_projection();
+      else
+        at.saddle.project(at.joints, momentum_, at.state.u, mu_.data(), momentum_, rates_);
+      for (size_t i = 0; i < rates_.size(); ++i) rotor_momenta_[i] += mu_[at.plan.part(at.plan.rotors[i]).row];
+      for (size_t r = 0; r < mu_.size(); ++r) at.state.lam[r] += mu_[r] / at.h;
+    }
+    at.owes_output = at.index1_output;  // factored above: index-1 output comes with stabilised
+    if (!at.index1_output && !rattle_) accelerations_from_multipliers(at.system, at.joints, at.state);
+    return Status::success;
   }
 
  private:
-  using Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::plan_, Base::start_,
-      Base::state_;
-  using Base::system_, Base::xi_, Base::z_, Base::force_;
-
   void find_blocks() {
-    for (int b = 0; b < system_.n(); ++b)
-      bodies_.push_back({lu_.block(nodes_.v(b), nodes_.v(b)), lu_.block(nodes_.w(b), nodes_.w(b))});
+    for (int b = 0; b < at.system.n(); ++b)
+      bodies_.push_back({at.lu.block(at.nodes.v(b), at.nodes.v(b)), at.lu.block(at.nodes.w(b), at.nodes.w(b))});
   }
 
-  bool by_velocity() const { return level_ == Level::velocity; }
-  double impulse_time() const { return rattle_ ? 0.5 * h_ : h_; }
-
-  Status begin() {
-    for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state_.u[b]);
-    if (rattle_) carried_.assign(system_.n(), {});
-    for (size_t i = 0; i < rates_.size(); ++i)
-      rotor_momenta_[i] =
-          this->saddle_.rotor_rate(joints_, plan_.rotors[i], state_.u) / this->part_of(plan_.rotors[i]).compliance;
-    return Status::success;
-  }
-  void guess(std::vector<double>& z) const {
-    for (int b = 0; b < system_.n(); ++b) store(state_.u[b], &z[3 * nodes_.v(b)]);
-    this->guess_multipliers(impulse_time(), z);
-  }
+  bool by_velocity() const { return at.level == Level::velocity; }
+  double impulse_time() const { return rattle_ ? 0.5 * at.h : at.h; }
 
   // q = q_n * (h xi) and the impulse p_n + h f_app(q_n, xi) - G_n^T Lam.
   bool configure(const std::vector<double>& z) {
-    for (int b = 0; b < system_.n(); ++b) {
-      xi_[b] = load(&z[3 * nodes_.v(b)]);
-      if (!this->move(b)) return false;
-      rotations_[b] = maps_[b].rotation();
+    for (int b = 0; b < at.system.n(); ++b) {
+      at.xi[b] = load(&z[3 * at.nodes.v(b)]);
+      if (!at.move(b)) return false;
+      rotations_[b] = at.maps[b].rotation();
     }
-    applied_forces(system_, start_.frames, xi_, start_.angles, force_);
-    for (int b = 0; b < system_.n(); ++b) {
+    applied_forces(at.system, at.start.frames, at.xi, at.start.angles, at.force);
+    for (int b = 0; b < at.system.n(); ++b) {
       const Twist& p = momentum_[b];
-      impulse_[b] = {p.v + impulse_time() * force_[b].v, p.w + impulse_time() * force_[b].w};
+      impulse_[b] = {p.v + impulse_time() * at.force[b].v, p.w + impulse_time() * at.force[b].w};
     }
-    for (int k = 0; k < nodes_.parts(); ++k)
-      this->subtract_reaction(k, this->before(k), load3(&z[3 * nodes_.lam(k)]), impulse_);
+    for (int k = 0; k < at.nodes.parts(); ++k)
+      at.subtract_reaction(k, at.before(k), load3(&z[3 * at.nodes.lam(k)]), impulse_);
     return true;
   }
 
   // Rows of slip where others are those of position: of the velocity after the step; of RATTLE in the mean of the two
   // configurations of the step, by the velocity that leads from one to the other, which is symmetric in them.
   Vec3 slip_rows(int k) const {
-    if (!rattle_) return this->velocity_rows(k, state_, this->here(k));
-    const Twist &parent = xi_[this->body_of(k, kParent)], &child = xi_[this->body_of(k, kChild)];
-    return 0.5 * (this->before(k).velocity(this->part_of(k), parent, child) +
-                  this->here(k).velocity(this->part_of(k), parent, child));
+    if (!rattle_) return at.velocity_rows(k, at.state, at.here(k));
+    const Twist &parent = at.xi[at.plan.body(k, kParent)], &child = at.xi[at.plan.body(k, kChild)];
+    return 0.5 * (at.before(k).velocity(at.plan.part(k), parent, child) +
+                  at.here(k).velocity(at.plan.part(k), parent, child));
   }
 
   // Completes the rows of slip, mimics and rotors. Not inlined: systems without them would pay for it.
   [[gnu::noinline, gnu::cold]] void complete_others(const std::vector<double>& z, std::vector<double>& r) const {
-    for (int k : plan_.slips)
-      if (!by_velocity()) store(slip_rows(k), &r[3 * nodes_.lam(k)]);
-    this->unite_rows(&z[3 * nodes_.lam(0)], &r[3 * nodes_.lam(0)], !by_velocity());
+    for (int k : at.plan.slips)
+      if (!by_velocity()) store(slip_rows(k), &r[3 * at.nodes.lam(k)]);
+    at.unite_rows(&z[3 * at.nodes.lam(0)], &r[3 * at.nodes.lam(0)], !by_velocity());
     for (size_t i = 0; i < rates_.size(); ++i) {
-      const int at = 3 * nodes_.lam(plan_.rotors[i]);
-      r[at] = (by_velocity() ? r[at] : way_of(plan_.rotors[i]) / h_) -
-              this->part_of(plan_.rotors[i]).compliance * (rotor_momenta_[i] + z[at]);
+      const int row = 3 * at.nodes.lam(at.plan.rotors[i]);
+      r[row] = (by_velocity() ? r[row] : way_of(at.plan.rotors[i]) / at.h) -
+               at.plan.part(at.plan.rotors[i]).compliance * (rotor_momenta_[i] + z[row]);
     }
   }
 
   // How far a rotor turns, or slides, in the step; the joint's angle alone gives it only up to whole turns.
   double way_of(int k) const {
-    const Part& part = this->part_of(k);
-    const double way = this->here(k).position(part)[0] - this->before(k).position(part)[0];
+    const Part& part = at.plan.part(k);
+    const double way = at.here(k).position(part)[0] - at.before(k).position(part)[0];
     if (!part.turn) return way;
     const double about =
-        h_ * this->before(k).velocity(part, xi_[this->body_of(k, kParent)], xi_[this->body_of(k, kChild)])[0];
+        at.h * at.before(k).velocity(part, at.xi[at.plan.body(k, kParent)], at.xi[at.plan.body(k, kChild)])[0];
     return about + std::remainder(way - about, 2 * std::numbers::pi);
   }
 
   // Adds - h df_app/dxi; dampers act on the discrete velocity.
   void add_damper_blocks(size_t k) {
-    const Force& force = system_.forces[k];
+    const Force& force = at.system.forces[k];
     if (force.damping == 0) return;
-    const ForceState here(force, start_.frames, xi_, start_.angles[k]);
+    const ForceState here(force, at.start.frames, at.xi, at.start.angles[k]);
     for (Side row : kSides)
       for (Side column : kSides) {
-        const PairBlocks& blocks = this->force_blocks_[4 * k + 2 * row + column];
+        const PairBlocks& blocks = at.force_blocks[4 * k + 2 * row + column];
         if (blocks.ww) blocks.add(-impulse_time(), here.by_velocity(row, column), Mat3::Identity());
       }
   }
@@ -180,135 +216,109 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   }
 
   bool fill_core() {
-    for (int b = 0; b < system_.n(); ++b)
-      if (!this->core_->set_rotational(b, slopes_[b])) return false;
+    for (int b = 0; b < at.system.n(); ++b)
+      if (!at.core->set_rotational(b, slopes_[b])) return false;
     struct Derivatives {
-      const HamiltonStepper& stepper;
-      Mat3 rotations(const Delassus::Place& place, const Mat3&) const { return stepper.anchor_rows(place); }
-      Rows rows(const Delassus::Place& place, const Rows&) const { return stepper.row_slope(place.part, place.side); }
+      const HamiltonEquations& equations;
+      Mat3 rotations(const Delassus::Place& place, const Mat3&) const { return equations.anchor_rows(place); }
+      Rows rows(const Delassus::Place& place, const Rows&) const { return equations.row_slope(place.part, place.side); }
     };
-    this->core_->assemble(Derivatives{*this}, Delassus::Jacobians{this->start_joints_});
+    at.core->assemble(Derivatives{*this}, Delassus::Jacobians{at.start_joints});
     return true;
   }
   bool fill_matrix() {
-    lu_.set_zero();
-    for (int b = 0; b < system_.n(); ++b) {
-      put_diagonal(bodies_[b].first, system_.bodies[b].mass);
+    at.lu.set_zero();
+    for (int b = 0; b < at.system.n(); ++b) {
+      put_diagonal(bodies_[b].first, at.system.bodies[b].mass);
       put(bodies_[b].second, slopes_[b]);
     }
-    for (size_t k = 0; k < system_.forces.size(); ++k) add_damper_blocks(k);
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      this->pad(k);
+    for (size_t k = 0; k < at.system.forces.size(); ++k) add_damper_blocks(k);
+    for (int k = 0; k < at.nodes.parts(); ++k) {
+      at.pad(k);
       for (Side side : kSides) {
-        if (this->body_of(k, side) == system_.n()) continue;
-        const SideBlocks& blocks = this->blocks_[2 * k + side];
+        if (at.plan.body(k, side) == at.system.n()) continue;
+        const SideBlocks& blocks = at.blocks[2 * k + side];
         const Rows slope = row_slope(k, side);
-        blocks.put_columns(this->before(k).jacobian(this->part_of(k), side));
+        blocks.put_columns(at.before(k).jacobian(at.plan.part(k), side));
         blocks.put_rows(slope.v, slope.w);
       }
     }
-    this->pad_others();
+    at.pad_others();
     return true;
   }
 
   // Derivative of the rows with respect to xi.
   Rows row_slope(int k, Side side) const {
-    const Part& part = this->part_of(k);
-    const Rows G = this->here(k).jacobian(part, side);
+    const Part& part = at.plan.part(k);
+    const Rows G = at.here(k).jacobian(part, side);
     if (by_velocity() || part.slips) return rate_slope(k, side, G);
-    return {G.v, G.w * tangents_[this->body_of(k, side)]};
+    return {G.v, G.w * tangents_[at.plan.body(k, side)]};
   }
   // That of rows of velocity: G M^-1 p depends on xi by p_w = E^T y, by E, and by G. Not inlined: methods at position
   // level would pay for it.
   [[gnu::noinline]] Rows rate_slope(int k, Side side, const Rows& G) const {
-    const Part& part = this->part_of(k);
-    const int b = this->body_of(k, side);
+    const Part& part = at.plan.part(k);
+    const int b = at.plan.body(k, side);
     const Mat3& T = tangents_[b];
-    const std::vector<Twist>& u = part.slips && rattle_ ? xi_ : state_.u;
+    const std::vector<Twist>& u = part.slips && rattle_ ? at.xi : at.state.u;
     const Rows N =
-        this->here(k).velocity_slope(part, side, u[this->body_of(k, kParent)], u[this->body_of(k, kChild)], false);
+        at.here(k).velocity_slope(part, side, u[at.plan.body(k, kParent)], u[at.plan.body(k, kChild)], false);
     if (part.slips && rattle_) {
-      const Rows G_n = this->before(k).jacobian(part, side);
-      return {0.5 * (G.v + G_n.v + h_ * N.v), 0.5 * (G.w + G_n.w + h_ * N.w * T)};
+      const Rows G_n = at.before(k).jacobian(part, side);
+      return {0.5 * (G.v + G_n.v + at.h * N.v), 0.5 * (G.w + G_n.w + at.h * N.w * T)};
     }
-    return {G.v + h_ * N.v, G.w * velocity_slopes_[b] + h_ * N.w * T};
+    return {G.v + at.h * N.v, G.w * velocity_slopes_[b] + at.h * N.w * T};
   }
   // The same for a spherical part, with respect to rotations.
   Mat3 anchor_rows(const Delassus::Place& place) const {
-    const JointState& joint = joints_[place.joint];
+    const JointState& joint = at.joints[place.joint];
     const Mat3 G = joint.anchor_jacobian(place.side), &T = tangents_[place.body];
     if (!by_velocity()) return G * T;
-    return G * velocity_slopes_[place.body] + h_ * joint.anchor_rate_slope(place.side, state_.u[place.body].w) * T;
+    return G * velocity_slopes_[place.body] + at.h * joint.anchor_rate_slope(place.side, at.state.u[place.body].w) * T;
   }
   // d(w)/dxi, w = J^-1 (E^T y - spin).
   Mat3 velocity_slope(int b) const {
-    const Body& body = system_.bodies[b];
-    return body.inertia_inverse *
-           (rotations_[b].transpose() * slopes_[b] + h_ * hat(angular_momentum(body, state_.u[b].w)) * tangents_[b]);
-  }
-
-  Status finish() {
-    if (!configure(z_)) return Status::map_domain;
-    if (rattle_)
-      carry_on();
-    else
-      turn_impulses();
-    this->store_multipliers(impulse_time());
-    for (size_t i = 0; i < rates_.size(); ++i) {
-      const int k = plan_.rotors[i];
-      rotor_momenta_[i] += z_[3 * nodes_.lam(k)];
-      rates_[i] = this->part_of(k).compliance * rotor_momenta_[i];
-    }
-    if (level_ == Level::stabilised) {
-      if (!this->saddle_.factor(joints_)) return Status::singular_matrix;
-      if (rattle_)
-        end_with_projection();
-      else
-        this->saddle_.project(joints_, momentum_, state_.u, mu_.data(), momentum_, rates_);
-      for (size_t i = 0; i < rates_.size(); ++i) rotor_momenta_[i] += mu_[this->part_of(plan_.rotors[i]).row];
-      for (size_t r = 0; r < mu_.size(); ++r) state_.lam[r] += mu_[r] / h_;
-    }
-    this->owes_output_ = this->index1_output_;  // factored above: index-1 output comes with stabilised
-    if (!this->index1_output_ && !rattle_) accelerations_from_multipliers(system_, joints_, state_);
-    return Status::success;
+    const Body& body = at.system.bodies[b];
+    return body.inertia_inverse * (rotations_[b].transpose() * slopes_[b] +
+                                   at.h * hat(angular_momentum(body, at.state.u[b].w)) * tangents_[b]);
   }
 
   void turn_impulses() {
-    for (int b = 0; b < system_.n(); ++b) {
+    for (int b = 0; b < at.system.n(); ++b) {
       Twist& p = momentum_[b];
       p = {impulse_[b].v, transposed_times(rotations_[b], impulse_[b].w)};
-      state_.u[b] = velocity_of(system_.bodies[b], p);
+      at.state.u[b] = velocity_of(at.system.bodies[b], p);
     }
-    this->settle();
+    at.settle();
   }
 
   // The end of a RATTLE step. A composition has up to fifteen of them, so frames and momenta are added with compensated
   // sums. Computes the change of the momentum before the projection, and the momentum to be projected.
   void carry_on() {
     std::fill(change_.begin(), change_.end(), Twist{});
-    for (int k = 0; k < nodes_.parts(); ++k)
-      this->subtract_reaction(k, this->before(k), load3(&z_[3 * nodes_.lam(k)]), change_);
-    for (int b = 0; b < system_.n(); ++b) {
-      const Mat3 turn = maps_[b].turn();
-      state_.frames[b] = start_.frames[b];
-      carried_[b].frame.move(state_.frames[b], h_ * xi_[b].v, turn);
+    for (int k = 0; k < at.nodes.parts(); ++k)
+      at.subtract_reaction(k, at.before(k), load3(&at.z[3 * at.nodes.lam(k)]), change_);
+    for (int b = 0; b < at.system.n(); ++b) {
+      const Mat3 turn = at.maps[b].turn();
+      at.state.frames[b] = at.start.frames[b];
+      carried_[b].frame.move(at.state.frames[b], at.h * at.xi[b].v, turn);
       Vec3& lost = carried_[b].momentum.w;
       lost += transposed_times(turn, lost);
-      change_[b].v += impulse_time() * force_[b].v;
-      change_[b].w += impulse_time() * force_[b].w + transposed_times(turn, impulse_[b].w);
+      change_[b].v += impulse_time() * at.force[b].v;
+      change_[b].w += impulse_time() * at.force[b].w + transposed_times(turn, impulse_[b].w);
     }
-    applied_forces(system_, state_.frames, xi_, start_.angles, force_);
-    for (int b = 0; b < system_.n(); ++b) {
+    applied_forces(at.system, at.state.frames, at.xi, at.start.angles, at.force);
+    for (int b = 0; b < at.system.n(); ++b) {
       Twist &change = change_[b], &p = impulse_[b];
-      change.v += impulse_time() * force_[b].v, change.w += impulse_time() * force_[b].w;
+      change.v += impulse_time() * at.force[b].v, change.w += impulse_time() * at.force[b].w;
       p = {momentum_[b].v + change.v, momentum_[b].w + change.w};
-      state_.u[b] = velocity_of(system_.bodies[b], p);
+      at.state.u[b] = velocity_of(at.system.bodies[b], p);
     }
-    this->evaluate_joints();
+    at.evaluate_joints();
   }
   void end_with_projection() {
-    this->saddle_.project(joints_, impulse_, state_.u, mu_.data(), change_, rates_);
-    for (int b = 0; b < system_.n(); ++b) add_compensated(momentum_[b], change_[b], carried_[b].momentum);
+    at.saddle.project(at.joints, impulse_, at.state.u, mu_.data(), change_, rates_);
+    for (int b = 0; b < at.system.n(); ++b) add_compensated(momentum_[b], change_[b], carried_[b].momentum);
   }
 
   const bool rattle_;
@@ -325,5 +335,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   std::vector<double> rates_, rotor_momenta_;        // r and I r of the rotors
   std::vector<std::pair<double*, double*>> bodies_;  // diagonal blocks of v and w
 };
+template <class Map>
+using HamiltonStepper = EulerStepper<HamiltonEquations<Map>>;
 
 }  // namespace lieeuler

@@ -21,7 +21,6 @@
 
 #include "methods/euler.hpp"
 #include "methods/generalized_alpha.hpp"
-#include "methods/increments.hpp"
 #include "solve/stabilised.hpp"
 
 namespace lieeuler {
@@ -32,6 +31,43 @@ struct Gains {
 
 // The weight of G_n^T mu in xi when stabilised: M^-1, or none.
 enum class Correction { mass, plain };
+
+// The motion of a body since a start, summed separately from the state, so that rounding errors are relative to the
+// motion: x, R^T R' - I and u.
+struct Increment {
+  Vec3 x = Vec3::Zero();
+  Mat3 turn = Mat3::Zero();
+  Twist u;
+};
+
+class Increments {
+ public:
+  explicit Increments(const System& system) : origin_(system) {}
+
+  void keep() { sums_.resize(origin_.u.size() - 1); }
+  bool kept() const { return !sums_.empty(); }
+  const std::vector<Increment>& sums() const { return sums_; }
+  const Twist& u(int b) const { return sums_[b].u; }
+
+  void begin(const State& state) {
+    std::fill(sums_.begin(), sums_.end(), Increment{});
+    origin_ = state;
+  }
+  // Turns velocities relative to the start into velocities.
+  void add_origin(int b, Twist& u) const { u.v += origin_.u[b].v, u.w += origin_.u[b].w; }
+  // Adds a step of a body by x and I + turn; u are its velocities relative to the start. Returns its new frame.
+  Frame add(int b, const Vec3& x, const Mat3& turn, const Twist& u) {
+    Increment& sum = sums_[b];
+    sum.x += x;
+    sum.turn += turn + sum.turn * turn;
+    sum.u = u;
+    return {origin_.frames[b].x + sum.x, origin_.frames[b].R + origin_.frames[b].R * sum.turn};
+  }
+
+ private:
+  std::vector<Increment> sums_;
+  State origin_;
+};
 
 // The blocks of Newton's matrix that only Lagrangian steps have: derivatives with respect to xi.
 struct LagrangeBlocks {
@@ -76,45 +112,34 @@ struct LagrangeBlocks {
 };
 
 template <class Map>
-class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
-  using Base = EulerStepper<LagrangeStepper<Map>, Map>;
-  friend Base;
-
+class LagrangeEquations {
  public:
-  LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains,
-                  Correction correction = Correction::mass)
-      : LagrangeStepper(plan, level, index1_output, gains, correction, std::nullopt) {}
+  EulerStep<Map> at;
+
+  LagrangeEquations(const Plan& plan, Level level, bool index1_output, Gains gains,
+                    Correction correction = Correction::mass)
+      : LagrangeEquations(plan, level, index1_output, gains, correction, std::nullopt) {}
   // Generalized-alpha.
-  LagrangeStepper(const Plan& plan, const GeneralizedAlpha& alpha, Correction correction = Correction::mass)
-      : LagrangeStepper(plan, Level::stabilised, true, {}, correction, alpha) {}
+  LagrangeEquations(const Plan& plan, const GeneralizedAlpha& alpha, Correction correction = Correction::mass)
+      : LagrangeEquations(plan, Level::stabilised, true, {}, correction, alpha) {}
 
   // The motion since start(), if it is to be kept.
   void keep_increments() { increments_.keep(); }
   const std::vector<Increment>& increments() const { return increments_.sums(); }
 
-  static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
   static constexpr bool projects(Level) { return false; }
   bool exact_matrix() const {
-    return level_ != Level::acceleration &&
-           (!incomplete() || (this->to_rounding() && split_ && knows_left_out_ && split_->exact())) &&
-           !(alpha_ && !plan_.rotors.empty());
+    return at.level != Level::acceleration &&
+           (!incomplete() || (at.to_rounding() && split_ && knows_left_out_ && split_->exact())) &&
+           !(alpha_ && !at.plan.rotors.empty());
   }
 
   // Whether springs couple bodies so stiffly that iterations with a matrix without them converge slowly.
   bool couples_by_springs() const {
     constexpr double kStiff = 0.2;  // step over a spring's time; its square is the error that an iteration leaves
-    return std::abs(h_) * system_.frequency > kStiff;
+    return std::abs(at.h) * at.system.frequency > kStiff;
   }
 
-  bool solve_linear(std::vector<double>& r) {
-    if (!split_) return Base::solve_linear(r);
-    const auto core = [this](double* x) { this->solve_matrix(x); };
-    const auto left_out = [this](const std::vector<Twist>& xi, std::vector<Twist>& balance) {
-      subtract_left_out(xi, balance);
-    };
-    return split_->solve(r, nodes_, core, left_out, incomplete() && knows_left_out_, this->length_,
-                         this->target() / std::abs(h_));
-  }
   // Replaces a split solve that does not converge by one matrix for all unknowns; false if it is in use already.
   bool fall_back() {
     if (!split_) return false;
@@ -123,146 +148,185 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
   void take_whole_matrix() {
     split_.reset();
-    this->plan_matrix(nodes_.doubled());
-    matrix_ = LagrangeBlocks(this->plan_, columns_, lu_);
+    at.plan_matrix(at.nodes.doubled());
+    matrix_ = LagrangeBlocks(at.plan, at.columns, at.lu);
   }
 
   // Replaces a change of the velocities by what remains of it after an implicit step with the matrix factored last:
   // stiff forces make it decay within the step. False if the solve fails.
   bool filter(std::vector<Twist>& change) {
-    filtered_.assign(this->unknowns(), 0.0);
-    for (int b = 0; b < system_.n(); ++b) store(momentum(system_.bodies[b], change[b]), &filtered_[3 * nodes_.v(b)]);
-    for (int k : plan_.rotors)
-      filtered_[3 * nodes_.lam(k)] = this->here(k).velocity(this->part_of(k), change[this->body_of(k, kParent)],
-                                                            change[this->body_of(k, kChild)])[0];
+    filtered_.assign(at.z.size(), 0.0);
+    for (int b = 0; b < at.system.n(); ++b)
+      store(momentum(at.system.bodies[b], change[b]), &filtered_[3 * at.nodes.v(b)]);
+    for (int k : at.plan.rotors)
+      filtered_[3 * at.nodes.lam(k)] =
+          at.here(k).velocity(at.plan.part(k), change[at.plan.body(k, kParent)], change[at.plan.body(k, kChild)])[0];
     if (!solve_linear(filtered_)) return false;
-    for (int b = 0; b < system_.n(); ++b) change[b] = load(&filtered_[3 * nodes_.v(b)]);
+    for (int b = 0; b < at.system.n(); ++b) change[b] = load(&filtered_[3 * at.nodes.v(b)]);
     return true;
+  }
+
+  // The step, in this order: a guess, Newton with residual, matrix and solve, and the end.
+  Status begin() {
+    if (split_) split_->forget();
+    if (increments_.kept()) increments_.begin(at.state);
+    return alpha_ ? begin_alpha() : Status::success;
+  }
+  void guess(std::vector<double>& z) const {
+    for (int b = 0; b < at.system.n(); ++b) {
+      const Twist& u = increments_.kept() ? increments_.u(b) : at.state.u[b];
+      store(u, &z[3 * at.nodes.v(b)]);
+      store(u, &z[3 * at.nodes.xi_v(b)]);
+    }
+    at.guess_multipliers(force_time(), z);
   }
 
   Status residual(const std::vector<double>& z, std::vector<double>& r) {
     if (!configure(z)) return Status::map_domain;
-    joints_.update(state_.frames);
-    generalized_forces(system_, state_.frames, state_.u, start_.angles, force_);
-    for (int b = 0; b < system_.n(); ++b) {
-      const Body& body = system_.bodies[b];
-      const Twist &f = force_[b], gain = gain_of(b, z);
+    at.joints.update(at.state.frames);
+    generalized_forces(at.system, at.state.frames, at.state.u, at.start.angles, at.force);
+    for (int b = 0; b < at.system.n(); ++b) {
+      const Body& body = at.system.bodies[b];
+      const Twist &f = at.force[b], gain = gain_of(b, z);
       balance_[b] = {body.mass * gain.v - force_time() * f.v, times(body.inertia, gain.w) - force_time() * f.w};
       if (stabilised()) drift_[b] = plain_ ? drift_of(b) : momentum(body, drift_of(b));
     }
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      this->subtract_reaction(k, this->here(k), -load3(&z[3 * nodes_.lam(k)]), balance_);
-      if (stabilised()) this->subtract_reaction(k, this->before(k), -load3(&z[3 * nodes_.mu(k)]), drift_);
-      store(constraint_residual(k), &r[3 * nodes_.lam(k)]);
-      if (stabilised()) store(Vec3(this->here(k).position(this->part_of(k)) / h_), &r[3 * nodes_.mu(k)]);
+    for (int k = 0; k < at.nodes.parts(); ++k) {
+      at.subtract_reaction(k, at.here(k), -load3(&z[3 * at.nodes.lam(k)]), balance_);
+      if (stabilised()) at.subtract_reaction(k, at.before(k), -load3(&z[3 * at.nodes.mu(k)]), drift_);
+      store(constraint_residual(k), &r[3 * at.nodes.lam(k)]);
+      if (stabilised()) store(Vec3(at.here(k).position(at.plan.part(k)) / at.h), &r[3 * at.nodes.mu(k)]);
     }
-    for (int b = 0; b < system_.n(); ++b) {
-      store(balance_[b], &r[3 * nodes_.v(b)]);
-      if (stabilised()) store(drift_[b], &r[3 * nodes_.xi_v(b)]);
+    for (int b = 0; b < at.system.n(); ++b) {
+      store(balance_[b], &r[3 * at.nodes.v(b)]);
+      if (stabilised()) store(drift_[b], &r[3 * at.nodes.xi_v(b)]);
     }
-    if (this->has_others_) complete_others(z, r);
+    if (at.has_others) complete_others(z, r);
     return Status::success;
   }
 
   bool factor() {
-    for (int b = 0; b < system_.n(); ++b) tangents_[b] = maps_[b].left_tangent();
-    if (split_) split_->linearise(joints_, this->start_joints_, state_.u, tangents_, h_);
-    return (this->core_ ? fill_core() : fill_matrix()) && this->factor_matrix();
+    for (int b = 0; b < at.system.n(); ++b) tangents_[b] = at.maps[b].left_tangent();
+    if (split_) split_->linearise(at.joints, at.start_joints, at.state.u, tangents_, at.h);
+    return (at.core ? fill_core() : fill_matrix()) && at.factor_matrix();
+  }
+  bool solve_linear(std::vector<double>& r) {
+    if (!split_) return at.solve_linear(r);
+    const auto core = [this](double* x) { at.solve_matrix(x); };
+    const auto left_out = [this](const std::vector<Twist>& xi, std::vector<Twist>& balance) {
+      subtract_left_out(xi, balance);
+    };
+    return split_->solve(r, at.nodes, core, left_out, incomplete() && knows_left_out_, at.length,
+                         at.target() / std::abs(at.h));
+  }
+  Status finish() {
+    if (!configure(at.z)) return Status::map_domain;
+    for (int b = 0; increments_.kept() && b < at.system.n(); ++b)
+      at.state.frames[b] = increments_.add(b, at.h * at.xi[b].v, at.maps[b].turn(), load(&at.z[3 * at.nodes.v(b)]));
+    at.settle();
+    if (alpha_) {
+      alpha_->advance(at.start.u, at.state.u, at.h);
+      alpha_->prepare(at.state.u, at.h);
+    }
+    if (at.index1_output) return at.owe_index1();
+    if (split_ && !at.saddle.factor(at.joints)) return Status::singular_matrix;
+    at.store_multipliers(at.h);
+    for (int b = 0; b < at.system.n(); ++b)
+      at.state.a[b] = {(at.state.u[b].v - at.start.u[b].v) / at.h, (at.state.u[b].w - at.start.u[b].w) / at.h};
+    return Status::success;
   }
 
  private:
-  LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains, Correction correction,
-                  const std::optional<GeneralizedAlpha>& alpha)
-      : Base(plan, level, index1_output, layout(plan, level, alpha || correction == Correction::plain)),
+  LagrangeEquations(const Plan& plan, Level level, bool index1_output, Gains gains, Correction correction,
+                    const std::optional<GeneralizedAlpha>& alpha)
+      : at(plan, level, index1_output, layout(plan, level, alpha || correction == Correction::plain)),
         plain_(correction == Correction::plain),
         gains_(gains),
         alpha_(alpha),
         force_share_(alpha ? alpha->force_share() : 1),
         velocity_share_(alpha ? alpha->velocity_share() : 1),
-        increments_(system_),
-        turned_(system_.n() + 1),
-        tangents_(system_.n() + 1),
-        stiffness_of_(system_.n() + 1),
-        balance_(system_.n() + 1),
-        drift_(system_.n() + 1) {
-    if (!alpha_ && !plain_ && splits(plan, level)) split_.emplace(plan, this->saddle_.sparse().delassus());
-    if (!this->core_) matrix_ = LagrangeBlocks(plan, columns_, lu_);
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      const Part& part = this->part_of(k);
+        increments_(at.system),
+        turned_(at.system.n() + 1),
+        tangents_(at.system.n() + 1),
+        stiffness_of_(at.system.n() + 1),
+        balance_(at.system.n() + 1),
+        drift_(at.system.n() + 1) {
+    if (!alpha_ && !plain_ && splits(plan, level)) split_.emplace(plan, at.saddle.sparse().delassus());
+    if (!at.core) matrix_ = LagrangeBlocks(plan, at.columns, at.lu);
+    for (int k = 0; k < at.nodes.parts(); ++k) {
+      const Part& part = at.plan.part(k);
       knows_left_out_ = knows_left_out_ && !part.contact;
       if (part.spherical || part.turn) continue;
-      const bool grounded = this->body_of(k, kParent) == system_.n() || this->body_of(k, kChild) == system_.n();
+      const bool grounded = at.plan.body(k, kParent) == at.system.n() || at.plan.body(k, kChild) == at.system.n();
       if (!grounded || !AxisRows::suits(part)) coupled_.push_back(k);
     }
   }
   // whole: StabilisedSolve does not know these equations.
   static Layout layout(const Plan& plan, Level level, bool whole) {
     const bool stabilised = level == Level::stabilised;
-    return {.doubled_unknowns = stabilised,
+    return {.solves_velocities = level != Level::position,
+            .doubled_unknowns = stabilised,
             .doubled_matrix = stabilised && (whole || !splits(plan, level)),
             .second_order = true,
             .eliminates = !whole && eliminates(plan, level)};
   }
 
-  using Base::columns_, Base::force_, Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_,
-      Base::plan_, Base::start_, Base::state_, Base::system_, Base::xi_, Base::z_;
-
   static bool splits(const Plan& plan, Level level) {
     return level == Level::stabilised && StabilisedSolve::suits(plan);
   }
-  bool stabilised() const { return level_ == Level::stabilised; }
+  bool stabilised() const { return at.level == Level::stabilised; }
   // theta: the time for which a force acts in a step.
-  double force_time() const { return force_share_ * h_; }
+  double force_time() const { return force_share_ * at.h; }
 
   // The rows that belong to Lam; positions are divided by h.
   Vec3 constraint_residual(int k) const {
-    const Part& part = this->part_of(k);
-    if (level_ == Level::position && !part.slips) return this->here(k).position(part) / h_;
-    const Vec3 rate = this->velocity_rows(k, state_, this->here(k));
-    if (level_ != Level::acceleration) return rate;
-    const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
-    const Vec3 before = this->velocity_rows(k, start_, this->here(k));
-    return (rate - before) + h_ * (this->here(k).gamma(part, parent, child) + 2 * gains_.alpha * rate +
-                                   gains_.beta * gains_.beta * this->here(k).position(part));
+    const Part& part = at.plan.part(k);
+    if (at.level == Level::position && !part.slips) return at.here(k).position(part) / at.h;
+    const Vec3 rate = at.velocity_rows(k, at.state, at.here(k));
+    if (at.level != Level::acceleration) return rate;
+    const Twist &parent = at.state.u[at.plan.body(k, kParent)], &child = at.state.u[at.plan.body(k, kChild)];
+    const Vec3 before = at.velocity_rows(k, at.start, at.here(k));
+    return (rate - before) + at.h * (at.here(k).gamma(part, parent, child) + 2 * gains_.alpha * rate +
+                                     gains_.beta * gains_.beta * at.here(k).position(part));
   }
   // Derivative of the velocity or acceleration rows with respect to xi, without G itself. At the acceleration level the
   // third derivatives of Phi are left out: they are O(h^2), and the iteration still solves the exact equations.
   Rows rate_slope(int k, Side side, const Rows& G, const Mat3& T) const {
-    const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
-    const JointState& joint = this->here(k);
-    const Part& part = this->part_of(k);
-    if (level_ != Level::acceleration) {
-      const Rows N = joint.velocity_slope(part, side, state_.u[i], state_.u[j], false);
-      return {h_ * N.v, h_ * N.w * T};
+    const int i = at.plan.body(k, kParent), j = at.plan.body(k, kChild);
+    const JointState& joint = at.here(k);
+    const Part& part = at.plan.part(k);
+    if (at.level != Level::acceleration) {
+      const Rows N = joint.velocity_slope(part, side, at.state.u[i], at.state.u[j], false);
+      return {at.h * N.v, at.h * N.w * T};
     }
-    auto change = [&](int b) { return Twist{state_.u[b].v - start_.u[b].v, state_.u[b].w - start_.u[b].w}; };
+    auto change = [&](int b) { return Twist{at.state.u[b].v - at.start.u[b].v, at.state.u[b].w - at.start.u[b].w}; };
     const Rows first = joint.velocity_slope(part, side, change(i), change(j), false);  // d(G h a)/dq
-    const Rows second = joint.velocity_slope(part, side, state_.u[i], state_.u[j], true);
-    const double feedback = 2 * gains_.alpha + h_ * gains_.beta * gains_.beta;
-    return {h_ * (first.v + second.v + feedback * G.v), h_ * (first.w + second.w + feedback * G.w)};
+    const Rows second = joint.velocity_slope(part, side, at.state.u[i], at.state.u[j], true);
+    const double feedback = 2 * gains_.alpha + at.h * gains_.beta * gains_.beta;
+    return {at.h * (first.v + second.v + feedback * G.v), at.h * (first.w + second.w + feedback * G.w)};
   }
 
   // Completes the rows of mimics, rotors and slip. Not inlined: systems without them would pay for it.
   [[gnu::noinline, gnu::cold]] void complete_others(const std::vector<double>& z, std::vector<double>& r) const {
-    if (!plan_.mimics.empty()) unite(z, r);
-    for (int k : plan_.rotors) {
-      r[3 * nodes_.lam(k)] = rotor_gain(k) - this->part_of(k).compliance * z[3 * nodes_.lam(k)];
-      if (stabilised()) r[3 * nodes_.mu(k)] = z[3 * nodes_.mu(k)];
+    if (!at.plan.mimics.empty()) unite(z, r);
+    for (int k : at.plan.rotors) {
+      r[3 * at.nodes.lam(k)] = rotor_gain(k) - at.plan.part(k).compliance * z[3 * at.nodes.lam(k)];
+      if (stabilised()) r[3 * at.nodes.mu(k)] = z[3 * at.nodes.mu(k)];
     }
-    for (int k : plan_.slips)
-      if (stabilised()) store(load3(&z[3 * nodes_.mu(k)]), &r[3 * nodes_.mu(k)]);
+    for (int k : at.plan.slips)
+      if (stabilised()) store(load3(&z[3 * at.nodes.mu(k)]), &r[3 * at.nodes.mu(k)]);
   }
   // Combines the rows of followers and leaders. Angles differ by whole turns, which beta must not feel.
   void unite(const std::vector<double>& z, std::vector<double>& r) const {
-    const double restoring = level_ == Level::acceleration ? h_ * gains_.beta * gains_.beta : 0;
-    for (const PlacedMimic& mimic : plan_.mimics) {
-      const auto coordinate = [&](int k) { return this->here(k).position(this->part_of(k))[0]; };
-      r[3 * nodes_.lam(mimic.follower)] +=
-          restoring * (gap(plan_, mimic, joints_, start_.angles) - coordinate(mimic.follower) +
+    const double restoring = at.level == Level::acceleration ? at.h * gains_.beta * gains_.beta : 0;
+    for (const PlacedMimic& mimic : at.plan.mimics) {
+      const auto coordinate = [&](int k) { return at.here(k).position(at.plan.part(k))[0]; };
+      r[3 * at.nodes.lam(mimic.follower)] +=
+          restoring * (gap(at.plan, mimic, at.joints, at.start.angles) - coordinate(mimic.follower) +
                        mimic.ratio * coordinate(mimic.leader));
     }
-    this->unite_rows(&z[3 * nodes_.lam(0)], &r[3 * nodes_.lam(0)], level_ == Level::position);
-    if (stabilised()) this->unite_rows(&z[3 * nodes_.mu(0)], &r[3 * nodes_.mu(0)], true);
+    at.unite_rows(&z[3 * at.nodes.lam(0)], &r[3 * at.nodes.lam(0)], at.level == Level::position);
+    if (stabilised()) at.unite_rows(&z[3 * at.nodes.mu(0)], &r[3 * at.nodes.mu(0)], true);
   }
 
   // A matrix with the bodies eliminated leaves out of K, the derivative of reactions and forces by positions, what
@@ -270,115 +334,102 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   //
   // balance -= h K T xi, with what is left out of K.
   void subtract_left_out(const std::vector<Twist>& xi, std::vector<Twist>& balance) {
-    for (int b = 0; b < system_.n(); ++b) turned_[b] = {xi[b].v, times(tangents_[b], xi[b].w)};
+    for (int b = 0; b < at.system.n(); ++b) turned_[b] = {xi[b].v, times(tangents_[b], xi[b].w)};
     for (int k : coupled_) {
-      const int parent = this->body_of(k, kParent), child = this->body_of(k, kChild);
-      const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
+      const int parent = at.plan.body(k, kParent), child = at.plan.body(k, kChild);
+      const Vec3 impulse = at.h * load3(&at.z[3 * at.nodes.lam(k)]);
       for (Side side : kSides) {
-        Twist& own = balance[this->body_of(k, side)];
+        Twist& own = balance[at.plan.body(k, side)];
         const Twist change =
-            this->here(k).coupled_reaction(this->part_of(k), side, impulse, turned_[parent], turned_[child]);
+            at.here(k).coupled_reaction(at.plan.part(k), side, impulse, turned_[parent], turned_[child]);
         own.v -= change.v, own.w -= change.w;
       }
     }
-    for (size_t k = 0; k < system_.forces.size(); ++k) {
-      const Force& force = system_.forces[k];
-      const ForceState here(force, state_.frames, state_.u, start_.angles[k]);
+    for (size_t k = 0; k < at.system.forces.size(); ++k) {
+      const Force& force = at.system.forces[k];
+      const ForceState here(force, at.state.frames, at.state.u, at.start.angles[k]);
       for (Side row : kSides)
         for (Side column : kSides) {
           const Stiffness K = here.by_position(row, column);
           const Twist& turn = turned_[column == kChild ? force.child : force.parent];
           Twist& own = balance[row == kChild ? force.child : force.parent];
-          own.v += h_ * h_ * (K.vv * turn.v + K.vw * turn.w), own.w += h_ * h_ * (K.wv * turn.v + K.ww * turn.w);
+          own.v += at.h * at.h * (K.vv * turn.v + K.vw * turn.w),
+              own.w += at.h * at.h * (K.wv * turn.v + K.ww * turn.w);
         }
     }
   }
 
   // The change of a rotor's rate in the step: s (u - u_n) + h (ds/dt) u if the method takes accelerations at the new
   // state, else the difference of the rates at the two states.
-  bool gains_by_derivative() const { return level_ == Level::acceleration || alpha_; }
+  bool gains_by_derivative() const { return at.level == Level::acceleration || alpha_; }
   double rotor_gain(int k) const {
-    const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
-    const Part& part = this->part_of(k);
-    const double rate = this->here(k).velocity(part, state_.u[i], state_.u[j])[0];
-    if (!gains_by_derivative()) return rate - this->before(k).velocity(part, start_.u[i], start_.u[j])[0];
+    const int i = at.plan.body(k, kParent), j = at.plan.body(k, kChild);
+    const Part& part = at.plan.part(k);
+    const double rate = at.here(k).velocity(part, at.state.u[i], at.state.u[j])[0];
+    if (!gains_by_derivative()) return rate - at.before(k).velocity(part, at.start.u[i], at.start.u[j])[0];
     const Twist parent = from(i), child = from(j);
-    return rate - this->here(k).velocity(part, parent, child)[0] +
-           force_time() * this->here(k).gamma(part, state_.u[i], state_.u[j])[0];
+    return rate - at.here(k).velocity(part, parent, child)[0] +
+           force_time() * at.here(k).gamma(part, at.state.u[i], at.state.u[j])[0];
   }
   // The velocity from which u changes: u_n, or that of generalized-alpha; zero for the ground.
-  Twist from(int b) const { return alpha_ ? (b == system_.n() ? Twist{} : alpha_->from(b)) : start_.u[b]; }
+  Twist from(int b) const { return alpha_ ? (b == at.system.n() ? Twist{} : alpha_->from(b)) : at.start.u[b]; }
   // Derivatives of rotor_gain() with respect to u and xi; with accelerations, second derivatives of s are left out.
   std::pair<Rows, Rows> rotor_slopes(int k, Side side, const Mat3& T) const {
-    const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
-    const JointState& joint = this->here(k);
-    const Part& part = this->part_of(k);
+    const Twist &parent = at.state.u[at.plan.body(k, kParent)], &child = at.state.u[at.plan.body(k, kChild)];
+    const JointState& joint = at.here(k);
+    const Part& part = at.plan.part(k);
     Rows by_u = joint.jacobian(part, side), by_xi;
     const Rows N = joint.velocity_slope(part, side, parent, child, gains_by_derivative());
     if (gains_by_derivative())
       by_u.v += force_time() * N.v, by_u.w += force_time() * N.w;
     else
-      by_xi = {h_ * N.v, h_ * N.w * T};
+      by_xi = {at.h * N.v, at.h * N.w * T};
     return {by_u, by_xi};
   }
 
   // u - u_n
   Twist gain_of(int b, const std::vector<double>& z) const {
-    const Twist u = increments_.kept() ? load(&z[3 * nodes_.v(b)]) : state_.u[b];
-    const Twist& from = increments_.kept() ? increments_.u(b) : alpha_ ? alpha_->from(b) : start_.u[b];
+    const Twist u = increments_.kept() ? load(&z[3 * at.nodes.v(b)]) : at.state.u[b];
+    const Twist& from = increments_.kept() ? increments_.u(b) : alpha_ ? alpha_->from(b) : at.start.u[b];
     return {u.v - from.v, u.w - from.w};
   }
   // xi - u without the part of the multipliers.
   Twist drift_of(int b) const {
-    const Twist &xi = xi_[b], &u = state_.u[b];
+    const Twist &xi = at.xi[b], &u = at.state.u[b];
     if (!alpha_) return {xi.v - u.v, xi.w - u.w};
     const Twist carry = alpha_->carry(b);
     return {xi.v - velocity_share_ * u.v - carry.v, xi.w - velocity_share_ * u.w - carry.w};
   }
-  Status begin() {
-    if (split_) split_->forget();
-    if (increments_.kept()) increments_.begin(state_);
-    return alpha_ ? begin_alpha() : Status::success;
-  }
   // Computes the accelerations at the start, and the auxiliary ones a little later or earlier.
   Status begin_alpha() {
-    const double whole = std::exchange(h_, alpha_->ahead(h_));
-    start_ = state_;
-    state_.frames.follow(start_.frames, h_);
+    const double whole = std::exchange(at.h, alpha_->ahead(at.h));
+    at.start = at.state;
+    at.state.frames.follow(at.start.frames, at.h);
     bool inside = true;
-    for (int b = 0; b < system_.n(); ++b) {
-      const Twist &u = start_.u[b], &a = start_.a[b];
-      xi_[b] = {u.v + 0.5 * h_ * a.v, u.w + 0.5 * h_ * a.w};
-      state_.u[b] = {u.v + h_ * a.v, u.w + h_ * a.w};
-      inside = this->move(b) && inside;
+    for (int b = 0; b < at.system.n(); ++b) {
+      const Twist &u = at.start.u[b], &a = at.start.a[b];
+      at.xi[b] = {u.v + 0.5 * at.h * a.v, u.w + 0.5 * at.h * a.w};
+      at.state.u[b] = {u.v + at.h * a.v, u.w + at.h * a.w};
+      inside = at.move(b) && inside;
     }
-    h_ = whole;
+    at.h = whole;
     if (inside) {
-      this->evaluate_joints();
-      inside = this->solve_index1() == Status::success;
+      at.evaluate_joints();
+      inside = at.solve_index1() == Status::success;
     }
     // If the step is too long to solve this, the step itself will fail and give the reason.
-    alpha_->start(start_.a, inside ? state_.a : start_.a);
-    alpha_->prepare(start_.u, h_);
-    state_ = start_;
-    joints_.update(state_.frames);
-    return this->saddle_.factor(joints_) ? Status::success : Status::singular_matrix;
+    alpha_->start(at.start.a, inside ? at.state.a : at.start.a);
+    alpha_->prepare(at.start.u, at.h);
+    at.state = at.start;
+    at.joints.update(at.state.frames);
+    return at.saddle.factor(at.joints) ? Status::success : Status::singular_matrix;
   }
-  void guess(std::vector<double>& z) const {
-    for (int b = 0; b < system_.n(); ++b) {
-      const Twist& u = increments_.kept() ? increments_.u(b) : state_.u[b];
-      store(u, &z[3 * nodes_.v(b)]);
-      store(u, &z[3 * nodes_.xi_v(b)]);
-    }
-    this->guess_multipliers(force_time(), z);
-  }
-
   bool configure(const std::vector<double>& z) {
-    for (int b = 0; b < system_.n(); ++b) {
-      state_.u[b] = load(&z[3 * nodes_.v(b)]);
-      xi_[b] = load(&z[3 * nodes_.xi_v(b)]);
-      if (increments_.kept()) increments_.add_origin(b, state_.u[b]), increments_.add_origin(b, xi_[b]);
-      if (!this->move(b)) return false;
+    for (int b = 0; b < at.system.n(); ++b) {
+      at.state.u[b] = load(&z[3 * at.nodes.v(b)]);
+      at.xi[b] = load(&z[3 * at.nodes.xi_v(b)]);
+      if (increments_.kept()) increments_.add_origin(b, at.state.u[b]), increments_.add_origin(b, at.xi[b]);
+      if (!at.move(b)) return false;
     }
     return true;
   }
@@ -397,79 +448,78 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
   // Whether the matrix with the bodies eliminated leaves out how forces and rows of dot products couple bodies.
-  bool incomplete() const { return this->core_ && this->saddle_.sparse().dropped(); }
+  bool incomplete() const { return at.core && at.saddle.sparse().dropped(); }
 
   // The matrix with the bodies eliminated: a rotational block per body, and the rows of the parts.
   bool fill_core() {
-    for (int b = 0; b < system_.n(); ++b) stiffness_of_[b].setZero();
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
+    for (int b = 0; b < at.system.n(); ++b) stiffness_of_[b].setZero();
+    for (int k = 0; k < at.nodes.parts(); ++k) {
+      const Vec3 impulse = at.h * load3(&at.z[3 * at.nodes.lam(k)]);
       for (Side side : kSides) {
-        Mat3& own = stiffness_of_[this->body_of(k, side)];
-        if (this->part_of(k).spherical)
-          own += this->here(k).anchor_stiffness(side, impulse);
-        else if (this->body_of(k, side) != system_.n())
+        Mat3& own = stiffness_of_[at.plan.body(k, side)];
+        if (at.plan.part(k).spherical)
+          own += at.here(k).anchor_stiffness(side, impulse);
+        else if (at.plan.body(k, side) != at.system.n())
           own += dot_stiffness(k, side, impulse);
       }
     }
-    for (int b = 0; b < system_.n(); ++b)
-      if (!this->core_->set_rotational(b, inertia_block(b) + stiffness_of_[b] * tangents_[b])) return false;
+    for (int b = 0; b < at.system.n(); ++b)
+      if (!at.core->set_rotational(b, inertia_block(b) + stiffness_of_[b] * tangents_[b])) return false;
     struct Derivatives {
-      const LagrangeStepper& stepper;
-      Mat3 rotations(const Delassus::Place& place, const Mat3& G) const { return stepper.anchor_rows(place, G); }
+      const LagrangeEquations& equations;
+      Mat3 rotations(const Delassus::Place& place, const Mat3& G) const { return equations.anchor_rows(place, G); }
       Rows rows(const Delassus::Place& place, const Rows& G) const { return {G.v, rotations(place, G.w)}; }
     };
-    this->core_->assemble(Derivatives{*this}, Delassus::Jacobians{joints_});
+    at.core->assemble(Derivatives{*this}, Delassus::Jacobians{at.joints});
     return true;
   }
   // The stiffness of dot rows between a body and itself; also sets the slope of their velocity for the split solve.
   // Their coupling of two bodies is left to the iteration: it is O(h^2).
   [[gnu::noinline]] Mat3 dot_stiffness(int k, Side side, const Vec3& impulse) {
-    const Part& part = this->part_of(k);
+    const Part& part = at.plan.part(k);
     if (split_)
-      split_->slope(k, side) =
-          rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
-    return this->here(k).own_stiffness(part, side, impulse);
+      split_->slope(k, side) = rate_slope(k, side, at.here(k).jacobian(part, side), tangents_[at.plan.body(k, side)]);
+    return at.here(k).own_stiffness(part, side, impulse);
   }
   // Derivative of a spherical part's rows with respect to the rotational xi: position rows, or velocity rows at that
   // level.
   Mat3 anchor_rows(const Delassus::Place& place, const Mat3& G) const {
-    if (level_ != Level::velocity) return G * tangents_[place.body];
-    const Mat3 slope = joints_[place.joint].anchor_rate_slope(place.side, state_.u[place.body].w);
-    return G + h_ * slope * tangents_[place.body];
+    if (at.level != Level::velocity) return G * tangents_[place.body];
+    const Mat3 slope = at.joints[place.joint].anchor_rate_slope(place.side, at.state.u[place.body].w);
+    return G + at.h * slope * tangents_[place.body];
   }
 
   bool fill_matrix() {
-    lu_.set_zero();
-    for (int b = 0; b < system_.n(); ++b) body_blocks(b);
-    for (size_t k = 0; k < system_.forces.size(); ++k) add_force_blocks(k);
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      this->pad(k);
+    at.lu.set_zero();
+    for (int b = 0; b < at.system.n(); ++b) body_blocks(b);
+    for (size_t k = 0; k < at.system.forces.size(); ++k) add_force_blocks(k);
+    for (int k = 0; k < at.nodes.parts(); ++k) {
+      at.pad(k);
       for (Side row : kSides)
         for (Side column : kSides) stiffness_blocks(k, row, column);
       for (Side side : kSides)
-        if (this->body_of(k, side) != system_.n()) constraint_blocks(k, side);
+        if (at.plan.body(k, side) != at.system.n()) constraint_blocks(k, side);
     }
-    for (int k : plan_.rotors)
+    for (int k : at.plan.rotors)
       for (Side side : kSides)
-        if (this->body_of(k, side) != system_.n()) rotor_blocks(k, side);
-    this->pad_others();
+        if (at.plan.body(k, side) != at.system.n()) rotor_blocks(k, side);
+    at.pad_others();
     return true;
   }
 
   // J - theta df/du of the gyroscopic torque.
   Mat3 inertia_block(int b) const {
-    const Body& body = system_.bodies[b];
-    const Vec3& w = state_.u[b].w;
+    const Body& body = at.system.bodies[b];
+    const Vec3& w = at.state.u[b].w;
     return body.inertia + force_time() * gyroscopic_slope(w, angular_momentum(body, w), body.inertia);
   }
   // M - theta df/du, and below it M (xi - rho u), or xi - rho u.
   void body_blocks(int b) {
-    const Body& body = system_.bodies[b];
+    const Body& body = at.system.bodies[b];
     const LagrangeBlocks::Body& blocks = matrix_.bodies[b];
     put_diagonal(blocks.v, body.mass);
     put(blocks.w, inertia_block(b));
-    if (!columns_.doubled()) return;
+    if (!at.columns.doubled()) return;
     const double mass = plain_ ? 1 : body.mass;
     const Mat3 inertia = plain_ ? Mat3(Mat3::Identity()) : body.inertia;
     put_diagonal(blocks.xi_v, mass), put_diagonal(blocks.xi_v_v, -velocity_share_ * mass);
@@ -479,37 +529,36 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   // Adds h d(G^T Lam)/dq T to the columns of xi.
   void stiffness_blocks(int k, Side row, Side column) {
     const PairBlocks& blocks = matrix_.stiffness[4 * k + 2 * row + column];
-    const Part& part = this->part_of(k);
+    const Part& part = at.plan.part(k);
     if (!blocks.ww || (part.spherical && row != column)) return;
-    const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
-    const Mat3& T = tangents_[this->body_of(k, column)];
-    if (part.spherical) return add(blocks.ww, this->here(k).anchor_stiffness(row, impulse) * T);  // the only block
-    blocks.add(1, this->here(k).geometric_stiffness(part, row, column, impulse), T);
+    const Vec3 impulse = at.h * load3(&at.z[3 * at.nodes.lam(k)]);
+    const Mat3& T = tangents_[at.plan.body(k, column)];
+    if (part.spherical) return add(blocks.ww, at.here(k).anchor_stiffness(row, impulse) * T);  // the only block
+    blocks.add(1, at.here(k).geometric_stiffness(part, row, column, impulse), T);
   }
 
   // Adds - theta df/du to the columns of u, and - theta h df/dq T to those of xi.
   void add_force_blocks(size_t k) {
-    const Force& force = system_.forces[k];
-    const ForceState here(force, state_.frames, state_.u, start_.angles[k]);
+    const Force& force = at.system.forces[k];
+    const ForceState here(force, at.state.frames, at.state.u, at.start.angles[k]);
     for (Side row : kSides)
       for (Side column : kSides) {
         const PairBlocks& by_position = matrix_.springs[4 * k + 2 * row + column];
         if (!by_position.ww) continue;  // the ground
         const Mat3& T = tangents_[column == kChild ? force.child : force.parent];
-        by_position.add(-force_time() * h_, here.by_position(row, column), T);
+        by_position.add(-force_time() * at.h, here.by_position(row, column), T);
         if (force.damping == 0) continue;
-        this->force_blocks_[4 * k + 2 * row + column].add(-force_time(), here.by_velocity(row, column),
-                                                          Mat3::Identity());
+        at.force_blocks[4 * k + 2 * row + column].add(-force_time(), here.by_velocity(row, column), Mat3::Identity());
       }
   }
 
   void constraint_blocks(int k, Side side) {
-    const Mat3& T = tangents_[this->body_of(k, side)];
-    const SideBlocks& blocks = this->blocks_[2 * k + side];
-    const Rows G = this->here(k).jacobian(this->part_of(k), side);
+    const Mat3& T = tangents_[at.plan.body(k, side)];
+    const SideBlocks& blocks = at.blocks[2 * k + side];
+    const Rows G = at.here(k).jacobian(at.plan.part(k), side);
     blocks.put_columns(G);
-    if ((level_ == Level::position && !this->part_of(k).slips) || split_) {
-      if (split_ && !this->part_of(k).spherical) split_->slope(k, side) = rate_slope(k, side, G, T);
+    if ((at.level == Level::position && !at.plan.part(k).slips) || split_) {
+      if (split_ && !at.plan.part(k).spherical) split_->slope(k, side) = rate_slope(k, side, G, T);
       return blocks.put_rows(G.v, G.w * T);
     }
     const Rows slope = rate_slope(k, side, G, T);
@@ -517,32 +566,15 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     blocks.put_rows(G.v, G.w);
     matrix_.rates[2 * k + side].put_rows(slope.v, slope.w);
     matrix_.drifts[2 * k + side].put_rows(G.v, G.w * T);
-    matrix_.drifts[2 * k + side].put_columns(this->before(k).jacobian(this->part_of(k), side));
+    matrix_.drifts[2 * k + side].put_columns(at.before(k).jacobian(at.plan.part(k), side));
   }
 
   void rotor_blocks(int k, Side side) {
-    const auto [by_u, by_xi] = rotor_slopes(k, side, tangents_[this->body_of(k, side)]);
-    const SideBlocks& blocks = this->blocks_[2 * k + side];
-    if (!columns_.doubled()) return blocks.put_rows(by_u.v + by_xi.v, by_u.w + by_xi.w);
+    const auto [by_u, by_xi] = rotor_slopes(k, side, tangents_[at.plan.body(k, side)]);
+    const SideBlocks& blocks = at.blocks[2 * k + side];
+    if (!at.columns.doubled()) return blocks.put_rows(by_u.v + by_xi.v, by_u.w + by_xi.w);
     blocks.put_rows(by_u.v, by_u.w);
     matrix_.rates[2 * k + side].put_rows(by_xi.v, by_xi.w);
-  }
-
-  Status finish() {
-    if (!configure(z_)) return Status::map_domain;
-    for (int b = 0; increments_.kept() && b < system_.n(); ++b)
-      state_.frames[b] = increments_.add(b, h_ * xi_[b].v, maps_[b].turn(), load(&z_[3 * nodes_.v(b)]));
-    this->settle();
-    if (alpha_) {
-      alpha_->advance(start_.u, state_.u, h_);
-      alpha_->prepare(state_.u, h_);
-    }
-    if (this->index1_output_) return this->owe_index1();
-    if (split_ && !this->saddle_.factor(joints_)) return Status::singular_matrix;
-    this->store_multipliers(h_);
-    for (int b = 0; b < system_.n(); ++b)
-      state_.a[b] = {(state_.u[b].v - start_.u[b].v) / h_, (state_.u[b].w - start_.u[b].w) / h_};
-    return Status::success;
   }
 
   const bool plain_;  // the correction of xi
@@ -559,5 +591,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   std::vector<double> filtered_;
   LagrangeBlocks matrix_;
 };
+template <class Map>
+using LagrangeStepper = EulerStepper<LagrangeEquations<Map>>;
 
 }  // namespace lieeuler

@@ -19,8 +19,8 @@ class Extrapolation {
  public:
   explicit Extrapolation(const Plan& plan)
       : system_(plan.system),
-        euler_(plan, Level::stabilised, false, {}),
-        whole_(plan, Level::stabilised, false, {}),
+        euler_(plan, Level::stabilised, false, Gains{}),
+        whole_(plan, Level::stabilised, false, Gains{}),
         projection_(plan),
         state_(system_),
         next_(system_),
@@ -29,7 +29,7 @@ class Extrapolation {
         difference_(size_),
         rates_(system_.n() + 1) {
     for (auto* euler : {&euler_, &whole_})
-      euler->polish_velocities(), euler->keep_increments();  // extrapolation magnifies errors
+      euler->polish_velocities(), euler->equations().keep_increments();  // extrapolation magnifies errors
     for (std::vector<double>& entry : table_) entry.assign(size_, 0.0);
     for (Node& node : nodes_) node.y.assign(size_ / 2, 0.0);
   }
@@ -146,7 +146,7 @@ class Extrapolation {
       status = watch.ends() ? Status::interrupted : euler.step(inner);  // a step has hundreds of these
     inner.add_to(counters);
     if (status != Status::success) return status;
-    if (!coordinates(euler, difference_)) return Status::map_domain;
+    if (!coordinates(euler.equations().increments(), difference_)) return Status::map_domain;
     for (size_t i = 0; i < size_; ++i) {
       double entry = difference_[i];
       for (int k = 1; k < n; ++k) {
@@ -161,9 +161,9 @@ class Extrapolation {
   }
 
   // Coordinates after the sub-steps; false if a body turned too far for the chart.
-  bool coordinates(const LagrangeStepper<ExpMap>& euler, std::vector<double>& y) const {
+  bool coordinates(const std::vector<Increment>& increments, std::vector<double>& y) const {
     for (int b = 0; b < system_.n(); ++b) {
-      const auto& moved = euler.increments()[b];
+      const Increment& moved = increments[b];
       const Vec3 theta = logarithm(Mat3::Identity() + moved.turn);
       if (!(theta.norm() < most_turn_)) return false;
       store(Twist{moved.x, theta}, &y[12 * b]), store(moved.u, &y[12 * b + 6]);
@@ -221,7 +221,7 @@ class Extrapolation {
   // the oscillation of a stiff spring that displaces nothing (as in code RADAU5; Hairer and Wanner IV.8).
   double estimate() {
     for (int b = 0; b < system_.n(); ++b) rates_[b] = load(&difference_[12 * b + 6]);
-    if (whole_.filter(rates_))
+    if (whole_.equations().filter(rates_))
       for (int b = 0; b < system_.n(); ++b) store(rates_[b], &difference_[12 * b + 6]);
     return scales_.norm(difference_);
   }

@@ -11,7 +11,7 @@
 //   theta = h gamma (1 - alpha_f) / (1 - alpha_m),   rho = beta / gamma,   a = (u - from) / theta
 #pragma once
 
-#include "model/kinematics.hpp"
+#include "model/system.hpp"
 
 namespace lieeuler {
 

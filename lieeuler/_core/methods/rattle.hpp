@@ -11,7 +11,7 @@ class CompositionStepper : public HamiltonStepper<Map> {
 
  public:
   CompositionStepper(const Plan& plan, std::vector<double> weights)
-      : Rattle(plan, Level::stabilised, true, Rattle::Kind::rattle),
+      : Rattle(plan, Level::stabilised, true, HamiltonEquations<Map>::Kind::rattle),
         weights_(std::move(weights)),
         predictors_(weights_.size()) {}
 
@@ -25,7 +25,7 @@ class CompositionStepper : public HamiltonStepper<Map> {
 
   Status step(Counters& counters) {
     for (size_t i = 0; i < weights_.size(); ++i) {
-      this->index1_output_ = i + 1 == weights_.size();  // (a, lam) only at the end of the step
+      this->equations_.at.index1_output = i + 1 == weights_.size();  // (a, lam) only at the end of the step
       const Status status = this->advance(weights_[i] * whole_step_, predictors_[i], counters);
       if (status != Status::success) return status;
     }

@@ -3,7 +3,7 @@
 
 #include <array>
 
-#include "model/rows.hpp"
+#include "model/system.hpp"
 
 namespace lieeuler {
 

@@ -6,7 +6,7 @@
 // disk is  c = R s - r (n - (n . a) a) / q,  q^2 = 1 - (n . a)^2,  with its axis a; that of a sphere is  R s - r n.
 #pragma once
 
-#include "model/rows.hpp"
+#include "model/system.hpp"
 
 namespace lieeuler {
 

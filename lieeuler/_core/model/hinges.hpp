@@ -3,7 +3,6 @@
 #pragma once
 
 #include "model/graph.hpp"
-#include "model/kinematics.hpp"
 
 namespace lieeuler {
 

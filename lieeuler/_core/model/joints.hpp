@@ -385,4 +385,27 @@ class JointState {
   Vec3 arm_[2], d_;
 };
 
+// All joints at one configuration.
+class Constraints {
+ public:
+  explicit Constraints(const System& system) : system_(&system), states_(system.joints.size()) {
+    for (int j = 0; j < static_cast<int>(states_.size()); ++j)
+      for (const Part& part : system.joints[j].parts)
+        if (AxisRows::suits(part)) axes_.emplace_back(part, j);
+  }
+  Constraints(Constraints&&) = default;  // states_ point into axes_
+  Constraints& operator=(Constraints&&) = default;
+
+  void update(const Configuration& frames) {
+    for (size_t j = 0; j < states_.size(); ++j) states_[j].update(system_->joints[j], frames);
+    for (AxisRows& axes : axes_) states_[axes.joint].take(axes);
+  }
+  const JointState& operator[](int joint) const { return states_[joint]; }
+
+ private:
+  const System* system_;
+  std::vector<JointState> states_;
+  std::vector<AxisRows> axes_;
+};
+
 }  // namespace lieeuler

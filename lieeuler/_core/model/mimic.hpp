@@ -3,7 +3,7 @@
 
 #include <numbers>
 
-#include "model/kinematics.hpp"
+#include "model/forces.hpp"
 #include "model/plan.hpp"
 
 namespace lieeuler {

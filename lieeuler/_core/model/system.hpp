@@ -240,4 +240,37 @@ inline Twist velocity_of(const Body& body, const Twist& p) {
   return {p.v / body.mass, times(body.inertia_inverse, p.w - body.spin)};
 }
 
+enum Side { kParent = 0, kChild = 1 };
+inline constexpr Side kSides[2] = {kParent, kChild};
+constexpr Side opposite(Side side) { return side == kChild ? kParent : kChild; }
+
+// Three rows with respect to the quasi-velocities of one body.
+struct Rows {
+  Mat3 v = Mat3::Zero(), w = Mat3::Zero();
+};
+// A block of second derivatives: rows (v, w) of one body, columns of another.
+struct Stiffness {
+  Mat3 vv = Mat3::Zero(), vw = Mat3::Zero(), wv = Mat3::Zero(), ww = Mat3::Zero();
+};
+
+// A point of the trajectory. The last entry of frames, u and a, after the bodies, is the ground at rest.
+struct State {
+  Configuration frames;
+  std::vector<Twist> u, a;
+  std::vector<double> lam;     // of the constraints, then of rotors and leaders
+  std::vector<double> angles;  // of the torsional springs, one place per force
+
+  explicit State(const System& system)
+      : frames(system.n() + 1),
+        u(system.n() + 1),
+        a(system.n() + 1),
+        lam(system.rows() + system.others(), 0.0),
+        angles(system.forces.size(), 0.0) {}
+};
+
+EIGEN_ALWAYS_INLINE Vec3 load3(const double* at) { return {at[0], at[1], at[2]}; }
+EIGEN_ALWAYS_INLINE Twist load(const double* at) { return {load3(at), load3(at + 3)}; }
+EIGEN_ALWAYS_INLINE void store(const Vec3& value, double* at) { at[0] = value[0], at[1] = value[1], at[2] = value[2]; }
+EIGEN_ALWAYS_INLINE void store(const Twist& twist, double* at) { store(twist.v, at), store(twist.w, at + 3); }
+
 }  // namespace lieeuler

@@ -4,7 +4,7 @@
 #include <optional>
 #include <tuple>
 
-#include "model/sizes.hpp"
+#include "model/scales.hpp"
 #include "python/arrays.hpp"
 
 namespace lieeuler {

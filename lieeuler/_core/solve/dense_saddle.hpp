@@ -6,7 +6,7 @@
 #pragma once
 
 #include "linalg/full_pivot.hpp"
-#include "model/kinematics.hpp"
+#include "model/joints.hpp"
 #include "model/plan.hpp"
 
 namespace lieeuler {

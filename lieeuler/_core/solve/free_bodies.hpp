@@ -8,7 +8,7 @@
 #pragma once
 
 #include "linalg/compensated.hpp"
-#include "model/kinematics.hpp"
+#include "model/system.hpp"
 
 namespace lieeuler {
 

@@ -14,6 +14,7 @@
 #include <cstring>
 #include <numeric>
 
+#include "model/joints.hpp"
 #include "model/plan.hpp"
 
 namespace lieeuler {

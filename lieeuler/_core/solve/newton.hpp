@@ -58,8 +58,8 @@ class Predictor {
 };
 
 // Solves equations.residual(z) = 0 from the guess in z with the matrix at the guess (chord iteration), which is renewed
-// if the corrections shrink slowly. equations.correct measures a correction as h |du|, the change of the configuration,
-// because u itself has rounding errors of eps / h. `target` is the wanted error in that measure.
+// if the corrections shrink slowly. equations.at.correct measures a correction as h |du|, the change of the
+// configuration, because u itself has rounding errors of eps / h. `target` is the wanted error in that measure.
 class Newton {
  public:
   template <class Equations>
@@ -82,7 +82,7 @@ class Newton {
     ++counters.force_evaluations, ++counters.newton_iterations;
     if (const Status status = equations.residual(z, residual_); status != Status::success) return status;
     equations.solve_linear(residual_);
-    return std::isfinite(equations.correct(z, residual_)) ? Status::success : Status::non_finite;
+    return std::isfinite(equations.at.correct(z, residual_)) ? Status::success : Status::non_finite;
   }
 
   template <class Equations>
@@ -97,7 +97,7 @@ class Newton {
         if (!equations.factor()) return Status::singular_matrix;
       }
       if (!equations.solve_linear(residual_)) return Status::newton_failed;
-      const double size = equations.correct(z, residual_);
+      const double size = equations.at.correct(z, residual_);
       ++counters.newton_iterations;
       counters.most_iterations = std::max<long>(counters.most_iterations, k);
       if (!std::isfinite(size)) return Status::non_finite;

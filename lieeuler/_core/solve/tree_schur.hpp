@@ -3,6 +3,7 @@
 // makes that body's part of S constant too. For small systems this is several times cheaper than the whole matrix.
 #pragma once
 
+#include "model/joints.hpp"
 #include "model/plan.hpp"
 
 namespace lieeuler {

@@ -1,6 +1,7 @@
 // Constraint rows in world axes, as the joints give them; most eliminations of the saddle point use these.
 #pragma once
 
+#include "model/joints.hpp"
 #include "model/plan.hpp"
 
 namespace lieeuler {

@@ -94,8 +94,9 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     reduce : "welded" | "planar" | "axis" | "joints" | "off", optional
         Integrate welded bodies as one (`lieeuler.welded`), a mechanism in its plane or about fixed axes
         (`lieeuler.planar`), or an open tree in the coordinates of its joints (`lieeuler.joint_tree`, rkmk methods); the
-        multipliers are then those of the index-1 system. Default: all that applies, joints only without a plane, and
-        nothing for the Euler methods; `solution.stats.reduce` says what was done.
+        multipliers are then those of the index-1 system. Default: all that applies, joints only without a plane; of
+        the Euler methods a plane for DAE1L_LSE and DAE1H_LSE, whose steps stay the same, and nothing for the others.
+        `solution.stats.reduce` says what was done.
     conserve : bool
         End every step with the energy and angular momentum that free bodies had at the start, in twice the digits: a
         body that turns over about its middle axis then keeps three to five digits more. For taylor, rkmk54 and
@@ -206,7 +207,7 @@ class PreparedRun:
         if any(joint.drive for joint in problem.joints) and plan.t[0] != problem.time:
             problem.check_closed(float(plan.t[0]))
         self.problem, self.method = problem, method
-        self._steps = reductions(problem, METHODS[method], reduce)
+        self._steps = reductions(problem, METHODS[method], reduce, arguments.coordinate_map)
         within = self._steps[-1].problem if self._steps else problem
         self._frames = spin_free_frames(within) if plan.spin_free else None
         tree = nodes(within, self._steps, reduce, plan.run.knows_joints and self._frames is None)
@@ -221,7 +222,7 @@ class PreparedRun:
         self._begin, self._restored = float(plan.t[0]), bool(self._steps) or self._frames is not None
         self._held = [level in METHODS[method].held for level in ("position", "velocity", "acceleration")]
         record, pairs = METHODS[method], {(joint.parent, joint.child) for joint in problem.joints}
-        leaves_nothing_out = reduce == "off" or (reduce is None and record.order == 1 and "rtol" not in record.controls)
+        leaves_nothing_out = not record.reduced(arguments.coordinate_map) if reduce is None else reduce == "off"
         balls = len(pairs) == len(problem.joints) and all(joint.ball for joint in problem.joints)
         self._state_decides = not (leaves_nothing_out or balls) or (plan.spin_free and bool(symmetric_bodies(problem)))
 

@@ -80,6 +80,15 @@ class Method:
         """Whether the weight of the correction of xi is an option: in the stabilised Lagrangian methods."""
         return self.formulation == "lagrange" and self.level == "stabilised"
 
+    def reduced(self, coordinate_map: str) -> tuple[str, ...]:
+        """What `integrate(reduce=None)` may leave out: for an Euler method only what changes no step and no multiplier.
+
+        In a plane all maps but ccsk turn by the same angle in any axes; multipliers have to be those of index 1.
+        """
+        if self.order != 1:
+            return "welded", "planar", "axis", "joints"
+        return ("planar", "axis") if self.index1_output and coordinate_map != "ccsk" else ()
+
     def refused_map(self, coordinate_map: str) -> str | None:
         """Why the method does not work with this map of `COORDINATE_MAPS`, or None if it does."""
         if self.formulation != "index1" and self.order != 1 and coordinate_map == "ccsk":

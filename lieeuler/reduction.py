@@ -20,9 +20,8 @@ MOST_NODES = 2
 """Joint coordinates pay up to so many nodes a body: measured on bodies in a plane, which have three."""
 
 
-def reductions(problem: Problem, method: Method, wanted: str | None) -> list[Welded | Plane]:
-    """What a method leaves out of a problem, the first step first: by default all that applies, but nothing for the
-    Euler methods.
+def reductions(problem: Problem, method: Method, wanted: str | None, coordinate_map: str) -> list[Welded | Plane]:
+    """What a method leaves out of a problem, the first step first; by default what applies of `Method.reduced`.
 
     Raises
     ------
@@ -31,16 +30,14 @@ def reductions(problem: Problem, method: Method, wanted: str | None) -> list[Wel
     """
     if not (wanted is None or (isinstance(wanted, str) and wanted in WORDS)):
         raise ArgumentError(f"reduce must be one of {', '.join(WORDS)}, not {wanted!r}")
-    if wanted == "off" or (wanted is None and method.order == 1 and "rtol" not in method.controls):
-        return []
+    words = {wanted} if wanted else {*method.reduced(coordinate_map)}
     steps: list[Welded | Plane] = []
-    if wanted in (None, "welded", "joints") and (welded := welded_for(problem)):
+    if words & {"welded", "joints"} and (welded := welded_for(problem)):
         steps.append(welded)
     if wanted == "welded" and not steps:
         raise ArgumentError("reduce='welded' does not apply: no two bodies are welded, joints are open at the start, "
                             "or a weld, joint or force ties a body to one that it is welded to")
-    if wanted in (None, "planar", "axis") and (plane := plane_for(steps[-1].problem if steps else problem, method,
-                                                                  wanted)):
+    if words & {"planar", "axis"} and (plane := plane_for(steps[-1].problem if steps else problem, method, wanted)):
         steps.append(plane)
     return steps
 

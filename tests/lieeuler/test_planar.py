@@ -16,6 +16,7 @@ from tests import random_mechanisms
 from tests.lieeuler.accuracy import largest_difference, library
 
 PLANAR = ("four_bar", "parallelogram", "planar_slider", "driven_cart", "torsion_wheel", "hinge_pendulum")
+TURNING = ("torsion_wheel", "hinge_pendulum")
 
 
 def turned(problem, Q):
@@ -52,6 +53,21 @@ def test_a_plane_changes_nothing_but_the_cost(name, method):
     assert (on.stats.reduce, off.stats.reduce) == ("planar", "off")
     assert on.stats.redundant_rows == off.stats.redundant_rows
     assert largest_difference(off, on) < (1e-8 if name == "parallelogram" else 2e-11)
+
+
+@pytest.mark.parametrize(("method", "options"), [
+    ("DAE1L_LSE", {"coordinate_map": "cayley"}), ("DAE1L_LSE", {"correction": "plain", "polish": False}),
+    ("DAE1H_LSE", {"coordinate_map": "cayley"})])
+@pytest.mark.parametrize("name", PLANAR)
+def test_euler_steps_are_those_of_the_whole_system(name, method, options):
+    """To rounding, with every map that turns alike in any axes: so a plane is left out by default."""
+    problem = library(name)
+    off, on = (lieeuler.integrate(problem, method, 1e-3, np.linspace(0, 0.03, 4), reduce=word, **options)
+               for word in ("off", None))
+    assert (on.stats.reduce, off.stats.reduce) == ("axis" if name in TURNING else "planar", "off")
+    for field in ("x", "R", "v", "w", "a", "alpha", "lam"):
+        a, b = getattr(off, field), getattr(on, field)
+        assert np.abs(a - b).max() < 1e-11 * np.abs(a).max(), field
 
 
 @pytest.mark.parametrize("method", ["taylor", "rkmk853", "seulex"])
@@ -232,7 +248,9 @@ def test_words():
         lieeuler.integrate(problem, "rattle2", 1e-3, [0.0, 0.01], reduce="plane")
     with pytest.raises(lieeuler.ArgumentError, match="reduce='axis' does not apply: its bodies do not all turn"):
         lieeuler.integrate(problem, "rattle2", 1e-3, [0.0, 0.01], reduce="axis")
-    assert lieeuler.integrate(problem, "DAE1L_LSE", 1e-3, [0.0, 0.01]).stats.reduce == "off"
+    for method, chart, word in (("DAE1L_LSE", "exp", "planar"), ("DAE1H_LSE", "cayley", "planar"),
+                                ("DAE1L_LSE", "ccsk", "off"), ("DAE2L_LSE", "exp", "off"), ("INDEX1_LE", "exp", "off")):
+        assert lieeuler.integrate(problem, method, 1e-3, [0.0, 0.01], coordinate_map=chart).stats.reduce == word
     assert lieeuler.integrate(pickle.loads(pickle.dumps(problem)), "rkmk4", 1e-3, [0.0, 0.01]).stats.reduce == "planar"
 
 

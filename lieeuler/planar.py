@@ -118,20 +118,11 @@ def plane_of(problem: Problem, pins: bool) -> Plane:
     view = _View(problem, _normal(problem))
     _check(problem, view.e)
     within = [_within(view, k) for k in range(len(problem.joints))]
-    groups = [{b} for b in range(problem.n)]  # of bodies whose heights depend on each other
-    pinned: set[int] = set()
+    points = _points(problem, within, pins)
     joints = []
-    for joint, rows in zip(problem.joints, within, strict=True):
-        point = len(rows.across) == 2
-        if joint.parent == GROUND:
-            point = point and pins and joint.child not in pinned
-            pinned.add(joint.child)
-        elif point := point and groups[joint.parent] is not groups[joint.child]:
-            groups[joint.parent] |= groups[joint.child]
-            for body in groups[joint.child]:
-                groups[body] = groups[joint.parent]
-        if point or rows.angle or len(rows.across) or joint.drive:
-            joints.append(_joint(view, joint, rows, point))
+    for k, (joint, rows) in enumerate(zip(problem.joints, within, strict=True)):
+        if k in points or rows.angle or len(rows.across) or joint.drive:
+            joints.append(_joint(view, joint, rows, k in points))
         elif joint.rotors:
             raise NotPlanar("a joint without rows in the plane has a rotor")
     bodies = tuple(Body(body.mass, float(P[2] @ body.inertia @ P[2]) * np.eye(3))
@@ -146,6 +137,27 @@ def plane_of(problem: Problem, pins: bool) -> Plane:
     word = "axis" if sorted(turning) == list(range(problem.n)) and len(problem.joints) == problem.n else "planar"
     flat.kernel.turns_about_pins = word == "axis"
     return Plane(problem, flat, view.e, view.turn, view.frames, word)
+
+
+def _points(problem: Problem, within: list[_Within], pins: bool) -> set[int]:
+    """The joints whose two rows are taken as those of a point, which also ties heights, as long as these form a tree.
+
+    Joints between bodies first: rows of directions there would couple the bodies, those on the ground do not.
+    """
+    groups = [{b} for b in (*range(problem.n), GROUND)]  # whose heights depend on each other
+    points, pinned = set(), set()
+    for k, joint in sorted(enumerate(problem.joints), key=lambda item: item[1].parent == GROUND):
+        parent, child, pin = groups[joint.parent], groups[joint.child], pins and joint.parent == GROUND
+        if len(within[k].across) != 2 or parent is child or (pin and joint.child in pinned):
+            continue
+        points.add(k)
+        if pin:  # no row
+            pinned.add(joint.child)
+            continue
+        parent |= child
+        for body in child:
+            groups[body] = parent
+    return points
 
 
 class _View:

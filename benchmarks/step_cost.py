@@ -4,10 +4,10 @@ Run with `python -m benchmarks.step_cost` or `make benchmark`; `--json` prints t
 
 What is timed: the stepping alone (`wall_time` of a run: no model building, no sampling, no monitor), exponential map,
 two samples, one thread. How: all contenders take turns in one process, so that a slow spell of the machine hits
-each of them; medians over the rounds, spread as the median absolute deviation, and the ratio to the scene's yardstick as
-the median of the ratios within a round, in which such spells cancel. A turn is the fastest of a few in which the
-process did not wait for its processor. It does not tell how accurate a step is. MuJoCo
-steps joint coordinates, the methods here step bodies with multipliers and solve each step to rounding level.
+each of them; medians over the rounds, spread as the median absolute deviation, and the ratio to the yardstick of the
+scene as the median of the ratios within a round, in which such spells cancel. A turn is the fastest of a few in which
+the process did not wait for its processor. It does not tell how accurate a step is. MuJoCo steps joint coordinates,
+the methods here step bodies with multipliers and solve each step to rounding level.
 """
 
 from __future__ import annotations

@@ -56,6 +56,12 @@ SECONDS = 30
 On a busy machine a clock would lie."""
 
 
+@functools.cache
+def source(path: pathlib.Path) -> str:
+    """The text of a module as it was at the start: it may be edited meanwhile."""
+    return path.read_text(encoding="utf-8")
+
+
 class Mutant(NamedTuple):
     """One wrong thing: in the node of this place in `ast.walk`, a field gets another content."""
 
@@ -68,7 +74,7 @@ class Mutant(NamedTuple):
 
     @property
     def tree(self) -> ast.Module:
-        tree = ast.parse(self.path.read_text(encoding="utf-8"))
+        tree = ast.parse(source(self.path))
         setattr(next(itertools.islice(ast.walk(tree), self.place, None)), self.field, self.after)
         return ast.fix_missing_locations(tree)
 
@@ -105,7 +111,7 @@ def inner_lines(code: CodeType) -> Iterator[tuple[int, int, int]]:
 def mutants(pattern: str) -> list[Mutant]:
     """All of these files."""
     return [Mutant(path, place, node.lineno, *change) for path in sorted(ROOT.glob(pattern))
-            for place, node in enumerate(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+            for place, node in enumerate(ast.walk(ast.parse(source(path))))
             for change in changes(node)]
 
 

@@ -29,6 +29,9 @@ FORCES = {"linear_spring", "torsional_spring", "constant_force", "constant_torqu
 ENGINES = {"mujoco", "pinocchio", "exudyn", "drake", "dart", "mjx", "newton", "pybullet"}
 SMALL = {0, 1, 2, -1, 0.5, 3}
 """Numbers that need no reason: dimensions, halves, the step of a range."""
+SHAPING = {"reshape", "split", "range", "zeros", "ones", "eye", "clip"}
+"""Calls whose numbers count components."""
+SIMPLE = (ast.Assign, ast.AnnAssign, ast.AugAssign, ast.Return, ast.Expr)
 
 
 class House:
@@ -36,9 +39,10 @@ class House:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self.parsed = {path.relative_to(root).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
-                       for folder in ("crosscheck", "lieeuler", "tests")
-                       for path in sorted((root / folder).rglob("*.py"))}
+        self.texts = {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8")
+                      for folder in ("crosscheck", "lieeuler", "tests")
+                      for path in sorted((root / folder).rglob("*.py"))}
+        self.parsed = {name: ast.parse(text) for name, text in self.texts.items()}
 
     def nodes(self, under: str) -> Iterator[tuple[str, ast.AST]]:
         """(file, node) of all that is below a folder."""
@@ -91,6 +95,45 @@ def is_a_number(node: ast.AST) -> bool:
             and not isinstance(node.value, bool) and node.value not in SMALL)
 
 
+def reasoned(text: str, tree: ast.Module) -> Iterator[ast.AST]:
+    """What has its reason beside it: the string below an assignment, the comment above a statement or in its line."""
+    lines = text.splitlines()
+    for each, following in zip(tree.body, tree.body[1:], strict=False):
+        told = isinstance(following, ast.Expr) and isinstance(getattr(following.value, "value", None), str)
+        if isinstance(each, ast.Assign | ast.AnnAssign) and told:
+            yield from ast.walk(each)
+    for node in ast.walk(tree):
+        if isinstance(node, SIMPLE) and lines[node.lineno - 2].lstrip().startswith("#"):
+            yield from ast.walk(node)
+        elif isinstance(node, ast.Constant) and "  # " in lines[node.lineno - 1]:
+            yield node
+
+
+def says_a_shape(node: ast.AST) -> Iterator[ast.AST]:
+    """Numbers of this node that count components, places or hundredths, or are a power of ten or two."""
+    if isinstance(node, ast.Subscript):
+        yield from ast.walk(node.slice)
+    elif isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in SHAPING:
+        yield from (inner for each in node.args for inner in ast.walk(each))
+    elif isinstance(node, ast.Compare) and ".shape" in ast.unparse(node.left):
+        yield from ast.walk(node)
+    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+        yield from (node.left, *ast.walk(node.right))
+    elif isinstance(node, ast.FormattedValue):
+        yield from ast.walk(node)
+
+
+def unreasoned(house: House) -> int:
+    """Numbers of the judge that are neither shapes nor named with their reason beside."""
+    count = 0
+    for name, tree in house.parsed.items():
+        if name.startswith("crosscheck/judge/"):
+            known = {id(each) for each in reasoned(house.texts[name], tree)} | {
+                id(each) for node in ast.walk(tree) for each in says_a_shape(node)}
+            count += sum(is_a_number(node) and id(node) not in known for node in ast.walk(tree))
+    return count
+
+
 def inner_imports(house: House) -> int:
     """Imports of own modules inside functions, each once."""
     found = set()
@@ -121,6 +164,7 @@ def figures(root: Path) -> dict[str, int]:
         "files that name a force type": house.naming(FORCES),
         "files outside adapters that name an engine": house.naming(ENGINES, "crosscheck/adapters/"),
         "numbers in the judge": house.count("crosscheck/judge/", is_a_number),
+        "of these neither shapes nor with a reason beside": unreasoned(house),
         "own imports inside functions": inner_imports(house),
         "getattr": house.count(crosscheck, lambda node: isinstance(node, ast.Call) and getattr(
             node.func, "id", "") == "getattr"),

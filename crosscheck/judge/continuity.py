@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
-from crosscheck.judge.metrics import attitude_angle
+from crosscheck.judge.metrics import attitude_angle, up_to
 from crosscheck.references.base import Reference
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
@@ -71,7 +71,7 @@ def _continuity(scene: Scene, traj: Any, truth: Reference, eps: float) -> Findin
 
 def _judged_times(truth: Reference) -> int:
     """Number of output times up to the horizon, at least two."""
-    return max(2, int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))))
+    return max(2, int(np.count_nonzero(up_to(truth.t, truth.horizon))))
 
 
 def _reset(scene: Scene, traj: Any, truth: Reference) -> Finding:

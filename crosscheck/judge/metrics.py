@@ -24,6 +24,11 @@ SETTLED = 0.05
 """Orders between neighbouring steps count as equal up to this difference, which noise alone may make."""
 
 
+def up_to(t: np.ndarray, end: float) -> np.ndarray:
+    """Which times (s) are no later than the end (s)."""
+    return t <= end * (1 + 1e-12)  # both are sums, with roundings of their own
+
+
 @dataclasses.dataclass(frozen=True)
 class Error:
     """Error of one quantity against truth over a run, in the unit of the quantity."""
@@ -83,7 +88,7 @@ def errors(scene: Scene, run: Motion, truth: Motion, until: float = np.inf) -> d
 
     The error is infinite at times at which the run is not finite.
     """
-    keep = truth.t <= until * (1 + 1e-12)
+    keep = up_to(truth.t, until)
     times = truth.t[keep]
     result = {}
     for quantity, values in differences(run, truth).items():

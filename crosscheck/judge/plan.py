@@ -50,6 +50,12 @@ PLANS = {
         practical=1e-3),
 }
 
+ORDERS = (1, 2, 4, 6, 8)
+"""Orders with steps of their own; a method of another takes those of the next lower."""
+
+FEWEST = 20
+"""Steps of a run at least, so that what a method does in one of them is not the whole motion."""
+
 SHARE = 0.01
 """Bound of the error, as a share of the scene's size, at a step that is chosen by rule."""
 
@@ -59,17 +65,17 @@ def plan_from_truth(scene: Scene, truth: Reference) -> Plan:
     window = float(truth.t[-1])
     scale = tolerances.scales(scene, truth)
     steps = {}
-    for order in (1, 2, 4, 6, 8):
+    for order in ORDERS:
         size = truth.amplification * window * tolerances.derivative(truth, order + 1, scale)
         step = (SHARE / max(size, tolerances.EPS)) ** (1 / order)
-        steps[order] = _readable(min(step, window / 20))
+        steps[order] = _readable(min(step, window / FEWEST))
     return Plan(window, steps, {order: halved(4 * step) for order, step in steps.items()})
 
 
 def plan_without_truth(scene: Scene) -> Plan:
     """Steps for a scene without truth: shares of the time in which it falls or turns by about a radian."""
     unit = natural_time(scene)
-    steps = {order: _readable(min(share * unit, scene.duration / 20)) for order, share in ((1, 1e-3), (2, 1e-2))}
+    steps = {order: _readable(min(share * unit, scene.duration / FEWEST)) for order, share in ((1, 1e-3), (2, 1e-2))}
     return Plan(min(1.0, scene.duration), steps, {})
 
 

@@ -18,7 +18,7 @@ from crosscheck.judge import tolerances
 from crosscheck.judge.accelerations import SETTLED, WITHIN, by_equations, calm_ends, within_steps
 from crosscheck.judge.claim import Claim
 from crosscheck.judge.defects import RATES, Defects
-from crosscheck.judge.metrics import Error
+from crosscheck.judge.metrics import Error, up_to
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
 from crosscheck.scene.constraints import Constraints
@@ -80,7 +80,7 @@ def judge_sensors(scene: Scene, traj: Any, truth: Reference, until: float, state
     """
     if not scene.sensors:
         return [], {}
-    exact, keep = readings(scene, truth.states), truth.t <= until * (1 + 1e-12)
+    exact, keep = readings(scene, truth.states), up_to(truth.t, until)
     bare = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     itself = [bare, *([] if traj.a is None else [dataclasses.replace(bare, a=traj.a, alpha=traj.alpha)])]
     rounding = (ALIKE + OPENED * traj.constraint_position / tolerances.scales(scene, truth).length

@@ -326,7 +326,7 @@ def orthogonality(on_group: bool, steps: int, eps: float = EPS) -> Tol:
     """Bound of max |R^T R - I| over a run. `on_group`: the engine declares that its attitudes stay on SO(3)."""
     if on_group:
         return Tol(ORTHOGONALITY * eps / EPS, "attitudes stay on the group by construction: rounding level")
-    growth = max(ORTHOGONALITY * eps / EPS, 4 * eps * steps)
+    growth = max(ORTHOGONALITY * eps / EPS, 4 * eps * steps)  # of nine products of three terms each
     return Tol(growth, f"rounding of one product a step, {steps} steps, never more than 4 eps each")
 
 

@@ -32,7 +32,7 @@ from crosscheck.judge import known, tolerances
 from crosscheck.judge.claim import Claim
 from crosscheck.judge.crossings import near_impacts
 from crosscheck.judge.defects import Defects
-from crosscheck.judge.metrics import Error, Plateau, errors, observed_order
+from crosscheck.judge.metrics import Error, Plateau, errors, observed_order, up_to
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
 from crosscheck.scene import mechanics
@@ -141,7 +141,7 @@ def _conservative(scene: Scene, truth: Reference) -> bool:
 
 def judge_invariants(scene: Scene, traj: Any, truth: Reference, bounds: Bounds) -> list[Finding]:
     """Judge energy and vertical angular momentum against those of truth, up to the time that the bounds judge."""
-    keep, where = truth.t <= bounds.until * (1 + 1e-12), f"up to {bounds.until:g} s"
+    keep, where = up_to(truth.t, bounds.until), f"up to {bounds.until:g} s"
     keep &= True if bounds.near is None else ~bounds.near
     exact_energy = mechanics.energy(scene, truth.states)
     exact_momentum = mechanics.momentum_vertical(scene, truth.states)
@@ -160,7 +160,7 @@ def judge_practical(scene: Scene, traj: Any, truth: Reference) -> Finding:
     """
     scale = tolerances.scales(scene, truth)
     # A constant energy is known for all times, one that loads and dampers change only up to the horizon.
-    keep = slice(None) if _conservative(scene, truth) else truth.t <= truth.horizon * (1 + 1e-12)
+    keep = slice(None) if _conservative(scene, truth) else up_to(truth.t, truth.horizon)
     change = np.abs(traj.energy - mechanics.energy(scene, truth.states))[keep].max() / scale.kinetic
     lift = scene.masses.sum() * np.linalg.norm(scene.gravity) * 2 * scale.reach / scale.kinetic
     why = "the energy of lifting all bodies from bottom to top, 2 m g times the reach"
@@ -208,7 +208,7 @@ def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bound
             findings.append(Finding(kind, "unjudged", everywhere, None, unit,
                                     "the method does not enforce this level, and no bound of a state implies one"))
             continue
-        keep = truth.t <= bounds.until * (1 + 1e-12)
+        keep = up_to(truth.t, bounds.until)
         judged = _judged(kind, float(np.max(series[keep])), free, unit, f"up to {bounds.until:g} s",
                          kind in bounds.empty)
         findings.append(judged if run is None or judged.status == "fail" else

@@ -24,7 +24,7 @@ from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jobs.drive import Crash, Limits, run_tasks
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge import tolerances
-from crosscheck.judge.metrics import attitude_angle
+from crosscheck.judge.metrics import attitude_angle, up_to
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference
 from crosscheck.running.attempt import Failed, Refused, attempt, lasting
@@ -133,7 +133,7 @@ class Row(Way, frozen=True, kw_only=True):
 
 def target(scene: Scene, truth: Reference) -> Target:
     """The true state at the last sample of a scene that is not past the horizon of its truth."""
-    last = int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1
+    last = int(np.count_nonzero(up_to(truth.t, truth.horizon))) - 1
     if last < 1:
         raise ArgumentError(f"scene {scene.name!r}: chaotic from its first sample on; give it more samples")
     moved = float(np.linalg.norm(truth.states.x[:last + 1] - truth.states.x[0], axis=-1).max())

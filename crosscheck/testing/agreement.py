@@ -15,7 +15,7 @@ from crosscheck.adapters.base import RunSpec
 from crosscheck.document import QUANTITIES, Way
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import tolerances
-from crosscheck.judge.metrics import differences
+from crosscheck.judge.metrics import differences, up_to
 from crosscheck.judge.plan import plan_from_truth
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
@@ -69,7 +69,7 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
     trajectories = [(run or run_scene)(loaded, each.engine, each.method, **each.arguments) for each in contenders]
     bounds = [_documented_bounds(loaded, reference, each, traj) if tol is None else tol
               for each, traj in zip(contenders, trajectories, strict=True)]
-    keep = reference.t <= reference.horizon * (1 + 1e-12)
+    keep = up_to(reference.t, reference.horizon)
     for each, traj, allowed in zip(contenders, trajectories, bounds, strict=True):
         _compare(loaded, f"{named(each)} and truth", traj, reference.states, allowed, keep)
     for i in range(len(contenders)):

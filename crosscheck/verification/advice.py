@@ -30,6 +30,7 @@ from crosscheck.document import Advice, Record, SceneTruth, Way, extended
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said
 from crosscheck.jobs.table import Table, digest
 from crosscheck.judge import tolerances
+from crosscheck.judge.metrics import up_to
 from crosscheck.references.base import Reference
 from crosscheck.running import provenance, versions
 from crosscheck.running.attempt import Outcome, Ran, attempt, lasting
@@ -140,7 +141,7 @@ class _Walker:
 
     def __init__(self, scene: Scene, engine: str, truth: Reference) -> None:
         self._scene, self._engine, self._truth = scene, engine, truth
-        self._last = max(1, int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1)
+        self._last = max(1, int(np.count_nonzero(up_to(truth.t, truth.horizon))) - 1)
         self._interval = scene.duration / (scene.samples - 1)
         size = tolerances.scales(scene, truth).of("position")
         self._walk = Walk(scene.name, engine, size, float(truth.t[self._last]))

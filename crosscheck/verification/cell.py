@@ -20,7 +20,7 @@ from crosscheck.judge.defects import MOST_BODIES, Defects, measured
 from crosscheck.judge.flow import Answer
 from crosscheck.judge.intervals import Judged as Covered
 from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows, unjudged
-from crosscheck.judge.metrics import Error, errors
+from crosscheck.judge.metrics import Error, errors, up_to
 from crosscheck.judge.overrides import override
 from crosscheck.judge.repeats import judge_axes, judge_repeat, seen_eps, shown_floor
 from crosscheck.judge.sensors import judge_sensors
@@ -234,7 +234,7 @@ def _over_truth(scene: Scene, traj: Trajectory, reference: Reference, sensors: M
     until = f"up to {min(reference.horizon, scene.duration):g} s, as far as truth reaches"
     largest = {name: (error.max, f"body {error.body}, t = {error.time:.4g} s, {until}")
                for name, error in errors(scene, traj, reference.states, reference.horizon).items()}
-    keep = reference.t <= reference.horizon * (1 + 1e-12)
+    keep = up_to(reference.t, reference.horizon)
     largest |= {kind: (float(error.series[keep].max()), f"{error.body}, {until}") for kind, error in sensors.items()
                 if kind.startswith("sensor ")}
     for name, own, true, size in (

@@ -147,7 +147,7 @@ def _print_derivatives(exact: Any, verdicts: Any, skipped: dict[str, str]) -> No
     for name, values in exact.blocks.items():
         if name != "matrix" or exact.da_dq is None:
             say(f"{name}, known to {exact.error:.0e} of its largest entry")
-            for row in values:
+            for row in np.where(np.abs(values) > exact.error * np.abs(values).max(initial=0.0), values, 0.0):
                 say("  ".join(f"{value: .10g}" for value in row), indent=2)
     for each in verdicts:
         told = "  ".join(f"{name} {error:.1e}" for name, error in each.errors.items())
@@ -158,8 +158,9 @@ def _print_derivatives(exact: Any, verdicts: Any, skipped: dict[str, str]) -> No
         best = min(curve, key=lambda each: max(error for name, error in each.errors.items() if name != "da_dtau"))
         say(f"of MuJoCo's steps {best.source.partition('@')[2]} is the best; larger ones have the error of order one, "
             "smaller ones that of rounding")
-    for name, reason in skipped.items():
-        say(f"{name} is left out: {reason}")
+    for reason in dict.fromkeys(skipped.values()):
+        names = [name for name, other in skipped.items() if other == reason]
+        say(f"left out: {', '.join(names)}: {reason}")
 
 
 def modes(

@@ -140,6 +140,7 @@ def pinocchio_at(scene: Scene) -> tuple[Any, np.ndarray, np.ndarray, Where]:
     from crosscheck.adapters.pinocchio.dynamics import Dynamics
     from crosscheck.adapters.pinocchio.models import build
 
+    _require("pinocchio", scene)
     made = build(scene, "tree")
     q, v = made.initial_state()
     count = len(v)
@@ -239,6 +240,7 @@ def exudyn_linearised(scene: Scene) -> Blocks:
     from crosscheck.adapters.exudyn import kinematic_tree, solving
 
     _refuse_balls(scene, "exudyn")
+    _require("exudyn", scene, "tree")
     exudyn, space = solving.load(), JointSpace(scene)
     model, linearised = kinematic_tree.kinematic_tree(scene, "XYZ"), importlib.import_module("exudyn.solver")
     M, K, D = (np.array(part) for part in linearised.ComputeLinearizedSystem(model.system))
@@ -249,6 +251,14 @@ def exudyn_linearised(scene: Scene) -> Blocks:
     steps = how.relativeEpsilon * (how.minimumCoordinateSize + np.array([0.0, np.abs([q, space.rates]).max()]))
     return Blocks.of(where, -inverse @ K, -inverse @ D, inverse, order=1, eps=steps[1],
                      rounding=2.0**-52 * steps[1] / steps[0])
+
+
+def _require(name: str, scene: Scene, form: str | None = None) -> None:
+    """Raise unless an engine has a method for the scene."""
+    engine = adapters.get(name)
+    reasons = [engine.unsupported(scene, RunSpec(method, step=1e-3, form=form)) for method in engine.methods]
+    if None not in reasons:
+        raise Unsupported(f"{name} on {scene.name!r}: {reasons[0]}")
 
 
 def _refuse_balls(scene: Scene, who: str) -> None:
@@ -265,10 +275,7 @@ def drake_autodiff(scene: Scene) -> Blocks:
 
     from crosscheck.adapters import drake
 
-    engine = drake.Drake()
-    reason = engine.unsupported(scene, RunSpec(engine.methods[0]))
-    if reason:
-        raise Unsupported(f"drake on {scene.name!r}: {reason}")
+    _require("drake", scene)
     _refuse_balls(scene, "drake")
     model = drake.Model(scene)
     model.start(scene, model.bench)

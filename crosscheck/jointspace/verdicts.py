@@ -30,10 +30,13 @@ DIFFERENCE = 1e-3
 MOST_DIGITS, WHOLE = 1e9, 1e-3
 """Differences with a small step, in last digits of the accelerations, and how far they may be from whole numbers."""
 
-LINEAR = 0.1  # part by which an error may miss a tenth of that with ten times its step
+LINEAR = 0.1  # part by which an error may miss ten times, or a tenth of, that with a tenth of, or ten times its step
 
 WRONG = 1e-5
 """Part of the largest acceleration by which those of an engine are wrong; Exudyn's rows have rounding of 1e-7."""
+
+AMPLIFIED = 100.0
+"""Ratio of the errors of derivatives to those of accelerations above which these do not explain them."""
 
 EXPLAINED = 0.02
 """Part of a difference that may be left of it once the cause is in the truth, besides the bound."""
@@ -61,7 +64,8 @@ def judge(scene: Scene, source: Any, exact: Derivatives | None = None) -> Verdic
               for name, values in given.blocks.items()}
     bound = float(max(given.error, exact.error))
     wrong = {name: given.blocks[name] for name, error in errors.items() if not error <= bound}
-    cause = (wrong and (cause_of(scene, exact, wrong, bound) or _of_its_own(scene, source, given.source, exact))) or ""
+    cause = (wrong and (cause_of(scene, exact, wrong, bound) or _of_its_own(
+            scene, source, given.source, max(errors.values()), exact))) or ""
     return Verdict(given.source, errors, bound, not wrong, cause)
 
 
@@ -89,11 +93,11 @@ def _on_loops(scene: Scene, source: Any, known: float) -> Verdict:
             (words, tangent_space(each).a) for words, each in _models(scene)))
             if off(changed) <= bound + EXPLAINED * error), "")
     if not error <= bound and not cause and blocks.order == 1 and isinstance(source, str):
-        finer = apart(f"{label.partition('@')[0]}@{blocks.eps / 10:g}")[-1](exact.a)
-        if abs(10 * finer / error - 1) < LINEAR:
+        others = (apart(f"{label.partition('@')[0]}@{blocks.eps * k:g}")[-1](exact.a) / k for k in (0.1, 10.0))
+        if any(abs(other / error - 1) < LINEAR for other in others):
             cause = f"forward differences of soft loops: their error is {error / blocks.eps:.0e} times their step"
     if not error <= bound and not cause:
-        cause = _of_its_own(scene, source, label)
+        cause = _of_its_own(scene, source, label, error)
     return Verdict(label, {"tangent": error}, bound, error <= bound, cause)
 
 
@@ -117,14 +121,14 @@ def cause_of(scene: Scene, exact: Derivatives, wrong: dict[str, np.ndarray], bou
     return ""
 
 
-def _of_its_own(scene: Scene, source: Any, label: str, exact: Derivatives | None = None) -> str:
+def _of_its_own(scene: Scene, source: Any, label: str, error: float, exact: Derivatives | None = None) -> str:
     """What the accelerations of the engine itself say, where no known mistake explains its derivatives."""
     name, _, way = label.partition(":")
     with contextlib.suppress(Unsupported, EngineError):
         said = acceleration(scene, adapters.get(source if name not in adapters.names() else name))
         true = np.real(responses(scene, TreeSpace(scene).start.states, True)[0])
         off = float(np.abs(said - true).max() / max(1.0, np.abs(true).max()))
-        if off > WRONG:
+        if off > max(WRONG, error / AMPLIFIED):
             return f"its accelerations are wrong themselves, by {off:.2g} of the largest"
         if way in GIVEN and exact is not None and judge(scene, f"{name}:differences", exact).right:
             composite = [joint.name for joint in scene.joints if len(joint.kind.motion) > 1 and name == "pinocchio"]

@@ -195,14 +195,20 @@ def test_automatic_derivatives_where_they_are_installed(source, module):
         judge(balls(), source)
 
 
-def test_angles_of_balls_are_not_the_coordinates_of_the_scene():
-    with pytest.raises(crosscheck.Unsupported, match="'tip' has three angles"):
-        judge(crosscheck.load_scene("heavy_top"), "exudyn:linearised")
+@pytest.mark.parametrize(("scene", "source", "said"), [
+    ("heavy_top", "exudyn:linearised", "its ball joint 'tip' has three angles"),
+    ("driven_cart", "exudyn:linearised", "a rest angle that moves"),
+    ("rolling_disk", "pinocchio:aba", "joint 'rim' is a rolling_disk"),
+    ("driven_slider_crank", "pinocchio:constrained", "joint 'motor' has the key drive")])
+def test_sources_refuse_what_their_engines_lack(scene, source, said):
+    with pytest.raises(crosscheck.Unsupported, match=said):
+        judge(crosscheck.load_scene(scene), source)
 
 
 @pytest.mark.parametrize(("source", "most", "cause"), [
     ("pinocchio:constrained", 1e-13, ""), ("mujoco:transitionFD", 3e-5, ""), ("pinocchio:differences", 1e-9, ""),
-    ("lieeuler:differences", 1e-9, ""), ("mujoco:inverseFD", None, "forward differences of soft loops")])
+    ("lieeuler:differences", 1e-9, ""), ("mujoco:inverseFD", None, "forward differences of soft loops"),
+    ("mujoco:inverseFD@1e-9", None, "forward differences of soft loops")])
 def test_verdicts_on_a_loop(source, most, cause):
     verdict = judge(crosscheck.load_scene("four_bar"), source)
     assert verdict.right == (not cause)
@@ -416,7 +422,9 @@ RIGHT = {
     "differences that say so": (joints, lambda b, s: by_differences(1e-6)(b, s) | {"order": 1, "eps": 1e-6}),
     "central ones that say so": (joints, lambda b, s: by_differences(1e-4, True)(b, s) | {"order": 2, "eps": 1e-4}),
     "balls": (balls, lambda b, _: b),
-    "a top": (lambda: crosscheck.load_scene("heavy_top"), lambda b, _: b),
+    **{name: (lambda name=name: crosscheck.load_scene(name), lambda b, _: b) for name in (
+        "heavy_top", "universal_pendulum", "cylindrical_pendulum", "geared_arm")},
+    "a transposed inverse of rotors": (lambda: arm(3, seed=4, armature=5.0), each(np.transpose, "da_dtau")),
 }
 
 

@@ -27,7 +27,7 @@ from crosscheck.jointspace.modes import modes as find
 from crosscheck.jointspace.parameters import altered, unit
 from crosscheck.jointspace.verdicts import Verdict, judge
 from crosscheck.scene.models import import_file
-from crosscheck.scene.models.words import quoted, together
+from crosscheck.scene.models.words import shortened
 
 
 def import_(
@@ -63,7 +63,7 @@ def import_(
         typer.echo(f"it holds until the first of {counted(len(scene.monitors), 'monitor')}: a joint leaves its range, "
                    "or two bodies touch")
     typer.echo(f"written: {out}")
-    for words in together(map(quoted, scene.left_out)):
+    for words in shortened(scene.left_out):
         typer.echo(f"left out: {words}")
     if (reason := adapters.get("lieeuler").unsupported(scene, RunSpec("taylor", rtol=1e-9))) is not None:
         typer.echo(f"lieeuler cannot run it: {reason}")

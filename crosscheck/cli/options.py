@@ -17,6 +17,7 @@ from crosscheck.files import cache_folder, finite
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.models import import_file, import_model, is_model
+from crosscheck.scene.models.words import shortened
 
 
 def _known_map(given: str | Sequence[str] | None) -> Any:
@@ -52,6 +53,7 @@ MemoryLimit = Annotated[float, typer.Option(help="GB resident of one worker proc
 AsJson = Annotated[bool, typer.Option("--json", help="print everything as JSON")]
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
+Scenes = Annotated[list[str] | None, typer.Argument(help="scenes, as by --scene; default: those of the profile")]
 EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(
     "a name, name==version, or a class of your own as module:Class or path/file.py:Class; may be repeated; "
     "default: all"))]
@@ -82,9 +84,13 @@ def loaded(name: str, drop: bool, keyframe: str | None, control: Iterable[str] |
         return load_scene(name)
     scene = import_model(name, keyframe=keyframe, drop=drop, controls=controls(control),
                          limits=limits)  # type: ignore[arg-type]
-    for words in scene.left_out:
-        typer.echo(f"left out of {name}: {words}", err=True)
+    _say_left_out(name, scene)
     return scene
+
+
+def _say_left_out(name: str, scene: Scene) -> None:
+    for words in shortened(scene.left_out):
+        typer.echo(f"left out of {name}: {words}", err=True)
 
 
 def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None, control: Sequence[str] | None = None,
@@ -101,8 +107,7 @@ def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None, c
         target = cache_folder() / "models" / key / f"{Path(name).stem}.toml"
         target.parent.mkdir(parents=True, exist_ok=True)
         scene = import_file(name, target, drop=drop, keyframe=keyframe, controls=controls(control), limits=limits)
-        for words in scene.left_out:
-            typer.echo(f"left out of {name}: {words}", err=True)
+        _say_left_out(name, scene)
         files.append(str(target))
     return files
 

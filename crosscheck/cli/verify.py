@@ -50,6 +50,7 @@ STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupport
 
 
 def verify(
+    scenes: options.Scenes = None,
     scene: SceneNames = None,
     engine: EngineNames = None,
     method: Annotated[list[str] | None, typer.Option(help="a name; may be repeated; default: all")] = None,
@@ -84,10 +85,9 @@ def verify(
     """
     if jobs < 1:
         raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
-    if tag:
-        scene = [*(scene or ()), *published.tagged(tag)]
-        if not scene:
-            raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
+    if tag and not published.tagged(tag):
+        raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
+    scene = [*(scenes or ()), *(scene or ()), *published.tagged(tag or ())] or None
     check_out(out)
     scene = scene_files(scene, drop, keyframe, control, limits)
     own = overrides.read(tolerance_file, tol or (), [sensor.name for each in (scene if tol or tolerance_file else None)

@@ -23,7 +23,7 @@ from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import Scene, quaternion_from_rotation
 from crosscheck.scene.models import apart, import_model
 from crosscheck.scene.models import source as sources
-from crosscheck.scene.models.words import quoted, together
+from crosscheck.scene.models.words import shortened, together
 
 DYNAMICS = ("mass matrix", "bias forces", "accelerations")
 COMPARED = {"masses": ("mass", "link"), "inertias": ("inertia", "link"), "centres of mass": ("centre of mass",),
@@ -96,7 +96,7 @@ class NativeInspection:
         """The result as lines of text."""
         same = any(words.removeprefix("Error: ") in self.no_scene for words in self.refused.values())
         return (*(([] if same else [self.no_scene]) if self.scene is None else
-                  [f"left out of the scene: {words}" for words in together(map(quoted, self.scene.left_out))]),
+                  [f"left out of the scene: {words}" for words in shortened(self.scene.left_out)]),
                 *(f"{engine} refuses the file{self._retried(engine)}: {words}"
                   for engine, words in self.refused.items()),
                 *together((str(each), each.place) for each in self.differences))

@@ -112,6 +112,10 @@ class TruthError(CrosscheckError):
     """A scene has no truth: its formulations disagree too much, or one of them does not reach the end."""
 
 
+GROWN = "a perturbation of 1e-15 has grown to 1e-10"
+"""Why a truth ends early, where no monitor ends it."""
+
+
 class Chaotic(TruthError):
     """The truth of a scene ends at its `horizon` (s), before the first output time after the start."""
 

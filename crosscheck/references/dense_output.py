@@ -32,7 +32,7 @@ from crosscheck.references.agreement import (
     difference,
     natural_coordinates,
 )
-from crosscheck.references.base import ORDERS, Chaotic, End, Piece, Reference, TruthError, piece_of, values_at
+from crosscheck.references.base import GROWN, ORDERS, Chaotic, End, Piece, Reference, TruthError, piece_of, values_at
 from crosscheck.references.conditioning import HORIZON_GROWTH, growth_over, sampled_growth
 from crosscheck.references.natural import Natural
 from crosscheck.references.pieces import disagreement
@@ -42,11 +42,12 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 GROWTH_POINTS = 8  # of a piece; growth oscillates as the motion does
+LOCATED = 1e-9
+"""To how much of a second a monitor is located: one that fires before fires at the start."""
 COMPARED = np.arange(GROWTH_POINTS // 2, GROWTH_POINTS + 1, GROWTH_POINTS // 2)
 """Those of a piece at which two formulations are compared."""
 EXACT_APART = 6
 """A closed form takes 10 ms at a time, and has no error that grows: it is compared at every sixth of these points."""
-GROWN = "a perturbation of 1e-15 has grown to 1e-10"
 STATES = ("x", "R", "v", "w", "a", "alpha")
 CHUNK = 500
 """Pieces whose derivatives are computed at once: a hundred arrays of such a size take 100 MB."""
@@ -382,9 +383,10 @@ def refuse_early(scene: Scene, horizon: float, cause: str) -> None:
     """Raise an error if the truth ends before the first output time after the start."""
     if np.count_nonzero(scene.t <= horizon * (1 + 1e-12)) >= 2:  # the ends of both grids agree to rounding
         return
-    if horizon > 0.0:
+    if horizon > LOCATED:
         raise Chaotic(f"{scene.name!r}: its truth ends at {horizon:.3g} s, where {cause}, and the first output time is "
                       f"{scene.t[1]:.3g} s; ask for a shorter duration or more samples: "
                       f"{ceil(scene.duration / horizon) + 1} over {scene.duration:g} s, or a duration of "
                       f"{horizon:.2g} s", horizon)
-    raise TruthError(f"{scene.name!r}: perturbations of 1e-15 are 1e-10 at the start: it has no truth")
+    why = f"already {cause}; start elsewhere" if cause != GROWN else "perturbations of 1e-15 are 1e-10"
+    raise TruthError(f"{scene.name!r} has no truth: at its start {why}")

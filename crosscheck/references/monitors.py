@@ -52,7 +52,8 @@ class Monitors:
             crossing = first_crossing(lambda tau: self._values(mode, times(tau), states(tau)), length, fresh=False)
             if crossing is not None:
                 monitor = self.watched[crossing.labels[0][0]]
-                fired.append(Fired(crossing.after, monitor.name, f"{monitor.name} leaves its range"))
+                whose = monitor.joint if monitor.type == "range" else monitor.name
+                fired.append(Fired(crossing.after, monitor.name, f"{whose} leaves its range"))
         for monitor, distance in self.touches:
             after = self._touch(monitor.margin, distance, length, states)
             if after is not None:

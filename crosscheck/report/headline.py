@@ -47,7 +47,7 @@ def headline(document: Document) -> str:
     """
     if not document.records:
         return "Nothing was run"
-    clauses = (_passing(document), _worse(document.changes), _not_judged(document.scenes))
+    clauses = (_passing(document), _worse(document.changes), _not_judged(document.scenes), _ended(document.scenes))
     return "; ".join(clause for clause in clauses if clause)
 
 
@@ -97,6 +97,14 @@ def _worse(changes: Sequence[Change] | None) -> str:
         named.append(change.kind + (f" ({where})" if where else ""))
     more = f" and {len(bad) - SPARED} more" if len(bad) > SPARED else ""
     return f"worse than before: {', '.join(named)}{more}"
+
+
+def _ended(scenes: Sequence[Scene]) -> str:
+    """The scenes whose claim a monitor ends before their duration."""
+    ended = [f"{spoken(scene.title)} is judged until {scene.truth.ended}" for scene in scenes
+             if scene.truth is not None and scene.truth.ended]
+    more = f" and {len(ended) - SPARED} scenes more are judged up to a monitor" if len(ended) > SPARED else ""
+    return ", ".join(ended[:SPARED]) + more
 
 
 def _not_judged(scenes: Sequence[Scene]) -> str:

@@ -8,6 +8,7 @@ import functools
 import shlex
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -279,7 +280,8 @@ def _truths(stages: Stages, keys: Callable[..., str], names: list[str], settings
     prepare = functools.partial(with_scenes, contents, functools.partial(prepare_truth, asked=asked))
     tasks = [(name, settings.whole, settings.most_steps) for name in names]
     prepared = stages.run("truth", prepare, tasks, [keys("truth", task[0], None, *task, asked) for task in tasks],
-                          [f"truth of {name}" for name in names], again=True)  # every run of the scene needs it
+                          # Every run of a scene needs it.
+                          [f"truth of {Path(name).name}" for name in names], again=True)
     return [SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
                        truth=None, scales=None, failure=readable(each.message), details=readable(each.details) or "")
             if isinstance(each, Crash) else each for name, each in zip(names, prepared, strict=True)]
@@ -343,7 +345,7 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
     return recorded(stages.run(
         "cell", functools.partial(with_scenes, contents, guarded_cell), chosen,
         [keys("cell", cell.scene, cell.way.engine, cell) for cell in chosen],
-        [f"{cell.scene}: {cell.label}" for cell in chosen], within, failure=_failure,
+        [f"{Path(cell.scene).name}: {cell.label}" for cell in chosen], within, failure=_failure,
         seen=lambda results: shown(functools.partial(recorded, results))))
 
 

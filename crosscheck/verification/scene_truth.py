@@ -17,6 +17,7 @@ from crosscheck.errors import Unsupported, said
 from crosscheck.judge import tolerances
 from crosscheck.judge.plan import PLANS, SHARE, STUDY_SAMPLES, halved, parts, plan_from_truth, plan_without_truth
 from crosscheck.references import TruthError
+from crosscheck.references.base import GROWN
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
@@ -39,10 +40,18 @@ def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> Sce
                           hash=scene.hash, bodies=[body.name for body in scene.bodies], duration=scene.duration,
                           plan=plan, truth=None, scales=None)
 
-    try:
-        plan = _as_asked(plan_within(given, name, most_steps), asked)
+    def prepared(extent: Extent | None) -> tuple[Plan, Scene, references.Reference]:
+        plan = _as_asked(plan_within(given, name, most_steps, extent), asked)
         scene = load(name, plan, whole)
-        reference = references.truth(scene)
+        return plan, scene, references.truth(scene)
+
+    try:
+        try:
+            plan, scene, reference = prepared(None)
+        except references.Chaotic as early:  # before the first output time, where a monitor fires
+            if asked.duration is not None:
+                raise
+            plan, scene, reference = prepared((early.horizon, float(f"{early.horizon * JUST_BEYOND:.2g}")))
     except (Unsupported, TruthError) as error:
         plan = _as_asked(PLANS.get(name) or plan_without_truth(given), asked)
         return replace(described(given, plan), no_truth=said(error),
@@ -50,7 +59,8 @@ def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> Sce
     known = Truth(source=reference.source, second_source=reference.second_source,
                   disagreement=reference.disagreement, allowed=reference.allowed,
                   amplification=reference.amplification, error=reference.error,
-                  horizon=reference.horizon, outvoted=reference.outvoted)
+                  horizon=reference.horizon, outvoted=reference.outvoted,
+                  ended="" if reference.horizon_cause == GROWN else reference.horizon_cause)
     return replace(described(scene, plan), truth=known, scales=tolerances.scales(scene, reference),
                    rounding=tolerances.rounding_levels(scene, reference), curves=scene_curves(scene, reference))
 
@@ -68,7 +78,13 @@ WINDOWS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 WIDEST = 0.5
 """Largest bound as a share of the scene's size. A bound beyond the whole size would judge nothing."""
 
-EXTENTS: dict[str, tuple[float, float | None]] = {
+JUST_BEYOND = 1.1
+"""Duration of the main runs of a scene whose truth ends early, over the time at which it does."""
+
+Extent = tuple[float, float | None]
+"""First window to try and duration of the main runs or None for the scene's, s."""
+
+EXTENTS: dict[str, Extent] = {
     # The rope magnifies a perturbation thirtyfold in its first 0.05 s, and 0.2 s of truth for 64 bodies take over a
     # minute.
     "chain_64": (0.02, 0.1),
@@ -84,10 +100,10 @@ EXTENTS: dict[str, tuple[float, float | None]] = {
     # 24 turns of the spin, of which first order can judge half a turn.
     "fast_top_1500": (0.02, 0.1),
 }
-"""(first window to try, duration of the main runs or None for the scene's), s, of scenes that would take too long."""
+"""Extents of scenes that would take too long."""
 
 
-def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
+def plan_within(scene: Scene, name: str, most_steps: int, extent: Extent | None = None) -> Plan:
     """The plan of a scene whose main runs take at most `most_steps` / sqrt(bodies) steps, at any order.
 
     The root is a compromise: the cost of a step grows with the number of bodies, but a part of it is fixed. The truth
@@ -95,7 +111,7 @@ def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
     """
     if name in PLANS:
         return PLANS[name]
-    first, duration = EXTENTS.get(name, (WINDOWS[0], None))
+    first, duration = extent or EXTENTS.get(name, (WINDOWS[0], None))
     # The next larger step with one digit, or 1.5, times a power of ten.
     shortest = (duration or scene.duration) * math.sqrt(scene.n) / most_steps
     power = 10.0 ** math.floor(math.log10(shortest))

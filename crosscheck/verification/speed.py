@@ -11,6 +11,7 @@ import dataclasses
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from msgspec.structs import replace
@@ -294,7 +295,7 @@ def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages
                     made = stages.session.put("timing", key, made)
             for position, index in enumerate(chosen):
                 told[index] = _with_points(records[index], made[0][position], made[1].get(position))
-        stages.count(f"timing of {scene}")
+        stages.count(f"timing of {Path(scene).name}")
     return told
 
 

@@ -117,13 +117,12 @@ def apart(function: Callable[[Any], T], task: Any, path: str) -> T:
 def _read(task: tuple[str, str, dict[str, Any]]) -> dict[str, Any]:
     """The content of a scene file for (working folder, path, options), of which a scene can be made in time."""
     from crosscheck.scene.building import scene_from
-    from crosscheck.scene.models import reading  # needs msgspec
+    from crosscheck.scene.models import checking, reading  # need msgspec
 
     folder, path, options = task
     os.chdir(folder)
     content = reading.table(path, **options)
-    scene_from(content, path)
-    return content
+    return checking.watchable(content, scene_from(content, path))
 
 
 def import_file(path: str | os.PathLike[str], target: Path, **options: Any) -> Scene:

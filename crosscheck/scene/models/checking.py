@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.scene.coordinates import at_start, rates
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import Scene
 from crosscheck.scene.models.features import closure_ends, turned_by
 from crosscheck.scene.models.neutral import Reading
+from crosscheck.scene.schema import Content
+from crosscheck.scene.states import States
 
 AWAY, SEEDS = 0.1, (20240, 20241, 20242)
 """Size of the velocity with which checked states lie one second from the start, and seeds of its directions."""
@@ -24,6 +27,9 @@ MOST_BODIES = 128
 TOLD, LOOSEST = 1e-8, 1e-6
 """Differences of accelerations, relative to the largest, from which they are told, and from which something is wrong:
 mass matrices of condition 1e9 have their room."""
+
+AT_END = 1e-8
+"""How near (rad, m) a joint starts to an end of its range to be at it, and how slow (rad/s, m/s) to rest."""
 
 _CONSTRAINTS = ("limits of", "dry friction", "contacts of", "equality", "mimic of", "actuator", "range of the actuator")
 """Beginnings of what is left out and is also missing in the smooth accelerations of MuJoCo without actuators."""
@@ -76,6 +82,32 @@ def motion(reading: Reading, d: Any, scene: Scene) -> tuple[float, float, str]:
 def unactuated(reading: Reading) -> bool:
     """Whether an actuator is left out, so that accelerations are compared without any."""
     return any(words.startswith("actuator") for words in (*reading.lost, *reading.noted))
+
+
+def watchable(content: Content, scene: Scene) -> Content:
+    """The content of a scene file without the ranges of joints that start at an end of them and do not turn inside.
+
+    Such as a gripper that is closed at its stop: nothing of the motion would be before the monitor. They are listed.
+    """
+    start = at_start(scene)
+    near = {each.joint: each for each in scene.monitors if each.type == "range" and each.joint is not None and min(
+        abs(start[each.joint][0][0] - end) for end in (each.lower, each.upper)) < AT_END}
+    if not near:
+        return content
+    x, R, v, w = (part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0))
+    a, alpha, _ = index1(scene, x, R, v, w)
+    states, gone = States(np.zeros(1), x, R, v, w, a, alpha), []
+    for joint in (each for each in scene.joints if each.name in near and not any(each.dry_friction)):
+        rate = float(rates(joint, states)[0])
+        pushed = rate if abs(rate) > AT_END else float(rates(joint, states, accelerated=True)[0])
+        q, monitor = float(start[joint.name][0][0]), near[joint.name]
+        if pushed * (1 if abs(q - monitor.upper) < AT_END else -1) > -AT_END:
+            gone.append(joint.name)
+    words = [f"limits of joint {name!r}: it starts at an end of them and does not turn inside; limits kept are stops"
+             for name in gone]
+    return content | {
+        "monitors": [each for each in content["monitors"] if each.get("joint") not in gone],
+        "left_out": [*content.get("left_out", ()), *words]} if gone else content
 
 
 def loops(reading: Reading) -> None:

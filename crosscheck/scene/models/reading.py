@@ -16,7 +16,7 @@ from crosscheck.scene.building import scene_from
 from crosscheck.scene.models import checking, compiling, features, known, laws, neutral, source, watched
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.source import Source
-from crosscheck.scene.models.words import distinct, quoted, together
+from crosscheck.scene.models.words import distinct, shortened
 from crosscheck.scene.schema import Content as Table
 
 MOST_DRAWS = 200
@@ -81,7 +81,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     if reading.impossible:
         raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(map(model.located, reading.impossible))}")
     if reading.lost and not drop:
-        words = "; ".join(together(quoted(model.located(each)) for each in dict.fromkeys(reading.lost)))
+        words = "; ".join(shortened(map(model.located, dict.fromkeys(reading.lost))))
         some = " ".join(f"--{name} drop" for name, begins in DROPPED.items()
                         if any(each.startswith(begins) for each in reading.lost))
         offer = "give --drop (drop=True) to leave all this out"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -25,10 +26,14 @@ def together(sentences: Iterable[tuple[str, str]]) -> list[str]:
     return lines
 
 
-def quoted(sentence: str) -> tuple[str, str]:
-    """The sentence and the name in quotes in it, '' if it has not exactly one."""
-    parts = sentence.split("'")
-    return sentence, f"'{parts[1]}'" if len(parts) == 3 else ""
+def shortened(sentences: Iterable[str]) -> list[str]:
+    """Sentences of which many may differ only in the one name in quotes, or in the line of the file, that they have."""
+    def named(sentence: str) -> str:
+        parts = sentence.split("'")
+        line = re.search(r"\(line \d+\)", sentence)
+        return f"'{parts[1]}'" if len(parts) == 3 else line[0] if line and len(parts) == 1 else ""
+
+    return together((sentence, named(sentence)) for sentence in sentences)
 
 
 def distinct(tables: list[dict[str, Any]]) -> list[dict[str, Any]]:

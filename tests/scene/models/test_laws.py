@@ -45,6 +45,25 @@ def robot(tmp_path, actuator="", contact="", box="", ball="", change=("", "")):
     return written(tmp_path, text.replace(*change))
 
 
+FINGER = """<mujoco><worldbody><body name="hand"><joint name="wrist" axis="0 1 0"/><geom size=".1" pos=".3 0 0"/>
+<body name="finger"><joint name="grip" type="slide" axis="{axis}" range="{range}" frictionloss="{friction}"/>
+<geom size=".02"/></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(("axis", "ends", "friction", "watched"), [
+    ("0 0 1", "0 .04", 0, False),  # falls out of its range
+    ("0 0 -1", "0 .04", 0, True),
+    ("0 0 1", "-.04 0", 0, True),
+    ("0 0 -1", "-.04 0", 0, False),
+    ("0 1 0", "0 .04", 0, False),  # stays where it is, and rounding decides
+    ("0 0 1", "-.01 .04", 0, True),
+    ("0 0 1", "0 .04", 2, True)])  # friction may hold it
+def test_a_joint_at_the_end_of_its_range_is_watched_only_if_it_turns_inside(tmp_path, axis, ends, friction, watched):
+    scene = crosscheck.import_model(written(tmp_path, FINGER.format(axis=axis, range=ends, friction=friction)))
+    assert [each.joint for each in scene.monitors] == ["grip"] * watched
+    assert [words.partition(":")[0] for words in scene.left_out] == ["limits of joint 'grip'"] * (not watched)
+
+
 def test_a_robot_comes_in_whole_and_says_until_when_it_holds(tmp_path):
     scene = crosscheck.import_model(robot(tmp_path, ACTUATORS["position"][0] + '<motor name="idle" joint="two"/>'))
     assert scene.left_out == ()

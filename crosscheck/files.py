@@ -72,10 +72,10 @@ def replacing(path: Path) -> Iterator[Path]:
             aside.unlink()
 
 
-def put(path: Path, text: str) -> None:
-    """Replace a file by a text."""
+def put(path: Path, content: str | bytes) -> None:
+    """Replace a file by a text or by bytes."""
     with replacing(path) as aside:
-        aside.write_text(text, encoding="utf-8")
+        aside.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def cache_folder() -> Path:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import importlib.metadata
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine
 from crosscheck.errors import ArgumentError, unknown
+from crosscheck.files import cache_folder, put
 
 _GROUP = "crosscheck.engines"
 
@@ -51,6 +53,26 @@ def get(engine: str | Engine) -> Engine:
     return engine if ours else own.completed(engine, type(engine).__name__, "not stated")
 
 
+def sources(engines: Iterable[str]) -> dict[str, dict[str, bytes]]:
+    """The files of those engines that are classes of the user, for `carry`."""
+    from crosscheck.adapters.foreign import code
+
+    return {name: code.sources(name.rpartition(":")[0]) for name in engines if is_own(name)}
+
+
+def carry(given: Mapping[str, Mapping[str, bytes]]) -> None:
+    """From now on, in this process, engines of these names are made of these files, which came from another machine."""
+    for name, files in given.items():
+        whole = hashlib.sha256(repr(sorted(files.items())).encode()).hexdigest()
+        folder = cache_folder() / "carried" / whole[:16]
+        for path, content in files.items():
+            if not (folder / path).exists():
+                (folder / path).parent.mkdir(parents=True, exist_ok=True)
+                put(folder / path, content)
+        _CARRIED[name] = str(folder)
+
+
+_CARRIED: dict[str, str] = {}
 _LENT: dict[str, Engine] = {}
 
 
@@ -79,7 +101,7 @@ def _get(name: str) -> Engine:
     for point in importlib.metadata.entry_points(group=_GROUP, name=name):
         return Stranger(Home(point.value, names(), point.dist.version if point.dist else None))
     if is_own(name):
-        return Stranger(Home(name, names()))
+        return Stranger(Home(name, names(), folder=_CARRIED.get(name)))
     raise ArgumentError(unknown("engine", name, names()))
 
 

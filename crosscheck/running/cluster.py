@@ -7,10 +7,14 @@ import contextlib
 import dataclasses
 import functools
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
+from crosscheck import adapters
 from crosscheck.errors import ArgumentError, CrosscheckError, foreign, install, named
 from crosscheck.running import versions
+
+T = TypeVar("T")
 
 CONNECT = 10.0
 """Time to wait for a scheduler to answer, s."""
@@ -52,7 +56,7 @@ def connect(scheduler: str, engines: tuple[str, ...]) -> Cluster:
     with contextlib.ExitStack() as unfit:
         unfit.callback(client.close)
         try:
-            there = client.run(versions.of, engines)
+            there = client.run(carrying, adapters.sources(engines), versions.of, engines)
         except ModuleNotFoundError as error:
             raise CrosscheckError(f"--scheduler {scheduler}: a worker there lacks {error.name}; install the same "
                                   "environment on all machines") from None
@@ -64,6 +68,12 @@ def connect(scheduler: str, engines: tuple[str, ...]) -> Cluster:
         unfit.pop_all()
     workers = sum(client.nthreads().values())
     return Cluster(client.get_executor(pure=False), workers, functools.partial(client.close, timeout=5))
+
+
+def carrying(sources: Mapping[str, Mapping[str, bytes]], function: Callable[[Any], T], task: Any) -> T:
+    """`function(task)` on a machine to which the user's own engines come, as from `adapters.sources`."""
+    adapters.carry(sources)
+    return function(task)
 
 
 def _made(name: str) -> Cluster:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import hashlib
 import itertools
 import json
@@ -23,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
+from crosscheck import adapters
 from crosscheck.document import Origin
 from crosscheck.errors import ArgumentError, CrosscheckError, missing
 from crosscheck.files import plain, put, replacing
@@ -126,9 +128,10 @@ def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progr
                                           None if far is None else far.executor))
         known = _Known(session, before, asked.timing)
         run = _Sweep(asked, own, known.missing, progress, place.workers)
+        work = functools.partial(cluster.carrying, {} if far is None else adapters.sources(engines), cells.run)
         try:
             for tasks in (run.tasks(), run.alone()):
-                for _, task, result in drive(cells.run, tasks, place, LIMITS, again=True):
+                for _, task, result in drive(work, tasks, place, LIMITS, again=True):
                     known.add(run.rows(task, result))
         except CrosscheckError as error:
             raise type(error)(f"{error}; {run.computed} of {asked.cells} cells were computed and are kept: the same "

@@ -49,7 +49,7 @@ from crosscheck.verification import advice, trust
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.speed import measure_speed, timed
-from crosscheck.verification.task import Cell, Contents, all_cells, own_contents, with_scenes
+from crosscheck.verification.task import Carried, Cell, all_cells
 
 TIME_LIMIT = 1800.0
 """Time limit (s) of one cell: a main run and its order study. With built-in engines it takes seconds to minutes."""
@@ -197,11 +197,11 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     with (contextlib.nullcontext() if far is None else contextlib.closing(far),
           Place(*((jobs,) if far is None else (far.workers, far.executor))) as place):
         elsewhere = dataclasses.replace(stages, place=place)
-        contents = own_contents(scene_names) if far is not None else {}
+        carried = Carried.of(scene_names, engine_names) if far is not None else Carried()
         keys = _keys(session is not None)
-        truths = _truths(elsewhere, keys, scene_names, settings, asked, contents)
+        truths = _truths(elsewhere, keys, scene_names, settings, asked, carried)
         cells = _planned(cells, truths, settings, overrides, asked)
-        records = _records(elsewhere, keys, cells, truths, within, contents, Paced(partial))
+        records = _records(elsewhere, keys, cells, truths, within, carried, Paced(partial))
     alone = dataclasses.replace(stages, jobs=1)
     if settings.timing:
         records = timed(cells, records, settings.timing, stages, within)
@@ -275,9 +275,9 @@ def _advice(stages: Stages, truths: list[SceneTruth], engines: Sequence[str], wi
 
 
 def _truths(stages: Stages, keys: Callable[..., str], names: list[str], settings: Profile, asked: Asked,
-            contents: Contents) -> list[SceneTruth]:
+            carried: Carried) -> list[SceneTruth]:
     """The truth of every scene, or why it could not be prepared."""
-    prepare = functools.partial(with_scenes, contents, functools.partial(prepare_truth, asked=asked))
+    prepare = functools.partial(carried.call, functools.partial(prepare_truth, asked=asked))
     tasks = [(name, settings.whole, settings.most_steps) for name in names]
     prepared = stages.run("truth", prepare, tasks, [keys("truth", task[0], None, *task, asked) for task in tasks],
                           # Every run of a scene needs it.
@@ -312,7 +312,7 @@ def _failure(result: Record | Crash) -> str:
 
 
 def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths: list[SceneTruth], within: Limits,
-             contents: Contents, shown: Callable[[Callable[[], list[Record]]], None]) -> list[Record]:
+             carried: Carried, shown: Callable[[Callable[[], list[Record]]], None]) -> list[Record]:
     """The records of all cells, in their order, also if a worker crashed or a scene could not be prepared.
 
     `shown` is called as cells end, with a function that returns the records of those that have.
@@ -343,7 +343,7 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
             judged, labels([each for _, each in judged]), strict=True)]
 
     return recorded(stages.run(
-        "cell", functools.partial(with_scenes, contents, guarded_cell), chosen,
+        "cell", functools.partial(carried.call, guarded_cell), chosen,
         [keys("cell", cell.scene, cell.way.engine, cell) for cell in chosen],
         [f"{Path(cell.scene).name}: {cell.label}" for cell in chosen], within, failure=_failure,
         seen=lambda results: shown(functools.partial(recorded, results))))

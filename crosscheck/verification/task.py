@@ -12,7 +12,7 @@ from crosscheck.adapters.base import RunSpec
 from crosscheck.document import Plan, Way
 from crosscheck.jobs.drive import Crash, Limits, run_tasks
 from crosscheck.judge.plan import PENDING, PLANS, STUDY_SAMPLES, Profile
-from crosscheck.running import provenance
+from crosscheck.running import cluster, provenance
 from crosscheck.scene.file import carry, load_scene, read_scene, scene_names
 from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import Content
@@ -60,19 +60,23 @@ def load(name: str, plan: Plan, whole: bool = True) -> Scene:
     return scene.replace(duration=duration, samples=plan.samples)
 
 
-Contents = Mapping[str, Content]
-"""Contents of scene files by the names of the scenes."""
+@dataclasses.dataclass(frozen=True)
+class Carried:
+    """What tasks on other machines need of this one."""
 
+    scenes: Mapping[str, Content] = dataclasses.field(default_factory=dict)  # contents of files, by names of scenes
+    engines: Mapping[str, Mapping[str, bytes]] = dataclasses.field(default_factory=dict)  # as `adapters.sources`
 
-def own_contents(names: Sequence[str]) -> Contents:
-    """The contents of those scenes that are not bundled with the package."""
-    return {name: read_scene(name)[1] for name in names if name not in scene_names()}
+    @classmethod
+    def of(cls, scenes: Sequence[str], engines: Sequence[str]) -> Carried:
+        """Those scenes and engines that are not bundled with the package."""
+        return cls({name: read_scene(name)[1] for name in scenes if name not in scene_names()},
+                   adapters.sources(engines))
 
-
-def with_scenes(contents: Contents, function: Callable[[Any], T], task: Any) -> T:
-    """`function(task)`, in which these names stand for these contents. The files need not be on this machine."""
-    carry(contents)
-    return function(task)
+    def call(self, function: Callable[[Any], T], task: Any) -> T:
+        """`function(task)` with these scenes and engines. Their files need not be on this machine."""
+        carry(self.scenes)
+        return cluster.carrying(self.engines, function, task)
 
 
 def windowed(scene: Scene, window: float) -> Scene:

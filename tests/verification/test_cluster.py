@@ -8,6 +8,7 @@ import shutil
 
 import pytest
 
+import crosscheck
 from crosscheck.errors import ArgumentError, CrosscheckError
 from crosscheck.jobs.drive import run_tasks
 from crosscheck.verification import job
@@ -21,6 +22,16 @@ def elsewhere():
     return concurrent.futures.ProcessPoolExecutor(1, initializer=os.chdir, initargs=("/",))
 
 
+def own_engine(folder, monkeypatch):
+    """What to ask for: an engine in the current folder, which has a package beside it."""
+    (folder / "pack").mkdir()
+    (folder / "pack" / "__init__.py").write_text("METHODS = ('rattle2',)\n", "utf-8")
+    (folder / "engine.py").write_text("import pack\nfrom crosscheck.adapters.lieeuler import LieEuler\n\n\n"
+                                      "class Mine(LieEuler):\n    methods = pack.METHODS\n", "utf-8")
+    monkeypatch.chdir(folder)
+    return {**ASKED, "engines": ["lieeuler", "engine.py:Mine"]}
+
+
 def lost():
     """An executor whose scheduler goes away: nothing handed to it ever ends."""
     class Lost(concurrent.futures.Executor):
@@ -32,11 +43,17 @@ def lost():
     return Lost()
 
 
-def test_a_scene_of_ones_own_travels_by_its_content(tmp_path, monkeypatch):
+def test_scenes_and_engines_of_ones_own_travel_by_their_contents(tmp_path, monkeypatch):
     shutil.copy(ROOT / "scenarios" / "single_pendulum.toml", tmp_path / "mine.toml")
-    monkeypatch.chdir(tmp_path)
-    far = job.verify(scenes=["mine.toml"], scheduler="tests.verification.test_cluster:elsewhere", **ASKED)
-    assert [(record.scene, record.outcome) for record in far.records] == [("mine.toml", "pass")]
+    asked = own_engine(tmp_path, monkeypatch)
+    far = job.verify(scenes=["mine.toml"], scheduler="tests.verification.test_cluster:elsewhere", **asked)
+    assert [(record.scene, record.engine, record.outcome) for record in far.records] == [
+        ("mine.toml", "lieeuler", "pass"), ("mine.toml", "engine.py:Mine", "pass")]
+    assert far.records[0].errors == far.records[1].errors
+    assert far.records[1].version == far.meta.engines["engine.py:Mine"]
+    frame = crosscheck.sweep({"scenes": ["single_pendulum"], "steps": [0.1], "samples": 3, "duration": 0.2, "engines": {
+        "engine.py:Mine": ["rattle2"]}}, scheduler="tests.verification.test_cluster:elsewhere", out=tmp_path / "kept")
+    assert list(frame.status) == ["success"]
 
 
 @pytest.mark.slow
@@ -45,9 +62,11 @@ def test_a_dask_cluster_gives_the_same_records(tmp_path, monkeypatch):
 
     here = job.verify(scenes=["double_pendulum"], **ASKED)
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        far = job.verify(scenes=["double_pendulum"], scheduler=cluster.scheduler_address, **ASKED)
-    assert far.records[0].errors == here.records[0].errors
-    assert far.records[0].levels == here.records[0].levels
+        asked = own_engine(tmp_path, monkeypatch)  # the workers stay in their folder
+        far = job.verify(scenes=["double_pendulum"], scheduler=cluster.scheduler_address, **asked)
+    for record in far.records:
+        assert record.errors == here.records[0].errors
+        assert record.levels == here.records[0].levels
     assert far.scenes[0].hash == here.scenes[0].hash
 
 

@@ -29,6 +29,20 @@ def digest(home: str, file: str | None = None) -> str:
     ----------
     file : of a module that is found in another way, as by an editable install
     """
+    whole = hashlib.sha256()
+    for name, _, content in _all(home, file):
+        whole.update(f"{name} {len(content)} ".encode() + content)
+    return whole.hexdigest()[:8]
+
+
+def sources(home: str) -> dict[str, bytes]:
+    """The contents of these files by their paths in a folder from which the engine can be loaded; see `digest`."""
+    return {str(Path(*name.split("."), path.name) if path.name == "__init__.py" else
+                Path(*name.split(".")[:-1], path.name)): content for name, path, content in _all(home)}
+
+
+def _all(home: str, file: str | None = None) -> list[tuple[str, Path, bytes]]:
+    """Name, path and content of the files, by their names and contents."""
     folders = list(_folders())
     if home.endswith(".py"):
         folders.insert(0, str(Path(home).resolve().parent))
@@ -42,10 +56,8 @@ def digest(home: str, file: str | None = None) -> str:
             content = path.read_bytes()
             seen[path] = name, content
             waiting += [each for wanted in _imported(name, path, content) for each in _files(wanted, folders)]
-    whole = hashlib.sha256()
-    for name, content in sorted(seen.values()):
-        whole.update(f"{name} {len(content)} ".encode() + content)
-    return whole.hexdigest()[:8]
+    return sorted(((name, path, content) for path, (name, content) in seen.items()),
+                  key=lambda each: (each[0], each[2]))
 
 
 def _folders() -> Iterator[str]:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import os
+from pathlib import Path
 
 import numpy as np
 
@@ -43,6 +45,7 @@ class Home:
     name: str
     known: tuple[str, ...]
     stated: str | None = None
+    folder: str | None = None  # with its files, of an engine from another machine
 
 
 def card(engine: str | Home) -> Card:
@@ -111,4 +114,8 @@ def _adapter(engine: str | Home) -> Engine:
         return built_in.ENTRIES[engine].make()
     from crosscheck.adapters.foreign import own
 
-    return own.load(engine.name, engine.known, engine.stated)
+    name = engine.name
+    if engine.folder is not None:
+        os.chdir(engine.folder)
+        name = Path(name).name
+    return own.load(name, engine.known, engine.stated)

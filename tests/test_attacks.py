@@ -1,18 +1,26 @@
 """Texts, numbers and files of strangers end in one clear line: nothing hangs, floods a report or reaches a terminal."""
 
+import contextlib
 import dataclasses
 import os
+import re
+import sqlite3
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from crosscheck import load_scene
+import lieeuler
+from crosscheck import load_scene, run
 from crosscheck.adapters.base import RawRun
 from crosscheck.adapters.foreign.own import LONGEST_NAME, completed
+from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.cli import app as command
 from crosscheck.document import Record, Way, extended
 from crosscheck.errors import LONGEST, ArgumentError, CrosscheckError, SceneError
 from crosscheck.files import readable
+from crosscheck.jobs import table
+from crosscheck.jobs.database import database
 from crosscheck.jobs.workers.crew import isolated
 from crosscheck.running.attempt import WORD, Failed, Ran, Refused, attempt
 from crosscheck.scene.file import read_scene
@@ -100,6 +108,61 @@ def test_a_removed_folder_is_one_line(tmp_path, monkeypatch, capsys):
         os.chdir(tmp_path)
     assert capsys.readouterr().err.splitlines() == [
         "crosscheck: the current folder has been removed; change to another one"]
+
+
+@pytest.mark.parametrize("flipped", [0, 5, 20])
+def test_a_row_that_the_disk_has_changed_is_computed_anew(tmp_path, monkeypatch, flipped):
+    monkeypatch.setenv(table.VARIABLE, str(tmp_path / "rows.sqlite"))
+    with table.Table.opened().session("asked", "verify", {"cell": list[float]}) as session:
+        session.put("cell", "key", [1.5, 2.5, 3.5])
+    with contextlib.closing(sqlite3.connect(tmp_path / "rows.sqlite")) as store:
+        content = bytearray(store.execute("select result from rows_1").fetchone()[0])
+        content[flipped] ^= 4
+        store.execute("update rows_1 set result = ?", [bytes(content)])
+        store.commit()
+    with table.Table.opened().session("asked", "verify", {"cell": list[float]}) as session:
+        assert session.get("cell", "key") is None
+        assert session.read("cell", ["key"]) == {}
+        assert session.put("cell", "key", [1.5]) == [1.5] == session.get("cell", "key")
+
+
+def test_a_store_that_the_disk_has_changed_is_one_line(tmp_path):
+    file = tmp_path / "rows.sqlite"
+    with database(file, "--store", lambda engine: None).begin() as connection:
+        connection.exec_driver_sql("create table t (a text)")
+        connection.exec_driver_sql("insert into t values " + ",".join(["('" + 99 * "x" + "')"] * 500))
+    content = bytearray(file.read_bytes())
+    content[4096:] = b"\xff" * (len(content) - 4096)
+    file.write_bytes(content)
+    with pytest.raises(ArgumentError, match=r"--store .*: cannot be used any more \("), database(
+            file, "--store", lambda engine: None).connect() as connection:
+        connection.exec_driver_sql("select a from t").all()
+
+
+@pytest.mark.parametrize("word", [np.array([1, 2]), ["off"], {"reduce": "off"}, 3])
+def test_a_word_that_is_none_is_named(word):
+    problem = build_problem(load_scene("single_pendulum"))
+    for call in (lambda: lieeuler.integrate(problem, "rkmk4", 0.1, [0.0, 0.1], reduce=word),
+                 lambda: run("single_pendulum", "lieeuler", "rkmk4", step=0.1, reduce=word)):
+        with pytest.raises((lieeuler.ArgumentError, ArgumentError), match=r"reduce.* welded"):
+            call()
+
+
+def test_an_engine_file_that_ends_python_ends_nothing_else(tmp_path):
+    (tmp_path / "leaving.py").write_text("import sys\nsys.exit(0)\n")
+    done = CliRunner().invoke(command.app, [
+        "run", "single_pendulum", "--engine", f"{tmp_path}/leaving.py:Engine", "--method", "rkmk4", "--step", "0.1"])
+    assert done.exit_code != 0
+    assert "ended the process" in str(done.exception)
+
+
+@pytest.mark.parametrize("words", [["nightly"], ["verify"], ["run", "single_pendulum"]])
+def test_a_folder_that_takes_no_file_is_one_line(words):
+    option, place = ("--csv", "/proc/nowhere/run.csv") if words[0] == "run" else ("--out", "/proc/nowhere/report")
+    more = ["--engine", "lieeuler", "--method", "rkmk4", "--step", "0.1"] if words[0] == "run" else []
+    done = CliRunner().invoke(command.app, [*words, *more, option, place])
+    assert isinstance(done.exception, ArgumentError), done.output
+    assert re.match(rf"{option} /proc/nowhere\S*: .*\Z", str(done.exception))
 
 
 @pytest.mark.parametrize("gravity", [9.81, 0.0])

@@ -41,7 +41,7 @@ import sys
 import mujoco
 import numpy as np
 
-MODEL = r"""{model}"""
+MODEL = {model}
 INTEGRATOR, STEP = {integrator!r}, {step!r}
 KEYFRAME = {keyframe!r}
 OFF = {off!r}
@@ -141,12 +141,23 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
     title = f"{held.name} in MuJoCo, {method}, step {step:g} s"
     origin = f"independent truth of crosscheck ({reference.source}), known to {reference.error:.1e} m"
     return Reproduction(SCRIPT.format(
-        title=title, bodies=where, times=intervals + 1, source=origin, model=model, integrator=INTEGRATORS[method],
-        step=step, keyframe=keyframe if native else "start", names=[body.name for body in held.bodies],
+        title=_words(title), bodies=_words(where), times=intervals + 1, source=origin, model=_raw(model),
+        integrator=INTEGRATORS[method], step=step, keyframe=keyframe if native else "start",
+        names=[body.name for body in held.bodies],
         off=(*OFF, *(OFF_IN_MODELS if held.left_out else ())), end=float(held.t[every * intervals]),
         expected=np.array2string(expected.ravel(), separator=", ", threshold=10**9, max_line_width=118,
                                  formatter={"float_kind": lambda value: repr(float(value))}),
         tolerance=SOLVER_TOLERANCE, tight=TIGHT, halvings=HALVINGS), held, title, origin, step, expected)
+
+
+def _words(text: str) -> str:
+    """A text within a docstring, which none of its letters ends."""
+    return text.replace("\\", "/").replace('"', "'")
+
+
+def _raw(text: str) -> str:
+    """A text as Python writes it, with its lines where none of its letters ends it."""
+    return repr(text) if '"""' in text or text.endswith(('"', "\\")) else f'r"""{text}"""'
 
 
 def _native(path: str | os.PathLike[str]) -> str:

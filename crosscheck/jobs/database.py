@@ -51,7 +51,8 @@ def database(where: str | Path, option: str, prepare: Callable[[Engine], object]
     @sqlalchemy.event.listens_for(engine, "handle_error")
     def lost(context: Any) -> None:
         error = context.sqlalchemy_exception
-        if isinstance(error, sqlalchemy.exc.OperationalError | sqlalchemy.exc.InterfaceError):
+        if isinstance(error, sqlalchemy.exc.OperationalError | sqlalchemy.exc.InterfaceError) or (
+                type(error) is sqlalchemy.exc.DatabaseError):  # a file that the disk has changed
             raise ArgumentError(f"{option} {shown}: cannot be used any more ({_reason(error)}); mend this and give the "
                                 "same command again, it goes on where it was") from None
 

@@ -183,8 +183,9 @@ class Session:
         if samples:
             wanted = wanted.where(ROWS.c.session == self._measured)
         with self._engine.connect() as connection:
-            return {row.key: self._typed(stage, row.result) for some in _chunks(keys)
-                    for row in connection.execute(wanted.where(ROWS.c.key.in_(some)))}
+            found = {row.key: self._typed(stage, row.result) for some in _chunks(keys)
+                     for row in connection.execute(wanted.where(ROWS.c.key.in_(some)))}
+        return {key: result for key, result in found.items() if result is not None}
 
     def sample(self, stage: str, key: str) -> Any:
         """What this session measured before it was killed.
@@ -204,12 +205,13 @@ class Session:
             wanted = wanted.join(SESSIONS).where(*self._own, SESSIONS.c.ended.is_not(None))
         with self._engine.connect() as connection:
             row = connection.execute(wanted.order_by(ROWS.c.session.desc())).first()
-        if row is None:
+        result = None if row is None else self._typed(stage, row.result)
+        if result is None:
             return None
         if row.session != self._id:
             self.reused += 1
             self.since = min(self.since or row.written, row.written)
-        return self._typed(stage, row.result)
+        return result
 
     def put(self, stage: str, key: str, result: Any) -> Any:
         """Write a result and return it as `get` returns it, so that a continued command sees the same values."""
@@ -249,7 +251,11 @@ class Session:
             connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == self._id).values(process=""))
 
     def _typed(self, stage: str, content: bytes) -> Any:
-        return msgspec.msgpack.decode(zlib.decompress(content), type=self._types[stage], strict=False)
+        """The result; None if the disk has changed it, so that it is computed anew."""
+        try:
+            return msgspec.msgpack.decode(zlib.decompress(content), type=self._types[stage], strict=False)
+        except (zlib.error, msgspec.DecodeError):
+            return None
 
 
 def _prepare(engine: sql.Engine) -> None:

@@ -1,5 +1,7 @@
 """Names and texts of strangers in every sink: no letter of them is a command there."""
 
+import ast
+import dataclasses
 import io
 import types
 
@@ -7,7 +9,9 @@ import numpy as np
 import pytest
 
 from crosscheck import files, load_scene
+from crosscheck.adapters.exudyn.script import script
 from crosscheck.cli import runs
+from crosscheck.inspection.reproduce import reproduce
 from crosscheck.studies.paper.figures import tex
 
 HOSTILE = r"\input{/etc/passwd}\write18{id}~^_{}$&#%"
@@ -30,3 +34,23 @@ def test_titles_of_states_are_no_formulas(name, capsys):
     runs.write_csv(types.SimpleNamespace(bodies=[body], sensors=scene.sensors, n=1), states, "-")
     header = io.StringIO(capsys.readouterr().out).readline()
     assert all(title.startswith(f"'{name}") for title in header.strip().split(",")[1:])
+
+
+@pytest.mark.parametrize("name", ["=cmd()", "@sum"])
+def test_titles_of_an_exported_script_are_no_formulas(name):
+    scene = load_scene("single_pendulum")
+    text = script(scene.replace(bodies=(dataclasses.replace(scene.bodies[0], name=name),)))
+    assert f'["\'{name}"]' in text
+
+
+@pytest.mark.parametrize("native", [False, True])
+def test_no_letter_of_a_model_is_python_in_the_script_that_reproduces_it(native, tmp_path):
+    hostile = 'a""";called();b="""'
+    scene = load_scene("hinge_pendulum").replace(name=hostile, duration=0.1, samples=3)
+    if native:
+        scene = tmp_path / "model.xml"
+        scene.write_text(f"<mujoco><option timestep='1e-3'/><worldbody><body name='{hostile}' pos='0 0 1'>"
+                         '<joint axis="0 1 0"/><geom size=".1" pos=".3 0 0"/></body></worldbody></mujoco>')
+    text = reproduce(scene, "mujoco", "RK4", 1e-3, duration=0.1).text
+    assert "called" in text
+    assert not any(isinstance(node, ast.Name) and node.id == "called" for node in ast.walk(ast.parse(text)))

@@ -16,6 +16,7 @@ from crosscheck.adapters.exudyn import models, solving
 from crosscheck.adapters.exudyn.adapter import Exudyn
 from crosscheck.adapters.exudyn.items import Varied
 from crosscheck.errors import SceneError, install
+from crosscheck.files import cell
 from crosscheck.scene.model import Scene
 
 METHOD, STEP = "GeneralizedAlpha", 1e-3
@@ -199,6 +200,6 @@ def script(scene: Scene) -> str:
 
     return SCRIPT.format(
         version=engine.version(), scene=scene.name, duration=scene.duration, samples=scene.samples, step=STEP,
-        bodies=[body.name for body in scene.bodies], R0=_text(scene.R0), varied=VARIED if scene.functions else "",
+        bodies=[cell(body.name) for body in scene.bodies], R0=_text(scene.R0), varied=VARIED if scene.functions else "",
         calls=indented(recorder.lines), objects=", ".join(recorder.bodies), settings=indented(settings),
         tolerances=solving.NEWTON_TOLERANCES, method=METHOD)

@@ -205,8 +205,7 @@ class Session:
             wanted = wanted.join(SESSIONS).where(*self._own, SESSIONS.c.ended.is_not(None))
         with self._engine.connect() as connection:
             row = connection.execute(wanted.order_by(ROWS.c.session.desc())).first()
-        result = None if row is None else self._typed(stage, row.result)
-        if result is None:
+        if row is None or (result := self._typed(stage, row.result)) is None:
             return None
         if row.session != self._id:
             self.reused += 1

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -55,6 +56,15 @@ def test_a_scene_at_rest_judges_nothing(resting):
     moving = load_scene("single_pendulum").replace(duration=1.0, samples=26)
     assert not judge_rest(moving, truth(moving))
     assert not tolerances.at_rest(moving, truth(moving))
+
+
+@pytest.mark.parametrize(("share", "rests"), [(0.9, True), (1.1, False)])
+def test_rest_is_a_share_of_a_fall_through_the_length(resting, share, rests):
+    scene = load_scene(resting)
+    still = truth(scene)
+    v = np.zeros_like(still.states.v)
+    v[3, 0, 0] = np.sqrt(2 * share * tolerances.AT_REST * 9.81)
+    assert tolerances.at_rest(scene, dataclasses.replace(still, states=dataclasses.replace(still.states, v=v))) == rests
 
 
 def test_a_robot_at_rest_is_unjudged_and_with_strict_the_exit_code_says_so(resting, tmp_path):

@@ -105,12 +105,31 @@ def falling(*slopes):
     return steps, 1e-6 * 2.0 ** -np.cumsum([0.0, *slopes])
 
 
-@pytest.mark.parametrize(("documented", "judged"), [(4, False), (3, True)])
-def test_an_order_that_still_rises_where_rounding_sets_in_is_none_where_it_is_half_of_one_short(documented, judged):
-    steps, values = falling(2.5, 3.2, 9.0)
+@pytest.mark.parametrize(("slopes", "documented", "observed"), [
+    ((2.5, 3.2), 4, None), ((2.5, 3.2), 3, 2.85), ((3.0, 3.0), 4, 3.0), ((3.5, 3.7), 4, 3.6)])
+def test_an_order_that_still_rises_where_rounding_sets_in_is_none_where_it_is_half_of_one_short(
+        slopes, documented, observed):
+    steps, values = falling(*slopes, 9.0)
     order = observed_order(steps, values, Plateau(values[-1], 0.0, documented))
     assert (order.used, order.exhausted) == (3, True)
-    assert order.observed == (pytest.approx(2.85, abs=0.01) if judged else None)
+    assert order.observed == (None if observed is None else pytest.approx(observed, abs=0.01))
+
+
+@pytest.mark.parametrize(("slope", "used"), [(4.0, 4), (3.6, 4), (3.4, 3)])
+def test_the_error_next_to_rounding_counts_unless_the_order_is_half_of_one_short(slope, used):
+    steps, values = falling(slope, slope, slope, 1.0, 0.0, 0.0)
+    assert observed_order(steps, values, Plateau(0.0, 1.0, 4)).used == used
+
+
+@pytest.mark.parametrize(("slopes", "finest"), [((3.0, 3.2, 3.5), 3.5), ((3.0, 3.5, 3.2), None)])
+def test_the_finest_order_is_told_where_all_rise(slopes, finest):
+    order = observed_order(*falling(*slopes), Plateau(0.0, 0.0, 4))
+    assert order.finest == (None if finest is None else pytest.approx(finest))
+
+
+def test_two_errors_are_rounding_after_two_that_showed_the_order():
+    steps, values = falling(4.0, 1.0, 0.2)
+    assert observed_order(steps, values, Plateau(0.0, 1.0, 4)).observed is None
 
 
 def test_two_errors_that_fall_too_slowly_are_not_both_rounding():

@@ -52,6 +52,18 @@ def test_what_only_guards_against_cheats_is_named_where_it_fails(kind, status):
     assert shown.kind == (kind if status == "fail" else "energy")
 
 
+@pytest.mark.parametrize(("lack", "first"), [(1.05, "order position"), (0.95, "energy")])
+def test_one_order_too_little_weighs_as_ten_times_a_bound(lack, first):
+    shown = verdict.worst([found("energy", "fail", 20.0), found("order position", "fail", 3.0, 3.0 + lack)])
+    assert shown is not None
+    assert shown.kind == first
+
+
+def test_bounds_judge_the_motion_unless_those_of_positions_or_attitudes_are_empty():
+    assert [verdict.Bounds({}, {}, frozenset(empty), 2.0).reach for empty in ((), ("velocity",), ("attitude",))] == [
+        2.0, 2.0, 0.0]
+
+
 def settled(findings, entry=None, until=1.0, practical=False):
     run = Record(scene="single_pendulum", engine="fake", version="1", method="Plain", form=None, duration=1.0,
                    practical=practical, errors={"position": Errors(unit="m", end=1.0, max=1.0, time=0.0, body="b")})

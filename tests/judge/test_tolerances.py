@@ -1,5 +1,7 @@
 """Bounds follow from documented order and truth, and from nothing else."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -98,3 +100,13 @@ def test_invariants_are_bounded_without_amplification(pendulum, truth):
                                                  ("light_heavy", 1e6), ("heavy_light", 1e6), ("needle", 1e6)])
 def test_graded_masses_and_inertias_are_allowed_their_roundings(name, roundings):
     assert tolerances.grading(load_scene(name)) == pytest.approx(roundings, rel=1e-5)
+
+
+def test_a_plate_is_graded_by_its_largest_moment(pendulum):
+    body = dataclasses.replace(pendulum.bodies[0], inertia=np.diag([0.01, 1.0, 1.01]))
+    assert tolerances.grading(pendulum.replace(bodies=(body,))) == pytest.approx(101.0)
+
+
+def test_every_sample_of_an_adaptive_run_may_be_a_step(pendulum, truth):
+    few, many = (tolerances.most_steps(pendulum, truth, 1e-8, samples, 10**9) for samples in (0, 100))
+    assert many - few == 100

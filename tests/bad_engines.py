@@ -102,10 +102,10 @@ class Odd(Resting):
 
 
 class Raising(Resting):
-    """Raises what cannot be pickled."""
+    """Raises what cannot be pickled, in words that no encoding takes."""
 
     def run(self, scene, spec):
-        raise type("Local", (Exception,), {})("no such luck")
+        raise type("Local", (Exception,), {})("no such luck, half \ud800 of a character")
 
 
 class Moody(Resting):

@@ -52,7 +52,7 @@ OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast
              ast.Or: ast.And}
 NAMES = {"max": "min", "min": "max", "any": "all", "all": "any", "argmax": "argmin"}
 SECONDS = 10
-"""Computing (s) of the tests that a mutant is shown to. After twenty times as much it counts as killed: they run for ever.
+"""Computing (s) of the tests that a mutant is shown to; after twenty times as much it counts as killed: they run on.
 On a busy machine a clock would lie."""
 
 

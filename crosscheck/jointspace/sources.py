@@ -6,12 +6,12 @@ import dataclasses
 import functools
 import importlib
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from crosscheck import adapters
-from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.adapters.common import open_tree
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
 from crosscheck.inspection import probe
@@ -315,7 +315,7 @@ GIVEN: dict[str, Callable[[Scene], Blocks]] = {
 """Derivatives that an engine has by a way of its own, without a step to choose."""
 
 
-def acceleration(scene: Scene, engine: Any, method: str | None = None) -> np.ndarray:
+def acceleration(scene: Scene, engine: Engine, method: str | None = None) -> np.ndarray:
     """What an engine says at the start, see `responses`: of its model, or else of a method's first step."""
     if method is None and engine.name in adapters.built_in.ENTRIES:
         start = starting(scene)
@@ -330,7 +330,14 @@ def acceleration(scene: Scene, engine: Any, method: str | None = None) -> np.nda
     raise Unsupported(f"{engine.name} gives no accelerations on {scene.name!r}")
 
 
-def differences(scene: Scene, engine: Any, method: str | None = None, along: np.ndarray | None = None) -> Blocks:
+@runtime_checkable
+class Deriving(Protocol):
+    """An engine that gives derivatives of its own."""
+
+    def derivatives(self, scene: Scene, state: tuple[np.ndarray, np.ndarray]) -> Any: ...
+
+
+def differences(scene: Scene, engine: Engine, method: str | None = None, along: np.ndarray | None = None) -> Blocks:
     """Central differences of the accelerations that an engine gives at the start of changed scenes.
 
     The step is the cube root of the rounding that they show, at which rounding and truncation are alike. `along`
@@ -345,8 +352,7 @@ def differences(scene: Scene, engine: Any, method: str | None = None, along: np.
     # one side of the start and all directions at once: where noise is odd about the start, or in one alone, it is seen
     aside = NEAR * np.random.default_rng(count).uniform(0.5, 1.0, count)
     near = np.array([accelerated(k * aside) for k in range(1, 5)])
-    eps = max(float(getattr(engine, "eps", 2.0**-52)),
-              float(np.abs(THIRD @ near).max() / np.sqrt(20.0) / max(1.0, np.abs(near).max(initial=0.0))))
+    eps = max(engine.eps, float(np.abs(THIRD @ near).max() / np.sqrt(20.0) / max(1.0, np.abs(near).max(initial=0.0))))
     step = eps ** (1 / 3)
     slopes = np.array([(accelerated(row) - accelerated(-row)) / (2 * step) for row in step * np.eye(count)]).T
     cut = count // 2 if along is None else count
@@ -355,9 +361,9 @@ def differences(scene: Scene, engine: Any, method: str | None = None, along: np.
 
 def _own(scene: Scene, engine: Any, along: np.ndarray | None) -> Blocks:
     """Those of an engine's `derivatives(scene, state)`, or differences of its accelerations."""
-    give: Callable[..., Any] | None = getattr(engine, "derivatives", None)
     space = JointSpace(scene) if along is None else None
-    given = None if give is None or space is None else give(scene, (positions(scene), space.rates))
+    given = (engine.derivatives(scene, (positions(scene), space.rates))
+             if space is not None and isinstance(engine, Deriving) else None)
     if given is None or space is None:
         return differences(scene, adapters.get(engine), along=along)
     who, shape = f"derivatives of {getattr(engine, 'name', engine)!r}", (space.size, space.size)

@@ -1,4 +1,7 @@
-"""Texts of engines and scenes reach every file of a report as plain text, and no file is lost."""
+"""Texts of engines and scenes reach every file of a report as plain text, and no file is lost.
+
+An engine that says such words is among those of tests/jobs/test_isolation.py.
+"""
 
 import csv
 import json
@@ -11,17 +14,9 @@ from crosscheck import report as folder_of_report
 from crosscheck.files import readable
 from crosscheck.report import load_report
 from crosscheck.verification import job
-from tests.bad_engines import Resting
 from tests.report_making import small_results
 
 WORDS = "half \ud800 of a character, \ufffe, \x00\x1b[31m <img src=x onerror=alert(1)> `code` | column"
-
-
-class Surrogate(Resting):
-    """Raises words that no encoding takes."""
-
-    def run(self, scene, spec):
-        raise RuntimeError(WORDS)
 
 
 @pytest.fixture(scope="module")
@@ -59,12 +54,3 @@ def test_the_markdown_holds_no_html_and_no_code_of_others(folder):
     assert r"\<img" in text
     assert "<img" not in text.replace(r"\<", "")
     assert r"\`code\` \| column" in text
-
-
-def test_an_engine_that_says_it_costs_its_run_alone(tmp_path):
-    results = job.verify("smoke", ["single_pendulum"], ["tests/report/test_hostile_words.py:Surrogate", "mujoco"],
-                         methods=["Rest", "RK4"])
-    folder_of_report.write(results, tmp_path / "out")
-    mine, other = results.records
-    assert (mine.outcome, "\\ud800" in mine.message) == ("error", True) or mine.outcome == "fail"
-    assert other.outcome == "pass"

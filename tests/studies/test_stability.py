@@ -96,6 +96,7 @@ def test_the_command_and_its_page(tmp_path):
     assert not list(tmp_path.glob(".*"))
 
 
+@pytest.mark.slow  # that of drift is quick
 def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
     """The study ends after its first method; the next study does not run that method again."""
     # an edit of the package between the two changes the code, so that the study starts afresh

@@ -156,8 +156,8 @@ def _print_derivatives(exact: Any, verdicts: Any, skipped: dict[str, str]) -> No
     curve = [each for each in verdicts if "inverseFD" in each.source]
     if len(curve) > 2:
         best = min(curve, key=lambda each: max(error for name, error in each.errors.items() if name != "da_dtau"))
-        say(f"of MuJoCo's steps {best.source.partition('@')[2]} is the best; larger ones have the error of order one, "
-            "smaller ones that of rounding")
+        say(f"of MuJoCo's steps {best.source.partition('@')[2]} is the best; larger ones have the error of "
+            "differences, smaller ones that of rounding")
     for reason in dict.fromkeys(skipped.values()):
         names = [name for name, other in skipped.items() if other == reason]
         say(f"left out: {', '.join(names)}: {reason}")

@@ -15,6 +15,7 @@ import numpy as np
 from crosscheck.adapters.exudyn import kinematic_tree, models, solving
 from crosscheck.inspection.admissible import posed
 from crosscheck.inspection.base import Probe, stacked
+from crosscheck.inspection.reference import resting
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -24,6 +25,7 @@ NOTES = {
 }
 LINKS = "links of a kinematic tree are no bodies: some have no mass, and bodies fixed to each other are one"
 PIVOT = "in form pivot the position is held by constraints that the solver eliminates"
+BRISTLES = "its friction at rest is a spring that holds a joint once it has moved, by a part of the step"
 DIFFERENCES = "Exudyn's constraints take their velocity-dependent part from one-sided differences, 1e-7 of the terms"
 
 
@@ -37,7 +39,10 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
         probe.notes |= dict.fromkeys(("mass", "inertia", "centre of mass"), LINKS if chosen == "tree" else PIVOT)
     if chosen == "pivot":
         probe.notes |= dict.fromkeys(("total mass", "kinetic energy", "mass matrix", "gravity force"), PIVOT)
-    if probe.a is None:
+    if any(resting(scene, *(getattr(states, name)[k:k + 1] for name in "xRvw")) for k in range(len(states.t))):
+        probe.a = probe.alpha = None
+        probe.notes |= dict.fromkeys(("acceleration", "angular acceleration"), BRISTLES)
+    elif probe.a is None:
         probe.notes |= dict.fromkeys(("acceleration", "angular acceleration"), DIFFERENCES)
     return probe
 

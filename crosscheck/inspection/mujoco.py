@@ -16,6 +16,7 @@ from crosscheck.scene.states import States
 
 MOVED = "a moving rest angle is an actuator here, and MuJoCo computes spring energy only about a fixed rest angle"
 SOFT = "equality constraints are soft: MuJoCo solves a regularised problem, not that of rigid joints"
+OWN = "its friction and limits are soft, so that they follow a law of its own here; crosscheck law compares the two"
 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
@@ -50,8 +51,10 @@ def _at(scene: Scene, form: str) -> Probe:
         R[None], twists[None, :, 3:], np.einsum("nji,nj->ni", R, twists[:, :3])[None],
         kinetic=data.energy[1:].copy(), potential=data.energy[:1].copy(),
         jacobian=jacobian.reshape(1, 6 * scene.n, model.nv), mass_matrix=matrix[None])
-    if model.neq:
-        probe.notes = dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"), SOFT)
+    # Rows whose force is not cut to the coefficient of friction, which is 0 of limits, follow MuJoCo's own law.
+    if model.neq or not np.allclose(np.abs(data.efc_force), data.efc_frictionloss, rtol=1e-12, atol=0.0):
+        probe.notes = dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"),
+                                    SOFT if model.neq else OWN)
     else:
         probe.a, probe.alpha = rates[None, :, 3:], np.einsum("nji,nj->ni", R, rates[:, :3])[None]
         probe.reactions = _reactions(scene, model, data, bodies)
@@ -108,11 +111,12 @@ def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[s
             at_v = model.jnt_dofadr[number]
             rotor = -model.dof_armature[at_v] * data.qacc[at_v]
             if model.jnt_type[number] == mujoco.mjtJoint.mjJNT_SLIDE:
-                force -= data.xaxis[number] * (motors[number] + rotor)
+                force -= data.xaxis[number] * (motors[number] + rotor + data.qfrc_constraint[at_v])
             elif model.jnt_type[number] == mujoco.mjtJoint.mjJNT_HINGE:
                 at_q = model.jnt_qposadr[number]
                 own = -model.jnt_stiffness[number] * (data.qpos[at_q] - model.qpos_spring[at_q])
                 own += rotor - model.dof_damping[at_v] * data.qvel[at_v] + motors[number]
+                own += data.qfrc_constraint[at_v]  # of friction and limits; without equalities there is nothing else
                 torque -= data.xaxis[number] * own
         for loaded, at, load in loads:
             while loaded not in (body, 0):  # go up the tree: is the load on this body or its descendants?

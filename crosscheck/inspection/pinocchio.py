@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.adapters.common import open_tree
 from crosscheck.adapters.pinocchio import models
 from crosscheck.adapters.pinocchio.dynamics import Dynamics
 from crosscheck.inspection.admissible import posed
@@ -14,6 +15,8 @@ from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
 SPRINGS = "Pinocchio has no springs: the adapter applies them as forces, so that Pinocchio does not know their energy"
+
+ROWS = "dry friction and rigid limits are rows of a step, which its forward dynamics leave out"
 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
@@ -33,6 +36,9 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     if dynamics.model.mimics is not None:
         probe.notes |= dict.fromkeys(("kinetic energy", "potential energy"),
                                      "Pinocchio does not compute energies of models with mimic joints")
+    if open_tree.rowed(scene):
+        probe.a = probe.alpha = probe.reactions = None
+        probe.notes |= dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"), ROWS)
     if any(force.is_spring for force in scene.forces):
         probe.potential, probe.notes["potential energy"] = None, SPRINGS
     return probe

@@ -7,19 +7,24 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from crosscheck.inspection import admissible
 from crosscheck.inspection.base import LOOSEST, QUANTITIES, ROUNDINGS, TOLERANCE, Deviation, Probe
 from crosscheck.scene import mechanics
-from crosscheck.scene.armature import rotors
+from crosscheck.scene.armature import rate_row, rotors
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.laws import DryFriction
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 AT_REST = 1e-12
 """A scene is at rest if its kinetic energy is below this fraction of the energy that its typical speed has."""
+
+SWEEPS, EXACT = 1000, 1e-16
+"""Most sweeps over the coordinates that friction holds, and the change, as a share, at which they end."""
 
 SOLVED = ("mass matrix", "gravity force", "applied force", "acceleration", "angular acceleration", "reaction force",
           "reaction torque")
@@ -55,8 +60,9 @@ def reference(scene: Scene, at: States) -> Reference:
     weight = np.concatenate([scene.masses[:, None] * scene.gravity, np.zeros((n, 3))], axis=1).ravel()
     rows = [slice(k, k + 1) for k in range(count)]
     angles = [mechanics.torsion_angles(scene, at.R[k]) for k in rows]
-    solved = [mechanics.index1(scene, at.x[k], at.R[k], at.v[k], at.w[k], angle)
-             for k, angle in zip(rows, angles, strict=True)]  # separately, because states may differ in rank
+    held = [_held(scene, at.x[k], at.R[k], at.v[k], at.w[k]) for k in rows]
+    solved = [mechanics.index1(one, at.x[k], at.R[k], at.v[k], at.w[k], angle)
+             for one, k, angle in zip(held, rows, angles, strict=True)]  # separately, because states may differ in rank
     a, alpha, lam = (np.concatenate(part) for part in zip(*solved, strict=True))
     potential = [mechanics.potential_energy(scene, at.x[k], at.R[k], angle)[0]
                  for k, angle in zip(rows, angles, strict=True)]
@@ -64,8 +70,8 @@ def reference(scene: Scene, at: States) -> Reference:
     masses = np.broadcast_to(mass, identity.shape)
     for inertia, S, _ in rotors(scene, at.x, at.R, at.v, at.w):
         masses = masses + inertia * S[:, :, None] * S[:, None, :]
-    applied = np.concatenate([mechanics.applied_forces(scene, at.x[k], at.R[k], at.v[k], at.w[k], angle)
-                              for k, angle in zip(rows, angles, strict=True)])
+    applied = np.concatenate([mechanics.applied_forces(one, at.x[k], at.R[k], at.v[k], at.w[k], angle)
+                              for one, k, angle in zip(held, rows, angles, strict=True)])
     probe = Probe(
         "truth", "maximal", scene.masses, scene.inertias, at.x, at.R, at.v, at.w,
         kinetic=mechanics.kinetic_energy(scene, at), potential=np.array(potential), jacobian=identity,
@@ -75,6 +81,60 @@ def reference(scene: Scene, at: States) -> Reference:
     return Reference(
         probe, tuple(admissible.basis(scene, constraints, at.x[k], at.R[k]) for k in range(count)),
         tuple(_unique(constraints, at.x[k], at.R[k]) for k in rows), _scales(scene, at, probe, applied, constraint))
+
+
+class _Holding(DryFriction):
+    """Dry friction of a coordinate at rest, which gives what keeps it there: `sliding`, N m or N, of either sign."""
+
+    def force(self, rate: Any) -> Any:
+        return np.full(np.shape(rate), self.sliding)
+
+
+def resting(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray
+            ) -> list[tuple[int, int, float, np.ndarray, np.ndarray]]:
+    """(joint, coordinate, what friction holds, S, s) of coordinates with dry friction at rest; rate = S u.
+
+    The state is one row.
+    """
+    found = []
+    for index, joint in enumerate(scene.joints):
+        for k, friction in enumerate(joint.dry_friction):
+            if friction is not None:
+                S, s = rate_row(joint, joint.kind.coordinates[k], scene, x, R, v, w)
+                if abs(float(S[0] @ np.concatenate([v[0], w[0]], axis=1).ravel())) <= AT_REST:
+                    found.append((index, k, friction.static, S[0], s))
+    return found
+
+
+def _held(scene: Scene, *state: np.ndarray) -> Scene:
+    """The scene with the friction that keeps coordinates at rest, by Gauss' principle, one row after the other."""
+    rows = resting(scene, *state)
+    if not rows:
+        return scene
+    _, _, most, S, s = zip(*rows, strict=True)
+    efforts = np.zeros(len(rows))
+
+    def holding(sizes: np.ndarray) -> Scene:
+        joints = list(scene.joints)
+        for (index, k, *_), size in zip(rows, sizes, strict=True):
+            parts = list(joints[index].dry_friction)
+            parts[k] = _Holding(size, abs(size))
+            joints[index] = dataclasses.replace(joints[index], dry_friction=tuple(parts))
+        return scene.replace(joints=tuple(joints))
+
+    def rates(sizes: np.ndarray) -> np.ndarray:
+        a, alpha, _ = mechanics.index1(holding(sizes), *state)
+        return np.array(S) @ np.concatenate([a[0], alpha[0]], axis=1).ravel() + np.concatenate(s)
+
+    free = rates(efforts)
+    W = np.array([rates(unit) - free for unit in np.eye(len(rows))]).T
+    for _ in range(SWEEPS):
+        before = efforts.copy()
+        for k in range(len(rows)):
+            efforts[k] = np.clip(efforts[k] - (free[k] + W[k] @ efforts) / W[k, k], -most[k], most[k])
+        if np.abs(efforts - before).max() <= EXACT * np.abs(efforts).max():
+            break
+    return holding(efforts)
 
 
 def _unique(constraints: Constraints, x: np.ndarray, R: np.ndarray) -> frozenset[str]:

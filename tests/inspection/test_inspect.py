@@ -14,13 +14,16 @@ from crosscheck.adapters.base import Engine
 from crosscheck.cli import app
 from crosscheck.inspection import Inspection, Probe, admissible, inspect, probe
 from crosscheck.inspection.base import LOOSEST, QUANTITIES
+from crosscheck.inspection.reference import deviations, reference
 from crosscheck.running.support import minimal_scenes
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.file import scene_names
 from crosscheck.scene.functions import sine
+from crosscheck.scene.laws import DryFriction
 from crosscheck.scene.model import Force, Scene
 from crosscheck.scene.states import States
 from tests.adapters.pairs import loaded_pair
+from tests.adapters.test_laws import arm
 
 ENGINES = ("lieeuler", "mujoco", "pinocchio", "exudyn")
 SMALL = ("branching_tree", "slider_crank", "loaded_pendulum", "prismatic_slider", "torsion_wheel", "bricard")
@@ -94,6 +97,24 @@ def test_driven_and_geared_scenes_agree_with_truth(name: str) -> None:
     assert found.agree, "; ".join(map(str, found.offenders))
     assert found.probes
     assert not any("Error" in reason for reason in found.skipped.values()), found.skipped
+
+
+@pytest.mark.parametrize(("most", "telling"), [(0.3, ["lieeuler", "mujoco"]), (3.0, ["lieeuler"]), (
+    20.0, ["lieeuler"])], ids=["both slip", "one is held", "both are held"])
+def test_friction_at_rest_is_truth_and_laws_of_an_engines_own_are_not_compared(most: float, telling: list) -> None:
+    """At rest MuJoCo's soft friction, Pinocchio's rows of a step and Exudyn's bristles are none of the state alone."""
+    moving = arm(upper={"dry_friction": most}, lower={"dry_friction": most})
+    still = moving.replace(bodies=tuple(dataclasses.replace(body, velocity=np.zeros(3), angular_velocity=np.zeros(3))
+                                        for body in moving.bodies))
+    found = inspect(still, count=0)
+    assert found.agree
+    assert [each.engine for each in found.probes if each.a is not None] == telling
+    assert (np.abs(found.truth.a).max() < 1e-12) == (most == 20.0)
+    assert inspect(moving, ["lieeuler", "mujoco", "exudyn"]).agree
+    less = still.replace(joints=tuple(dataclasses.replace(joint, dry_friction=(DryFriction(most / 2, most / 2),))
+                                      for joint in still.joints))
+    wrong = deviations(still, reference(still, found.states), probe(get("lieeuler"), less, found.states))
+    assert any(each.quantity == "acceleration" and each.relative > 1e-3 for each in wrong) == (most != 20.0)
 
 
 def test_a_probe_tells_what_it_can_and_why_not_the_rest() -> None:

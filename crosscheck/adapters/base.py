@@ -149,6 +149,7 @@ class Engine:
     known_defects: tuple[Known, ...] = ()
     misreads: Misreads = MappingProxyType({})  # what it reads instead of a sensor
     reads_models: bool = False  # it has `native`
+    soft_laws: bool = False  # friction and limits are springs or soft rows: what holds a joint at rest is its own
 
     @functools.cached_property
     def options(self) -> frozenset[str]:

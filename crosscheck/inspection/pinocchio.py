@@ -38,7 +38,8 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
                                      "Pinocchio does not compute energies of models with mimic joints")
     if open_tree.rowed(scene):
         probe.a = probe.alpha = probe.reactions = None
-        probe.notes |= dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"), ROWS)
+        probe.notes |= dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"),
+                                     ROWS)
     if any(force.is_spring for force in scene.forces):
         probe.potential, probe.notes["potential energy"] = None, SPRINGS
     return probe

@@ -45,11 +45,12 @@ UNITS = {"acceleration": "m/s^2", "angular acceleration": "rad/s^2", "reaction":
 """Reactions are compared by the accelerations that they give each body, M^-1 G^T lam: rows may be redundant."""
 
 
-def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequence[Defects]) -> list[Finding]:
+def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequence[Defects], soft: bool = False
+                        ) -> list[Finding]:
     """Findings for those of a, alpha and lam that the engine reports.
 
     The first run is judged. The others are at other steps: an error that does not vanish with the step is one of the
-    model.
+    model. Where its laws are `soft`, what holds a joint at rest is its own, and not judged.
     """
     traj, claim = trajectories[0], runs[0].claim
     if traj.a is None and traj.lam is None:
@@ -64,6 +65,8 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
                         "the equations of motion have no solution at the run's own states")]
     power = min(claim.order or 1, 2)  # of higher order, accelerations are either those of the state or of second order
     calm = calm_ends(runs)
+    if soft:
+        calm &= ~np.any([run.flow.resting for run in runs], axis=0)
     if not calm.any():
         return [Finding("acceleration", "unjudged", None, None, "m/s^2", "forces of joints jump next to every output "
                         "time")]

@@ -88,6 +88,20 @@ class Flow:
                          for each, tau in zip(self.crossed.intervals, self.tau.tolist(), strict=True)])
 
     @property
+    def resting(self) -> np.ndarray:
+        """Whether something holds a coordinate with a law at its end, (I,)."""
+        return np.array([any(part.held for part in mode or ()) for mode in self.crossed.modes[1:]] if self.crossed else
+                        self.tau < 0.0)
+
+    def after_event(self, within: float) -> np.ndarray:
+        """Whether a surface was crossed at most this time (s) before it begins, (I,)."""
+        if self.crossed is None:
+            return self.tau < 0.0
+        late = [any(tau - within <= event.after <= tau for event in each.events)
+                for each, tau in zip(self.crossed.intervals, self.tau.tolist(), strict=True)]
+        return np.array([False, *late[:-1]])
+
+    @property
     def growth(self) -> np.ndarray:
         """Factor by which an error may grow within the interval, (I,)."""
         return np.asarray(np.exp(np.minimum(self.rate * self.tau, 50.0)))

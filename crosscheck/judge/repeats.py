@@ -64,10 +64,11 @@ def shown_floor(traj: Any, repeat: Answer, own: Defects) -> float:
     return float(min(1.0, SHOWN * float(np.median(shown))))
 
 
-def judge_repeat(traj: Any, repeat: Answer, own: Defects) -> tuple[list[Finding], bool]:
+def judge_repeat(traj: Any, repeat: Answer, own: Defects, soft: bool = False) -> tuple[list[Finding], bool]:
     """The finding on the largest difference over its bound, and whether the engine remembers nothing but the state.
 
-    There is no finding if the run has intervals that are not measured.
+    One with `soft` laws remembers how far what holds its joints is bent. There is no finding if the run has intervals
+    that are not measured.
     """
     count = len(traj.t) - 1
     if len(own.flow.index) != count:
@@ -83,7 +84,7 @@ def judge_repeat(traj: Any, repeat: Answer, own: Defects) -> tuple[list[Finding]
     ratio = np.max([gaps[name] / units[name] for name in QUANTITIES], axis=0)
     ratio = np.where(np.isfinite(ratio), ratio, np.inf)
     parts = [slice(a, b) for a, b in zip(repeat.marks[:-1], repeat.marks[1:], strict=True)]
-    same = np.mean([bool((ratio[part] * seen[part] <= rounded[part]).all()) for part in parts])
+    same = 0.0 if soft else float(np.mean([bool((ratio[part] * seen[part] <= rounded[part]).all()) for part in parts]))
     bound = exact if same >= SAME else np.maximum(exact, missed)
     over = {name: gaps[name] / units[name] * seen / bound for name in QUANTITIES}
     name = max(QUANTITIES, key=lambda each: float(np.nan_to_num(over[each], nan=np.inf).max()))

@@ -77,7 +77,9 @@ def limits(runs: Sequence[Defects]) -> Limit:
     usable = np.all([_within(run) & run.flow.regular for run in runs[1:]], axis=0)
     # Effects of the start, as with soft constraints, follow no power of h.
     since = np.min([run.flow.since for run in runs], axis=0)
-    usable &= ~np.any([run.flow.eventful for run in runs], axis=0)  # an event is early or late by parts of a step
+    # An event is early or late by parts of a step, and a start for what an engine remembers.
+    usable &= ~np.any([run.flow.eventful | run.flow.after_event(BEGUN * (run.claim.step or 0.0)) for run in runs],
+                      axis=0)
     usable &= (since > 0.0) & (since >= BEGUN * (runs[-1].claim.step or 0.0))
     found = {}
     for name in QUANTITIES:

@@ -160,6 +160,7 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
         return _Seen(tolerances.EPS, [] if run.practical else unjudged("the run is not finite"), [], [], nothing)
     again = asked.repeat(scale.length)
     engine = adapters.get(run.engine)
+    soft = engine.soft_laws and any(any(joint.dry_friction) or any(joint.limits) for joint in scene.joints)
     eps = tolerances.EPS if engine.eps <= tolerances.EPS or isinstance(again, str) else seen_eps(
         traj, again, {name: scale.of(name) for name in QUANTITIES}, engine.eps, SINGLE)
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, eps)
@@ -169,7 +170,7 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
         runs = measured(scene, traj, others, reference, claim)
         told, forgets, share = [_not_repeated(again)] if isinstance(again, str) else [], False, 1.0
         if not isinstance(again, str):
-            (told, forgets), share = judge_repeat(traj, again, runs[0]), shown_floor(traj, again, runs[0])
+            (told, forgets), share = judge_repeat(traj, again, runs[0], soft), shown_floor(traj, again, runs[0])
         runs = [dataclasses.replace(each, forgets=forgets, floor={
             name: share * part for name, part in each.floor.items()}) for each in runs]
         settled, beside = others, runs
@@ -181,7 +182,7 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
                 told, others, runs = [*told, *axes], settled, beside
         intervals, covered = judge_intervals(scene, traj, runs)
         findings = [*intervals, *judge_noise(runs), *judge_windows(runs)]
-        findings += judge_accelerations(scene, [traj, *(each.traj for each in settled)], beside)
+        findings += judge_accelerations(scene, [traj, *(each.traj for each in settled)], beside, soft)
         return _Seen(eps, [*findings, *told], runs, others, covered)
     except np.linalg.LinAlgError:
         return _Seen(eps, [Finding("interval velocity", "fail", np.inf, None, "m/s", "the equations of motion have no "

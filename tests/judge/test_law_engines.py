@@ -1,5 +1,6 @@
 """Force laws of joints: every engine with a mistake in one of them fails, and right ones are accused of nothing."""
 
+import dataclasses
 import functools
 import pathlib
 import tempfile
@@ -8,9 +9,10 @@ import pytest
 
 import crosscheck
 from crosscheck import adapters
-from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.base import RunSpec, StandIn
 from crosscheck.document import Record
 from crosscheck.verification.cell import judge_run
+from tests.adapters.test_laws import pendulum as hinge_pendulum
 from tests.fake_engine import install
 from tests.law_mistakes import MISTAKES, SCENES, Wrong
 
@@ -82,6 +84,30 @@ def test_a_right_engine_is_accused_of_nothing(name, method):
 def test_no_right_engine_is_accused(name, method):
     verdict = judged(scene(name), adapters.get("lieeuler"), method)
     assert not accused(verdict)
+
+
+class Shifted(StandIn):
+    """MuJoCo, whose accelerations are .1 % large."""
+
+    name = "fake"
+
+    def run(self, scene, spec):
+        """The run, with wrong accelerations of bodies."""
+        raw = self._engine.run(scene, spec)
+        raw.states = dataclasses.replace(raw.states, a=1.001 * raw.states.a)
+        return raw
+
+
+@pytest.mark.parametrize(("engine", "method"), [
+    ("mujoco", "Euler"), pytest.param("exudyn", "RK44", marks=pytest.mark.slow),
+    pytest.param("exudyn", "GeneralizedAlpha", marks=pytest.mark.slow)])
+def test_soft_friction_is_not_accused_of_how_it_holds(monkeypatch, engine, method):
+    """The pendulum comes to rest: soft rows and bristles hold it by laws of their own, and bristles remember."""
+    resting = hinge_pendulum(dry_friction=0.5)
+    assert not accused(judged(resting, adapters.get(engine), method))
+    if engine == "mujoco":
+        shifted = install(monkeypatch, Shifted(adapters.get("mujoco")))
+        assert any(each.startswith("acceleration") for each in accused(judged(resting, shifted, method)))
 
 
 OTHERS = [("pinocchio", name, method) for name in ("saturated", "motor", "following", "sampled", "soft")

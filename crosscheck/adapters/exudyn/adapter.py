@@ -52,6 +52,7 @@ class Exudyn(Engine):
     package = "exudyn"
     known_defects = KNOWN
     pace = 1
+    soft_laws = True
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int:
         """That of the method, as far as the forces are smooth: nothing locates events.

@@ -40,7 +40,8 @@ class Completed(StandIn):
     the call, by the clock of the harness; what the engine says of it is kept as "told_time" of `stats`.
     """
 
-    known_defects, misreads = (), types.MappingProxyType({})  # nobody excuses findings of his own engine
+    # nobody excuses findings of his own engine
+    known_defects, misreads, soft_laws = (), types.MappingProxyType({}), False
 
     def __init__(self, engine: Any, version: str | None, own: str) -> None:
         super().__init__(engine)

@@ -37,6 +37,7 @@ class Forms(Engine):
 
     forms = ("tree", "maximal")
     options = frozenset({"form", "softness"})
+    soft_laws = True
 
     def form(self, scene: Scene, spec: RunSpec) -> str:
         """The form used: the requested one, else tree, or maximal if only that can model the scene."""

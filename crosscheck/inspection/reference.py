@@ -124,7 +124,7 @@ def _held(scene: Scene, *state: np.ndarray) -> Scene:
 
     def rates(sizes: np.ndarray) -> np.ndarray:
         a, alpha, _ = mechanics.index1(holding(sizes), *state)
-        return np.array(S) @ np.concatenate([a[0], alpha[0]], axis=1).ravel() + np.concatenate(s)
+        return np.asarray(np.array(S) @ np.concatenate([a[0], alpha[0]], axis=1).ravel() + np.concatenate(s))
 
     free = rates(efforts)
     W = np.array([rates(unit) - free for unit in np.eye(len(rows))]).T

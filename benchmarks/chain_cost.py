@@ -1,6 +1,7 @@
 """Cost of a step against the number of bodies: chains of pendulums, beside MuJoCo's Euler and Exudyn's sparse solver.
 
-Run with `python -m benchmarks.chain_cost`; `--json` prints the figures for a program to read.
+Run with `python -m benchmarks.chain_cost`; `--json` prints the figures for a program to read, `--sizes 64 256 1024 4096
+--methods DAE1L_LSE taylor` takes other chains and methods.
 
 Wall time: stepping alone (`wall_time`), samples = 2, no monitor, all contenders of a size in turn in one process,
 medians over the rounds. With valgrind also the instructions of one Newton iteration, counted by callgrind on
@@ -28,23 +29,24 @@ from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.running import provenance
 
-SIZES = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
-COUNTED = (16, 64, 256, 1024)
+SIZES = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 4096)
+COUNTED = (16, 64, 256, 1024, 4096)
 BESIDE = (8, 32, 128)
 ENGINES = (("mujoco", "Euler"), ("exudyn", "TrapezoidalIndex2"))
-STEP = 1e-3  # s
+STEP, RTOL = 1e-3, 1e-8  # s, of adaptive methods
 FEWEST = 200  # steps of a run, over which the cost of its start, planning included, is spread
 
 
-def wall_times(n: int, rounds: int) -> dict[str, float]:
-    """Microseconds per step by contender, medians of interleaved rounds."""
+def wall_times(n: int, rounds: int, methods: Sequence[str]) -> dict[str, float]:
+    """Microseconds per step by contender, medians of interleaved rounds; adaptive methods at RTOL."""
     scene = driver.chain(n)
     steps = max(FEWEST, 20000 // n)
     problem, few = build_problem(scene), max(FEWEST // 10, steps // 10)
     times: dict[str, list[float]] = {}
     for _ in range(rounds):
-        for method in lieeuler.EULER_METHODS:
-            stats = lieeuler.integrate(problem, method, STEP, [0, steps * STEP], monitor=False).stats
+        for method in methods:
+            control = {"rtol": RTOL} if "rtol" in lieeuler.METHODS[method].controls else {"step": STEP}
+            stats = lieeuler.integrate(problem, method, t_eval=[0, steps * STEP], monitor=False, **control).stats
             times.setdefault(f"lieeuler {method}", []).append(1e6 * stats.wall_time / stats.steps)
         for engine, method in ENGINES if n in BESIDE else ():
             # The adapter alone: what crosscheck.run derives from a trajectory costs n^3 and belongs to no step.
@@ -54,16 +56,17 @@ def wall_times(n: int, rounds: int) -> dict[str, float]:
     return {name: statistics.median(values) for name, values in times.items()}
 
 
-def instructions(sizes: Sequence[int]) -> dict[str, list[float]]:
-    """Instructions of one Newton iteration by method and size."""
+def instructions(sizes: Sequence[int], methods: Sequence[str]) -> dict[str, list[float]]:
+    """Instructions of one Newton iteration, or else of one step, by method and size."""
     counts: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         program = driver.build(Path(folder))
-        for method in lieeuler.EULER_METHODS:
+        for method in methods:
+            accuracy = RTOL if "rtol" in lieeuler.METHODS[method].controls else STEP
             for n in sizes:
-                short, long = (driver.count(program, method, n, steps, STEP) for steps in (6, 16))
-                counts.setdefault(method, []).append(
-                    (long.instructions - short.instructions) / (long.iterations - short.iterations))
+                short, long = (driver.count(program, method, n, steps, accuracy) for steps in (6, 16))
+                counts.setdefault(method, []).append((long.instructions - short.instructions)
+                                                     / (long.iterations - short.iterations or 10))
     return counts
 
 
@@ -84,16 +87,17 @@ def _print(result: dict[str, Any]) -> None:
         costs = [wall[str(n)][name] for n in sizes]
         table.add_row(name, *(f"{cost:.1f}" for cost in costs), f"{exponent(sizes, costs):.2f}")
     console.print(table)
-    beside = [n for n in BESIDE if n in sizes]
-    table = Table("us / step", *(f"n = {n}" for n in beside), box=None)
-    for name in wall[str(beside[-1])]:
-        table.add_row(name, *(f"{wall[str(n)][name]:.1f}" for n in beside))
-    console.print(table)
+    if beside := [n for n in BESIDE if n in sizes]:
+        table = Table("us / step", *(f"n = {n}" for n in beside), box=None)
+        for name in wall[str(beside[-1])]:
+            table.add_row(name, *(f"{wall[str(n)][name]:.1f}" for n in beside))
+        console.print(table)
     if result["instructions"]:
-        table = Table("instructions / iteration / body", *(f"n = {n}" for n in COUNTED), "exponent", box=None)
+        counted = result["counted"]
+        table = Table("instructions / iteration / body", *(f"n = {n}" for n in counted), "exponent", box=None)
         for name, costs in result["instructions"].items():
-            table.add_row(name, *(f"{cost / n:.0f}" for n, cost in zip(COUNTED, costs, strict=True)),
-                          f"{exponent(COUNTED, costs):.3f}")
+            table.add_row(name, *(f"{cost / n:.0f}" for n, cost in zip(counted, costs, strict=True)),
+                          f"{exponent(counted, costs):.3f}")
         console.print(table)
     else:
         console.print(f"instructions: not counted, {result['not_counted']}")
@@ -104,13 +108,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.chain_cost", description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5, help="runs of each contender (default: 5)")
     parser.add_argument("--no-instructions", action="store_true", help="wall times only")
+    parser.add_argument("--methods", nargs="+", default=lieeuler.EULER_METHODS, choices=lieeuler.METHODS)
+    parser.add_argument("--sizes", nargs="+", type=int, default=SIZES, help="numbers of bodies")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
     options = parser.parse_args(arguments)
     if options.rounds < 1:
         parser.error("--rounds must be positive")
     not_counted = "as asked" if options.no_instructions else driver.missing_tool("valgrind", "c++")
-    result = {"step": STEP, "sizes": list(SIZES), "us_per_step": {str(n): wall_times(n, options.rounds) for n in SIZES},
-              "instructions": {} if not_counted else instructions(COUNTED), "not_counted": not_counted,
+    counted = [n for n in options.sizes if n in COUNTED] or options.sizes
+    result = {"step": STEP, "sizes": options.sizes, "counted": counted, "not_counted": not_counted,
+              "us_per_step": {str(n): wall_times(n, options.rounds, options.methods) for n in options.sizes},
+              "instructions": {} if not_counted else instructions(counted, options.methods),
               **provenance.describe(dict.fromkeys(engine for engine, _ in ENGINES))}
     if options.json:
         print(json.dumps(result, indent=1))

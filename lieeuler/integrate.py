@@ -16,6 +16,7 @@ from lieeuler.checks import LARGEST, SMALLEST, number, positive, real
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
 from lieeuler.methods import COORDINATE_MAPS, CORRECTIONS, METHODS, Method
 from lieeuler.pieces import Pieces
+from lieeuler.planar import Plane
 from lieeuler.problem import Problem
 from lieeuler.reduction import nodes, reductions, take_multipliers
 from lieeuler.sensitivities import RTOL, Changed, differentiated
@@ -196,7 +197,8 @@ class PreparedRun:
     another one.
 
     Its solutions are those of `integrate`. Where a reduction or a frame without spin depends on the state, a call with
-    a state plans anew.
+    a state plans anew, unless the state lies in the plane of the first one; it then keeps the axes of that one, and the
+    solution is the same to rounding, with `rtol` within its error.
     """
 
     def __init__(self, problem: Problem, arguments: Arguments) -> None:
@@ -224,6 +226,10 @@ class PreparedRun:
         record, pairs = METHODS[method], {(joint.parent, joint.child) for joint in problem.joints}
         leaves_nothing_out = not record.reduced(arguments.coordinate_map) if reduce is None else reduce == "off"
         balls = len(pairs) == len(problem.joints) and all(joint.ball for joint in problem.joints)
+        self._plane: Plane | None = None  # of every state in it, unless spins decide
+        if len(self._steps) == 1 and isinstance(plane := self._steps[0], Plane):
+            turning = Problem.unchecked(within, w=np.tile([0.0, 0.0, 1.0], (n, 1)))
+            self._plane = None if plan.spin_free and spin_free_frames(turning) else plane
         self._state_decides = not (leaves_nothing_out or balls) or (plan.spin_free and bool(symmetric_bodies(problem)))
 
     def __call__(self, x: Any = None, R: Any = None, v: Any = None, w: Any = None) -> Solution:
@@ -239,8 +245,12 @@ class PreparedRun:
         own, solution = self.problem, None
         if x is None and R is None and v is None and w is None:
             solution = self._solved(self._start, False)
-        elif not self._state_decides:
-            solution = self._solved((_plain(x, own.x), _plain(R, own.R), _plain(v, own.v), _plain(w, own.w)), True)
+        else:
+            start: State | None = _plain(x, own.x), _plain(R, own.R), _plain(v, own.v), _plain(w, own.w)
+            if start and self._state_decides:
+                start = self._plane.entered(self._begin, *start) if self._plane else None
+            if start:
+                solution = self._solved(start, True)
         if solution is not None:
             return self.ended(solution)
         x, R, v, w = (mine if value is None else value

@@ -18,9 +18,10 @@ import dataclasses
 
 import numpy as np
 
+from lieeuler import _kernel
 from lieeuler.checks import normals
 from lieeuler.errors import ArgumentError
-from lieeuler.forces import ConstantLoad, Force, LinearSpring, SlideForce, start_angles
+from lieeuler.forces import ConstantLoad, Force, LinearSpring, SlideForce, TorsionalSpring, start_angles
 from lieeuler.joint_parts import Coordinate, Dot, Drive, Rotor
 from lieeuler.joints import Joint
 from lieeuler.methods import Method
@@ -51,6 +52,10 @@ class Plane:
         Rotation from world axes to those of the plane.
     frames : (n, 3, 3)
         Rotations from body axes to body axes of `problem`.
+    heights : (n,)
+        Of the mass centres along e, m.
+    angles : (number of forces,)
+        Of torsional springs at the start, rad.
     word : "planar" | "axis"
         "axis" if every body turns about an axis fixed in the ground.
     """
@@ -60,6 +65,8 @@ class Plane:
     normal: np.ndarray
     turn: np.ndarray
     frames: np.ndarray
+    heights: np.ndarray
+    angles: np.ndarray
     word: str
 
     def restore(self, solution: Solution, angles: np.ndarray) -> np.ndarray:
@@ -67,14 +74,30 @@ class Plane:
 
         `angles` (T, number of forces) are unwrapped, rad. The multipliers are not touched.
         """
-        solution.x[:, :, 2] += self.full.x @ self.normal
-        for name in ("x", "v", "a"):
-            setattr(solution, name, np.ascontiguousarray(getattr(solution, name) @ self.turn))
-        solution.R = np.ascontiguousarray(self.turn.T @ solution.R @ self.frames)
-        for name in ("w", "alpha"):
-            setattr(solution, name, np.einsum("bji,tbj->tbi", self.frames, getattr(solution, name)))
-        unwrapped: np.ndarray = angles + start_angles(self.full.forces, self.full.R)
+        s = solution
+        _kernel.leave_plane(self.turn, self.frames, self.heights, s.x, s.R, s.v, s.w, s.a, s.alpha)
+        unwrapped: np.ndarray = angles + self.angles
         return unwrapped
+
+    def entered(self, t: float, x: np.ndarray, R: np.ndarray, v: np.ndarray,
+                w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+        """Another state of `full` at time t as one of `problem`; None unless it is in this plane with closed joints, to
+        rounding. Angles of torsional springs are counted from the first start: None with such springs too."""
+        full, length = self.full, self.full.kernel.length
+        if any(isinstance(force, TorsionalSpring) for force in full.forces):
+            return None
+        opening = _kernel.constraint_levels(full.kernel, x, R, v, w, t, 0.0).max()
+        turned = self.turn @ R @ np.swapaxes(self.frames, 1, 2)
+        x, v, w = x @ self.turn.T, v @ self.turn.T, np.einsum("bij,bj->bi", self.frames, w)
+        off = max(np.abs(x[:, 2] - self.heights).max() / length, np.abs(turned[:, 2] - Z).max(), opening)
+        out = max(np.abs(v[:, 2]).max(), np.abs(w[:, :2]).max() * length)
+        if not (off <= ROUNDING and out <= ROUNDING * max(np.abs(v).max(), np.abs(w).max() * length)):
+            return None
+        x[:, 2], v[:, 2], w[:, :2] = 0, 0, 0
+        turned[:, :, 2], turned[:, 2] = Z, Z
+        turned[:, :2, :2] /= np.hypot(turned[:, 0, 0], turned[:, 1, 0])[:, None, None]
+        turned[:, 0, 1], turned[:, 1, 1] = -turned[:, 1, 0], turned[:, 0, 0]
+        return x, turned, v, w
 
 
 def plane_for(problem: Problem, method: Method, wanted: str | None) -> Plane | None:
@@ -136,7 +159,8 @@ def plane_of(problem: Problem, pins: bool) -> Plane:
                if joint.parent == GROUND and len(rows.across) == 2 and not rows.angle]
     word = "axis" if sorted(turning) == list(range(problem.n)) and len(problem.joints) == problem.n else "planar"
     flat.kernel.turns_about_pins = word == "axis"
-    return Plane(problem, flat, view.e, view.turn, view.frames, word)
+    return Plane(problem, flat, view.e, view.turn, view.frames, problem.x @ view.e,
+                 start_angles(problem.forces, problem.R), word)
 
 
 def _points(problem: Problem, within: list[_Within], pins: bool) -> set[int]:

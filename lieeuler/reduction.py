@@ -71,10 +71,9 @@ def take_multipliers(problem: Problem, solution: Solution, angles: np.ndarray) -
     springs are unwrapped, rad.
     """
     x, R, v, w = (np.ascontiguousarray(array) for array in (solution.x, solution.R, solution.v, solution.w))
-    solution.lam, solution.stats.redundant_rows = _kernel.multipliers(problem.kernel, solution.t, x, R, v, w, angles)
-    unknown = np.isnan(solution.lam).any(axis=1)
-    if unknown.any():
-        end = int(unknown.argmax())
+    solution.lam, solution.stats.redundant_rows, end = _kernel.multipliers(problem.kernel, solution.t, x, R, v, w,
+                                                                           angles)
+    if end < len(solution.t):
         solution.status, solution.t_end = Status.SINGULAR_MATRIX, float(solution.t[end])
         for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam"):
             setattr(solution, name, getattr(solution, name)[:end])

@@ -14,6 +14,7 @@
 #include "python/methods.hpp"
 #include "python/multipliers.hpp"
 #include "python/probes.hpp"
+#include "python/restoring.hpp"
 #include "python/running.hpp"
 
 using namespace lieeuler;
@@ -144,6 +145,7 @@ NB_MODULE(_kernel, m) {
   m.def("constraint_levels", &levels_of_states);
   m.def("open_levels", &open_levels_of);
   m.def("multipliers", &multipliers);
+  m.def("leave_plane", &leave_plane);
   m.def("forces", &forces);
   m.def("map_values", [](CoordinateMap map, const Vec3& xi, const Mat3& J, double h) {
     return map == CoordinateMap::exp      ? map_values<ExpMap>(xi, J, h)

@@ -1,0 +1,203 @@
+"""Cells: how many times faster than the best stock engine lieeuler reaches an error, scene by scene.
+
+    python -m benchmarks.cells [SCENE ...] [--json FILE] [--heyoka]
+
+A cell is a scene and an error at its end, m (rad of free bodies): the time of the cheapest mode of any other engine in
+its own compiled loop over that of lieeuler's cheapest method, from the fastest of a few runs in turns. In brackets the
+same with all that a prepared run spends around the kernel. Modes are found by walking every method's steps or
+tolerances once; then the cheapest of both sides around each error take turns. Costs between two rungs are interpolated.
+`--json` keeps the cells measured so far, so that the table can be made in pieces. `--heyoka` adds its Taylor
+integrator on minimal coordinates, which is a bound and no engine: lieeuler's time over its time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import crosscheck
+import lieeuler
+from crosscheck import adapters
+from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.errors import CrosscheckError
+from crosscheck.running.attempt import Ran, attempt
+from crosscheck.scene.model import Scene
+from crosscheck.studies import work_precision as study
+from crosscheck.verification.ladder import GradedWay, ladder, reference, ways
+from crosscheck.verification.speed import undisturbed
+
+GOALS = {1e-2: 1.0, 1e-3: 2.0, 1e-6: 5.0, 1e-9: 5.0}
+"""Wanted values by error."""
+LIMIT = 0.1  # s of one run, after which a walk ends
+MOST_FAILING, MOST_STEPS = 8, 1 << 20
+RIVALS = 2  # ways of each side that take turns for a cell
+FINEST = 1e-10  # error below which a ladder ends
+CALLS = 30
+
+Rung = tuple[GradedWay, float]
+"""A way, and its step (s) or tolerance."""
+
+
+def stepping(scene: Scene, rung: Rung) -> tuple[float, Any]:
+    """Seconds of stepping with two samples, and the trajectory; infinity if the run fails."""
+    way, value = rung
+    control = {"rtol" if way.adaptive else "step": value}
+    outcome = attempt(scene, way, samples=2, monitor=False, derived=False, **control)
+    return (outcome.raw.wall_time, outcome.raw.states) if isinstance(outcome, Ran) else (math.inf, None)
+
+
+def walked(scene: Scene, way: GradedWay, error: Callable[[Any], float]) -> list[tuple[Rung, float, float]]:
+    """The rungs of a way that run, coarse to fine, with errors and stepping times, s."""
+    found: list[tuple[Rung, float, float]] = []
+    failed = 0
+    for count, value in ladder(scene, way):
+        seconds, states = stepping(scene, (way, value))
+        if states is None:
+            failed += 1
+        else:
+            if seconds > LIMIT:  # the machine may have been busy
+                seconds = min(seconds, stepping(scene, (way, value))[0])
+            found.append(((way, value), error(states), seconds))
+        hopeless = failed > MOST_FAILING or (count or 0) > MOST_STEPS
+        if hopeless or (found and (found[-1][1] < FINEST or found[-1][2] > LIMIT)):
+            break
+    return found
+
+
+def candidates(rungs: list[list[tuple[Rung, float, float]]]) -> list[int]:
+    """Places of the ways that are cheapest at one of the errors."""
+    chosen: set[int] = set()
+    for level in GOALS:
+        costs = [(study.cost_at([e for _, e, _ in own], [s for *_, s in own], level), place)
+                 for place, own in enumerate(rungs) if own]
+        chosen |= {place for _, place in sorted((cost, place) for cost, place in costs if cost)[:RIVALS]}
+    return sorted(chosen)
+
+
+def near(own: list[tuple[Rung, float, float]]) -> list[tuple[Rung, float, float]]:
+    """The rungs on both sides of each error."""
+    errors = study.confirmed([error for _, error, _ in own])
+    kept: set[int] = set()
+    for level in GOALS:
+        first = next((k for k, error in enumerate(errors) if error <= level), None)
+        kept |= {k for k in (() if first is None else (first - 1, first, first + 1)) if 0 <= k < len(own)}
+    return [own[k] for k in sorted(kept)]
+
+
+def around(scene: Scene, method: str) -> float:
+    """Seconds of a prepared run outside the kernel."""
+    control = {"rtol": 1e-6} if "rtol" in lieeuler.METHODS[method].controls else {"step": scene.duration / 64}
+    times = np.array([0.0, scene.duration])
+    run = lieeuler.prepare(build_problem(scene), method, t_eval=times, monitor=False, **control)
+
+    def once() -> float:
+        begin = time.perf_counter()
+        solution = run()
+        return time.perf_counter() - begin - solution.stats.wall_time
+
+    try:
+        return min(once() for _ in range(CALLS))
+    except lieeuler.IntegrationError:
+        return 0.0
+
+
+def measured(scene: Scene, turns: int, heyoka: bool) -> dict[str, dict[str, Any]]:
+    """The cells of a scene by their errors; times in us."""
+    sampled, truth = reference(scene)
+    angles = study.compared(scene) == "end attitude"
+    x, R = truth.states.x[-1], truth.states.R[-1]
+
+    def error(states: Any) -> float:
+        if not angles:
+            return float(np.linalg.norm(states.x[-1] - x, axis=-1).max())
+        return float(np.linalg.norm(states.R[-1] - R, axis=(-2, -1)).max() / math.sqrt(2))
+
+    engines = [name for name in adapters.names() if not adapters.has_own_environment(name)]
+    sides: dict[bool, list[list[tuple[Rung, float, float]]]] = {True: [], False: []}
+    for way in ways(sampled, engines, default_form=True)[0]:
+        sides[way.engine == study.IN_HOUSE].append(walked(sampled, way, error))
+    rivals = {own: [near(rungs[place]) for place in candidates(rungs)] for own, rungs in sides.items()}
+    times: dict[Rung, list[float]] = {rung: [] for group in rivals.values() for rungs in group for rung, *_ in rungs}
+    bound = study.Bound(sampled, truth) if heyoka else None
+    bounds = {rtol: bound.rung(rtol) for rtol in study.TOLERANCES} if bound else {}
+    limits: dict[float, list[float]] = {rtol: [] for rtol in bounds}
+    for _ in range(turns):
+        for rung, own in times.items():
+            own.append(undisturbed(lambda rung=rung: stepping(sampled, rung)[0], 4, 0.02)[0])
+        for rtol, own in limits.items():
+            own.append(undisturbed(lambda rtol=rtol: bound.timer(rtol)({}), 4, 0.02)[0])
+    beside = {way.method: around(sampled, way.method) for way, _ in times if way.engine == study.IN_HOUSE}
+    cells = {}
+    for level in GOALS:
+        best: dict[bool, tuple[float, str]] = {}
+        for own, group in rivals.items():
+            costs = [(study.cost_at([e for _, e, _ in rungs], [min(times[rung]) for rung, *_ in rungs], level),
+                      f"{rungs[0][0][0].engine} {rungs[0][0][0].method}") for rungs in group]
+            best |= {own: min((cost, name) for cost, name in costs if cost)} if any(c for c, _ in costs) else {}
+        if len(best) < 2:
+            continue
+        (mine, name), (other, stock) = best[True], best[False]
+        limit = study.cost_at([bounds[r].end_attitude if angles else bounds[r].end_position for r in bounds],
+                              [min(limits[r]) for r in bounds], level) if bounds else None
+        cells[f"{level:g}"] = {"own": name, "own_us": 1e6 * mine, "around_us": 1e6 * beside[name.split()[1]],
+                               "stock": stock, "stock_us": 1e6 * other, "heyoka_us": limit and 1e6 * limit}
+    return cells
+
+
+def values(cell: dict[str, Any]) -> tuple[float, float]:
+    """Times stock, of stepping and of whole prepared calls."""
+    return cell["stock_us"] / cell["own_us"], cell["stock_us"] / (cell["own_us"] + cell["around_us"])
+
+
+def line(name: str, cells: dict[str, dict[str, Any]]) -> str:
+    """A row of the table; cells short of the goal are marked."""
+    words = [f"{name:24}"]
+    for error, goal in GOALS.items():
+        cell = cells.get(f"{error:g}")
+        if cell is None:
+            words.append(" " * 17)
+            continue
+        steps, calls = values(cell)
+        bound = f" h{cell['own_us'] / cell['heyoka_us']:.2f}" if cell["heyoka_us"] else ""
+        words.append(f"{f'{steps:.2f}' + '*' * (steps < goal) + f' ({calls:.2f})' + bound:17}")
+    return " ".join(words)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure, keep and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.cells", description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="*", help="default: all of the library without friction, stops and servos")
+    parser.add_argument("--json", type=Path, help="where cells are kept; scenes in it are not measured again")
+    parser.add_argument("--turns", type=int, default=3, help="of every rung near an error (default: 3)")
+    parser.add_argument("--heyoka", action="store_true", help="also lieeuler's time over heyoka's, after an h")
+    options = parser.parse_args(arguments)
+    known = json.loads(options.json.read_text()) if options.json and options.json.exists() else {}
+    print(f"{'times stock':24} " + " ".join(f"{f'{error:g} (goal {goal:g})':17}" for error, goal in GOALS.items()))
+    names = options.scenes or [name for name in crosscheck.scenes() if not crosscheck.load_scene(name).has_laws]
+    for name in names:
+        if name not in known:
+            try:
+                known[name] = measured(crosscheck.load_scene(name), options.turns, options.heyoka)
+            except CrosscheckError as error:
+                print(f"{name:24} {error}", flush=True)
+                continue
+            if options.json:
+                options.json.write_text(json.dumps(known, indent=1))
+        print(line(name, known[name]), flush=True)
+    short = [(name, error, cell, goal) for name in names for error, goal in GOALS.items()
+             if (cell := known.get(name, {}).get(f"{error:g}")) and values(cell)[0] < goal]
+    print(f"\n{sum(len(known.get(name, {})) for name in names)} cells, {len(short)} short:")
+    for name, error, cell, goal in short:
+        print(f"{name:24} {error:g}: {values(cell)[0]:.2f} of {goal:g}, {cell['own']} {cell['own_us']:.0f} us and "
+              f"{cell['around_us']:.0f} around, {cell['stock']} {cell['stock_us']:.0f} us")
+
+
+if __name__ == "__main__":
+    main()

@@ -18,7 +18,8 @@ RIGHT = ("single_pendulum", "double_pendulum", "heavy_top", "hinge_pendulum", "f
 SAMPLE = [("single_pendulum", Adaptive, "DP5")]
 CASES = [(mistake, name) for mistake in MISTAKES for name in mistake.scenes]
 QUICK = [("x at the joint", "single_pendulum"), ("gyroscopic factor", "single_pendulum"),
-         ("no centripetal term", "single_pendulum"), ("float32 states", "single_pendulum")]
+         ("no centripetal term", "single_pendulum"), ("float32 states", "single_pendulum"),
+         ("slow clock", "single_pendulum")]
 
 
 @functools.cache

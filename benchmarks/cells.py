@@ -6,8 +6,9 @@ A cell is a scene and an error at its end, m (rad of free bodies): the time of t
 its own compiled loop over that of lieeuler's cheapest method, from the fastest of a few runs in turns. In brackets the
 same with all that a prepared run spends around the kernel. Modes are found by walking every method's steps or
 tolerances once; then the cheapest of both sides around each error take turns. Costs between two rungs are interpolated.
-`--json` keeps the cells measured so far, so that the table can be made in pieces. `--heyoka` adds its Taylor
-integrator on minimal coordinates, which is a bound and no engine: lieeuler's time over its time.
+A side that no run within LIMIT takes to an error counts with LIMIT. `--json` keeps the cells measured so far, so that
+the table can be made in pieces. `--heyoka` adds its Taylor integrator on minimal coordinates, which is a bound and no
+engine: lieeuler's time over its time.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ GOALS = {1e-2: 1.0, 1e-3: 2.0, 1e-6: 5.0, 1e-9: 5.0}
 LIMIT = 0.1  # s of one run, after which a walk ends
 MOST_FAILING, MOST_STEPS = 8, 1 << 20
 RIVALS = 2  # ways of each side that take turns for a cell
+NONE = "none in time"
+"""In place of a mode if no run of a side within LIMIT reaches an error: its time is LIMIT or more."""
 FINEST = 1e-10  # error below which a ladder ends
 CALLS = 30
 
@@ -141,12 +144,13 @@ def measured(scene: Scene, turns: int, heyoka: bool) -> dict[str, dict[str, Any]
             costs = [(study.cost_at([e for _, e, _ in rungs], [min(times[rung]) for rung, *_ in rungs], level),
                       f"{rungs[0][0][0].engine} {rungs[0][0][0].method}") for rungs in group]
             best |= {own: min((cost, name) for cost, name in costs if cost)} if any(c for c, _ in costs) else {}
-        if len(best) < 2:
+        if not best:
             continue
-        (mine, name), (other, stock) = best[True], best[False]
+        mine, name = best.get(True, (LIMIT, NONE))
+        other, stock = best.get(False, (LIMIT, NONE))
         limit = study.cost_at([bounds[r].end_attitude if angles else bounds[r].end_position for r in bounds],
                               [min(limits[r]) for r in bounds], level) if bounds else None
-        cells[f"{level:g}"] = {"own": name, "own_us": 1e6 * mine, "around_us": 1e6 * beside[name.split()[1]],
+        cells[f"{level:g}"] = {"own": name, "own_us": 1e6 * mine, "around_us": 1e6 * beside.get(name.split()[1], 0.0),
                                "stock": stock, "stock_us": 1e6 * other, "heyoka_us": limit and 1e6 * limit}
     return cells
 
@@ -166,7 +170,8 @@ def line(name: str, cells: dict[str, dict[str, Any]]) -> str:
             continue
         steps, calls = values(cell)
         bound = f" h{cell['own_us'] / cell['heyoka_us']:.2f}" if cell["heyoka_us"] else ""
-        words.append(f"{f'{steps:.2f}' + '*' * (steps < goal) + f' ({calls:.2f})' + bound:17}")
+        least = ">" if cell["stock"] == NONE else ""
+        words.append(f"{f'{least}{steps:.2f}' + '*' * (steps < goal) + f' ({calls:.2f})' + bound:17}")
     return " ".join(words)
 
 

@@ -29,9 +29,11 @@ from crosscheck.running.provenance import engine_version
 from crosscheck.running.run import run as run_scene
 from crosscheck.running.run import truth as truth_of
 from crosscheck.running.trajectory import Trajectory
+from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.sensors import columns, unit
 from crosscheck.verification.advice import advise as advice_for
+from crosscheck.verification.advice import conserving
 from crosscheck.verification.cell import judge_run
 
 
@@ -350,15 +352,13 @@ def advise(
         tell(advice)
         if (law := _law(scene, engine, advice)) is not None:
             say(f"law      {law}", hang=9)
+        if (option := conserving(as_scene(scene), engine)) is not None:
+            say(f"option   {option}", hang=9)
     raise typer.Exit(int(advice.method is None))
 
 
 def _law(scene: str, engine: str, advice: Advice) -> str | None:
     """Of an engine with laws of friction and limits of its own: the setting nearest to the scene's, and its price."""
-    from crosscheck import adapters
-    from crosscheck.diagnosis.laws import which_law
-    from crosscheck.scene.file import as_scene
-
     loaded = as_scene(scene)
     if not loaded.has_laws or advice.step is None or "softness" not in adapters.get(engine).options:
         return None

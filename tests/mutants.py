@@ -113,7 +113,8 @@ def mutants(pattern: str) -> list[Mutant]:
     found = []
     for path in sorted(ROOT.glob(pattern)):
         nodes = list(ast.walk(ast.parse(source(path))))
-        told = {id(each) for node in nodes if isinstance(node, ast.JoinedStr) for each in ast.walk(node)}
+        told = {id(each) for node in nodes if isinstance(node, ast.JoinedStr) or getattr(node, "arg", "") == "strict"
+                for each in ast.walk(node)}
         found += [Mutant(path, place, node.lineno, *change) for place, node in enumerate(nodes) if id(node) not in told
                   for change in changes(node)]
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import threading
 import time
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 import lieeuler
-from lieeuler import Status
+from lieeuler import Status, ensemble
 from tests.lieeuler import systems
 
 T = np.linspace(0.0, 1.0, 6)
@@ -122,6 +123,15 @@ def test_other_threads_of_python_run_meanwhile():
     watcher.join()
     inside = [moment for moment in seen if began < moment < over]
     assert len(inside) > 3
+
+
+def test_attitudes_are_rotations_to_a_tenth_of_a_nanoradian():
+    problem = systems.double_pendulum()
+    for stretch, refused in ((4e-11, False), (6e-11, True)):  # of R^T R by twice as much
+        R = (1 + stretch) * np.repeat(problem.R[None], 2, axis=0)
+        start = {name: np.repeat(getattr(problem, name)[None], 2, axis=0) for name in "xvw"} | {"R": R}
+        with pytest.raises(lieeuler.ArgumentError, match="member 0") if refused else contextlib.nullcontext():
+            ensemble._check_states(problem, start)
 
 
 @pytest.mark.parametrize(("arguments", "words"), [

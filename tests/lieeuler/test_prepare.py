@@ -11,6 +11,7 @@ import pytest
 import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
+from lieeuler import checks
 from tests.lieeuler.systems import SYSTEMS
 
 T = np.linspace(0, 0.2, 3)
@@ -172,3 +173,8 @@ def test_states_in_the_plane_of_the_first_one_plan_nothing(name, method, monkeyp
     for each in FIELDS:
         size = np.abs(getattr(other, each)).max()
         assert np.abs(getattr(here, each) - getattr(other, each)).max() <= (1e-10 if "step" in control else 1e-7) * size
+
+
+@pytest.mark.parametrize("size", [5e-324, 1e-200, 1e100])
+def test_an_axis_of_any_size_has_its_direction(size):
+    np.testing.assert_allclose(checks.unit("axis", [0.0, size, 0.0]), [0.0, 1.0, 0.0])

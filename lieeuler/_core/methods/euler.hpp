@@ -90,6 +90,11 @@ struct EulerStep {
       lu.solve(r);
   }
 
+  // The matrix of all bodies and rows, from here on; joints: where rows are scaled.
+  void take_whole_matrix(bool doubled, const Constraints& joints) {
+    plan_matrix(doubled);
+    scale_tail(joints);
+  }
   // Lays out Newton's matrix, with (doubled) or without the second set of velocities and multipliers.
   void plan_matrix(bool doubled) {
     core.reset();
@@ -200,13 +205,14 @@ struct EulerStep {
     if (nodes.doubled()) saddle.sparse().remove_null_space(&r[3 * nodes.mu(0)]);
   }
 
-  // Scales the rows of lam and of mu.
-  void scale_tail() {
-    std::vector<double> scales(z.size(), 1.0);
+  // Scales the rows of lam and of mu, and tells the matrix how many of them depend on others.
+  void scale_tail(const Constraints& joints) {
+    std::vector<double> scales(3 * columns.count(), 1.0);
     const std::vector<double> rows = saddle.sparse().row_scales(joints);
-    std::copy(rows.begin(), rows.end(), scales.begin() + 3 * nodes.lam(0));
-    std::copy(rows.begin(), rows.end(), scales.begin() + 3 * nodes.mu(0));
+    std::copy(rows.begin(), rows.end(), scales.begin() + 3 * columns.lam(0));
+    std::copy(rows.begin(), rows.end(), scales.begin() + 3 * columns.mu(0));
     lu.scale_tail(scales);
+    lu.expect_deficiency(saddle.redundant() * (columns.doubled() ? 2 : 1));
   }
 
   void measure_scales() {
@@ -264,7 +270,7 @@ struct EulerStep {
 //   void guess(z)                         without earlier solutions
 //   Status residual(z, r); bool factor(), solve_linear(r), exact_matrix()
 //   bool fall_back()                      takes another matrix, if the iteration with the present one fails
-//   void take_whole_matrix(); bool couples_by_springs()
+//   void take_whole_matrix(joints); bool couples_by_springs()
 //   bool projects(level)                  whether finish() factors the saddle point at the new state
 template <class Equations>
 class EulerStepper {
@@ -284,16 +290,13 @@ class EulerStepper {
     if (rank_ == Rank::unknown) {
       if (!at.saddle.find_redundancy(at.joints)) return Status::singular_matrix;
       if (at.core && at.saddle.sparse().dropped()) at.follow_choice();
-      if (!at.core) at.scale_tail();
+      if (!at.core) at.scale_tail(at.joints);
       rank_ = Rank::of_start;
     }
     // Take the whole matrix if rows depend on several loops together, or if the matrix with the bodies eliminated would
     // leave out too much.
-    if (at.core && at.plan.independent && (!at.saddle.sparse().dropped() || equations_.couples_by_springs())) {
-      equations_.take_whole_matrix();
-      at.scale_tail();
-    }
-    at.lu.expect_deficiency(at.saddle.redundant() * (at.nodes.doubled() ? 2 : 1));
+    if (at.core && at.plan.independent && (!at.saddle.sparse().dropped() || equations_.couples_by_springs()))
+      equations_.take_whole_matrix(at.joints);
     if (const Status status = at.solve_index1(); status != Status::success) return status;
     if (const Status status = equations_.begin(); status != Status::success) return status;
     std::fill(at.z.begin(), at.z.end(), 0.0);

@@ -99,8 +99,8 @@ class HamiltonEquations {
 
   bool solve_linear(std::vector<double>& r) { return at.solve_linear(r); }
 
-  void take_whole_matrix() {
-    at.plan_matrix(false);
+  void take_whole_matrix(const Constraints& joints) {
+    at.take_whole_matrix(false, joints);
     find_blocks();
   }
 

@@ -143,12 +143,12 @@ class LagrangeEquations {
   // Replaces a split solve that does not converge by one matrix for all unknowns; false if it is in use already.
   bool fall_back() {
     if (!split_) return false;
-    take_whole_matrix();
+    take_whole_matrix(at.start_joints);
     return true;
   }
-  void take_whole_matrix() {
+  void take_whole_matrix(const Constraints& joints) {
     split_.reset();
-    at.plan_matrix(at.nodes.doubled());
+    at.take_whole_matrix(at.nodes.doubled(), joints);
     matrix_ = LagrangeBlocks(at.plan, at.columns, at.lu);
   }
 
@@ -168,6 +168,7 @@ class LagrangeEquations {
 
   // The step, in this order: a guess, Newton with residual, matrix and solve, and the end.
   Status begin() {
+    if (split_ && damped_ && couples_by_springs()) take_whole_matrix(at.joints);  // sweeps would not converge
     if (split_) split_->forget();
     if (increments_.kept()) increments_.begin(at.state);
     return alpha_ ? begin_alpha() : Status::success;
@@ -216,7 +217,11 @@ class LagrangeEquations {
     const auto left_out = [this](const std::vector<Twist>& xi, std::vector<Twist>& balance) {
       subtract_left_out(xi, balance);
     };
-    return split_->solve(r, at.nodes, core, left_out, incomplete() && knows_left_out_, at.length,
+    const auto damping = [this](const std::vector<Twist>& u, std::vector<Twist>& balance) {
+      if (damped_) add_slopes(-force_time(), u, balance, &ForceState::by_velocity);
+      return damped_;
+    };
+    return split_->solve(r, at.nodes, core, damping, left_out, incomplete() && knows_left_out_, at.length,
                          at.target() / std::abs(at.h));
   }
   Status finish() {
@@ -239,10 +244,11 @@ class LagrangeEquations {
  private:
   LagrangeEquations(const Plan& plan, Level level, bool index1_output, Gains gains, Correction correction,
                     const std::optional<GeneralizedAlpha>& alpha)
-      : at(plan, level, index1_output, layout(plan, level, alpha || correction == Correction::plain)),
+      : at(plan, level, index1_output, layout(plan, level, correction == Correction::plain)),
         plain_(correction == Correction::plain),
         gains_(gains),
         alpha_(alpha),
+        damped_(damped(plan)),
         force_share_(alpha ? alpha->force_share() : 1),
         velocity_share_(alpha ? alpha->velocity_share() : 1),
         increments_(at.system),
@@ -251,7 +257,8 @@ class LagrangeEquations {
         stiffness_of_(at.system.n() + 1),
         balance_(at.system.n() + 1),
         drift_(at.system.n() + 1) {
-    if (!alpha_ && !plain_ && splits(plan, level)) split_.emplace(plan, at.saddle.sparse().delassus());
+    if (!plain_ && splits(plan, level))
+      split_.emplace(plan, at.saddle.sparse().delassus(), force_share_, velocity_share_);
     if (!at.core) matrix_ = LagrangeBlocks(plan, at.columns, at.lu);
     for (int k = 0; k < at.nodes.parts(); ++k) {
       const Part& part = at.plan.part(k);
@@ -274,9 +281,15 @@ class LagrangeEquations {
   static bool splits(const Plan& plan, Level level) {
     return level == Level::stabilised && StabilisedSolve::suits(plan);
   }
+  static bool damped(const Plan& plan) {
+    const std::vector<Force>& forces = plan.system.forces;
+    return std::any_of(forces.begin(), forces.end(), [](const Force& f) { return f.damping != 0; });
+  }
   bool stabilised() const { return at.level == Level::stabilised; }
   // theta: the time for which a force acts in a step.
   double force_time() const { return force_share_ * at.h; }
+  // What a slope along xi is multiplied by: rho h in the split matrix.
+  double slope_time() const { return split_ ? velocity_share_ * at.h : at.h; }
 
   // The rows that belong to Lam; positions are divided by h.
   Vec3 constraint_residual(int k) const {
@@ -297,7 +310,7 @@ class LagrangeEquations {
     const Part& part = at.plan.part(k);
     if (at.level != Level::acceleration) {
       const Rows N = joint.velocity_slope(part, side, at.state.u[i], at.state.u[j], false);
-      return {at.h * N.v, at.h * N.w * T};
+      return {slope_time() * N.v, slope_time() * N.w * T};
     }
     auto change = [&](int b) { return Twist{at.state.u[b].v - at.start.u[b].v, at.state.u[b].w - at.start.u[b].w}; };
     const Rows first = joint.velocity_slope(part, side, change(i), change(j), false);  // d(G h a)/dq
@@ -332,12 +345,12 @@ class LagrangeEquations {
   // A matrix with the bodies eliminated leaves out of K, the derivative of reactions and forces by positions, what
   // couples bodies or rotations with translations.
   //
-  // balance -= h K T xi, with what is left out of K.
+  // balance -= rho h K T xi, with what is left out of K.
   void subtract_left_out(const std::vector<Twist>& xi, std::vector<Twist>& balance) {
     for (int b = 0; b < at.system.n(); ++b) turned_[b] = {xi[b].v, times(tangents_[b], xi[b].w)};
     for (int k : coupled_) {
       const int parent = at.plan.body(k, kParent), child = at.plan.body(k, kChild);
-      const Vec3 impulse = at.h * load3(&at.z[3 * at.nodes.lam(k)]);
+      const Vec3 impulse = slope_time() * load3(&at.z[3 * at.nodes.lam(k)]);
       for (Side side : kSides) {
         Twist& own = balance[at.plan.body(k, side)];
         const Twist change =
@@ -345,16 +358,21 @@ class LagrangeEquations {
         own.v -= change.v, own.w -= change.w;
       }
     }
+    add_slopes(force_time() * slope_time(), turned_, balance, &ForceState::by_position);
+    if (damped_) add_slopes(force_time(), xi, balance, &ForceState::by_velocity);
+  }
+  // balance += factor times the derivatives of the forces along a motion.
+  void add_slopes(double factor, const std::vector<Twist>& motion, std::vector<Twist>& balance,
+                  Stiffness (ForceState::*slope)(Side, Side) const) const {
     for (size_t k = 0; k < at.system.forces.size(); ++k) {
       const Force& force = at.system.forces[k];
       const ForceState here(force, at.state.frames, at.state.u, at.start.angles[k]);
       for (Side row : kSides)
         for (Side column : kSides) {
-          const Stiffness K = here.by_position(row, column);
-          const Twist& turn = turned_[column == kChild ? force.child : force.parent];
+          const Stiffness K = (here.*slope)(row, column);
+          const Twist& along = motion[column == kChild ? force.child : force.parent];
           Twist& own = balance[row == kChild ? force.child : force.parent];
-          own.v += at.h * at.h * (K.vv * turn.v + K.vw * turn.w),
-              own.w += at.h * at.h * (K.wv * turn.v + K.ww * turn.w);
+          own.v += factor * (K.vv * along.v + K.vw * along.w), own.w += factor * (K.wv * along.v + K.ww * along.w);
         }
     }
   }
@@ -438,7 +456,7 @@ class LagrangeEquations {
   static bool eliminates(const Plan& plan, Level level) {
     const System& system = plan.system;
     // With independent rows this is not exact; Newton's iteration corrects the coupling of bodies that is left out.
-    if (plan.independent && level == Level::position) return StabilisedSolve::suits(plan);
+    if (plan.independent && level == Level::position) return StabilisedSolve::suits(plan) && !damped(plan);
     if (plan.independent) return splits(plan, level);
     return level != Level::acceleration && system.forces.empty() && plan.plain() && plan.forest &&
            std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {
@@ -454,7 +472,7 @@ class LagrangeEquations {
   bool fill_core() {
     for (int b = 0; b < at.system.n(); ++b) stiffness_of_[b].setZero();
     for (int k = 0; k < at.nodes.parts(); ++k) {
-      const Vec3 impulse = at.h * load3(&at.z[3 * at.nodes.lam(k)]);
+      const Vec3 impulse = slope_time() * load3(&at.z[3 * at.nodes.lam(k)]);
       for (Side side : kSides) {
         Mat3& own = stiffness_of_[at.plan.body(k, side)];
         if (at.plan.part(k).spherical)
@@ -531,7 +549,7 @@ class LagrangeEquations {
     const PairBlocks& blocks = matrix_.stiffness[4 * k + 2 * row + column];
     const Part& part = at.plan.part(k);
     if (!blocks.ww || (part.spherical && row != column)) return;
-    const Vec3 impulse = at.h * load3(&at.z[3 * at.nodes.lam(k)]);
+    const Vec3 impulse = slope_time() * load3(&at.z[3 * at.nodes.lam(k)]);
     const Mat3& T = tangents_[at.plan.body(k, column)];
     if (part.spherical) return add(blocks.ww, at.here(k).anchor_stiffness(row, impulse) * T);  // the only block
     blocks.add(1, at.here(k).geometric_stiffness(part, row, column, impulse), T);
@@ -546,7 +564,7 @@ class LagrangeEquations {
         const PairBlocks& by_position = matrix_.springs[4 * k + 2 * row + column];
         if (!by_position.ww) continue;  // the ground
         const Mat3& T = tangents_[column == kChild ? force.child : force.parent];
-        by_position.add(-force_time() * at.h, here.by_position(row, column), T);
+        by_position.add(-force_time() * slope_time(), here.by_position(row, column), T);
         if (force.damping == 0) continue;
         at.force_blocks[4 * k + 2 * row + column].add(-force_time(), here.by_velocity(row, column), Mat3::Identity());
       }
@@ -580,6 +598,7 @@ class LagrangeEquations {
   const bool plain_;  // the correction of xi
   const Gains gains_;
   std::optional<GeneralizedAlpha> alpha_;
+  const bool damped_;
   const double force_share_, velocity_share_;  // theta / h and rho; 1 for implicit Euler
   std::vector<int> coupled_;                   // parts of which the matrix with the bodies eliminated lacks something
   bool knows_left_out_ = true;                 // subtract_left_out() has all of it

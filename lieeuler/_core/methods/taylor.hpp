@@ -37,6 +37,39 @@ class SeriesStepper {
     accelerated_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
   }
+  // A step by the series of `own`, which supplies
+  //
+  //   Status expand()                  the series about the present state
+  //   double step_size()               that the tolerance allows; not finite where the series is not
+  //   Status stuck()                   why that is too little
+  //   void evaluate(double t, State&)
+  //   Status settle(Counters&)         ends the step at the state evaluated
+  //
+  // A step that would end at or next to a singular position, where it cannot be settled, is shortened.
+  template <class Own>
+  Status step_by(Own& own, Counters& counters) {
+    constexpr int kMostAttempts = 4;
+    constexpr double kShorter = 0.7;
+    if (const Status status = own.expand(); status != Status::success) return status;
+    double h = own.step_size();
+    if (!std::isfinite(h)) return Status::non_finite;
+    if (h < std::min(smallest_, end_ - time_)) return own.stuck();
+    const double next = system_.next_break(offset_ + time_, offset_ + end_);
+    if (next < offset_ + end_) h = std::min(h, next - offset_ - time_);
+    previous_time_ = time_;
+    for (int attempt = 1;; ++attempt) {
+      if (!advance(h)) return Status::step_too_small;
+      own.evaluate(time_, state_);
+      const Status status = own.settle(counters);
+      if (status == Status::success) break;
+      if (attempt == kMostAttempts) return status;
+      ++counters.rejected_steps;
+      h *= kShorter;
+    }
+    ++counters.steps;
+    counters.force_evaluations += order_;
+    return Status::success;
+  }
   // Sets the time to a step h after the previous one; false if that is none.
   bool advance(double h) {
     time_ = previous_time_ + h < end_ ? previous_time_ + h : end_;
@@ -64,6 +97,8 @@ class SeriesStepper {
 };
 
 class TaylorStepper : public SeriesStepper {
+  friend SeriesStepper;
+
  public:
   explicit TaylorStepper(const Plan& plan, bool conserves = false)
       : SeriesStepper(plan, plan.expands_by == Elimination::small && plan.forest),
@@ -91,25 +126,9 @@ class TaylorStepper : public SeriesStepper {
   const MotionSeries& series() const { return series_; }
 
   Status step(Counters& counters, Watch&) {
-    if (const Status status = expand(); status != Status::success) return status;
-    double h = step_size();
-    if (!std::isfinite(h)) return Status::non_finite;
-    if (h < std::min(smallest_, end_ - time_))
-      return projection_.smallest_pivot() < kNearlySingular ? Status::singular_matrix : Status::step_too_small;
-    h = std::min(h, system_.next_break(offset_ + time_, offset_ + end_) - offset_ - time_);
-    previous_time_ = time_;
-    for (int attempt = 1;; ++attempt) {
-      if (!advance(h)) return Status::step_too_small;
-      evaluate(time_, state_);
-      const Status status = settle(counters);
-      if (status == Status::success) break;
-      if (attempt == kMostAttempts) return status;
-      ++counters.rejected_steps;
-      h *= kShorter;
-    }
-    ++counters.steps, ++counters.factorizations;
-    counters.force_evaluations += order_;
-    return Status::success;
+    const Status status = step_by(*this, counters);
+    if (status == Status::success) ++counters.factorizations;
+    return status;
   }
 
   // Solves for (a, lam) on the first call after a step.
@@ -130,10 +149,6 @@ class TaylorStepper : public SeriesStepper {
   }
 
  private:
-  // A step that would end at or next to a singular position, where the projection fails, is shortened.
-  static constexpr int kMostAttempts = 4;
-  static constexpr double kShorter = 0.7;
-
   // Taylor coefficients about the current state.
   Status expand() {
     series_.start(state_);
@@ -141,6 +156,9 @@ class TaylorStepper : public SeriesStepper {
       if (!series_.extend(k, saddle_)) return Status::non_finite;
     measure_scales();
     return Status::success;
+  }
+  Status stuck() {
+    return projection_.smallest_pivot() < kNearlySingular ? Status::singular_matrix : Status::step_too_small;
   }
   void evaluate(double t, State& out) const {
     series_.evaluate(t - previous_time_, order_, tree_, out);

@@ -129,6 +129,8 @@ class TurningSeries {
 
 // The stepper of `run_adaptive` for bodies on fixed axes; a step is chosen as in TaylorStepper, from the rates alone.
 class TurningStepper : public SeriesStepper {
+  friend SeriesStepper;
+
  public:
   explicit TurningStepper(const Plan& plan)
       : SeriesStepper(plan, true), joints_(system_), series_(plan, points_), here_(series_) {}
@@ -138,20 +140,7 @@ class TurningStepper : public SeriesStepper {
     return Status::success;
   }
 
-  Status step(Counters& counters, Watch&) {
-    series_.start(state_);
-    for (int k = 0; k < order_; ++k) series_.extend(k);
-    const double h = step_size();
-    if (!std::isfinite(h)) return Status::non_finite;
-    if (h < std::min(smallest_, end_ - time_)) return Status::step_too_small;
-    previous_time_ = time_;
-    if (!advance(h)) return Status::step_too_small;
-    series_.evaluate(time_ - previous_time_, order_, state_);
-    accelerated_ = false;
-    ++counters.steps;
-    counters.force_evaluations += order_;
-    return Status::success;
-  }
+  Status step(Counters& counters, Watch&) { return step_by(*this, counters); }
 
   // Settles positions and computes accelerations on the first call after a step. Multipliers stay zero: the caller
   // computes those of the whole system.
@@ -174,13 +163,24 @@ class TurningStepper : public SeriesStepper {
   const Constraints& joints() const { return joints_; }
   int redundant_rows() const { return 0; }
   Status dense(double t, State& out, Counters&, Watch&) const {
-    series_.evaluate(t - previous_time_, order_, out);
+    evaluate(t, out);
     out.frames.time = offset_ + t;
     tree_.settle(out);
     return Status::success;
   }
 
  private:
+  Status expand() {
+    series_.start(state_);
+    for (int k = 0; k < order_; ++k) series_.extend(k);
+    return Status::success;
+  }
+  static Status stuck() { return Status::step_too_small; }
+  void evaluate(double t, State& out) const { series_.evaluate(t - previous_time_, order_, out); }
+  Status settle(Counters&) {
+    accelerated_ = false;
+    return Status::success;
+  }
   double step_size() const {
     const double rate = std::max(series_.largest(0), std::sqrt(series_.largest(1)));
     const double last[2] = {series_.largest(order_ - 1), series_.largest(order_)};

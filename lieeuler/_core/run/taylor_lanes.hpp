@@ -1,7 +1,5 @@
-// Members of an ensemble side by side in the lanes of registers: Taylor series of small trees of ball joints.
-//
-// A lane gives the numbers of TaylorStepper to the last bit, so which members ran in lanes shows in nothing but time. A
-// member that needs more than plain steps, or fails, is left to a run by itself, from its start.
+// Members of an ensemble side by side in the lanes of registers: Taylor series of small trees of ball joints. A member
+// that needs more than plain steps, or fails, is left to a run by itself, from its start.
 #pragma once
 
 #include "methods/taylor.hpp"
@@ -138,9 +136,8 @@ class TaylorLanes {
   double choose_step(int lane) {
     Slot& slot = lanes_[lane];
     slot.stands = false;
-    double h = group_->step[lane];
+    const double h = group_->step[lane];
     if (!slot.runs || !group_->fine[lane] || h < std::min(smallest_step(0, slot.end), slot.end - slot.time)) return 0;
-    h = std::min(h, begin_ + slot.end - begin_ - slot.time);
     const double time = slot.time + h < slot.end ? slot.time + h : slot.end;
     if (time == slot.time) return 0;
     slot.previous = std::exchange(slot.time, time), slot.stands = true;

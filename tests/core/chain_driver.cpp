@@ -153,7 +153,8 @@ int main(int argc, char** argv) {
   if (method.starts_with("rattle")) return run(CompositionStepper<ExpMap>(plan, read_row(coefficients)), steps, h);
   if (method == "generalized_alpha") return run(LagrangeStepper<ExpMap>(plan, GeneralizedAlpha(0.8)), steps, h);
   if (method == "INDEX1_LE") return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, Gains{}), steps, h);
-  if (method == "BAUMGARTE_LE") return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, Gains{5, 5}), steps, h);
+  if (method == "BAUMGARTE_LE")
+    return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, Gains{5, 5}), steps, h);
   const Level level =
       method[3] == '3' ? Level::position : (method.ends_with("LSE") ? Level::stabilised : Level::velocity);
   const bool index1 = method[3] == '1';

@@ -1,10 +1,5 @@
-// Sparse LU in blocks of 3 x 3.
-//
-// Every unknown belongs to a node of three: a translation, a rotation, or up to three constraint rows (fewer are padded
-// with the identity). The plan fixes once which blocks can be nonzero and in which order nodes are eliminated. A
-// factorization then runs down a list of 3 x 3 operations, without search, branch on size or allocation. The last
-// nodes, the tail, belong to joints that close loops, where redundant constraints make the matrix singular: they are
-// factored densely with full pivoting, to a rank that was found beforehand.
+// Sparse LU in blocks of 3 x 3, a list of operations planned once (docs/theory.md, section 8). The last nodes, the
+// tail, belong to joints that close loops: they are factored densely with full pivoting, to a rank found beforehand.
 #pragma once
 
 #include <algorithm>

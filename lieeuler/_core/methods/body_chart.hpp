@@ -1,9 +1,5 @@
-// The chart of states in which the bodies are independent: attitudes are R_n exp(hat theta), and y = (x, theta, v, w)
-// of every body,
-//
-//   x' = v,  theta' = dexp^-1(theta) w,  M u' = f - G^T lam,  G u' + gamma = 0.
-//
-// A step ends with one projection onto Phi = 0 and G u = 0; the matrix factored there serves the next first stage.
+// The chart of states in which the bodies are independent, equation (10.1) of docs/theory.md: y = (x, theta, v, w) of
+// every body. The matrix factored at the end of a step serves the next first stage.
 #pragma once
 
 #include "solve/free_bodies.hpp"

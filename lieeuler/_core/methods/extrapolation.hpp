@@ -1,11 +1,5 @@
-// Extrapolation of DAE1L_LSE to step size zero, with order and step control: the idea of Deuflhard's codes
-// (doi:10.1137/1027140) as in SEULEX (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.9).
-//
-// A step H is done in n_j = 1, 2, 3, ... sub-steps. The results, as y = (x, log(R_n^T R), v, w), have an expansion in
-// powers of H / n_j, because a sub-step starts from a consistent (q, u) alone and its equations are smooth. Each column
-// of the Aitken-Neville table removes one power. The step ends with one projection onto Phi = 0 and G u = 0.
-//
-//   T_j1 = y of n_j sub-steps,   T_j,k+1 = T_jk + (T_jk - T_j-1,k) / (n_j / n_j-k - 1)
+// Extrapolation of DAE1L_LSE to step size zero, with order and step control (docs/theory.md, section 11). The table is
+// formed in y = (x, log(R_n^T R), v, w); the step ends with one projection onto Phi = 0 and G u = 0.
 #pragma once
 
 #include <array>

@@ -1,11 +1,5 @@
-// Coefficients and memory of the generalized-alpha method, doi:10.1016/j.mechmachtheory.2011.07.017 on Lie groups, in
-// the stabilised index-2 form of doi:10.1007/s00211-014-0633-1. All at n+1, with A the auxiliary accelerations:
-//
-//   M a = f(q, u) - G^T lam,   (1 - alpha_m) A + alpha_m A_n = (1 - alpha_f) a + alpha_f a_n
-//   u = u_n + h ((1 - gamma) A_n + gamma A)                          Phi(q) = 0,  G u = 0
-//   xi = u_n + h ((1/2 - beta) A_n + beta A) - M^-1 G_n^T eta        q = q_n * (h xi)
-//
-// With A and a eliminated these are the equations of a stabilised implicit Euler step with other numbers:
+// Coefficients and memory of the generalized-alpha method, equation (4.3) of docs/theory.md. With A and a eliminated it
+// is a stabilised implicit Euler step with other numbers:
 //
 //   M (u - from) = theta f - G^T Lam,   M xi = M (rho u + carry) - G_n^T eta,   Lam = theta lam
 //   theta = h gamma (1 - alpha_f) / (1 - alpha_m),   rho = beta / gamma,   a = (u - from) / theta

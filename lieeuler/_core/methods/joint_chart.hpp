@@ -1,11 +1,8 @@
-// The chart of states of a tree in the coordinates of its joints: no constraint is left, and a step ends without a
-// projection. Accelerations come from the articulated-body algorithm (Featherstone, Rigid Body Dynamics Algorithms,
-// Springer 2008, chapter 7), in world axes, about a point of each link. Multipliers stay zero: the caller computes
-// those of the samples.
+// The chart of states of a tree in the coordinates of its joints, by articulated bodies: equations (16.5) and (16.6) of
+// docs/theory.md. Multipliers stay zero: the caller computes those of the samples.
 //
-// A joint is a chain of slides, hinges or a ball, with links without mass between them. Twelve numbers of y belong to
-// each of these nodes: a slide takes the first of x and v, a hinge the first of theta and w, a ball theta and w. Those
-// of a ball are the body's attitude and angular velocity in the world, whatever its parent does.
+// Twelve numbers of y belong to each node: a slide takes the first of x and v, a hinge the first of theta and w, a ball
+// theta and w.
 #pragma once
 
 #include "methods/body_chart.hpp"

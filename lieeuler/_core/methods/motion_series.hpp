@@ -1,9 +1,4 @@
-// Taylor coefficients of the motion, order by order, from the index-1 system (docs/theory.md, Taylor series).
-//
-// If (vdot, wdot, lam) are known for orders below k, those of order k solve M udot_k + G_0^T lam_k = f_k,
-// G_0 udot_k = -gamma_k, with the same matrix for every order. f_k and gamma_k are convolutions of known coefficients
-// with lam_k and udot_k set to zero: R hat(w) for attitudes and the gyroscopic torque, R^T V for the torque of a force
-// V in world axes, and products of carried vectors for dot rows.
+// Taylor coefficients of the motion, order by order, from the index-1 system: equation (12.1) of docs/theory.md.
 #pragma once
 
 #include "methods/contact_series.hpp"

@@ -1,9 +1,5 @@
-// Rows of a body that touches a plane of the ground at one point (docs/theory.md, section 18).
-//
-// With c from the centre of mass to the point of contact, in world axes, the rows are t . (v + w x c) = 0. For the
-// height t is the normal n, and the row is the derivative of Phi. For the slip t lies in the plane: across the blade,
-// or any two directions. A turn of the body by eta (world) changes c by A eta and t by B eta. The point of contact of a
-// disk is  c = R s - r (n - (n . a) a) / q,  q^2 = 1 - (n . a)^2,  with its axis a; that of a sphere is  R s - r n.
+// Rows of a body that touches a plane of the ground at one point, t . (v + w x c) = 0 (docs/theory.md, section 18; all
+// in world axes). A turn of the body by eta changes c by A eta and t by B eta.
 #pragma once
 
 #include "model/system.hpp"

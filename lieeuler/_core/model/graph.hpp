@@ -32,11 +32,8 @@ inline std::vector<int> minimum_degree_order(int nodes, const std::set<std::pair
   return order;
 }
 
-// Nodes 0 .. n-1 are bodies, n + j is joint j.
-//
-// Leaves first along a spanning tree: a body, then the joint that connects it to its parent. The diagonal block of that
-// joint, zero at first, has by then become -G A^-1 G^T of a free body, so no pivot of a tree can vanish. Joints that
-// close loops come last: only their remaining blocks can be rank deficient.
+// Nodes 0 .. n-1 are bodies, n + j is joint j. Leaves first along a spanning tree, a body before the joint that
+// connects it to its parent (docs/theory.md, section 8).
 struct EliminationOrder {
   std::vector<int> tree;   // bodies and joints
   std::vector<int> loops;  // joints

@@ -93,11 +93,8 @@ struct Contact {
 
 // Up to three rows of a joint that are evaluated and solved for together: a spherical constraint, dot rows, or a single
 // row for an angle or a slide. That single row is coordinate - drive(t) = 0, or the row of a rotor. A contact has a
-// part for its height and one for its slip, whose rows hold velocities only: A(q) u = 0.
-//
-// A rotor adds I rate^2 / 2 to the kinetic energy and constrains nothing. Take its rate s u as an unknown r of mass I
-// with the row s u - r = 0, and eliminate r: the multiplier m = I dr/dt acts on the bodies as -s^T m, and the row reads
-// s du/dt + (ds/dt) u - m / I = 0. It has the compliance 1 / I.
+// part for its height and one for its slip, whose rows hold velocities only: A(q) u = 0. A rotor is a row with the
+// compliance 1 / I, equation (17.2) of docs/theory.md.
 struct Part {
   bool spherical;
   std::vector<DotRow> dots;  // for a turn, one row that is not used
@@ -120,12 +117,8 @@ struct Part {
   }
 };
 
-// One coordinate follows another: row of the follower - ratio row of the leader - offset = 0.
-//
-// A part has two bodies, so that a mimic takes two parts. With the leader's rate s as one more unknown their rows are
-// s_f u - ratio s = 0 and s_l u - s = 0, and the multipliers obey ratio lam_f + lam_l = 0. s and the last equation have
-// the second place of the leader's node. Residuals hold the whole gap in the follower's row and zero in the leader's; s
-// is then only a correction, which no residual depends on.
+// One coordinate follows another: row of the follower - ratio row of the leader - offset = 0. A part has two bodies, so
+// that a mimic takes two parts, with the leader's rate as one more unknown: equation (19.2) of docs/theory.md.
 struct Mimic {
   double ratio, offset;
   bool turns;      // the follower does

@@ -1,8 +1,6 @@
 // Members of an ensemble side by side in the lanes of registers: fixed explicit steps of small chains of ball joints.
-//
-// A lane gives the numbers of FixedMuntheKaas<BodyChart> to the last bit. All members take the same steps, so that a
-// group runs from the start to the end together. A member that needs more than plain steps, or fails, is left to a run
-// by itself.
+// All members take the same steps, so that a group runs from the start to the end together; one that needs more than
+// plain steps, or fails, is left to a run by itself.
 #pragma once
 
 #include <array>

@@ -1,10 +1,5 @@
-// Keeps energy and angular momentum of bodies on which nothing acts, in twice the digits.
-//
-// When a body near its middle axis turns over depends on 2 E J2 - L^2, a small difference: a rounding of w during one
-// flip moves the next by millions of roundings. So every step ends with the invariants of the start,
-//
-//   w . J w / 2 = E,   |J w|^2 = L^2     by the least change of w, with residuals in twice the digits
-//   R <- exp(d) R,  R J w = L            by the least turn
+// Keeps energy and angular momentum of bodies on which nothing acts, in twice the digits: equation (13.2) of
+// docs/theory.md, by the least change of w and then the least turn.
 #pragma once
 
 #include "linalg/compensated.hpp"

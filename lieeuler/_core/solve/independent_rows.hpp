@@ -1,10 +1,5 @@
 // Independent constraint rows of joints that close loops, chosen loop by loop, and the least-norm multipliers of all
-// rows.
-//
-// A joint that closes a loop is compared with the joints on the shortest path around the loop. Its rows that depend on
-// theirs are dropped: they are satisfied at every level if the others are. Each dropped row gives a vector N of
-// multipliers without effect, G^T N = 0, which is zero outside its loop. The least-norm multipliers are
-// lam - N (N^T N)^-1 N^T lam.
+// rows (docs/theory.md, section 8).
 //
 // All of it is a function of the rows' Jacobian alone. What was found where a run starts is kept in the plan and taken
 // wherever the Jacobian has the same bits.

@@ -1,11 +1,8 @@
-// The saddle-point system of a tree with few constraint rows by its Schur complement, for many right-hand sides.
-//
-//   S = G M^-1 G^T,   lam = S^-1 (G M^-1 f + gamma),   udot = M^-1 (f - G^T lam)
+// The saddle-point system of a tree with few constraint rows by its Schur complement, for many right-hand sides, about
+// the bodies' reference points.
 //
 // If a light body carries a heavy one, S is the sum of a large and a small matrix and keeps few digits of the small
 // one. A second solve for the residual of G udot + gamma restores them.
-//
-// Bodies pinned to the ground do not translate: M is their inertia about the pin, and the pin has no multiplier.
 #pragma once
 
 #include "model/reference_points.hpp"

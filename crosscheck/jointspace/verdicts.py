@@ -16,10 +16,11 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.errors import EngineError, Unsupported
-from crosscheck.jointspace.derivatives import Derivatives, of, tangent_space, truth
+from crosscheck.jointspace.derivatives import DEPENDENT, Derivatives, of, tangent_space, truth
 from crosscheck.jointspace.motion import JointSpace, TreeSpace, placed, responses, starting
 from crosscheck.jointspace.sources import GIVEN, Blocks, acceleration, allowed, condition, taken
 from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import relative
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Force, Scene
@@ -86,8 +87,11 @@ def _on_loops(scene: Scene, source: Any, known: float) -> Verdict:
     count = exact.changes.shape[1] // 2
     motions = np.linalg.svd(exact.changes[:6 * scene.n])[0][:, :count]
     mass = motions.T @ np.linalg.inv(mechanics.inverse_mass(scene)) @ motions
+    rows = Constraints(scene).jacobian(scene.x0[None], scene.R0[None])[0]
+    sizes = np.linalg.svd(rows @ mechanics.inverse_mass(scene) @ rows.T, compute_uv=False)
+    worst = max(condition(mass), float(sizes[0] / sizes[sizes > DEPENDENT * sizes[0]].min()))
     rate = float(max(np.abs(scene.v0).max(), np.abs(scene.w0).max()))
-    bound, error, cause = max(allowed(blocks, size, condition(mass), rate), known), off(exact.a), ""
+    bound, error, cause = max(allowed(blocks, size, worst, rate), known), off(exact.a), ""
     if not error <= bound:
         cause = next((words for words, changed in itertools.chain([("the sign is reversed", -exact.a)], (
             (words, tangent_space(each).a) for words, each in _models(scene)))
@@ -130,7 +134,7 @@ def _of_its_own(scene: Scene, source: Any, label: str, error: float, exact: Deri
         off = float(np.abs(said - true).max() / max(1.0, np.abs(true).max()))
         if off > max(WRONG, error / AMPLIFIED):
             return f"its accelerations are wrong themselves, by {off:.2g} of the largest"
-        if way in GIVEN and exact is not None and judge(scene, f"{name}:differences", exact).right:
+        if way in GIVEN and judge(scene, f"{name}:differences", exact).right:
             composite = [joint.name for joint in scene.joints if len(joint.kind.motion) > 1 and name == "pinocchio"]
             return "they are not the derivatives of its own accelerations, whose differences are right" + (
                 f"; joint {composite[0]!r} is a JointModelComposite, whose axes turn against each other" if composite

@@ -216,6 +216,12 @@ def test_verdicts_on_a_loop(source, most, cause):
     assert most is None or verdict.errors["tangent"] < most
 
 
+def test_constrained_derivatives_where_rows_depend_on_each_other():
+    verdict = judge(crosscheck.load_scene("bricard"), "pinocchio:constrained")
+    assert verdict.right, verdict
+    assert verdict.bound < 1e-8
+
+
 @pytest.mark.parametrize(("name", "source", "cause"), [
     ("rolling_disk", "lieeuler:differences", ""), ("chaplygin_sleigh", "lieeuler:differences", ""),
     ("bicycle", "lieeuler:differences", ""), ("bicycle", "exudyn:differences", ""),

@@ -325,12 +325,14 @@ def law(
 ) -> None:
     """Three answers about friction, stops and servos: does the engine converge, to which law, how far apart.
 
-    Exit code 0: to the scene's law; 1: to another one, or not at all; 2: it could not be done, or truth is missing.
+    Exit code 0: to the scene's law; 1: to another one, or not at all; 2: it could not be done, truth is missing, or the
+    steps cannot tell the laws apart.
     """
     answers = which_law(options.loaded(scene, drop, keyframe), engine, method, step, softness)
     for line in str(answers).splitlines():
         say(line)
-    raise typer.Exit(2 if answers.without else 0 if answers.way.limit() in ("the scene's", "both") else 1)
+    undecided = answers.without or answers.limit == "undecided"
+    raise typer.Exit(2 if undecided else 0 if answers.limit in ("the scene's", "both") else 1)
 
 
 def advise(
@@ -346,11 +348,12 @@ def advise(
     """
     with waiting(f"runs of {engine} at a ladder of steps, against truth"):
         advice = advice_for(scene, engine=engine, error=error)
+    law = _law(scene, engine, advice)
     if as_json:
-        options.print_json(msgspec.to_builtins(advice))
+        options.print_json({**msgspec.to_builtins(advice), "law": law})
     else:
         tell(advice)
-        if (law := _law(scene, engine, advice)) is not None:
+        if law is not None:
             say(f"law      {law}", hang=9)
         if (option := conserving(as_scene(scene), engine)) is not None:
             say(f"option   {option}", hang=9)

@@ -33,6 +33,10 @@ REMAINING, NEAR = 2.0, 3.0
 steps); and how many times that a limit may be from a law that it is."""
 
 
+SAME = 1e-11
+"""Two laws that are no farther apart (rad or m) are the same on a scene."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Gap:
     """The largest difference of a joint coordinate between two motions."""
@@ -81,7 +85,7 @@ class Way:
         """
         if not self.converges or not (self.to_scene or self.to_own):
             return None
-        reach = NEAR * self.remaining + 1e-11
+        reach = NEAR * self.remaining + SAME
         near = [name for name, gaps in (("the scene's", self.to_scene), ("its own", self.to_own))
                 if gaps and gaps[-1].size <= reach]
         return "both" if len(near) == 2 else near[0] if near else "neither"
@@ -97,6 +101,12 @@ class LawAnswers:
     nearest: Way | None  # the setting that comes nearest to the scene's law
     without: str  # why there is no truth; empty if there is
 
+    @property
+    def limit(self) -> str | None:
+        """As `Way.limit`, but "undecided" where the steps leave more open than the two laws are apart."""
+        found = self.way.limit()
+        return "undecided" if found == "both" and self.apart is not None and self.apart.size > SAME else found
+
     def __str__(self) -> str:
         way = self.way
         lines = [f"{self.title}, {way.setting}, steps {way.steps[0]:g} to "
@@ -106,7 +116,9 @@ class LawAnswers:
                      f"{changes} rad or m, order {way.order:.2f}")
         told = [f"{name} law at the smallest step: {gaps[-1]}" for name, gaps in (
             ("from the scene's", way.to_scene), ("from its own documented", way.to_own)) if gaps]
-        limit = way.limit() or ("to none, it does not converge" if not way.converges else "not known")
+        limit = self.limit or ("to none, it does not converge" if not way.converges else "not known")
+        if limit == "undecided":
+            limit += f", these steps may still change it by {NEAR * way.remaining:.1e}; take a smaller --step"
         lines.append("; ".join([f"to which law: {limit}", *told, *([self.without] if self.without else [])]))
         lines.append("how far apart are the two: " + ("not known" if self.apart is None else str(self.apart)))
         return "\n".join([*lines, *([f"nearest setting: {self.price}"] if self.price else [])])

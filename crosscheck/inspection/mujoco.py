@@ -51,8 +51,9 @@ def _at(scene: Scene, form: str) -> Probe:
         R[None], twists[None, :, 3:], np.einsum("nji,nj->ni", R, twists[:, :3])[None],
         kinetic=data.energy[1:].copy(), potential=data.energy[:1].copy(),
         jacobian=jacobian.reshape(1, 6 * scene.n, model.nv), mass_matrix=matrix[None])
-    # Rows whose force is not cut to the coefficient of friction, which is 0 of limits, follow MuJoCo's own law.
-    if model.neq or not np.allclose(np.abs(data.efc_force), data.efc_frictionloss, rtol=1e-12, atol=0.0):
+    # Its own law is another where it is not cut to the coefficient of friction, 0 of limits, or acts along the motion.
+    cut = np.allclose(np.abs(data.efc_force), data.efc_frictionloss, rtol=1e-12, atol=0.0)
+    if model.neq or not cut or (data.efc_force * data.efc_vel > 0.0).any():
         probe.notes = dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"),
                                     SOFT if model.neq else OWN)
     else:

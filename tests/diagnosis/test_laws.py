@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import json
 import types
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from crosscheck import adapters
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco.own_law import default
+from crosscheck.cli import runs
+from crosscheck.cli.app import app
 from crosscheck.diagnosis import explain, laws, of_laws
 from crosscheck.diagnosis.observe import Subject
-from crosscheck.document import Way
+from crosscheck.document import Advice, Way
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.scene.states import States
 from tests.adapters.test_laws import SERVO, arm, coulomb, pendulum
 from tests.law_mistakes import MISTAKES, SCENES, Wrong
+from tests.references.law_scenes import pendulum as hanging
 
 
 def states(scene, angles):
@@ -54,6 +59,29 @@ def test_tight_friction_is_the_scenes(coulombs):
     assert answers.way.limit() == "the scene's"
     assert answers.way.order == pytest.approx(1.0, abs=0.2)
     assert answers.nearest is None
+
+
+def test_steps_that_cannot_tell_the_laws_apart_say_so(coulombs):
+    """At a tenth of a second MuJoCo's Euler is farther from either law than these are from each other."""
+    answers = laws.which_law(coulombs, "mujoco", "Euler", 0.1)
+    assert answers.way.limit() == "both"
+    assert answers.limit == "undecided"
+    assert "to which law: undecided, these steps may still change it by" in str(answers)
+    assert "take a smaller --step" in str(answers)
+
+
+def test_advise_tells_the_nearest_setting_in_words_and_in_json(coulombs, monkeypatch, tmp_path):
+    advice = Advice(scene="pendulum", engine="mujoco", wanted=1e-2, until=4.0, least=1e-3, method="RK4", step=4e-3,
+                    error=2e-3, cost=0.1)
+    monkeypatch.setattr(runs, "advice_for", lambda scene, engine, error: advice)
+    hanging(tmp_path, {"position": 1.2, "dry_friction": 0.5}, duration=4.0, samples=41)  # the same pendulum as a file
+    asked = ["advise", str(tmp_path / "laws.json"), "--engine", "mujoco", "--error", "1e-2"]
+    told = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
+    assert told["method"] == "RK4"
+    assert told["law"].startswith("softness tight (solreffriction=")
+    assert "from the scene's law at the smallest step" in told["law"]
+    assert "with its default softness 1.59e-02" in told["law"]
+    assert "law      softness tight" in CliRunner().invoke(app, asked).stdout
 
 
 def test_a_wrong_law_is_neither(coulombs, monkeypatch):

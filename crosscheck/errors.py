@@ -76,7 +76,8 @@ EXTRAS = {
 """The extra of pyproject.toml that installs a module or an engine."""
 
 
-PINNED = {"mjx": "3.17.0", "mjx-single": "3.17.0", "newton": "1.8.0", "pybullet": "3.2.7"}
+PINNED = {"mjx": "3.17.0", "mjx-single": "3.17.0", "newton": "1.8.0", "pybullet": "3.2.7",
+          "sapien": "3.0.3", "warp": "4.0.0"}
 """Versions of the engines that need an environment of their own."""
 
 

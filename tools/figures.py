@@ -26,7 +26,7 @@ from tools.rooms import imports, modules
 JOINTS = {"spherical", "universal", "revolute", "cylindrical", "prismatic", "planar", "fixed", "distance",
           "point_on_line", "point_on_plane", "knife_edge", "rolling_disk", "rolling_sphere"}
 FORCES = {"linear_spring", "torsional_spring", "constant_force", "constant_torque", "joint_torque", "joint_force"}
-ENGINES = {"mujoco", "pinocchio", "exudyn", "drake", "dart", "mjx", "newton", "pybullet"}
+ENGINES = {"mujoco", "pinocchio", "exudyn", "drake", "dart", "mjx", "newton", "pybullet", "sapien", "warp"}
 SMALL = {0, 1, 2, -1, 0.5, 3}
 """Numbers that need no reason: dimensions, halves, the step of a range."""
 SHAPING = {"reshape", "split", "range", "zeros", "ones", "eye", "clip"}

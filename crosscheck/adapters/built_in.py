@@ -41,4 +41,6 @@ ENTRIES = {
     "mjx-single": Entry("crosscheck.adapters.mjx", "MJXSingle", None, "mujoco-mjx mujoco", PINNED["mjx-single"]),
     "pybullet": Entry("crosscheck.adapters.pybullet", "PyBullet", None, "pybullet", PINNED["pybullet"]),
     "newton": Entry("crosscheck.adapters.newton", "Newton", None, "newton[sim]", PINNED["newton"]),
+    "sapien": Entry("crosscheck.adapters.sapien", "Sapien", None, "sapien", PINNED["sapien"]),
+    "warp": Entry("crosscheck.adapters.warp", "Warp", None, "mujoco-warp mujoco", PINNED["warp"]),
 }

@@ -97,7 +97,7 @@ class Newton(Engine):
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if the state becomes infinite or NaN."""
-        warp = _warp()
+        warp = silent_warp()
         h = stepping.fixed_step(scene, spec)[1]
         with warp.ScopedDevice("cpu"):
             import newton
@@ -117,7 +117,7 @@ class Newton(Engine):
                 solver.step(source, target, control, None, h)
 
             step(model.state(), then)  # compile before the clock runs; a step may change its input
-            forth, back = (_recorded(warp, functools.partial(step, *pair)) for pair in ((now, then), (then, now)))
+            forth, back = (recorded(warp, functools.partial(step, *pair)) for pair in ((now, then), (then, now)))
 
             def advance(count: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
                 nonlocal now, then, forth, back
@@ -136,7 +136,7 @@ class Newton(Engine):
         return raw
 
 
-def _recorded(warp: Any, step: Callable[[], None]) -> Callable[[], None]:
+def recorded(warp: Any, step: Callable[[], None]) -> Callable[[], None]:
     """The kernels that a step launches, replayed without Python, to the same bits in a sixtieth of the time.
 
     Warp before 1.19 records nothing on a processor; there the step itself is returned.
@@ -149,7 +149,7 @@ def _recorded(warp: Any, step: Callable[[], None]) -> Callable[[], None]:
     return functools.partial(warp.capture_launch, capture.graph)
 
 
-def _warp() -> Any:
+def silent_warp() -> Any:
     """Warp without a word about the graphics card that it does not find and what it compiles."""
     with aside(1, 2):
         import warp

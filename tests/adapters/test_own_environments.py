@@ -22,7 +22,7 @@ from crosscheck.references import truth
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.verification.job import check_engines
 
-ENGINES = ("mjx", "mjx-single", "newton", "pybullet")
+ENGINES = ("mjx", "mjx-single", "newton", "pybullet", "sapien", "warp")
 MEND = r"engine {0} is not installed; crosscheck list --engine {0}==[0-9.]+ makes an environment for it"
 
 
@@ -30,7 +30,7 @@ MEND = r"engine {0} is not installed; crosscheck list --engine {0}==[0-9.]+ make
 def nowhere(monkeypatch, tmp_path):
     """A machine that has none of the environments."""
     monkeypatch.setenv("CROSSCHECK_CACHE", str(tmp_path))
-    for engine in ("MJX", "NEWTON", "PYBULLET"):
+    for engine in ("MJX", "NEWTON", "PYBULLET", "SAPIEN", "WARP"):
         monkeypatch.delenv(f"CROSSCHECK_{engine}_PYTHON", raising=False)
 
 
@@ -54,12 +54,15 @@ def test_a_variable_names_the_interpreter(nowhere, monkeypatch, tmp_path):
 
 
 def test_they_declare_their_arithmetic_and_that_their_times_compare_with_nothing():
-    assert [adapters.get(engine).eps for engine in ENGINES] == [2.0**-52, 2.0**-23, 2.0**-23, 2.0**-52]
+    assert [adapters.get(engine).eps for engine in ENGINES] == [2.0**-52, 2.0**-23, 2.0**-23, 2.0**-52, 2.0**-23, 2.0**-23]
     assert all(adapters.has_own_environment(engine) for engine in ENGINES)
 
 
 @pytest.mark.parametrize(("engine", "method", "name", "reason"), [
     ("mjx", "RK4", "driven_double_pendulum", "functions of time are not built"),
+    ("warp", "RK4", "driven_double_pendulum", "functions of time are not built"),
+    ("sapien", "TGS", "fixed_pair", "type fixed is not built; this form has spherical"),
+    ("sapien", "PGS", "spring_pendulum", "only gravity is"),
     ("newton", "XPBD", "four_bar", "open tree"),
     ("pybullet", "SemiImplicitEuler", "spring_pendulum", "only gravity is"),
     ("newton", "Featherstone", "spring_pendulum", "only gravity is"),
@@ -106,13 +109,13 @@ def test_a_warp_that_records_nothing_on_a_processor_steps_as_before():
     def refuses(device):
         raise RuntimeError("Must be a CUDA device")
 
-    step = newton._recorded(SimpleNamespace(ScopedCapture=refuses), lambda: made.append("step"))
+    step = newton.recorded(SimpleNamespace(ScopedCapture=refuses), lambda: made.append("step"))
     assert made == []
     step()
     assert made == ["step"]
     warp = SimpleNamespace(ScopedCapture=lambda device: nullcontext(SimpleNamespace(graph="graph")),
                            capture_launch=made.append)
-    newton._recorded(warp, lambda: made.append("recorded"))()
+    newton.recorded(warp, lambda: made.append("recorded"))()
     assert made == ["step", "recorded", "graph"]
 
 
@@ -126,13 +129,13 @@ for name in ("double_pendulum", "hinge_pendulum", "heavy_top"):
     scene = load_scene(name).replace(duration=0.0303, samples=4)
     specs = [RunSpec(method, step=1e-4, monitor=False) for method in newton.FORMS]
     recorded = [newton.Newton().run(scene, spec) for spec in specs]
-    whole, newton._recorded = newton._recorded, lambda warp, step: step
+    whole, newton.recorded = newton.recorded, lambda warp, step: step
     for spec, run in zip(specs, recorded, strict=True):
         plain = newton.Newton().run(scene, spec)
         assert plain.steps == 303
         for part in "xRvw":
             assert np.array_equal(getattr(run.states, part), getattr(plain.states, part)), (name, spec.method, part)
-    newton._recorded = whole
+    newton.recorded = whole
 print("same")
 """
 

@@ -148,7 +148,7 @@ class Engine:
     eps: float = 2.0**-52  # spacing at 1 of its numbers
     known_defects: tuple[Known, ...] = ()
     misreads: Misreads = MappingProxyType({})  # what it reads instead of a sensor
-    reads_models: bool = False  # it has `native`
+    reads: tuple[str, ...] = ()  # endings of the model files that `native` reads
     soft_laws: bool = False  # friction and limits are springs or soft rows: what holds a joint at rest is its own
 
     @functools.cached_property

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -16,8 +17,10 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
-from crosscheck.errors import EngineError
+from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
+from crosscheck.errors import EngineError, foreign
 from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.models import source
 from crosscheck.scene.states import States
 
 FIXED = {"explicit_euler": 1, "semi_explicit_euler": 1, "runge_kutta2": 2}
@@ -47,6 +50,7 @@ class Drake(open_tree.OpenTree):
     orders = MappingProxyType(FIXED)
     package = "drake"
     laws = LAWS
+    reads = (".urdf", ".sdf", ".world")
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` with Drake's message if it fails."""
@@ -54,6 +58,72 @@ class Drake(open_tree.OpenTree):
         raw = _stepped(scene, spec, model) if spec.method in FIXED else _controlled(scene, spec, model)
         raw.form = "tree"
         return raw
+
+    def native(self, path: str, states: JointStates) -> Native:
+        """The model that Drake makes of a model file by itself."""
+        return loaded(path, states)
+
+
+def loaded(path: str, states: JointStates) -> Native:
+    """The file read by Drake without its shapes, its base held; accelerations from its mass matrix and bias term."""
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import BodyIndex, PrismaticJoint, RevoluteJoint
+
+    model = source.bare(Path(path), sdf=True)
+    for each in model.root.findall("transmission"):  # Drake 1.51 may crash on one
+        if next(each.iter("drake:rotor_inertia"), None) is None:
+            model.root.remove(each)
+    plant = MultibodyPlant(0.0)
+    with foreign(lambda error: EngineError(" ".join(str(error).split()))):
+        if len(found := Parser(plant).AddModelsFromString(model.text, "urdf" if model.is_urdf else "sdf")) != 1:
+            raise EngineError(f"it has {len(found)} models, one is compared")
+        plant.Finalize()
+    context, parts, columns = plant.CreateDefaultContext(), dict[str, Part](), dict[str, int]()
+    starts: dict[str, Any] = {}
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    for each in joints:
+        if isinstance(each, RevoluteJoint | PrismaticJoint):
+            columns[each.name()], starts[each.name()] = len(columns), each
+        elif each.num_velocities() not in (0, 6):
+            raise EngineError(f"joint {each.name()!r} has several coordinates, which is not compared")
+    q = np.zeros(plant.num_positions())
+    places = {name: (joint.position_start(), joint.velocity_start()) for name, joint in starts.items()}
+    floating = [plant.get_body(index) for index in plant.GetFloatingBaseBodies()]
+    for body in floating:
+        q[body.floating_positions_start()] = 1.0
+    plant.SetPositions(context, q)
+    held: dict[Any, Any] = {each.child_body().index(): each for each in joints}
+    for index in map(int, plant.GetBodyIndices(found[0])):
+        body = plant.get_body(BodyIndex(index))
+        joint: Any = held.get(body.index())
+        pose, about = plant.EvalBodyPoseInWorld(context, body), body.CalcSpatialInertiaInBodyFrame(context)
+        R = pose.rotation().matrix()
+        central = about.Shift(about.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+        moving = joint is not None and joint.name() in columns
+        outer = plant.world_frame() if joint is None else joint.frame_on_child()
+        at = outer.CalcPoseInWorld(context)
+        axis = np.zeros(3) if not moving else at.rotation().matrix() @ (
+            joint.revolute_axis() if isinstance(joint, RevoluteJoint) else joint.translation_axis())
+        parent = "" if joint is None or joint.parent_body().index() == plant.world_body().index() else (
+            joint.parent_body().name())
+        parts[body.name()] = Part(parent, about.get_mass(), pose @ about.get_com(), R @ central @ R.T, R,
+                                  joint.name() if moving else "", at.translation(), axis,
+                                  "prismatic" if isinstance(joint, PrismaticJoint) else "revolute",
+                                  float(joint.default_damping_vector()[0]) if moving else 0.0,
+                                  (float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0]))
+                                  if moving else None, not model.is_urdf and body in floating)
+
+    def terms(position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rates, rows = np.zeros(plant.num_velocities()), [places[name][1] for name in columns]
+        q[[places[name][0] for name in columns]], rates[rows] = position, velocity
+        plant.SetPositions(context, q)
+        plant.SetVelocities(context, rates)
+        bias = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(context)
+        return plant.CalcMassMatrix(context)[np.ix_(rows, rows)], bias[rows]
+
+    return moved(assembled("drake", parts, plant.gravity_field().gravity_vector()), states, columns, "CalcBiasTerm",
+                 terms)
 
 
 class Model:

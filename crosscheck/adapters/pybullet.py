@@ -6,6 +6,8 @@ algorithm. Its dampings, its motors and its clamp of joint velocities, all of wh
 
 from __future__ import annotations
 
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +15,12 @@ import numpy as np
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.known import GYROSCOPIC
+from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
 from crosscheck.document.known import Known
+from crosscheck.errors import EngineError
 from crosscheck.files import aside
 from crosscheck.scene.model import GROUND, Scene, quaternion_from_rotation
+from crosscheck.scene.models import source
 
 
 class PyBullet(open_tree.OpenTree):
@@ -24,6 +29,7 @@ class PyBullet(open_tree.OpenTree):
     name = "pybullet"
     methods = ("SemiImplicitEuler",)
     package = "pybullet"
+    reads = (".urdf", ".sdf", ".world")
     known_defects = (Known(("3.2",), methods, ("heavy_top",), ("tree",), {"energy": 7.0e8}, GYROSCOPIC,
                            practical=True),)
 
@@ -51,6 +57,69 @@ class PyBullet(open_tree.OpenTree):
             pybullet.disconnect(client)
         raw.form = "tree"
         return raw
+
+    def native(self, path: str, states: JointStates) -> Native:
+        """The model that PyBullet makes of a model file by itself."""
+        with aside(1, 2):
+            import pybullet
+
+            client = pybullet.connect(pybullet.DIRECT)
+            try:
+                pybullet.setGravity(0.0, 0.0, -9.81)
+                return loaded(pybullet, path, states)
+            finally:
+                pybullet.disconnect(client)
+
+
+def loaded(pybullet: Any, path: str, states: JointStates) -> Native:
+    """The file read by PyBullet, its base held, a URDF without shapes; of SDF it takes inertias from these, always."""
+    model = source.bare(Path(path), sdf=True)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "model"
+        copy.write_text(model.text)
+        try:
+            robots = pybullet.loadURDF(str(copy), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, useFixedBase=1) if (
+                model.is_urdf) else pybullet.loadSDF(path)
+        except pybullet.error as error:
+            raise EngineError(f"PyBullet cannot read it: {error}") from None
+    if not isinstance(robots, int) and len(robots) != 1:
+        raise EngineError(f"it has {len(robots)} models, one is compared")
+    robot = robots if isinstance(robots, int) else robots[0]
+    count, columns = pybullet.getNumJoints(robot), dict[str, int]()
+    names = {-1: pybullet.getBodyInfo(robot)[0].decode()}
+    kinds = {pybullet.JOINT_REVOLUTE: "revolute", pybullet.JOINT_PRISMATIC: "prismatic"}
+    for k in range(count):
+        about, body = pybullet.getJointInfo(robot, k), pybullet.getDynamicsInfo(robot, k)
+        if about[2] not in (*kinds, pybullet.JOINT_FIXED):
+            raise EngineError(f"joint {about[1].decode()!r} has several coordinates, which is not compared")
+        if about[2] in kinds:
+            pybullet.resetJointState(robot, k, 0.0, 0.0)
+            columns[about[1].decode()] = len(columns)
+        names[k] = about[12].decode()
+    body, at = pybullet.getDynamicsInfo(robot, -1), pybullet.getBasePositionAndOrientation(robot)
+    turned, inner = (np.array(pybullet.getMatrixFromQuaternion(each)).reshape(3, 3) for each in (at[1], body[4]))
+    free = 6 if body[0] else 0
+    parts = {names[-1]: Part("", body[0], np.array(at[0]), turned @ np.diag(body[2]) @ turned.T, turned @ inner.T,
+                             free=bool(free))}
+    for k in range(count):
+        about, body, link = (pybullet.getJointInfo(robot, k), pybullet.getDynamicsInfo(robot, k),
+                             pybullet.getLinkState(robot, k, computeForwardKinematics=1))
+        turned, frame = (np.array(pybullet.getMatrixFromQuaternion(each)).reshape(3, 3) for each in (link[1], link[5]))
+        parts[names[k]] = Part(
+            names[about[16]], body[0], np.array(link[0]), turned @ np.diag(body[2]) @ turned.T, frame,
+            about[1].decode() if about[2] in kinds else "", np.array(link[4]), turned @ np.array(about[13]),
+            kinds.get(about[2], ""), about[6], (about[8], about[9]) if about[8] <= about[9] else None)
+
+    def terms(q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        position = [*([0.0] * 6 + [1.0] if free else []), *q]
+        zero = [0.0] * (free + len(q))
+        M = np.array(pybullet.calculateMassMatrix(robot, list(q)))
+        bias = pybullet.calculateInverseDynamics(robot, position, zero[:free] + list(v), zero, **(
+            {"flags": 1} if free else {}))
+        return M[free:, free:], np.array(bias[free:])
+
+    return moved(assembled("pybullet", parts, np.array([0.0, 0.0, -9.81])), states, columns,
+                 "calculateInverseDynamics", terms)
 
 
 def build(pybullet: Any, scene: Scene) -> tuple[int, list[int], np.ndarray]:

@@ -43,7 +43,8 @@ KNOWN = tuple(
           rising=True, sizes=dict(zip(STATE, sizes, strict=True)))
     for method, scene, reason, limits, sizes in (
         ("TGS", "heavy_top", SPUN_UP, {"limit attitude": 6.2}, (5.6e-4, 0.074, 0.012, 1.1)),
-        ("TGS", "single_pendulum", SPUN_UP, {"limit attitude": 2.1, "limit angular velocity": 1.5}, (4.8e-4, 4.1e-3, 1.3e-3, 7.0e-3)),
+        ("TGS", "single_pendulum", SPUN_UP, {"limit attitude": 2.1, "limit angular velocity": 1.5},
+         (4.8e-4, 4.1e-3, 1.3e-3, 7.0e-3)),
         ("PGS", "heavy_top", TURNED, {}, (4.6e-5, 2.9e-3, 9.1e-4, 0.041))))
 
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from crosscheck import adapters
-from crosscheck.adapters import built_in
 from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
 from crosscheck.errors import CrosscheckError, SceneError
 from crosscheck.scene import assembly
@@ -110,21 +109,28 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     neither crosscheck nor an engine can read the file.
     """
     source = Path(path)
-    model = sources.read(source)
+    model = sources.read(source, sdf=True)
     outside = [name for _, name, target in sources.files(model) if target is None]
     scene, no_scene = None, None
     try:
         scene = import_model(path, drop=True)
     except SceneError as error:
         no_scene = error
-    joints = [joint for joint in (scene.joints if scene else ()) if joint.kind.positions == 1]
+    sdf = model.root.tag == "sdf"
+    starts = {joint.name: (joint.start or (0.0,))[0] for joint in (scene.joints if scene else ())
+              if joint.kind.positions == 1}
+    if sdf:
+        starts = {joint.get("name", ""): 0.0 for joint in model.root.iter("joint")
+                  if joint.get("type") in ("revolute", "prismatic", "continuous")}
     rng = np.random.default_rng(seed)
-    size = (1 + count, len(joints))
-    states = JointStates(tuple(joint.name for joint in joints), rng.uniform(-0.6, 0.6, size),
-                         rng.uniform(-1.0, 1.0, size))
-    states.position[0], states.velocity[0] = [(joint.start or (0.0,))[0] for joint in joints], 0.0
+    size = (1 + count, len(starts))
+    states = JointStates(tuple(starts), rng.uniform(-0.6, 0.6, size), rng.uniform(-1.0, 1.0, size))
+    states.position[0], states.velocity[0] = list(starts.values()), 0.0
     natives, refused = [], {}
-    readers = [name for name in built_in.ENTRIES if adapters.get(name).reads_models]
+    ending = source.suffix.lower()
+    # as in studies, engines apart are asked where they are named, or where no other reads the file
+    readers = [name for name in adapters.names() if ending in adapters.get(name).reads
+               and (sdf or not adapters.has_own_environment(name))]
     for name in readers if engines is None else engines:
         try:
             adapters.get(name)  # raises if there is none
@@ -139,8 +145,15 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
         except CrosscheckError as error:
             refused[name] = str(error)
     if no_scene is not None and not natives:
-        raise no_scene
+        raise SceneError(f"{source}: no engine reads it: " + "; ".join(
+            f"{name}: {words}" for name, words in refused.items())) if sdf and refused else no_scene
     neutral = _neutral(scene, states) if scene else natives[0]
+    said: dict[str, tuple[float, float]] = {}  # the limits of the first that has them; a scene may have left them out
+    for name, joint in [each for native in natives for each in native.joints.items()]:
+        if joint.limits and np.isfinite(joint.limits).all():
+            said.setdefault(name, joint.limits)
+    neutral = dataclasses.replace(neutral, joints={name: dataclasses.replace(joint, limits=said.get(name))
+                                                   for name, joint in neutral.joints.items()})
     invented = frozenset(link.get("name", "") for link in model.root.findall("link")
                          if link.find("inertial") is None and link.find("collision") is not None)
     told = [each for native in natives if native is not neutral
@@ -347,6 +360,9 @@ def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray],
     if ours.mimic != theirs.mimic:
         yield told("mimic", name, f"joint {name} follows " + (
             f"{theirs.mimic or 'no other joint'} in place of {ours.mimic or 'none'}"))
+    if ours.limits and theirs.limits and not _close(np.array(ours.limits), np.array(theirs.limits), 1.0):
+        yield told("limits", name, f"limits of joint {name} are {_shown(np.array(theirs.limits))}, not "
+                   f"{_shown(np.array(ours.limits))}")
     for key in ("damping", "armature", "stiffness", *sprung):
         value, goal = getattr(theirs, key), getattr(ours, key)
         if abs(value - goal) > TOLERANCE * max(abs(goal), abs(value)):

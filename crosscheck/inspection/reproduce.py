@@ -162,11 +162,8 @@ def _raw(text: str) -> str:
 
 def _native(path: str | os.PathLike[str]) -> str:
     """The text of a model file without the shapes of its links, whose meshes no script can hold."""
-    model = source.read(Path(path))
+    model = source.bare(Path(path))
     if not model.is_urdf and next(source.files(model), None) is not None:
         raise Unsupported(f"{model.path}: refers to other files, which a script cannot hold; give inertials and leave "
                           "the meshes out")
-    for link in model.root.findall("link"):
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            link.remove(shape)
     return model.text

@@ -3,9 +3,12 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import crosscheck
+from crosscheck import adapters
+from crosscheck.adapters.common.native import JointStates, Part, assembled, moved
 from crosscheck.inspection import native
 from crosscheck.scene.models.words import together
 from tests.scene.models.model_files import ARM_MJCF, ARM_URDF
@@ -148,7 +151,7 @@ def test_a_refusal_stands_beside_what_the_others_read(tmp_path):
     path = tmp_path / "arm.urdf"
     shape = "<collision><geometry><mesh filename='no.stl'/></geometry></collision>"
     path.write_text(PLAIN.replace("</visual></link>", f"</visual>{shape}</link>"))
-    found = crosscheck.inspect(path)
+    found = crosscheck.inspect(path, ["mujoco", "pinocchio"])
     assert "no.stl" in found.refused["mujoco"]
     assert found.lines[-1].startswith("mujoco refuses the file, and is shown below as 'mujoco without meshes': ")
     assert [each.engine for each in found.native] == ["mujoco without meshes", "pinocchio"]
@@ -174,7 +177,7 @@ def test_what_was_compared_and_is_the_same_is_said_and_nothing_else(tmp_path, mo
 def test_a_body_that_one_engine_refuses_is_read_by_the_others(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(PLAIN.replace('ixx="0.001" iyy="0.001" izz="0.001"', 'ixx="0.001" iyy="0.001" izz="0.003"'))
-    found = crosscheck.inspect(path)  # the tool alone is no body, with the lower arm it is one
+    found = crosscheck.inspect(path, ["mujoco", "pinocchio"])  # the tool alone is no body, with the lower arm it is one
     assert "A + B >= C" in found.refused["mujoco"]
     assert [each.engine for each in found.native] == ["pinocchio"]
     assert found.differences == ()
@@ -316,3 +319,79 @@ def test_a_lost_rotation_is_not_blamed_on_the_damping(tmp_path, monkeypatch):
     bad.write_text(ARM_URDF.replace('rpy="0.3 0.2 0.1"/><mass value="1"', 'rpy="0 0 0"/><mass value="1"'))
     found = beside(monkeypatch, good, bad, ["mujoco"])
     assert {each.quantity for each in found.differences} <= {"inertia", "mass matrix", "bias"}
+
+
+def test_parts_of_an_engine_are_put_together_as_mujoco_does(tmp_path):
+    """Bodies that MuJoCo keeps apart, with a fixed one, against what it reads where it fuses them."""
+    import mujoco
+
+    path = tmp_path / "arm.urdf"
+    path.write_text(PLAIN)
+    m = mujoco.MjModel.from_xml_string(PLAIN.replace('<link name="base"/>', '<mujoco><compiler fusestatic="false"/>'
+                                                     '</mujoco><link name="base"/>'))
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    parts = {}
+    for body in map(m.body, range(1, m.nbody)):
+        R, joint = d.ximat[body.id].reshape(3, 3), m.jnt(body.jntadr[0]) if body.jntnum else None
+        parts[body.name] = Part(
+            m.body(body.parentid[0]).name.replace("world", ""), float(body.mass[0]), d.xipos[body.id].copy(),
+            R @ np.diag(body.inertia) @ R.T, d.xmat[body.id].reshape(3, 3).copy(), *(() if joint is None else (
+                joint.name, d.xanchor[joint.id].copy(), d.xaxis[joint.id].copy(),
+                "prismatic" if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE else "revolute")))
+    assert len(parts) > len([part for part in parts.values() if part.joint])
+    states = JointStates(tuple(part.joint for part in parts.values() if part.joint), np.zeros((1, 3)), np.ones((1, 3)))
+    whole = adapters.get("mujoco").native(str(path), states)
+    found = assembled("parts", parts, whole.gravity)
+    assert list(found.links) == list(whole.links)
+    for name, link in whole.links.items():
+        assert found.links[name].mass == pytest.approx(link.mass)
+        np.testing.assert_allclose(found.links[name].inertia, link.inertia, rtol=0, atol=1e-12)
+    for name, joint in whole.joints.items():
+        for key in ("parent_anchor", "child_anchor", "axis", "attitude"):
+            np.testing.assert_allclose(getattr(found.joints[name], key), getattr(joint, key), rtol=0, atol=1e-12)
+        assert [getattr(found.joints[name], key) for key in ("parent", "child", "kind")] == [
+            joint.parent, joint.child, joint.kind]
+    columns = dict(zip(states.names, (2, 0, 1), strict=True))  # an engine may have another order
+    back = [columns[name] for name in states.names]
+    M, bias = np.empty((3, 3)), np.empty(3)
+    M[np.ix_(back, back)], bias[back] = whole.mass_matrix[0], whole.bias[0]
+    again = moved(found, states, columns, "given", lambda q, v: (M, bias))
+    np.testing.assert_allclose(again.acceleration, whole.acceleration, rtol=0, atol=1e-10)
+
+
+def installed(engine):
+    """Skips the test where there is no such engine."""
+    if engine not in adapters.names():
+        pytest.skip(f"{engine} is not installed")
+
+
+@pytest.mark.parametrize("engine", ["drake", "pybullet"])
+def test_further_engines_read_the_arm(engine, tmp_path, monkeypatch):
+    installed(engine)
+    (good := tmp_path / "arm.urdf").write_text(PLAIN)
+    (wrong := tmp_path / "wrong.urdf").write_text(PLAIN.replace('<mass value="1"/>', '<mass value="1.001"/>'))
+    found = crosscheck.inspect(good, [engine])
+    assert not found.refused
+    assert [each for each in found.differences if each.quantity != "frame"] == []
+    assert found.native[0].acceleration is not None
+    assert any("mass of link upper" in str(each) for each in beside(monkeypatch, good, wrong, [engine]).differences)
+
+
+SDF = """<sdf version="1.7"><model name="swing"><link name="rod"><inertial><pose>0 0 -0.5 0 0 0</pose><mass>2</mass>
+<inertia><ixx>0.1</ixx><iyy>0.1</iyy><izz>0.05</izz><ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia></inertial></link>
+<joint name="hinge" type="revolute"><parent>world</parent><child>rod</child><axis><xyz>0 1 0</xyz>
+<dynamics><damping>0.3</damping></dynamics><limit><lower>-1</lower><upper>2</upper></limit></axis></joint></model></sdf>
+"""
+
+
+def test_an_sdf_file_is_read_by_the_engines_that_take_it(tmp_path, monkeypatch):
+    (path := tmp_path / "swing.sdf").write_text(SDF)
+    with pytest.raises(crosscheck.SceneError, match="only read by engines, for `crosscheck inspect`; convert it"):
+        crosscheck.import_model(path)
+    installed("drake")
+    read, rng = crosscheck.inspect(path, ["drake"]).native[0], np.random.default_rng(0)
+    hinge, q, v = read.joints["hinge"], *(rng.uniform(-x, x, (4, 1)) for x in (0.6, 1.0))
+    q[0], v[0] = 0.0, 0.0
+    np.testing.assert_allclose(read.acceleration, -(2 * 9.81 * 0.5 * np.sin(q) + 0.3 * v) / 0.6, rtol=0, atol=1e-12)
+    assert (hinge.damping, hinge.limits, hinge.axis.tolist()) == (0.3, (-1.0, 2.0), [0.0, 1.0, 0.0])

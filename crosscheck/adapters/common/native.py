@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -31,6 +32,7 @@ class Hinge:
     stiffness: float = 0.0
     rest_position: float = 0.0
     mimic: str = ""  # the joint that it follows
+    limits: tuple[float, float] | None = None  # None: not said
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,6 +49,82 @@ class Native:
     acceleration: np.ndarray | None = None  # (K, nv)
     solver: str = ""  # the engine's function for the accelerations
     refusal: str = ""  # the engine's error for the file itself, if it could be read only without its meshes
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """A link of a model as an engine holds it, with the joint that it hangs on, in world axes at coordinates zero."""
+
+    parent: str  # "" for the world
+    mass: float
+    centre: np.ndarray  # (3,) of mass
+    inertia: np.ndarray  # (3, 3) about it
+    frame: np.ndarray  # (3, 3) axes of the link in the file
+    joint: str = ""  # with one coordinate; "" where it is fixed to its parent
+    anchor: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    axis: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    kind: str = "revolute"
+    damping: float = 0.0
+    limits: tuple[float, float] | None = None
+    free: bool = False  # whether it floats
+
+
+def assembled(engine: str, parts: Mapping[str, Part], gravity: np.ndarray) -> Native:
+    """The links and joints of `parts` by name, parents first, each link with all that is fixed to it."""
+    head: dict[str, str] = {"": "ground"}
+    groups: dict[str, list[Part]] = {}
+    for name, part in parts.items():
+        head[name] = name if part.joint or part.free else head[part.parent]
+        groups.setdefault(head[name], []).append(part)
+    links: dict[str, Link] = {}
+    centres, frames = {"ground": np.zeros(3)}, {"ground": np.eye(3)}
+    for name, group in groups.items():
+        if name == "ground":
+            continue
+        mass = float(sum(part.mass for part in group))
+        centre = np.sum([part.mass * part.centre for part in group], axis=0) / mass if mass else parts[name].centre
+        arms = [part.centre - centre for part in group]
+        inertia = np.sum([part.inertia + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+                          for part, arm in zip(group, arms, strict=True)], axis=0)
+        frame = frames[name] = parts[name].frame
+        centres[name], links[name] = centre, Link(mass, frame.T @ inertia @ frame)
+    joints = {}
+    for name in links:
+        part = parts[name]
+        if part.free:
+            continue
+        parent, frame = head[part.parent], part.frame
+        outer = frames[parent]
+        joints[part.joint] = Hinge(parent, name, outer.T @ (part.anchor - centres[parent]),
+                                   frame.T @ (part.anchor - centres[name]), frame.T @ part.axis, outer.T @ frame,
+                                   part.kind, part.damping, limits=part.limits)
+    return Native(engine, links, joints, gravity)
+
+
+def moved(found: Native, states: JointStates, columns: Mapping[str, int], solver: str,
+          terms: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Native:
+    """`found` with its accelerations, where all its joints are in `states`.
+
+    Parameters
+    ----------
+    columns : place of each joint in the engine's coordinates
+    terms : from positions and velocities in that order the mass matrix and the bias forces
+    """
+    order = tuple(name for name in states.names if name in found.joints)
+    if not order or len(order) != len(found.joints) or len(order) != len(columns):
+        return found
+    places, ours = [columns[name] for name in order], [states.names.index(name) for name in order]
+    damping = np.array([found.joints[name].damping for name in order])
+    values = []
+    for position, velocity in zip(states.position, states.velocity, strict=True):
+        q, v = np.zeros(len(order)), np.zeros(len(order))
+        q[places], v[places] = position[ours], velocity[ours]
+        M, bias = terms(q, v)
+        M, bias = M[np.ix_(places, places)], bias[places]
+        values.append((M, bias, np.linalg.solve(M, -bias - damping * velocity[ours])))
+    mass, biases, accelerations = (np.array(each) for each in zip(*values, strict=True))
+    return dataclasses.replace(found, order=order, mass_matrix=mass, bias=biases, acceleration=accelerations,
+                               solver=solver)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -99,7 +99,7 @@ class MuJoCo(Forms):
     methods = tuple(INTEGRATORS)
     package = "mujoco"
     known_defects, misreads = KNOWN, MISREADS
-    reads_models = True
+    reads = (".urdf", ".xml", ".mjcf")
 
     def native(self, path: str, states: JointStates) -> Native:
         """The model that MuJoCo makes of a model file by itself."""

@@ -34,7 +34,7 @@ class Pinocchio(Engine):
     orders = ORDERS
     package = "pin"
     known_defects = KNOWN
-    reads_models = True
+    reads = (".urdf", ".xml", ".mjcf")
     pace = 2
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:

@@ -41,7 +41,9 @@ def load(path: str, states: JointStates) -> Native:
             names.get(parent, "ground") if parent else "ground", names.get(joint, model.names[joint]),
             at.translation - inner, -np.array(model.inertias[joint].lever),
             subspace[:3] if slides else subspace[3:], np.array(at.rotation), "prismatic" if slides else "revolute",
-            float(model.damping[v]), float(model.armature[v]))
+            float(model.damping[v]), float(model.armature[v]), limits=(
+                float(model.lowerPositionLimit[model.idx_qs[joint]]), float(model.upperPositionLimit[model.idx_qs[joint]]))
+            if model.nqs[joint] == 1 else None)
     found = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba")
     order = tuple(name for name in states.names if name in joints)
     if len(order) != model.nv:

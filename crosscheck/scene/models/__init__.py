@@ -18,8 +18,8 @@ from crosscheck.scene.model import Scene
 if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engine version does not have
     from crosscheck.scene.schema import Content
 
-SUFFIXES = (".xml", ".urdf", ".mjcf", ".xacro")
-"""Endings of model files; .xacro is listed so that it can be refused with a reason."""
+SUFFIXES = (".xml", ".urdf", ".mjcf", ".xacro", ".sdf", ".world", ".usd", ".usda", ".usdc")
+"""Endings of model files; the last six are listed so that they can be refused with a reason."""
 
 LONGEST, MOST_MEMORY = 60.0, 4 * 2**30
 """Limits of time (s) and memory (bytes) for reading a model; the largest robots take two seconds and .3 GB."""

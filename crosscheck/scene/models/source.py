@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import escape, quoteattr
 
 from crosscheck.errors import SceneError, unknown
 
@@ -59,7 +59,7 @@ class Source:
                 pieces.append(part)
                 continue
             attributes = "".join(f" {key}={quoteattr(value)}" for key, value in part.items())
-            pieces.append(f"\n<{part.tag}{attributes}>")
+            pieces.append(f"\n<{part.tag}{attributes}>{escape((part.text or '').strip())}")
             stack += [f"</{part.tag}>", *reversed(part)]
         return "".join(pieces).lstrip("\n")
 
@@ -127,18 +127,22 @@ def label(element: Element) -> str:
     return f"<{element.tag}>{name}" + (f" ({place(element)})" if place(element) else "")
 
 
-def read(path: Path) -> Source:
-    """The model in `path`, with checks of its XML; raises `SceneError` with one line."""
+def read(path: Path, sdf: bool = False) -> Source:
+    """The model in `path`, with checks of its XML; with `sdf` also one of SDF. Raises `SceneError` with one line."""
     if path.suffix.lower() == ".xacro":
         raise SceneError(f"{path}: a xacro file is a program that writes a URDF; run it first (xacro {path.name} > "
                          f"{path.stem}.urdf) and give the URDF")
+    if path.suffix.lower().startswith(".usd"):
+        raise SceneError(f"{path}: USD is not read; export the model as URDF or MJCF and give that")
     root = _parsed(path)
     _check_size(path, root)
     _check_reserved(path, root)
     macro = next((node for node in root.iter() if "xacro:" in node.tag), None)
     if root.tag == "robot" and macro is not None:
         raise SceneError(f"{path}: {place(macro)} is a xacro element; run xacro first and give the URDF that it writes")
-    if root.tag not in ("mujoco", "robot"):
+    if root.tag == "sdf" and not sdf:
+        raise SceneError(f"{path}: an SDF file is only read by engines, for `crosscheck inspect`; convert it to URDF")
+    if root.tag not in ("mujoco", "robot", "sdf"):
         raise SceneError(f"{path}: the root element is <{root.tag}>; a model file begins with <mujoco> or <robot>")
     if root.tag == "robot" and (count := len(root.findall("link"))) > MOST_LINKS:
         raise SceneError(f"{path}: has {count} links, at most {MOST_LINKS} are read; merge those on fixed joints")
@@ -222,6 +226,15 @@ def _copies(element: Element) -> int:
     for word in element.get("count", "").split() if element.tag in ("replicate", "composite", "flexcomp") else ():
         found *= int(word[:10]) if word.isdecimal() else 1  # a number of ten digits is too large anyway
     return found
+
+
+def bare(path: Path, sdf: bool = False) -> Source:
+    """`read` without the shapes of links, whose meshes may be anywhere."""
+    model = read(path, sdf)
+    for link in [*model.root.iter("link")]:
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    return model
 
 
 def files(model: Source) -> Iterator[tuple[Element, str, Path | None]]:

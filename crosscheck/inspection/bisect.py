@@ -96,8 +96,9 @@ def released(engine: str, span: str) -> list[str]:
     if _key(first) >= _key(last):
         raise ArgumentError(f"versions: {span!r}: the first is not older than the last; exchange them")
     package = versions.PACKAGES[engine][0]
-    asked = subprocess.run([sys.executable, "-m", "pip", "index", "versions", package, "--disable-pip-version-check",
-                            "--no-input"], capture_output=True, text=True, timeout=LONGEST)
+    asked = subprocess.run([sys.executable, "-I", "-m", "pip", "index", "versions", package,
+                            "--disable-pip-version-check", "--no-input"], capture_output=True, text=True,
+                           timeout=LONGEST)
     listed = re.search(r"Available versions: (.*)", asked.stdout)
     known = set(listed[1].replace(",", " ").split()) if listed else versions.kept(engine)
     inside = {each for each in known if re.fullmatch(r"[0-9.]+", each) and _key(first) < _key(each) < _key(last)}

@@ -277,7 +277,8 @@ def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> I
 
     if not _close(neutral.gravity, native.gravity, 10.0):
         yield told("gravity", "", f"gravity is {native.gravity.tolist()}, the scene has {neutral.gravity.tolist()}")
-    ratios = [native.links[name].mass / link.mass for name, link in neutral.links.items() if name in native.links]
+    ratios = [native.links[name].mass / link.mass for name, link in neutral.links.items()
+              if name in native.links and link.mass]
     factor = ratios[0] if len(ratios) > 1 and _close(np.array(ratios), np.full(len(ratios), ratios[0]), 1.0) else 1.0
     if abs(factor - 1) > TOLERANCE:
         yield told("mass", "", f"masses of all links times {factor:.6g}")

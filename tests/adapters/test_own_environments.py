@@ -54,7 +54,8 @@ def test_a_variable_names_the_interpreter(nowhere, monkeypatch, tmp_path):
 
 
 def test_they_declare_their_arithmetic_and_that_their_times_compare_with_nothing():
-    assert [adapters.get(engine).eps for engine in ENGINES] == [2.0**-52, 2.0**-23, 2.0**-23, 2.0**-52, 2.0**-23, 2.0**-23]
+    for engine in ENGINES:
+        assert adapters.get(engine).eps == 2.0**(-52 if engine in {"mjx", "pybullet"} else -23)
     assert all(adapters.has_own_environment(engine) for engine in ENGINES)
 
 

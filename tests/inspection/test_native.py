@@ -395,3 +395,10 @@ def test_an_sdf_file_is_read_by_the_engines_that_take_it(tmp_path, monkeypatch):
     q[0], v[0] = 0.0, 0.0
     np.testing.assert_allclose(read.acceleration, -(2 * 9.81 * 0.5 * np.sin(q) + 0.3 * v) / 0.6, rtol=0, atol=1e-12)
     assert (hinge.damping, hinge.limits, hinge.axis.tolist()) == (0.3, (-1.0, 2.0), [0.0, 1.0, 0.0])
+
+
+def test_a_mass_that_is_no_number_is_named_whatever_engines_make_of_it(tmp_path):
+    (path := tmp_path / "arm.urdf").write_text(PLAIN.replace('<mass value="0.5"/>', '<mass value="nan"/>'))
+    found = crosscheck.inspect(path, ["mujoco", "pinocchio"])
+    assert "'nan' is not finite; correct it there" in found.no_scene
+    assert not found.agree

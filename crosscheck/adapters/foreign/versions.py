@@ -160,8 +160,8 @@ def _make(engine: str, version: str, place: Path, needed: Sequence[str]) -> None
                  [uv, "pip", "install", "--python", str(python), *packages]]
     else:
         steps = [[sys.executable, "-m", "venv", str(place)],
-                 [str(python), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--retries", "2",
-                  *packages]]
+                 [str(python), "-I", "-m", "pip", "install", "--disable-pip-version-check", "--no-input",
+                  "--retries", "2", *packages]]
     for words in steps:
         try:
             done = subprocess.run(words, capture_output=True, text=True, timeout=LONGEST,

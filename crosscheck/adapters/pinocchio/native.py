@@ -36,14 +36,13 @@ def load(path: str, states: JointStates) -> Native:
         name = model.names[joint]
         if name not in states.names and f"{names.get(joint)} joint" in states.names:  # unnamed in the file
             name = f"{names[joint]} joint"
-        ids[name] = joint
+        ids[name], at_q = joint, model.idx_qs[joint]
         joints[name] = Hinge(
             names.get(parent, "ground") if parent else "ground", names.get(joint, model.names[joint]),
             at.translation - inner, -np.array(model.inertias[joint].lever),
             subspace[:3] if slides else subspace[3:], np.array(at.rotation), "prismatic" if slides else "revolute",
-            float(model.damping[v]), float(model.armature[v]), limits=(
-                float(model.lowerPositionLimit[model.idx_qs[joint]]), float(model.upperPositionLimit[model.idx_qs[joint]]))
-            if model.nqs[joint] == 1 else None)
+            float(model.damping[v]), float(model.armature[v]), limits=None if model.nqs[joint] == 2 else (
+                float(model.lowerPositionLimit[at_q]), float(model.upperPositionLimit[at_q])))
     found = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba")
     order = tuple(name for name in states.names if name in joints)
     if len(order) != model.nv:

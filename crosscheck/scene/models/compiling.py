@@ -124,8 +124,6 @@ def _prepare_mjcf(model: Source) -> None:
             if child.tag in ("texture", "skin", "material") and parent.tag in ("asset", "default"):
                 parent.remove(child)
         parent.attrib.pop("material", None)
-        if parent.tag == "option":
-            parent.attrib.pop("apirate", None)  # of a remote control; MuJoCo 4 no longer takes it
     absent: dict[str | None, str] = {}
     for element, name, target in source.files(model):
         if element.tag != "mesh" and target is None:

@@ -148,6 +148,8 @@ def read(path: Path, sdf: bool = False) -> Source:
         raise SceneError(f"{path}: has {count} links, at most {MOST_LINKS} are read; merge those on fixed joints")
     if root.tag == "mujoco":
         _expand(path, root, path.parent.resolve(), (path.resolve(),))
+        for option in root.iter("option"):
+            option.attrib.pop("apirate", None)  # of a remote control; MuJoCo 4 no longer takes it
         _check_size(path, root)
     return Source(path, root)
 

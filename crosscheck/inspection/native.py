@@ -385,7 +385,7 @@ def _degrees(ours: np.ndarray, theirs: np.ndarray) -> str:
 
 def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Difference]:
     """Differences of mass matrix, bias forces and accelerations."""
-    if neutral.mass_matrix is None or native.mass_matrix is None or neutral.order != native.order:
+    if neutral.mass_matrix is None or native.mass_matrix is None or not neutral.order == native.order != ():
         return
     assert neutral.bias is not None
     assert native.bias is not None

@@ -402,3 +402,11 @@ def test_a_mass_that_is_no_number_is_named_whatever_engines_make_of_it(tmp_path)
     found = crosscheck.inspect(path, ["mujoco", "pinocchio"])
     assert "'nan' is not finite; correct it there" in found.no_scene
     assert not found.agree
+
+
+def test_a_single_link_without_joints_is_read(tmp_path):
+    link = ARM_URDF[ARM_URDF.index('<link name="tool">'):ARM_URDF.index('<link name="finger">')]
+    (path := tmp_path / "cube.urdf").write_text(f'<robot name="cube">{link}</robot>')
+    found = crosscheck.inspect(path, ["mujoco", "pinocchio"])
+    assert len(found.native) == 2
+    assert "--base free" in found.no_scene

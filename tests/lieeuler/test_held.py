@@ -72,3 +72,14 @@ def test_multipliers_over_the_least_mass_excuse_no_open_level(level):
     for share, found in ((1e-9, ()), (1e-5, (level,))):
         solution.stats.maxima[f"constraint_{level}"] = share * size
         assert held.open_levels(problem, solution) == found
+
+
+@pytest.mark.parametrize(("method", "opened"), [
+    ("DAE3L_LE", [False, True, False]), ("DAE2L_LE", [False, False, True]), ("rattle2", [False, True, True]),
+    ("BAUMGARTE_LE", [False, False, False])])
+def test_a_state_is_open_in_what_the_method_holds(method, opened):
+    problem = SYSTEMS["double_pendulum"]()
+    x, R, v, w = (np.repeat(getattr(problem, name)[None], 3, axis=0) for name in "xRvw")
+    x[1] += 1e-3
+    v[2] += 1e-3
+    assert held.open_at(problem, method, x, R, v, w, 0.0, 1.0).tolist() == opened

@@ -110,6 +110,8 @@ CASES = {
     "half waves": (half_waves(20.0, 2.0, 0.83), {
         "q0": 0.83, "rate": 0.0, "springs": 20.0, "sliding": 2.0, "static": 2.0}),
     "braked": (braked(3.0, 1.1), {"q0": 0.0, "rate": 1.1, "sliding": 3.0, "static": 3.0}),
+    "braked back": ((-braked(3.0, 1.1)[0], braked(3.0, 1.1)[1]), {
+        "q0": 0.0, "rate": -1.1, "sliding": 3.0, "static": 3.0}),
     "bounces": (bounces(1.3, 0.3, 0.5), {"q0": 0.0, "rate": 1.3, "stops": Stops(-0.3, 0.3, 0.5)}),
     "elastic": (bounces(1.3, 0.3, 1.0), {"q0": 0.0, "rate": 1.3, "stops": Stops(-0.3, 0.3, 1.0)}),
     "saturated": (saturated(8.0, 3.0, 1.0), {"q0": 0.0, "rate": 0.0, "servos": (

@@ -110,3 +110,12 @@ def test_a_plate_is_graded_by_its_largest_moment(pendulum):
 def test_every_sample_of_an_adaptive_run_may_be_a_step(pendulum, truth):
     few, many = (tolerances.most_steps(pendulum, truth, 1e-8, samples, 10**9) for samples in (0, 100))
     assert many - few == 100
+
+
+def test_bounds_of_an_adaptive_run_are_those_of_the_scenes_size(pendulum, truth):
+    """A tenth of the pendulum's length, with the same angles."""
+    joint = dataclasses.replace(pendulum.joints[0], child_anchor=0.1 * pendulum.joints[0].child_anchor)
+    states = dataclasses.replace(truth.states, x=0.1 * truth.states.x, v=0.1 * truth.states.v)
+    whole, tenth = (tolerances.adaptive(scene, known, 1e-6, 100)["position"].value for scene, known in (
+        (pendulum, truth), (pendulum.replace(joints=(joint,)), dataclasses.replace(truth, states=states))))
+    assert tenth < 0.2 * whole

@@ -201,6 +201,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         keys = _keys(session is not None)
         truths = _truths(elsewhere, keys, scene_names, settings, asked, carried)
         cells = _planned(cells, truths, settings, overrides, asked)
+        partial([])
         records = _records(elsewhere, keys, cells, truths, within, carried, Paced(partial))
     alone = dataclasses.replace(stages, jobs=1)
     if settings.timing:
@@ -214,7 +215,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
 
 
 PAUSE, SHARE = 10.0, 0.05
-"""Time (s) before a first page of what has ended, and between two; share of the time that writing them may take."""
+"""Time (s) between the page with the truths, the first with runs, and the next; share of the time that writing them may take."""
 
 
 class Paced:

@@ -93,12 +93,13 @@ def test_the_page_fills_as_runs_end(tmp_path, monkeypatch):
     parts = []
     whole = job.verify("smoke", ["single_pendulum"], ["lieeuler"], 1, methods=["DAE1L_LSE", "rattle2", "rattle4"],
                        shown=parts.append)
-    assert [(len(part.records), part.meta.left) for part in parts] == [(1, 2), (2, 1), (3, 0)]
+    assert [(len(part.records), part.meta.left) for part in parts] == [(0, 3), (1, 2), (2, 1), (3, 0)]
     assert parts[-1].records == whole.records
-    for part, filling in ((parts[0], True), (whole, False)):
+    for part, filling in ((parts[0], "3 tasks"), (parts[1], "2 tasks"), (whole, "")):
         page = write(part, tmp_path / "out")
-        assert is_complete(tmp_path / "out") != filling
-        assert ("2 tasks have not ended" in page.read_text("utf-8")) == filling
+        assert is_complete(tmp_path / "out") != bool(filling)
+        text = page.read_text("utf-8")
+        assert f"{filling} have not ended" in text if filling else "have not ended" not in text
 
 
 @pytest.mark.slow

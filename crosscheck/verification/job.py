@@ -215,7 +215,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
 
 
 PAUSE, SHARE = 10.0, 0.05
-"""Time (s) between the page with the truths, the first with runs, and the next; share of the time that writing takes."""
+"""Time (s) between the page with the truths, the first with runs, and the next; share that writing may take."""
 
 
 class Paced:

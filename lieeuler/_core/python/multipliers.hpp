@@ -6,7 +6,8 @@
 namespace lieeuler {
 
 // Multipliers (N, m) of the index-1 system at N states, with least norm if rows are redundant, the number of redundant
-// rows at the first state, and the first state without multipliers, else N. `angles` (N, forces) are those of torsional springs, unwrapped.
+// rows at the first state, and the first state without multipliers, else N. `angles` (N, forces) are those of torsional
+// springs, unwrapped.
 inline nb::tuple multipliers(const Plan& plan, const Array& times, const Array& x, const Array& R, const Array& v,
                              const Array& w, const Array& angles) {
   const System& system = plan.system;

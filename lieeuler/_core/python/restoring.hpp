@@ -5,9 +5,9 @@
 
 namespace lieeuler {
 
-// Turns vectors of a motion in a plane, in place: x, v and a (T, n, 3) to world axes, w and alpha (T, n, 3) and attitudes
-// R (T, n, 3, 3) to those of the bodies; x gets its height along the third axis first. turn (3, 3): from world axes to
-// the plane's; frames (n, 3, 3): from the axes of bodies to those in the plane.
+// Turns vectors of a motion in a plane, in place: x, v and a (T, n, 3) to world axes, w and alpha (T, n, 3) and
+// attitudes R (T, n, 3, 3) to those of the bodies; x gets its height along the third axis first. turn (3, 3): from
+// world axes to the plane's; frames (n, 3, 3): from the axes of bodies to those in the plane.
 inline void leave_plane(const Array& turn, const Array& frames, const Array& heights, const Output& x, const Output& R,
                         const Output& v, const Output& w, const Output& a, const Output& alpha) {
   const size_t n = heights.size(), count = x.size() / 3;

@@ -146,6 +146,12 @@ class LagrangeEquations {
     take_whole_matrix(at.start_joints);
     return true;
   }
+  // For steps of any length from here: the matrix that long ones of damped springs need is laid out before the first.
+  void take_long_steps(const State& state) {
+    if (!split_ || !damped_ || at.system.frequency == 0) return;
+    at.joints.update(state.frames);
+    take_whole_matrix(at.joints);
+  }
   void take_whole_matrix(const Constraints& joints) {
     split_.reset();
     at.take_whole_matrix(at.nodes.doubled(), joints);

@@ -33,6 +33,7 @@ class Extrapolation {
     state_ = initial;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
+    for (auto* euler : {&euler_, &whole_}) euler->equations().take_long_steps(state_);
     scales_ = Scales::of(system_, state_, slowest_);
     if (const Status status = projection_.settle(state_, scales_.length, counters); status != Status::success)
       return status;

@@ -9,12 +9,14 @@ import sys
 from types import SimpleNamespace
 from unittest import mock
 
+from crosscheck import adapters
 from crosscheck.cli.app import main
 
 
 def crosscheck(*words):
     """Exit code, output and complaints of a command at 200 columns."""
     said, complained, code = io.StringIO(), io.StringIO(), 0
+    adapters.renew()  # as a process of its own begins
     with (mock.patch.object(sys, "argv", ["crosscheck", *words]), mock.patch.dict(os.environ, COLUMNS="200"),
           contextlib.redirect_stdout(said), contextlib.redirect_stderr(complained)):
         try:

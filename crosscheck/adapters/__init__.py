@@ -43,7 +43,7 @@ def get(engine: str | Engine) -> Engine:
         The environment of a version cannot be made.
     """
     if isinstance(engine, str):
-        return _LENT.get(engine) or _get(str(engine))
+        return _LENT.get(engine) or (_own if is_own(engine) else _get)(str(engine))
     from crosscheck.adapters.foreign import own
 
     if isinstance(engine, type) or not hasattr(engine, "run"):
@@ -69,7 +69,9 @@ def carry(given: Mapping[str, Mapping[str, bytes]]) -> None:
             if not (folder / path).exists():
                 (folder / path).parent.mkdir(parents=True, exist_ok=True)
                 put(folder / path, content)
-        _CARRIED[name] = str(folder)
+        if _CARRIED.get(name) != str(folder):
+            _CARRIED[name] = str(folder)
+            renew()
 
 
 _CARRIED: dict[str, str] = {}
@@ -100,9 +102,20 @@ def _get(name: str) -> Engine:
 
     for point in importlib.metadata.entry_points(group=_GROUP, name=name):
         return Stranger(Home(point.value, names(), point.dist.version if point.dist else None))
-    if is_own(name):
-        return Stranger(Home(name, names(), folder=_CARRIED.get(name)))
     raise ArgumentError(unknown("engine", name, names()))
+
+
+@functools.cache
+def _own(name: str) -> Engine:
+    from crosscheck.adapters.foreign.apart import Stranger
+    from crosscheck.adapters.foreign.remote import Home
+
+    return Stranger(Home(name, names(), folder=_CARRIED.get(name)))
+
+
+def renew() -> None:
+    """Load classes of the user anew when they are next asked for: a process may outlive an edit of their files."""
+    _own.cache_clear()
 
 
 def split(entry: str) -> tuple[str, str]:

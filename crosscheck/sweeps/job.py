@@ -94,6 +94,7 @@ def sweep(source: Mapping[str, Any] | str | os.PathLike[str], workers: int = 2, 
         The scheduler was lost, or a worker has other versions. Finished cells are kept in the table.
     """
     needed()
+    adapters.renew()
     asked = plan.read(source)
     if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= 1024:
         raise ArgumentError(f"workers: a whole number from 1 to 1024 is wanted, not {workers!r}")

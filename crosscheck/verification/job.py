@@ -161,6 +161,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     """
     if jobs < 1:
         raise ArgumentError(f"jobs has to be at least 1, not {jobs}")
+    adapters.renew()
     settings = profile_called(profile)
     settings = dataclasses.replace(settings, whole=settings.whole or asked.duration is not None)
     within = limits or limits_of()

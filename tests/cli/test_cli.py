@@ -264,7 +264,8 @@ def test_an_interrupt_ends_the_workers_and_says_so(tmp_path):
     _, said = process.communicate(timeout=20)
     assert process.returncode == 130
     assert said.strip().splitlines()[-1] == "crosscheck: interrupted; the same command goes on from here"
-    assert list(tmp_path.iterdir()) == []
+    if (begun := tmp_path / "out" / "results.json").exists():  # the page fills as runs end, and says that some are left
+        assert json.loads(begun.read_text("utf-8"))["meta"]["left"] > 0
     for _ in range(50):  # the workers were told to end before their parent did; give them a moment to do so
         left = running_in_session(process.pid)
         if not left:

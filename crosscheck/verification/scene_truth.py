@@ -60,6 +60,7 @@ def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> Sce
                   disagreement=reference.disagreement, allowed=reference.allowed,
                   amplification=reference.amplification, error=reference.error,
                   horizon=reference.horizon, outvoted=reference.outvoted,
+                  events=reference.events[:MOST_EVENTS],
                   ended="" if reference.horizon_cause == GROWN else reference.horizon_cause)
     return replace(described(scene, plan), truth=known, scales=tolerances.scales(scene, reference),
                    rounding=tolerances.rounding_levels(scene, reference), curves=scene_curves(scene, reference))
@@ -71,6 +72,9 @@ def _as_asked(plan: Plan, asked: Asked) -> Plan:
         plan = replace(plan, steps={1: asked.step}, practical=None, budgeted=True)
     return plan if asked.duration is None else replace(plan, duration=asked.duration)
 
+
+MOST_EVENTS = 200
+"""Events of a motion that a report lists."""
 
 WINDOWS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 """Lengths (s) of the judged beginning. They are tried from the longest on."""

@@ -158,7 +158,7 @@ window.Figures = (function () {
   function addPanel(parent, title) {
     const box = document.createElement("div");
     box.className = "panel";
-    const head = document.createElement("h4");
+    const head = document.createElement("h3");
     head.textContent = title;
     const plot = document.createElement("div");
     plot.className = "plot";

@@ -179,6 +179,21 @@
   makers.speed = () => Figures.speed(compared());
   makers.convergence = () => Figures.convergence(compared(), quantitySelect.value, Figures.UNITS[quantitySelect.value]);
 
+  // Events of the true motion are lines in every figure over time, and beside the clock of the player.
+  const events = JSON.parse(document.getElementById("scene").dataset.events);
+  const marked = (each) => ({...each, layout: {...each.layout, shapes: events.map(([time]) => ({type: "line", x0: time,
+    x1: time, yref: "paper", y0: 0, y1: 1, layer: "below", line: {color: style("--dots"), dash: "dot", width: 1}}))}});
+  if (events.length) {
+    Object.entries(makers).forEach(([figure, make]) => {
+      makers[figure] = (element) => {
+        const made = make(element);
+        if (made.columns?.[0] !== "time (s)") return made;
+        return made.panels ? {...made, panels: made.panels.map(marked)} : marked(made);
+      };
+    });
+  }
+  const happened = (time) => events.findLast(([each]) => each <= time && time < each + 0.05 * t.at(-1));
+
   const refresh = Figures.start(() => {
     Figures.legend(compared());
     const place = document.querySelector("[data-body]");
@@ -197,8 +212,15 @@
   const playback = window.Playback.start(truth.drawing, t, actors, wanted(), (time, settled) => {
     now = time;
     Figures.cursor(time);
+    const last = happened(time);
+    if (last) select("clock").textContent += " · " + last[1] + " " + last[2].replaceAll("_", " ");
     if (settled) remember();
   });
+
+  document.querySelectorAll("[data-time]").forEach((button) => button.addEventListener("click", () => {
+    playback.seek(Number(button.dataset.time));
+    select("stage").scrollIntoView({block: "nearest"});
+  }));
 
   // The address holds the state of the page, after "#": a page from disk may change nothing else.
   const choices = {run: runSelect, compared: groupSelect, body: bodySelect, joint: jointSelect, quantity: quantitySelect};

@@ -217,7 +217,7 @@
     if (settled) remember();
   });
 
-  document.querySelectorAll("[data-time]").forEach((button) => button.addEventListener("click", () => {
+  document.querySelectorAll("#events [data-time]").forEach((button) => button.addEventListener("click", () => {
     playback.seek(Number(button.dataset.time));
     select("stage").scrollIntoView({block: "nearest"});
   }));

@@ -157,7 +157,9 @@ def _by_pieces(problem: Problem, arguments: Arguments, events: bool | None) -> S
     """The run of a problem with laws."""
     without = PreparedRun(Problem.unchecked(problem, laws=()), arguments)  # checks the arguments
     method, step, t = arguments[:3]
-    if step is None and arguments.reduce is None:  # pieces have few steps, and reductions are planned for each
+    # Adaptive pieces have few steps, and reductions are planned for each; the multipliers that say which joints rest
+    # are those of all rows.
+    if arguments.reduce is None and (step is None or METHODS[arguments.method].order == 1):
         arguments = arguments._replace(reduce="off")
 
     def solve(piece: Problem, times: np.ndarray) -> Solution:

@@ -67,7 +67,7 @@ def test_every_wrong_engine_fails(monkeypatch, mistake, method):
     wrong(monkeypatch, mistake, method)
 
 
-RIGHT = [("friction", "DAE1L_LSE"), ("bounce", "rkmk4")]
+RIGHT = [("friction", "DAE1L_LSE"), ("two", "DAE1L_LSE"), ("bounce", "rkmk4")]
 MORE = [(name, method) for name in SCENES for method in ("DAE3L_LE", "DAE1L_LSE", "DAE2H_LSE", "rattle2", "rkmk4",
                                                          "rattle8", "rkmk853", "taylor")]
 

@@ -26,7 +26,9 @@ COUNTS = {1: (25, 50, 100, 200), 2: (25, 50, 100, 200), 4: (5, 10, 20, 40), 5: (
           8: (1, 2, 3, 4)}
 """By order, numbers of steps in .1 s with which errors lie above rounding."""
 SCENE = arm(damping=0.0).replace(forces=(), duration=T, samples=SAMPLES)
-WAYS = [(engine, method) for engine in adapters.names() for method in adapters.get(engine).methods]
+DOUBLE = [engine for engine in adapters.names() if adapters.get(engine).eps < 1e-12]
+"""Engines of double precision: sensors of the others end at their rounding."""
+WAYS = [(engine, method) for engine in DOUBLE for method in adapters.get(engine).methods]
 
 
 def errors(engine, method, **size):
@@ -70,7 +72,7 @@ def test_the_start(name):
     scene = arm() if name == "arm" else watched(name)
     truth = crosscheck.truth(scene).sensors
     told = 0
-    for engine in adapters.names():
+    for engine in DOUBLE:
         adapter = adapters.get(engine)
         method = next((each for each in adapter.methods if adapter.unsupported(scene, RunSpec(
             each, **({"rtol": 1e-9} if each in adapter.adaptive_methods else {"step": 1e-3}))) is None), None)

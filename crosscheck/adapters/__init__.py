@@ -7,7 +7,6 @@ An engine is given by its name, by a class of the user ("module:Class", "path/fi
 from __future__ import annotations
 
 import contextlib
-import functools
 import hashlib
 import importlib.metadata
 from collections.abc import Iterable, Iterator, Mapping
@@ -43,7 +42,9 @@ def get(engine: str | Engine) -> Engine:
         The environment of a version cannot be made.
     """
     if isinstance(engine, str):
-        return _LENT.get(engine) or (_own if is_own(engine) else _get)(str(engine))
+        if (made := _LENT.get(engine) or _MADE.get(engine)) is None:
+            made = _MADE[engine] = _make(str(engine))
+        return made
     from crosscheck.adapters.foreign import own
 
     if isinstance(engine, type) or not hasattr(engine, "run"):
@@ -76,6 +77,7 @@ def carry(given: Mapping[str, Mapping[str, bytes]]) -> None:
 
 _CARRIED: dict[str, str] = {}
 _LENT: dict[str, Engine] = {}
+_MADE: dict[str, Engine] = {}
 
 
 @contextlib.contextmanager
@@ -89,8 +91,7 @@ def lent(engine: Engine) -> Iterator[str]:
         del _LENT[name]
 
 
-@functools.cache
-def _get(name: str) -> Engine:
+def _make(name: str) -> Engine:
     if has_own_environment(name):
         from crosscheck.adapters.foreign.versions import Versioned
 
@@ -102,20 +103,15 @@ def _get(name: str) -> Engine:
 
     for point in importlib.metadata.entry_points(group=_GROUP, name=name):
         return Stranger(Home(point.value, names(), point.dist.version if point.dist else None))
+    if is_own(name):
+        return Stranger(Home(name, names(), folder=_CARRIED.get(name)))
     raise ArgumentError(unknown("engine", name, names()))
-
-
-@functools.cache
-def _own(name: str) -> Engine:
-    from crosscheck.adapters.foreign.apart import Stranger
-    from crosscheck.adapters.foreign.remote import Home
-
-    return Stranger(Home(name, names(), folder=_CARRIED.get(name)))
 
 
 def renew() -> None:
     """Load classes of the user anew when they are next asked for: a process may outlive an edit of their files."""
-    _own.cache_clear()
+    for name in [*filter(is_own, _MADE)]:
+        del _MADE[name]
 
 
 def split(entry: str) -> tuple[str, str]:

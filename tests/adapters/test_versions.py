@@ -28,7 +28,7 @@ def borrowed(tmp_path_factory):
     site, = place.glob("lib/python*/site-packages")
     (site / "borrowed.pth").write_text(os.path.dirname(os.path.dirname(np.__file__)) + "\n", encoding="utf-8")
     yield f"mujoco=={version}"
-    adapters._get.cache_clear()
+    adapters._MADE.clear()
     if before is None:
         del os.environ["CROSSCHECK_CACHE"]
     else:

@@ -226,13 +226,13 @@ def test_other_packages_offer_engines_by_entry_point(monkeypatch: pytest.MonkeyP
     points = EntryPoints([EntryPoint("broken", f"{__name__}:_Broken", "crosscheck.engines"),
                           EntryPoint("mujoco", f"{__name__}:_Broken", "crosscheck.engines")])
     monkeypatch.setattr("importlib.metadata.entry_points", lambda **wanted: points.select(**wanted))
-    adapters._get.cache_clear()
+    adapters._MADE.clear()
     try:
         assert adapters.names()[-1] == "broken"
         assert adapters.get("broken").methods == ("only",)
         assert adapters.get("mujoco").methods != ("only",)  # a built-in name stays built in
     finally:
-        adapters._get.cache_clear()
+        adapters._MADE.clear()
 
 
 def test_importing_the_runner_loads_no_engine() -> None:

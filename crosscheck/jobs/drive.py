@@ -111,16 +111,15 @@ def drive(function: Callable[[Any], Any], tasks: Iterable[Any], place: Place, li
 
 def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 2,
               done: Callable[[int, Any], None] | None = None, limits: Limits | None = None,
-              executor: concurrent.futures.Executor | None = None, again: bool = False, place: Place | None = None
-              ) -> list[Any]:
+              again: bool = False, place: Place | None = None) -> list[Any]:
     """Results of `function(task)` for every task, in order, from `jobs` workers. `done` is called with (index, result)
-    in this thread as each task ends. `place`: workers that stay. The others are those of `drive` and `Place`.
+    in this thread as each task ends. `place`: workers that stay. The others are those of `drive`.
     """
     listed = list(tasks)
     results: list[Any] = [None] * len(listed)
     if not listed:
         return results
-    with contextlib.nullcontext(place) if place else Place(min(jobs, len(listed)), executor) as place:
+    with contextlib.nullcontext(place) if place else Place(min(jobs, len(listed))) as place:
         for index, _, result in drive(function, listed, place, limits, again):
             results[index] = result
             if done is not None:
@@ -139,7 +138,6 @@ class Stages:
     jobs: int
     session: Session | None
     count: Callable[[str], None]  # called as each task ends
-    executor: concurrent.futures.Executor | None = None  # with `jobs` workers, instead of processes on this machine
     place: Place | None = None  # whose workers serve all stages; otherwise each stage starts its own
 
     def run(self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], keys: Sequence[str],
@@ -167,8 +165,7 @@ class Stages:
             if seen is not None:
                 seen(results)
 
-        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, self.executor, again,
-                  self.place)
+        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, again, self.place)
         return results
 
     def kept(self, stage: str, key: str, reuse: Reuse = "rows") -> Any:

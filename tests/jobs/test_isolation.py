@@ -131,8 +131,8 @@ def test_limits_are_positive():
 def test_another_executor_runs_the_same_workers():
     from concurrent.futures import ThreadPoolExecutor
 
-    with ThreadPoolExecutor(1) as threads:
-        results = drive.run_tasks(square_or_die, [3, -1, 5], limits=Limits(time=30.0), executor=threads)
+    with ThreadPoolExecutor(1) as threads, drive.Place(2, threads) as place:
+        results = drive.run_tasks(square_or_die, [3, -1, 5], limits=Limits(time=30.0), place=place)
     assert (results[0], results[2]) == (9, 25)
     assert "SIGKILL" in results[1].message
 

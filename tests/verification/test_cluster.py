@@ -10,7 +10,7 @@ import pytest
 
 import crosscheck
 from crosscheck.errors import ArgumentError, CrosscheckError
-from crosscheck.jobs.drive import run_tasks
+from crosscheck.jobs.drive import Place, run_tasks
 from crosscheck.verification import job
 from tests import ROOT
 
@@ -71,7 +71,7 @@ def test_a_dask_cluster_gives_the_same_records(tmp_path, monkeypatch):
 
 
 def test_a_lost_or_missing_scheduler_is_one_line():
-    with pytest.raises(CrosscheckError, match="the scheduler was lost"):
-        run_tasks(abs, [1, 2], executor=lost())
+    with pytest.raises(CrosscheckError, match="the scheduler was lost"), Place(2, lost()) as place:
+        run_tasks(abs, [1, 2], place=place)
     with pytest.raises(ArgumentError, match="scheduler nowhere:made"):
         job.verify(scenes=["single_pendulum"], scheduler="nowhere:made", **ASKED)

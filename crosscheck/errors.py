@@ -67,6 +67,15 @@ class ArgumentError(CrosscheckError, ValueError):
     """An argument of a public function is wrong. The message names it and lists what is allowed."""
 
 
+@contextlib.contextmanager
+def writing(out: object) -> Iterator[None]:
+    """Files are written within to where --out points; an `ArgumentError` says what the system refuses."""
+    try:
+        yield
+    except OSError as error:
+        raise ArgumentError(f"--out {out}: {error.strerror or error}; choose another folder") from None
+
+
 EXTRAS = {
     "mujoco": "mujoco", "pinocchio": "pinocchio", "pin": "pinocchio", "exudyn": "exudyn", "pydrake": "drake",
     "dartpy": "dart", "heyoka": "truth", "pandas": "data", "pyarrow": "data", "xarray": "data", "jinja2": "report",

@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from crosscheck.errors import ArgumentError, missing
 from crosscheck.jointspace.derivatives import Derivatives, tangent_space
 from crosscheck.jointspace.modes import Modes
 from crosscheck.jointspace.motion import shifted
@@ -19,7 +18,7 @@ from crosscheck.jointspace.parameters import unit
 from crosscheck.jointspace.sources import taken
 from crosscheck.jointspace.verdicts import Verdict
 from crosscheck.judge.tolerances import reach
-from crosscheck.report.standalone import write_page
+from crosscheck.report.standalone import page_of
 from crosscheck.scene.assembly import projected
 from crosscheck.scene.model import Scene
 from crosscheck.verification.curves import drawing, quaternions
@@ -34,20 +33,9 @@ PERIODS, DECAYS = 2.0, 4.0
 def write_modes(folder: Path, scene: Scene, found: Modes, path: str, over: Mapping[float, np.ndarray]) -> Path:
     """The page of modes; `over` has the eigenvalues by values of the number at `path`, if there is one."""
     kept = [k for k, value in enumerate(found.eigenvalues) if value != 0 and value.imag >= 0]
-    return _page(folder, "modes.html.j2", scene=scene, values=[_told(found.eigenvalues[k]) for k in kept],
+    return page_of(folder, "modes.html.j2", scene=scene, values=[_told(found.eigenvalues[k]) for k in kept],
                  zeros=int(np.count_nonzero(found.eigenvalues == 0)), path=path, curves=_branches(path, over),
                  drawn=_drawn(scene, found, kept) if kept else None)
-
-
-def _page(folder: Path, template: str, **content: Any) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_page(folder, template, **content)
-    except ImportError as error:
-        raise ArgumentError(f"--out {folder}: no page: {missing(error)}") from None
-    except OSError as error:
-        raise ArgumentError(f"--out {folder}: {error.strerror or error}; choose another folder") from None
-    return folder / "index.html"
 
 
 def _told(value: complex) -> dict[str, Any]:
@@ -112,7 +100,7 @@ def write_derivatives(folder: Path, scene: Scene, exact: Derivatives, verdicts: 
                      "cause": each.cause, "worst": max(each.errors.values()),
                      "cost": 1e3 * (time.process_time() - begun)})
     blocks = {name: values for name, values in exact.blocks.items() if name != "matrix"} or exact.blocks
-    return _page(folder, "derivatives.html.j2", scene=scene, exact=exact, blocks=blocks, rows=rows, skipped=skipped,
+    return page_of(folder, "derivatives.html.j2", scene=scene, exact=exact, blocks=blocks, rows=rows, skipped=skipped,
                  names=[*verdicts[0].errors] if verdicts else [], curve=[
                      {"eps": float(row["source"].partition("@")[2]), **row} for row in rows
                      if "inverseFD@" in row["source"]])

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from crosscheck.document import AS_PLANNED, Asked, Change, Document
-from crosscheck.errors import ArgumentError, counted
+from crosscheck.errors import ArgumentError, counted, writing
 from crosscheck.history import store
 from crosscheck.history.changes import compare
 from crosscheck.history.store import StoredRun
@@ -145,13 +145,11 @@ def _old(path: Path) -> bool:
 
 
 def _folder(out: Path) -> Path:
-    try:
+    with writing(out):
         out.mkdir(parents=True, exist_ok=True)
         strange = [path.name for path in out.iterdir() if not (
             path.name in (LATEST, LOCK) or path.name.startswith((ASIDE, f".{LATEST}-")) or _old(path)
             or NAME.fullmatch(path.name))]
-    except OSError as error:
-        raise ArgumentError(f"--out {out}: {error.strerror or error}; choose another folder") from None
     if strange:
         raise ArgumentError(f"--out {out}: this folder holds something else than nightly runs ({strange[0]}); choose "
                             "an empty folder or one that does not exist yet")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import ArgumentError, writing
 from crosscheck.history.changes import change_points, heights, scaled, spans_decades
 from crosscheck.history.store import StoredRun
 from crosscheck.history.store.figures import SPEED, Figure
@@ -170,12 +170,10 @@ def write_history(folder: Path, store: Engine) -> Path:
     names = [run.name for run in runs]
     rows = [(key[0], course.label, next((each for each in reversed(course.outcomes) if each), ""),
              [spark(course.figures[name]) for name in METRICS]) for key, course in sorted(cells.items())]
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         write_page(
             folder, "history.html.j2", plots=False, runs=runs, scenes=sorted({scene for scene, _ in groups}),
             engines=runs[-1].versions["engine"], metrics=METRICS, rows=rows, width=ACROSS, height=TALL,
             bar=ACROSS / len(runs), cells={pair: bars(names, outcomes) for pair, outcomes in groups.items()})
-    except OSError as error:
-        raise ArgumentError(f"--out {folder}: {error.strerror or error}; choose another folder") from None
     return folder / "index.html"

@@ -9,10 +9,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from crosscheck.errors import ArgumentError, missing
+from crosscheck.errors import ArgumentError, writing
 from crosscheck.files import put
 from crosscheck.recordings.comparing import Differences, part_of, restored
-from crosscheck.report.standalone import write_page as standalone
+from crosscheck.report.standalone import page_of
 from crosscheck.verification.curves import drawing, quaternions
 
 Verdict = Any
@@ -30,18 +30,13 @@ def write_page(verdict: Verdict, folder: Path) -> Path:
     seen = verdict.differences
     if seen is None:
         raise ArgumentError("no page: nothing of the recording could be compared with truth")
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         put(folder / "verdict.json", json.dumps(verdict.plain(), indent=1))
         if verdict.defects is not None:
             put(folder / "defects.csv", verdict.defects.to_csv(index=False))
-        standalone(folder, "recording.html.j2", verdict=verdict, scene=verdict.scene, curves=_curves(verdict, seen),
+    return page_of(folder, "recording.html.j2", verdict=verdict, scene=verdict.scene, curves=_curves(verdict, seen),
                    drawn=_drawn(verdict, seen))
-    except ImportError as error:
-        raise ArgumentError(f"--out {folder}: no page: {missing(error)}") from None
-    except OSError as error:
-        raise ArgumentError(f"--out {folder}: {error.strerror or error}; choose another folder") from None
-    return folder / "index.html"
 
 
 def _curves(verdict: Verdict, seen: Differences) -> dict[str, Any]:

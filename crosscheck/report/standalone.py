@@ -12,7 +12,9 @@ import json
 import os
 import re
 from pathlib import Path
+from typing import Any
 
+from crosscheck.errors import ArgumentError, missing, writing
 from crosscheck.files import put
 from crosscheck.report.pages import HERE, environment
 
@@ -34,6 +36,20 @@ def write_page(folder: Path, template: str, page: str = "index.html", plots: boo
     put(folder / FILE, ALONE)
     put(folder / page, environment().get_template(template).render(**content))
     tell(folder)
+
+
+def page_of(folder: Path, template: str, **content: Any) -> Path:
+    """The path of a page that `write_page` writes into a folder, which is made if it is not there.
+
+    Raises `ArgumentError` if a package is missing or the folder cannot be written.
+    """
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            write_page(folder, template, **content)
+        except ImportError as error:
+            raise ArgumentError(f"--out {folder}: no page: {missing(error)}") from None
+    return folder / "index.html"
 
 
 def one_file(path: Path, template: str, **content: object) -> None:

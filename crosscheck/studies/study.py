@@ -20,7 +20,7 @@ import msgspec
 
 from crosscheck import adapters
 from crosscheck.document import Origin, Part
-from crosscheck.errors import ArgumentError, unknown
+from crosscheck.errors import ArgumentError, unknown, writing
 from crosscheck.files import cell, plain, put
 from crosscheck.jobs.table import Session, Table, digest
 from crosscheck.report.standalone import write_page
@@ -48,7 +48,7 @@ class StudyDocument(Part, frozen=True, kw_only=True):
 
 def check(out: Path, study: str) -> None:
     """Create the folder. Raises `ArgumentError` unless it is new, empty, or holds an earlier run of this study."""
-    try:
+    with writing(out):
         if out.is_dir() and not (out / f"{study}.json").is_file() and any(
                 not path.name.startswith(f".{study}-") for path in out.iterdir()):
             raise ArgumentError(f"--out {out}: this folder holds something else than a study {study}; choose an empty "
@@ -56,8 +56,6 @@ def check(out: Path, study: str) -> None:
         out.mkdir(parents=True, exist_ok=True)
         put(out / ".writable", "")
         (out / ".writable").unlink()
-    except OSError as error:
-        raise ArgumentError(f"--out {out}: {error.strerror or error}; choose another folder") from None
 
 
 def write_folder(out: Path, document: StudyDocument, rows: Sequence[object]) -> None:

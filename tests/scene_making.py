@@ -17,6 +17,30 @@ JOINT_TYPES = ("spherical", "universal", "revolute", "cylindrical", "prismatic",
 TWO_AXES = ("universal", "revolute", "cylindrical", "prismatic", "planar")
 ROWS = dict(zip(JOINT_TYPES, (3, 4, 5, 4, 5, 3, 6, 1, 2, 1), strict=True))
 
+ARM = """
+schema = 3
+name = "arm"
+description = "an arm on a hinge"
+source = "own"
+gravity = [0.0, 0.0, -9.81]
+duration = 1.0
+samples = 11
+[[bodies]]
+name = "arm"
+mass = 1.0
+inertia = [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]
+[[joints]]
+name = "elbow"
+type = "revolute"
+parent = "ground"
+child = "arm"
+parent_anchor = [0.0, 0.0, 0.0]
+child_anchor = [0.0, 0.0, 0.5]
+parent_axis = [0.0, 1.0, 0.0]
+child_axis = [0.0, 1.0, 0.0]
+"""
+"""A scene file: an arm on a hinge, whose table comes last."""
+
 
 def unit(rng: np.random.Generator) -> np.ndarray:
     """A random direction (3,)."""

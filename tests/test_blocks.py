@@ -35,6 +35,7 @@ from crosscheck.sweeps import plan
 from tests import ROOT
 from tests.history.store.documents import document, record
 from tests.scene.models.model_files import ARM_URDF
+from tests.scene_making import ARM
 
 BLOCK = re.compile(r"(?:<!-- run: (?P<how>[^\n]+) -->\n)?^```(?P<language>[\w{}-]*)[^\n]*\n(?P<text>.*?)^```$",
                    re.DOTALL | re.MULTILINE)
@@ -226,28 +227,6 @@ def test_python_runs(block, tmp_path, monkeypatch):
 
 READERS = {"compound_pendulum.toml": crosscheck.load_scene, "door.toml": crosscheck.load_scene,
            "sweep.toml": plan.read, "my.toml": overrides.read}
-ARM = """
-schema = 3
-name = "arm"
-description = "an arm on a hinge"
-source = "own"
-gravity = [0.0, 0.0, -9.81]
-duration = 1.0
-samples = 11
-[[bodies]]
-name = "arm"
-mass = 1.0
-inertia = [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]
-[[joints]]
-name = "elbow"
-type = "revolute"
-parent = "ground"
-child = "arm"
-parent_anchor = [0.0, 0.0, 0.0]
-child_anchor = [0.0, 0.0, 0.5]
-parent_axis = [0.0, 1.0, 0.0]
-child_axis = [0.0, 1.0, 0.0]
-"""
 
 
 @pytest.mark.parametrize("block", [block for block in RUN if block.language in ("toml", "ini")],

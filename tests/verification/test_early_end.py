@@ -3,43 +3,14 @@
 import json
 
 from tests.commands import crosscheck
+from tests.scene_making import ARM
 
-SCENE = """
-schema = 3
-name = "gate"
-description = "a pendulum that is watched over its first fall"
-source = "own"
-gravity = [0.0, 0.0, -9.81]
-duration = 2.0
-samples = 101
-
-[[bodies]]
-name = "arm"
-mass = 1.0
-inertia = [[0.02, 0, 0], [0, 0.02, 0], [0, 0, 0.02]]
-
-[[joints]]
-name = "pivot"
-type = "revolute"
-parent = "ground"
-child = "arm"
-parent_anchor = [0.0, 0.0, 0.0]
-child_anchor = [0.0, 0.0, 0.5]
-parent_axis = [0.0, 1.0, 0.0]
-child_axis = [0.0, 1.0, 0.0]
-position = 1.2
-
-[[monitors]]
-type = "range"
-joint = "pivot"
-lower = 1.2
-upper = 2.0
-"""
+MONITOR = 'position = 1.2\n[[monitors]]\ntype = "range"\njoint = "elbow"\nlower = {}\nupper = 2.0\n'
 
 
 def judged(folder, lower):
-    path = folder / "gate.toml"
-    path.write_text(SCENE.replace("lower = 1.2", f"lower = {lower}"))
+    path = folder / "arm.toml"
+    path.write_text(ARM.replace("0.1", "0.02") + MONITOR.format(lower))
     return crosscheck("verify", str(path), "--engine", "pinocchio", "--method", "RKMK4", "-o", str(folder / "report"))
 
 
@@ -47,7 +18,7 @@ def test_runs_are_judged_up_to_a_monitor_that_fires_before_the_first_output_time
     said = judged(tmp_path, 1.19)
     assert said.returncode == 0, said.stderr
     words = " ".join(said.stdout.split())
-    assert "All 2 runs pass; gate is judged until pivot leaves its range at .0344" in words
+    assert "All 2 runs pass; arm is judged until elbow leaves its range at .0344" in words
     [scene] = json.loads((tmp_path / "report" / "results.json").read_text())["scenes"]
     horizon = scene["truth"]["horizon"]
     # It falls from rest, by a constant torque.
@@ -57,4 +28,4 @@ def test_runs_are_judged_up_to_a_monitor_that_fires_before_the_first_output_time
 
 def test_a_claim_that_ends_at_the_start_names_what_ends_it(tmp_path):
     words = " ".join(judged(tmp_path, 1.2).stdout.split())
-    assert "gate could not be judged: 'gate' has no truth: at its start already pivot leaves its range" in words
+    assert "arm could not be judged: 'arm' has no truth: at its start already elbow leaves its range" in words

@@ -348,24 +348,24 @@ def advise(
     """
     with waiting(f"runs of {engine} at a ladder of steps, against truth"):
         advice = advice_for(scene, engine=engine, error=error)
-    law = _law(scene, engine, advice)
+    loaded = as_scene(scene)
+    law = _law(loaded, engine, advice)
     if as_json:
         options.print_json({**msgspec.to_builtins(advice), "law": law})
     else:
         tell(advice)
         if law is not None:
             say(f"law      {law}", hang=9)
-        if (option := conserving(as_scene(scene), engine)) is not None:
+        if (option := conserving(loaded, engine)) is not None:
             say(f"option   {option}", hang=9)
     raise typer.Exit(int(advice.method is None))
 
 
-def _law(scene: str, engine: str, advice: Advice) -> str | None:
+def _law(scene: Scene, engine: str, advice: Advice) -> str | None:
     """Of an engine with laws of friction and limits of its own: the setting nearest to the scene's, and its price."""
-    loaded = as_scene(scene)
-    if not loaded.has_laws or advice.step is None or "softness" not in adapters.get(engine).options:
+    if not scene.has_laws or advice.step is None or "softness" not in adapters.get(engine).options:
         return None
-    answers = which_law(loaded, engine, advice.method, advice.step, form=advice.form)
+    answers = which_law(scene, engine, advice.method, advice.step, form=advice.form)
     return answers.price and f"{answers.price}; with its default softness {answers.way.to_scene[-1].size:.2e}"
 
 

@@ -273,8 +273,7 @@ def rates_of(scene: Scene, combined: np.ndarray | None = None) -> Callable[..., 
     index1 = mechanics.Index1(scene)
 
     def rates(t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
-        a, alpha, _ = index1(x, R, v, w, mechanics.torsion_angles(scene, R, w, t), t,
-                              combined=combined)
+        a, alpha, _ = index1(x, R, v, w, mechanics.torsion_angles(scene, R, w, t), t, combined=combined)
         return [v, R @ _hat(w), a, alpha]
 
     return rates

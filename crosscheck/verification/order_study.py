@@ -158,8 +158,9 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
         findings, orders = judge_orders(order, ladder.rungs, plateaus, len(sizes))
     if len(ladder.rungs) > len(sizes):
         findings, orders = judge_orders(order, ladder.rungs, plateaus, len(sizes), final=True)
-    findings = _by_events(_tell_cut(ladder.cut, findings, orders), ladder) if order == 1 else _tell_cut(
-        ladder.cut, findings, orders)
+    findings = _tell_cut(ladder.cut, findings, orders)
+    if order == 1:
+        findings = _by_events(findings, ladder)
     low = frozenset(each.kind.removeprefix("order ") for each in findings if each.status == "fail")
     limits = judge_limit(scene, ladder.runs, reference, order, orders, low, eps)
     # Hidden sub-steps show in the coarsest run, if none failed.

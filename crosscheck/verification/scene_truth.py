@@ -40,18 +40,18 @@ def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> Sce
                           hash=scene.hash, bodies=[body.name for body in scene.bodies], duration=scene.duration,
                           plan=plan, truth=None, scales=None)
 
-    def prepared(extent: Extent | None) -> tuple[Plan, Scene, references.Reference]:
-        plan = _as_asked(plan_within(given, name, most_steps, extent), asked)
-        scene = load(name, plan, whole)
-        return plan, scene, references.truth(scene)
+    def prepared(extent: Extent | None = None) -> tuple[Plan, Scene, references.Reference]:
+        try:
+            plan = _as_asked(plan_within(given, name, most_steps, extent), asked)
+            scene = load(name, plan, whole)
+            return plan, scene, references.truth(scene)
+        except references.Chaotic as early:  # before the first output time, where a monitor fires
+            if extent is not None or asked.duration is not None:
+                raise
+            return prepared((early.horizon, float(f"{early.horizon * JUST_BEYOND:.2g}")))
 
     try:
-        try:
-            plan, scene, reference = prepared(None)
-        except references.Chaotic as early:  # before the first output time, where a monitor fires
-            if asked.duration is not None:
-                raise
-            plan, scene, reference = prepared((early.horizon, float(f"{early.horizon * JUST_BEYOND:.2g}")))
+        plan, scene, reference = prepared()
     except (Unsupported, TruthError) as error:
         plan = _as_asked(PLANS.get(name) or plan_without_truth(given), asked)
         return replace(described(given, plan), no_truth=said(error),

@@ -72,7 +72,8 @@ class PyBullet(open_tree.OpenTree):
 
 
 def loaded(pybullet: Any, path: str, states: JointStates) -> Native:
-    """The file read by PyBullet, its base held, a URDF without shapes; of SDF it takes inertias from these, always."""
+    """The file read by PyBullet, its base held, a URDF without shapes; an SDF keeps them, and may take inertias there.
+    """
     model = source.bare(Path(path), sdf=True)
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "model"

@@ -24,6 +24,7 @@ WRITTEN = ("reports/", "results/", "build/", ".venv/", ".github/", "my_")
 """Paths that a run, a build or the reader makes."""
 CODE = re.compile(r"`([^`\n]+)`")
 LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
+ANCHOR = re.compile(r"\]\(([^)#:\s]*)#([^)\s]+)\)")
 PATH = re.compile(r"[\w.-]+(?:/[\w.*{},-]+)+/?|\w+\.(?:py|hpp|cpp)")
 MODULE = re.compile(r"(?:lieeuler|crosscheck)(?:\.\w+)+")
 NAME = re.compile(r"_?[A-Z]\w*[a-z]\w*[A-Z]\w*|[A-Z][a-z]\w*(?:::\w+)+|\w+(?:::\w+)*\([^)]*\)")
@@ -59,6 +60,17 @@ def missing_paths(document: Path) -> set[str]:
     return links | {path for path in paths if not any(list(folder.glob(path.rstrip("/"))) for folder in FOLDERS)}
 
 
+def missing_anchors(document: Path) -> set[str]:
+    """Headings to which links lead and that are not there."""
+    def slugs(path: Path) -> set[str]:
+        headings = re.findall(r"^#+ (.*)$", path.read_text("utf-8"), re.MULTILINE)
+        return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+    return {anchor for name, anchor in ANCHOR.findall(document.read_text("utf-8"))
+            if (path := document.parent / name if name else document).suffix == ".md" and path.exists()
+            and anchor not in slugs(path)}
+
+
 def missing_modules(document: Path) -> set[str]:
     """Dotted names of our packages of which no part beyond the package is a module or stands in the sources."""
     missing = set()
@@ -80,18 +92,21 @@ def missing_names(document: Path) -> set[str]:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda document: document.name)
 def test_what_a_document_names_exists(document):
-    assert not missing_paths(document) | missing_modules(document) | missing_names(document)
+    assert not (missing_paths(document) | missing_anchors(document) | missing_modules(document)
+                | missing_names(document))
 
 
 def test_what_is_missing_is_found(tmp_path):
     """A seeded document: missing things are named, existing ones are not."""
-    (tmp_path / "there.md").touch()
+    (tmp_path / "there.md").write_text("# What `it` is\n", "utf-8")
     document = tmp_path / "wrong.md"
     document.write_text("`tests/nowhere.py` `tests/oracle.py` `nowhere.hpp` `model/joints.hpp` [a](gone.md)\n"
                         "`lieeuler.not_there` `lieeuler.integrate` `crosscheck.judge.not_there` [b](there.md)\n"
+                        "[c](there.md#what-it-is) [d](there.md#what-it-was) [e](#nowhere)\n"
                         "`GoneStepper` `EulerStepper` `gone_hook(z)` `residual(z, r)` `reports/latest/index.html`\n"
                         "```sh\n.venv/bin/python -m pytest tests/lieeuler/test_gone.py\n```\n", "utf-8")
     assert missing_paths(document) == {"tests/nowhere.py", "nowhere.hpp", "gone.md", "tests/lieeuler/test_gone.py"}
+    assert missing_anchors(document) == {"what-it-was", "nowhere"}
     assert missing_modules(document) == {"lieeuler.not_there", "crosscheck.judge.not_there"}
     assert missing_names(document) == {"GoneStepper", "gone_hook(z)"}
 

@@ -37,6 +37,8 @@ FINE = 8
 """Points of an interval between output times at which surfaces are looked at, for methods that choose their steps."""
 AHEAD = 64
 """Most intervals that are integrated before surfaces are looked at: an event makes the rest in vain."""
+NEAR = 1e-12
+"""Times this near, as a part of the larger one of 1 and themselves, are one."""
 SETTLED = 1e-12
 """A rate this small, as a part of the larger one of 1 and the rate before, is none."""
 LOWEST = 1e-15
@@ -157,7 +159,7 @@ class Pieces:
     def _near(when: float, times: np.ndarray) -> float:
         """The output time that this time is but for rounding, or the time itself."""
         nearest = float(times[np.abs(times - when).argmin()])
-        return nearest if abs(nearest - when) <= 1e-12 * max(1.0, abs(when)) else when
+        return nearest if abs(nearest - when) <= NEAR * max(1.0, abs(when)) else when
 
     # --- a piece as a problem
 
@@ -352,6 +354,8 @@ class Pieces:
             else:
                 tb, fb, fa, kept = middle, f, fa / 2 if kept < 0 else fa, -1
         self._turn(*best)
+        times = best[0].solution.t
+        times[best[1]] = self._near(float(times[best[1]]), self.t)  # an output as near as this is at the event
         reached = best[0].state(best[1])
         if reached.t > state.t and reached.t in self.outputs:
             self.rows.append((best[0].solution, best[1]))
@@ -601,7 +605,7 @@ class Pieces:
         while here < len(self.grid):
             chosen = self._ahead(here, ahead)
             times = np.concatenate(self.grid[here:here + chosen])
-            times = times[times > state.t + 1e-12 * (times[-1] - state.t)]
+            times = times[times > state.t + NEAR * max(1.0, abs(state.t))]
             s = self._run(state, times)
             crossed = self._first(s)
             last = len(s.solution.t) - 1 if crossed is None else crossed[0] - 1
@@ -614,7 +618,7 @@ class Pieces:
                 ahead = min(2 * ahead, AHEAD)
             else:
                 ahead = max(1, ahead // 2)
-                changes = 1 if state.t > before.t + 1e-12 * max(1.0, before.t) else changes + 1
+                changes = 1 if state.t > before.t + NEAR * max(1.0, abs(before.t)) else changes + 1
                 state = self._cross(state, float(s.solution.t[crossed[0]]), crossed[1])
             while here < len(self.grid) and self.grid[here][-1] <= state.t:
                 here += 1

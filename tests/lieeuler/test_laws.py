@@ -175,6 +175,17 @@ def test_breakaway_above_the_sliding_value():
     assert [(round(when, 12), what) for when, _, what in solution.events] == [(1.0, "slips")]
 
 
+@pytest.mark.parametrize("method", ["taylor", "rkmk54", "seulex"])
+@pytest.mark.parametrize("later", [-2e-13, 0.0, 2e-13, 3e-12])
+def test_an_output_time_beside_an_event_has_its_row(method, later):
+    """A body that meets a stop at .5 s: the output times next to it are neither lost nor doubled."""
+    t = np.array([0.0, 0.5 + later, 0.75, 1.0])
+    problem = one("slide", 0.5, -1.0, stops=Stops(lower=0.0, restitution=0.5))
+    solution = lieeuler.integrate(problem, method, t_eval=t, rtol=1e-10)
+    assert np.array_equal(solution.t, t)
+    assert np.abs(coordinates(problem, solution)[0] - [0.5, 0.0, 0.125, 0.25]).max() < 1e-11
+
+
 @pytest.mark.parametrize(("method", "order"), [("rattle2", 2), ("rkmk4", 4), ("rattle4", 4)])
 def test_order_is_kept_across_events_and_lost_without(method, order):
     problem = pendulum(sliding=0.5, static=0.5)

@@ -101,16 +101,13 @@ SOURCES = (*(f"pinocchio:{way}" for way in ("aba", "rnea", "constrained")),
 """What is asked by default."""
 
 
-Page = Annotated[Path | None, typer.Option("-o", "--out", help="folder of a page")]
-
-
 def derivatives(
     scene: options.SceneName,
     source: Annotated[list[str] | None, typer.Option("--source", help="an engine, engine:way (aba, rnea, constrained, "
                                                      "inverseFD@1e-6, transitionFD, differences) or a class of "
                                                      "your own as module:Class; may be repeated")] = None,
     as_json: options.AsJson = False,
-    out: Page = None,
+    out: options.Page = None,
     drop: options.Drop = False,
     keyframe: options.Keyframe = None,
 ) -> None:
@@ -169,7 +166,7 @@ def modes(
                                              "speed=0:10")] = None,
     points: Annotated[int, typer.Option(help="values of that number", min=2, max=1001)] = 11,
     as_json: options.AsJson = False,
-    out: Page = None,
+    out: options.Page = None,
     drop: options.Drop = False,
     keyframe: options.Keyframe = None,
 ) -> None:

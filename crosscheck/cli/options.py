@@ -60,6 +60,7 @@ EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(
 Engines = Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")]
 
 
+Page = Annotated[Path | None, typer.Option("-o", "--out", help="folder of a page")]
 Drop = Annotated[bool, typer.Option("--drop", help="model files: leave out what a scene cannot hold")]
 Keyframe = Annotated[str | None, typer.Option(help="model files: start from this keyframe")]
 Control = Annotated[list[str] | None, typer.Option(

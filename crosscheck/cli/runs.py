@@ -17,11 +17,12 @@ from crosscheck import adapters, recordings
 from crosscheck.adapters.base import RunSpec
 from crosscheck.cli import options
 from crosscheck.cli.console import progress_bar, say, waiting
+from crosscheck.cli.linear_pages import write_laws
 from crosscheck.cli.options import figure
 from crosscheck.diagnosis import explain as explain_run
-from crosscheck.diagnosis.laws import which_law
+from crosscheck.diagnosis.laws import LawAnswers, which_law
 from crosscheck.document import PASSING, Advice, Record, Way, extended
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.files import cell, replacing
 from crosscheck.judge.verdict import word, worst
 from crosscheck.references import Chaotic, conditioning
@@ -316,23 +317,33 @@ def _print_cause(answer: Any) -> None:
 
 def law(
     scene: options.SceneName,
-    engine: Annotated[str, typer.Option(help="a name")],
+    engine: Annotated[list[str], typer.Option(help="a name; may be repeated")],
     method: Annotated[str | None, typer.Option(help="default: the engine's last one that takes a step")] = None,
     step: Annotated[float | None, typer.Option(help="s, the largest of four; default: a thousandth of the run")] = None,
     softness: options.Softness = None,
+    out: options.Page = None,
     drop: options.Drop = False,
     keyframe: options.Keyframe = None,
 ) -> None:
-    """Three answers about friction, stops and servos: does the engine converge, to which law, how far apart.
+    """Three answers about friction, stops and servos: does an engine converge, to which law, how far apart.
 
-    Exit code 0: to the scene's law; 1: to another one, or not at all; 2: it could not be done, truth is missing, or the
-    steps cannot tell the laws apart.
+    Exit code, the largest of all engines: 0: to the scene's law; 1: to another one, or not at all; 2: it could not be
+    done, truth is missing, or the steps cannot tell the laws apart.
     """
-    answers = which_law(options.loaded(scene, drop, keyframe), engine, method, step, softness)
-    for line in str(answers).splitlines():
+    asked, found, refused = options.loaded(scene, drop, keyframe), list[LawAnswers](), list[str]()
+    for name in engine:
+        try:
+            found.append(which_law(asked, name, method, step, softness))
+        except Unsupported as error:
+            if len(engine) == 1:
+                raise
+            refused.append(f"{name}: {error}")
+    for line in "\n".join([*map(str, found), *refused]).splitlines():
         say(line)
-    undecided = answers.without or answers.limit == "undecided"
-    raise typer.Exit(2 if undecided else 0 if answers.limit in ("the scene's", "both") else 1)
+    if out is not None:
+        print(f"page: {write_laws(out, asked, found, refused)}", file=sys.stderr)
+    undecided = refused or any(each.without or each.limit == "undecided" for each in found)
+    raise typer.Exit(2 if undecided else int(any(each.limit not in ("the scene's", "both") for each in found)))
 
 
 def advise(
@@ -362,7 +373,7 @@ def advise(
 
 
 def _law(scene: Scene, engine: str, advice: Advice) -> str | None:
-    """Of an engine with laws of friction and limits of its own: the setting nearest to the scene's, and its price."""
+    """The setting nearest to the scene's laws, and its price."""
     if not scene.has_laws or advice.step is None or "softness" not in adapters.get(engine).options:
         return None
     answers = which_law(scene, engine, advice.method, advice.step, form=advice.form)

@@ -109,8 +109,12 @@ def write_derivatives(folder: Path, scene: Scene, exact: Derivatives, verdicts: 
 
 def write_laws(folder: Path, scene: Scene, found: Sequence[LawAnswers], refused: Sequence[str]) -> Path:
     """The page of the three answers: a row for each engine and setting, and the distances over the step."""
-    rows = [{"name": each.title.partition(", ")[2], "way": way, "limit": limit, "apart": each.apart} for each in found
-            for way, limit in ((each.way, each.limit), (each.nearest, each.nearest and each.nearest.limit())) if way]
+    rows: list[dict[str, Any]] = []
+    for each in found:
+        name = each.title.partition(", ")[2]
+        rows.append({"name": name, "way": each.way, "limit": each.limit, "apart": each.apart})
+        if each.nearest is not None:
+            rows.append({"name": name, "way": each.nearest, "limit": each.nearest.limit(), "apart": each.apart})
     curves = [{"row": k, "own": own, "name": f"{row['name']}, {row['way'].setting}: {'its own' if own else 'scene'}",
                "x": row["way"].steps, "y": [gap.size for gap in gaps]} for k, row in enumerate(rows)
               for own, gaps in enumerate((row["way"].to_scene, row["way"].to_own)) if gaps]

@@ -2,8 +2,9 @@
 
     python tools/survey.py FOLDER ... [--native]
 
-A line a file, then a table. "whole" is as it is, with monitors and actuators; "bare" is with `drop=True`, "free" with a
-free base. Of each the accelerations at three seeded states are within 1e-8 of those of MuJoCo, or differ, by what is
+A line a file, then a table. "whole" is as it is, with monitors and actuators; "free" is with a free base, "balance"
+with inertias replaced, "root" a part of it, as messages offer it; "bare" is with `drop=True`. Of each the accelerations
+at three seeded states are within 1e-8 of those of MuJoCo, or differ, by what is
 named. Parts that only stand in other files, and XML of other kinds, are not counted. An SDF file is read by the engines
 that take it; with `--native` all that are installed read each file that came in by themselves, too.
 """
@@ -16,6 +17,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from crosscheck.errors import CrosscheckError
 from crosscheck.inspection.native import inspect
@@ -24,6 +26,7 @@ from crosscheck.scene.models.checking import unlike
 
 ROOTS = {"mujoco": (".xml", ".mjcf"), "robot": (".urdf", ".xml"), "sdf": (".sdf", ".world")}
 OTHER_FORMATS = (".sdf", ".world", ".usd", ".usda", ".usdc")
+IMPORTED = ("whole", "free", "balance", "root", "bare")
 UNLIKE = {"that body": "differ, ill-conditioned", "a comparison of": "not compared: too many bodies"}
 """What a note on accelerations begins with."""
 
@@ -55,7 +58,7 @@ def said(error: Exception, path: Path) -> list[str]:
 
 
 def outcome(path: Path) -> tuple[str, list[str]]:
-    """("whole", "free", "bare", "still", "refused" or "other format", reasons or what is told)."""
+    """("whole", "free", "balance", "root", "bare", "still", "refused" or "other format", reasons or what is told)."""
     if path.suffix.lower() in OTHER_FORMATS:
         try:
             read = inspect(path)
@@ -63,19 +66,27 @@ def outcome(path: Path) -> tuple[str, list[str]]:
             return f"{path.suffix.lower()} not read", said(error, path)
         return ".sdf read by " + " and ".join(native.engine for native in read.native), [
             *map(str, read.differences), *(f"{name}: {words}" for name, words in read.refused.items())]
-    try:
-        return "whole", list(import_model(path).left_out)
-    except CrosscheckError as error:
-        first = said(error, path)
-    base = "free" if "nothing in it moves" in first[0] else "fixed"
-    for name, drop in (("free", False), ("bare", True)) if base == "free" else (("bare", True),):
+    options: dict[str, Any] = {}
+    first: list[str] = []
+    while True:  # with what the message offers, and without all that a scene cannot hold at last
         try:
-            left_out = import_model(path, base=base, drop=drop).left_out
+            left_out = import_model(path, **options).left_out
         except CrosscheckError as error:
-            first = said(error, path)
+            words, offered = said(error, path), re.search("give --root (.*) for a part", str(error))
+            first = first or words
+            if "nothing in it moves" in words[0] and "base" not in options:
+                options["base"] = "free"
+            elif "--balance" in str(error) and "balance" not in options:
+                options["balance"] = True
+            elif offered and "root" not in options:
+                options["root"] = offered[1]
+            elif "drop" not in options:
+                first, options["drop"] = words, True
+            else:
+                return "still" if "base" in options else "refused", first  # without mass to be freed
         else:
-            return name, first if drop else list(left_out)
-    return ("still" if base == "free" else "refused"), first  # what does not move, and has no mass to be freed
+            name = "bare" if "drop" in options else "free" if "base" in options else next(iter(options), "whole")
+            return name, first if name == "bare" else list(left_out)
 
 
 def accelerations(what: str, left_out: list[str]) -> str:
@@ -98,9 +109,9 @@ def main() -> None:
             began = time.process_time()
             what, words = outcome(path)
             table[what] += 1
-            if what in ("whole", "free", "bare"):
+            if what in IMPORTED:
                 compared[accelerations(what, words)] += 1
-            if native and what in ("whole", "bare"):
+            if native and what in IMPORTED:
                 try:
                     result = inspect(path)
                     table["every engine reads the same" if result.agree else "engines differ, named"] += 1

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +16,22 @@ import numpy as np
 
 from crosscheck.errors import SceneError, foreign, missing
 from crosscheck.scene.models import known, source
+from crosscheck.scene.models.neutral import LIGHT
 from crosscheck.scene.models.source import Source
+
+MOST_REFUSED = 200
+"""Elements that may be left out of a model until MuJoCo reads it."""
+
+NEEDED = frozenset(("mujoco", "worldbody", "body", "frame", "joint", "freejoint", "inertial", "geom", "asset", "mesh",
+                    "default", "compiler", "option", "robot", "link", "parent", "child", "origin", "mass", "inertia"))
+"""Elements without which bodies, their masses or places were others; they are never left out."""
+
+APART = frozenset(("sensor", "contact", "equality", "tendon", "actuator", "deformable", "keyframe", "light", "camera",
+                   "composite", "plugin", "extension"))
+"""Elements that may be left out, or any in them, and named."""
+
+LEAST_INERTIA = 1e-15
+"""mjMINVAL: MuJoCo takes no smaller mass or inertia of what moves."""
 
 
 @contextlib.contextmanager
@@ -38,37 +55,78 @@ def listening() -> Iterator[list[str]]:
         mujoco.set_mju_user_warning(before)
 
 
-def compiled(model: Source, base: str = "fixed", balance: bool = False) -> Any:
-    """The `mujoco.MjModel` of a source, which `balance` lets MuJoCo replace inertias that no body can have.
+def compiled(model: Source, base: str = "fixed", balance: bool = False) -> tuple[Any, list[str], list[str]]:
+    """(the `mujoco.MjModel` of a source, what MuJoCo refuses and is left out, what is read otherwise, both in words).
 
-    A URDF loses all geometry, so that MuJoCo needs no meshes and makes no mass from collision shapes.
+    `balance` replaces inertias that no body can have. A URDF loses all geometry, so that MuJoCo needs no meshes and
+    makes no mass from collision shapes.
     """
     try:
         import mujoco
     except ImportError as error:
         raise SceneError(f"{model.path}: models are read by MuJoCo: {missing(error)}") from None
-    if model.is_urdf:
-        _prepare_urdf(model, base)
-    else:
-        _prepare_mjcf(model)
+    noted = _prepare_urdf(model, base, balance) if model.is_urdf else []
+    gone = [] if model.is_urdf else _prepare_mjcf(model)
     if balance:
         _compiler(model).set("balanceinertia", "true")
 
     def refused(error: Exception) -> SceneError:  # a ValueError or MuJoCo's own FatalError
         words = model.told(str(error))
-        offer = "" if "balanceinertia" not in words or balance else (
+        offer = "" if not any(each in words for each in ("balanceinertia", "positive eigenvalues")) or balance else (
             "; --balance (balance=True) lets MuJoCo replace such inertias, and lists it")
         offer = "; give each that moves an inertial, or fix its joint" if "mjMINVAL" in words else offer
         return SceneError(f"{model.path}: MuJoCo cannot read it: {words}{offer}")
 
-    with listening(), foreign(refused):
-        spec = mujoco.MjSpec.from_string(model.text)
-        spec.modelfiledir = str(model.path.parent.resolve())
-        if base == "free":
-            _free(spec)
-        m = spec.compile()
-    _check_finite(model, m)
-    return m
+    folder = model.path.parent.resolve()
+    while True:
+        try:
+            with listening(), foreign(refused), contextlib.chdir(folder):  # where it looks for models in the model
+                spec = mujoco.MjSpec.from_string(model.text)
+                spec.modelfiledir = str(folder)
+                if base == "free":
+                    _free(spec)
+                m = spec.compile()
+        except SceneError as error:
+            words = " ".join(str(error.__cause__).split())
+            if len(gone) == MOST_REFUSED or not (told := _without(model, words)):
+                raise
+            gone.append(told)
+        else:
+            _check_finite(model, m)
+            return m, gone, noted
+
+
+def _without(model: Source, words: str) -> str:
+    """Leave out of the source the element or attribute that MuJoCo refuses in these words; what, or "" if it cannot."""
+    line = re.search(r"line (\d{1,9})$", words)
+    nodes = list(model.root.iter())
+    if line is None or not 0 < int(line[1]) <= len(nodes) or any(node.tag == "model" for node in nodes):
+        return ""  # it may be the line of a model in the model
+    node = nodes[int(line[1]) - 1]
+    attribute = re.search(r"unrecognized attribute: '([^']+)'", words)
+    if attribute is not None and node.attrib.pop(attribute[1], None) is not None:
+        return f"the attribute {attribute[1]} of {source.label(node)}"
+    above = [node, *_above(model, node)]
+    if node.tag == "mesh" and node.get("file") and above[1].tag == "asset":
+        _strip(model, {node.get("name") or Path(node.get("file", "")).stem: "which MuJoCo refuses"})
+    elif inside := [inner for inner, outer in itertools.pairwise(above) if outer.tag in APART]:
+        node = inside[-1]  # such as a whole tendon, of which a joint is missing
+        _above(model, node)[0].remove(node)
+    elif node.tag not in NEEDED and (node.tag in APART or "repeated el" in words or "unrecognized el" in words):
+        above[1].remove(node)
+    else:
+        return ""
+    why = words.removeprefix("Error: ").partition(" Element ")[0]
+    return f"the element {source.label(node)}, which MuJoCo refuses: {why}"
+
+
+def _above(model: Source, node: Element) -> list[Element]:
+    """The elements that an element is in, the innermost first."""
+    parents = {child: parent for parent in model.root.iter() for child in parent}
+    found = [node]
+    while found[-1] in parents:
+        found.append(parents[found[-1]])
+    return found[1:]
 
 
 def _check_finite(model: Source, m: Any) -> None:
@@ -90,7 +148,8 @@ def _free(spec: Any) -> None:
         max(held, key=lambda body: len(body.find_all("body"))).add_freejoint()
 
 
-def _prepare_urdf(model: Source, base: str) -> None:
+def _prepare_urdf(model: Source, base: str, balance: bool) -> list[str]:
+    """Give the moving links their masses, and take the options that MuJoCo has; what is read otherwise, in words."""
     for link in model.root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
@@ -98,13 +157,14 @@ def _prepare_urdf(model: Source, base: str) -> None:
     if "world" in held and all(link.get("name") != "world" for link in model.root.findall("link")):
         SubElement(model.root, "link", name="world")  # Drake has it without a word
     try:
-        _merge(model.root, drop_root=base == "fixed")
+        noted = _merge(model.root, base == "fixed", balance)
     except ValueError as error:
         raise SceneError(f"{model.path}: {error}; correct it there") from None
     for key in set(_compiler(model).keys()) - set(str(known.URDF["compiler"]).split()):
         del _compiler(model).attrib[key]  # they change masses before these are merged, and are named as not known
     for key, value in (("fusestatic", "false"), ("strippath", "false"), ("discardvisual", "true")):
         _compiler(model).set(key, value)
+    return noted
 
 
 def _compiler(model: Source) -> Element:
@@ -117,8 +177,27 @@ def _compiler(model: Source) -> Element:
     return compilers[-1] if compilers else SubElement(holder, "compiler")
 
 
-def _prepare_mjcf(model: Source) -> None:
-    """Remove textures, materials and skins, whose files are not needed, and meshes that cannot be read."""
+def _prepare_mjcf(model: Source) -> list[str]:
+    """Remove textures, materials and skins, whose files are not needed, meshes that cannot be read, and what bends.
+
+    How long muscles can get is not computed. The result says in words what is left out.
+    """
+    gone = []
+    for parent in list(model.root.iter()):
+        for child in list(parent):
+            if child.tag in ("flex", "flexcomp"):
+                gone.append(f"the flexible body {source.label(child)}")
+                parent.remove(child)
+            elif child.tag == "joint" and child.get("type") == "fixed" and parent.tag == "body":
+                parent.remove(child)  # Bullet has them
+            elif child.tag == "inertial" and child.get("pos") is None:
+                child.set("pos", "0 0 0")  # as engines have it that read such files
+    for each in model.root.iter("light"):
+        each.attrib.pop("texture", None)
+    for each in model.root.iter("option"):
+        each.attrib.pop("integrator", None)
+    for each in list(model.root.iter("lengthrange")) or [SubElement(_compiler(model), "lengthrange")]:
+        each.set("mode", "none")
     for parent in list(model.root.iter()):
         for child in list(parent):
             if child.tag in ("texture", "skin", "material") and parent.tag in ("asset", "default"):
@@ -131,8 +210,12 @@ def _prepare_mjcf(model: Source) -> None:
         if element.tag == "mesh" and (target is None or not target.is_file()):
             absent[element.get("name") or Path(name).stem] = (
                 f"{name}, which is {'missing' if target else 'outside its folder'}")
-    if not absent:
-        return
+    _strip(model, absent)
+    return gone
+
+
+def _strip(model: Source, absent: dict[str | None, str]) -> None:
+    """Remove these meshes and what has their shape; raises `SceneError` where a body has its mass from one."""
     shaped = any(each.get("inertiafromgeom") == "true" for each in model.root.iter("compiler"))
     bodies = {child: body for body in model.root.iter("body") for child in body.iter() if child.tag != "body"}
     for parent in list(model.root.iter()):
@@ -149,11 +232,12 @@ def _prepare_mjcf(model: Source) -> None:
                 parent.remove(child)
 
 
-def _merge(root: Element, drop_root: bool) -> None:
+def _merge(root: Element, drop_root: bool, balance: bool) -> list[str]:
     """Give every moving link the inertial of all links fixed to it, as engines do that fuse such links.
 
     A single link may have no inertia, or one that no body can have, even if the body of which it is a part is
-    admissible. With `drop_root` the root gets none.
+    admissible. With `drop_root` the root gets none. The result says in words what joints move nothing and are fixed,
+    and which links get a light inertia: without one they are points, or have no mass and carry what has.
     """
     links = {link.get("name", ""): link for link in root.findall("link")}
     inertials = {name: _read(link) for name, link in links.items()}
@@ -169,19 +253,62 @@ def _merge(root: Element, drop_root: bool) -> None:
             waiting[parent] -= 1
             if not waiting[parent] and parent in links:
                 order.append(parent)
+    noted, moving, carried = list[str](), set[str](), dict.fromkeys(links, np.zeros((4, 4)))
     for name in order:
         joint = children.get(name)
         parent = "" if joint is None else _end(joint, "parent")
         own, base = inertials[name], inertials.get(parent)
-        if joint is not None and joint.get("type") == "fixed" and parent in inertials and own is not None:
-            X = _pose(joint.find("origin"))
+        carried[name] = carried[name] + (0.0 if own is None else own)
+        if joint is None or parent not in inertials:
+            continue
+        X = _pose(joint.find("origin"))
+        if joint.get("type") != "fixed" and name not in moving and _idle(joint, carried[name]):
+            joint.set("type", "fixed")
+            noted.append(f"joint {joint.get('name')!r}, which moves no mass: it is fixed")
+        if joint.get("type") != "fixed" or name in moving:
+            moving.add(parent)
+        carried[parent] = carried[parent] + X @ carried[name] @ X.T
+        if joint.get("type") == "fixed" and own is not None:
             inertials[parent], inertials[name] = X @ own @ X.T + (0.0 if base is None else base), None
     for name, link in links.items():
         for old in link.findall("inertial"):
             link.remove(old)
-        merged = inertials[name]
+        merged, joint = inertials[name], children.get(name)
+        if not drop_root if joint is None else joint.get("type") != "fixed":
+            merged, told = _held(np.zeros((4, 4)) if merged is None else merged, carried[name], balance)
+            noted += [f"link {name!r} {told}"] if told else []
         if merged is not None and not (drop_root and name not in children):
             _write(link, merged)
+    return noted
+
+
+def _idle(joint: Element, carried: np.ndarray) -> bool:
+    """Whether a joint moves no mass, or turns none about its axis: without it all the others move as with it."""
+    element = joint.find("axis")
+    axis = np.array([1.0, 0.0, 0.0]) if element is None else _numbers(element, "xyz")
+    axis, spread = axis / (np.linalg.norm(axis) or 1.0), carried[:3, :3]
+    turns = joint.get("type") in ("revolute", "continuous")
+    return not carried.any() or bool(turns and abs(np.trace(spread) - axis @ spread @ axis) < LEAST_INERTIA)
+
+
+def _held(own: np.ndarray, carried: np.ndarray, balance: bool) -> tuple[np.ndarray, str]:
+    """(the sum of m p p^T of a moving link as bodies may have it, what was changed in words); those of all it carries.
+    """
+    mass, com = float(own[3, 3]), own[:3, 3] / own[3, 3] if own[3, 3] else np.zeros(3)
+    central = own[:3, :3] - mass * np.outer(com, com)
+    moments = np.linalg.eigvalsh(np.trace(central) * np.eye(3) - central)
+    made, told = own.copy(), ""
+    excess = max(-moments[0], moments[2] - moments[0] - moments[1])
+    if balance and excess > max(LEAST_INERTIA, 1e-12 * abs(moments[2])) and moments.mean() > LEAST_INERTIA and mass:
+        made[:3, :3] += moments.mean() / 2 * np.eye(3) - central
+        told = f"has principal moments {np.array2string(moments, precision=3)}; each is replaced by their mean"
+    elif abs(moments[0]) <= max(LEAST_INERTIA, 1e-12 * moments[2]):
+        size = LIGHT * (float(np.trace(own[:3, :3])) or float(np.trace(carried[:3, :3])))
+        made[:3, :3] += size * np.eye(3)
+        if not mass:
+            made[3, 3] += LIGHT * carried[3, 3]
+        told = f"has no {'inertia about an axis' if mass else 'mass'}: {LIGHT:g} of what it carries is added"
+    return made, told
 
 
 def _end(joint: Element, which: str) -> str:
@@ -225,7 +352,7 @@ def _read(link: Element) -> np.ndarray | None:
         return None
     mass, values = inertial.find("mass"), inertial.find("inertia")
     if mass is None:
-        raise ValueError(f"{source.label(link)} has an inertial without a mass")
+        return None  # as urdfdom has it
     X, P = _pose(inertial.find("origin")), np.zeros((4, 4))
     if values is not None:
         J = np.array([[finite(values, values.get(f"i{min(a, b)}{max(a, b)}", "0")) for b in "xyz"] for a in "xyz"])

@@ -21,7 +21,7 @@ def collect(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Ta
     m = reading.model
     _nonlinear(reading)
     media = (("the drag of the medium (option density or viscosity)", m.opt.density or m.opt.viscosity),
-             ("flexible bodies", m.nflex), ("plugins", m.nplugin))
+             ("plugins", m.nplugin))
     reading.lost += [words for words, there in media if there]
     return _equalities(reading, joints), [*_tendons(reading), *_compensation(reading)]
 

@@ -61,7 +61,7 @@ WHOLE: Mapping[str, frozenset[str]] = {
                          "dcmotor")),
     "robot": frozenset(("visual", "collision", "contact", "material", "calibration", "safety_controller",
                         "transmission", "frame", "drake:collision_filter_group", "self_collision_checking",
-                        "collision_checking", "self_filter", "ros2_control"))}
+                        "collision_checking", "self_filter", "ros2_control", "sensor"))}
 """Elements known with all that is in them: pictures and sensors, frames, what filters contacts, what the compiled model
 names by itself, and the transmissions of a URDF, whose motors have no control: the import states them as such."""
 

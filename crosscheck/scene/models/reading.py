@@ -47,18 +47,23 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     if root is not None:
         source.cut(model, root)
     if model.is_urdf and len(tops := source.roots(model)) > 1:
+        most = max(tops, key=lambda top: len(source.hanging(model, top)))
         raise SceneError(f"{model.path}: has {len(tops)} roots, {', '.join(map(repr, tops[:MOST_ROOTS]))}; a URDF is "
-                         f"one tree: join them by fixed joints, or give --root {tops[0]} for a part")
-    lost, held = list(known.unknown(model)), _urdf_limits(model) if model.is_urdf else []
+                         f"one tree: join them by fixed joints, or give --root {most} for a part")
+    lost = [words for part in (model, *source.nested(model)) for words in known.unknown(part)]
+    held = _urdf_limits(model) if model.is_urdf else []
+    lost += [f"the inertial of link {link.get('name')!r}, which has no mass" for link in model.root.findall("link")
+             if link.find("inertial") is not None and link.find("inertial/mass") is None]
     unread = [words for words in lost if model.is_urdf and known.unread(words)]
-    m, noted = _compiled(model, base, balance)  # raises with advice if MuJoCo is not installed
+    m, gone, noted = _compiled(model, base, balance)  # raises with advice if MuJoCo is not installed
+    lost += gone
     d = _start(model, m, keyframe, qpos, qvel, noted if wants.limits != "drop" else None)
     if start != "model":
         if keyframe is not None or qpos is not None:
             raise ArgumentError("start: a keyframe or qpos says where it starts; leave one of the two out")
         _draw(model, m, d, start, wants)
     wants = laws.controlled(m, d, wants)
-    reading = read(model, m, d)
+    reading = read(model, m, d, gone)
     reading.lost += [words for words in lost if words not in unread] + (held if wants.limits != "drop" else [])
     reading.noted += [*noted, *unread, *(held if wants.limits == "drop" else [])]
     joints = neutral.joint_tables(reading)
@@ -89,7 +94,8 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
             offer = f"crosscheck import {some} leaves this out, --drop all actuators, friction, limits and contacts"
         raise SceneError(f"{model.path}: a scene cannot hold {words}; {offer}")
     left_out = [*reading.lost, *reading.noted]
-    third = own.forces or own.monitors or sites or any({"dry_friction", "limits"} & joint.keys() for joint in joints)
+    third = own.forces or own.monitors or sites or sensors or any(
+        {"dry_friction", "limits"} & joint.keys() for joint in joints)
     own.idle += [f"of transmission {each.get('name')!r}" for each in model.root.findall("transmission")]
     idle = [f"motors without a control: {', '.join(own.idle)}"] if own.idle else []
     content: Table = {
@@ -158,38 +164,38 @@ def _check_motion(model: Source, reading: Reading, wants: laws.Wants) -> None:
                              f"{relative:.1g} of the largest")
 
 
-def _compiled(model: Source, base: str, balance: bool) -> tuple[Any, list[str]]:
-    """(the compiled model, what was replaced in it); with `balance` also one that has inertias that no body has."""
+def _compiled(model: Source, base: str, balance: bool) -> tuple[Any, list[str], list[str]]:
+    """As `compiling.compiled`; with `balance` inertias that no body has are only replaced where that is needed."""
     if not balance:
-        return compiling.compiled(model, base), []
+        return compiling.compiled(model, base)
     try:
-        return compiling.compiled(copy.deepcopy(model), base), []
+        return compiling.compiled(copy.deepcopy(model), base)
     except SceneError as error:
-        m = compiling.compiled(model, base, balance=True)
-        return m, [f"inertias replaced by their mean, {str(error).partition(': ')[2].partition('; --balance')[0]}"]
+        m, gone, noted = compiling.compiled(model, base, balance=True)
+        words = str(error).partition(": ")[2].partition("; --")[0]
+        return m, gone, noted if model.is_urdf else [f"inertias replaced by their mean, {words}"]
 
 
 def _urdf_limits(model: Source) -> list[str]:
-    """Limits that MuJoCo takes as none: the same below and above. Raises where the lower one lies above the upper."""
+    """Limits that are none: the same below and above, or the lower one above the upper; these are taken away."""
     held = []
     for joint in model.root.findall("joint"):
         limit = joint.find("limit")
-        if limit is None or joint.get("type") not in ("revolute", "prismatic"):
+        if limit is None or joint.get("type") not in ("revolute", "prismatic", "spherical"):
             continue
         try:
             lower, upper = (compiling.finite(limit, limit.get(key, "0")) for key in ("lower", "upper"))
         except ValueError as error:
             raise SceneError(f"{model.path}: {error}; correct it there") from None
-        if lower > upper:
-            raise SceneError(f"{model.path}: {source.place(limit)}: the lower limit {lower:g} of joint "
-                             f"{joint.get('name')!r} lies above the upper one {upper:g}; exchange them")
-        if lower == upper:
+        if lower > upper or joint.get("type") == "spherical":  # MuJoCo refuses it
+            limit.attrib.update(lower="0", upper="0")
+        if lower >= upper or joint.get("type") == "spherical":
             held.append(f"limits of joint {joint.get('name')!r}, {lower:g} and {upper:g}")
     return held
 
 
-def read(model: Source, m: Any, d: Any) -> Reading:
-    """The compiled model in the state of its data."""
+def read(model: Source, m: Any, d: Any, gone: Sequence[str] = ()) -> Reading:
+    """The compiled model in the state of its data; `gone`: what is left out of it already, in words."""
     import mujoco
 
     with compiling.listening():
@@ -198,7 +204,8 @@ def read(model: Source, m: Any, d: Any) -> Reading:
     moving = neutral.bodies(m, d)
     if not moving:
         offer = "; give --base free (base='free') to let its base move" if m.nbody > 1 or model.is_urdf else ""
-        raise SceneError(f"{model.path}: nothing in it moves; a scene needs at least one body on a joint{offer}")
+        but = f" but {'; '.join(shortened(gone))}" if gone else ""
+        raise SceneError(f"{model.path}: nothing in it moves{but}; a scene needs at least one body on a joint{offer}")
     return Reading(m, d, moving, [], [])
 
 

@@ -22,6 +22,9 @@ MOST_LINKS = 3000
 MOST_ELEMENTS, DEEPEST = 10**5, 400
 """Largest number of elements of a model after replication, and of nested levels; the engines' parsers stop at 500."""
 
+MOST_NESTED = 32
+"""Largest depth of files that include or attach others."""
+
 LONGEST_NAME, MOST_RESERVED = 1000, 10**6
 """Most characters of a name, and the largest number in <size>, by which MuJoCo reserves memory."""
 
@@ -90,19 +93,25 @@ def roots(model: Source) -> list[str]:
     return [name for link in model.root.findall("link") if (name := link.get("name", "")) not in held]
 
 
+def hanging(model: Source, root: str) -> set[str]:
+    """Names of the link `root` of a URDF and of those that hang on it."""
+    ends = [["".join(each.get("link", "") for each in joint.findall(key)) for key in ("parent", "child")]
+            for joint in model.root.findall("joint")]
+    kept, count = {root}, 0
+    while count < len(kept):
+        count = len(kept)
+        kept |= {child for parent, child in ends if parent in kept}
+    return kept
+
+
 def cut(model: Source, root: str) -> None:
     """Keep only the link or body `root`, and what hangs on it; raises `SceneError` if there is none."""
     if model.is_urdf:
         names = [link.get("name", "") for link in model.root.findall("link")]
-        def end(joint: Element, key: str) -> str:
-            return "".join(each.get("link", "") for each in joint.findall(key))
-
-        ends = [(joint, end(joint, "parent"), end(joint, "child")) for joint in model.root.findall("joint")]
-        kept = {root}
-        for _ in names:
-            kept |= {child for _, parent, child in ends if parent in kept}
+        kept = hanging(model, root)
         away = [link for link in model.root.findall("link") if link.get("name") not in kept]
-        away += [joint for joint, parent, _ in ends if parent not in kept]
+        away += [joint for joint in model.root.findall("joint")
+                 if not any(end.get("link") in kept for end in joint.findall("parent"))]
         holder = model.root
     else:
         tops = [body for world in model.root.findall("worldbody") for body in world.findall("body")]
@@ -180,7 +189,8 @@ def _tree(path: Path, data: bytes) -> Node:
                          "model needs and which can read other files; remove the declaration")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        name = next((value for key, value in attributes.items() if key in _NAMES and len(value) > LONGEST_NAME), None)
+        name = next((value for key, value in attributes.items() if key in _NAMES and len(value) > LONGEST_NAME
+                     and not (key == "body" and tag == "flex")), None)  # that is a list of them
         if name is not None:
             raise SceneError(f"{path}: line {parser.CurrentLineNumber}: a name has {len(name)} characters; at most "
                              f"{LONGEST_NAME} are taken, shorten it")
@@ -188,6 +198,9 @@ def _tree(path: Path, data: bytes) -> Node:
         assert isinstance(node, Node)
         node.line = parser.CurrentLineNumber
 
+    if late := re.match(rb"((?:\s|<!--.*?-->)+)<\?xml[^>]*\?>", data, re.DOTALL):  # which other parsers take
+        data = late[1] + data[late.end():]
+    data = data.rstrip(b"\0 \r\n\t")
     parser.StartDoctypeDeclHandler, parser.EntityDeclHandler = refuse, refuse
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, builder.end, builder.data
     try:
@@ -259,6 +272,19 @@ def files(model: Source) -> Iterator[tuple[Element, str, Path | None]]:
                 yield element, name, target if target.is_relative_to(folder) else None
 
 
+def nested(model: Source, depth: int = 1) -> Iterator[Source]:
+    """The models that an MJCF attaches, and those that they attach; raises `SceneError` for one outside its folder."""
+    for element, name, target in files(model):
+        if element.tag == "model":
+            if target is None:
+                raise outside(model.path, name)
+            if depth > MOST_NESTED:
+                raise SceneError(f"{model.path}: attaches models more than {MOST_NESTED} deep; flatten them")
+            inner = read(target)
+            yield inner
+            yield from nested(inner, depth + 1)
+
+
 def outside(path: Path, name: str) -> SceneError:
     """The error that a model refers to a file outside its folder."""
     return SceneError(f"{path}: refers to {name}, which is outside its folder; move it beside the model")
@@ -278,8 +304,8 @@ def _expand(path: Path, element: Element, folder: Path, above: tuple[Path, ...])
             raise outside(path, name)
         if target in above:
             raise SceneError(f"{path}: includes {name} in a circle; remove one of the includes")
-        if len(above) > 32:
-            raise SceneError(f"{path}: includes are nested more than 32 deep; flatten them")
+        if len(above) > MOST_NESTED:
+            raise SceneError(f"{path}: includes are nested more than {MOST_NESTED} deep; flatten them")
         included = _parsed(target)
         for node in included.iter():
             assert isinstance(node, Node)

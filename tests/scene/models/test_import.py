@@ -195,7 +195,7 @@ WORDS = {"bomb.xml": "document type", "round.xml": "in a circle", "script.urdf":
          "outside.xml": "outside its folder", "empty.xml": "not XML", "page.xml": "<html>", "mesh.xml": "no.stl",
          "deep.xml": "400 deep", "many.xml": "more than 100000 elements", "copies.xml": "more than 100000 elements",
          "nothing.xml": "names no file", "folder.xml": "is no file", "height.xml": "outside its folder",
-         "other.xml": "outside its folder", "flex.xml": "outside its folder", "far.xml": "outside its folder",
+         "other.xml": "outside its folder", "flex.xml": "the flexible body", "far.xml": "outside its folder",
          "endless.urdf": "not finite", "heavy.urdf": "not written in numbers",
          "reserved.xml": "line 1: nkey reserves room for 20000000 entries", "links.urdf": "has 10000 links",
          "long.xml": "line 1: a name has 1000000 characters",

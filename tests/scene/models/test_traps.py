@@ -147,10 +147,11 @@ NAMED = {
     "two roots": (urdf(end='<link name="other"/>'), "2 roots, 'base', 'other'"),
     "limits that leave no room": (urdf(('lower="-1e9" upper="1e9"', 'lower="0" upper="0"')), "limits of joint 'reach'"),
     "limits left out": (urdf(('lower="-1e9" upper="1e9"', "")), "limits of joint 'reach'"),
-    "limits exchanged": (urdf(('lower="-1e9" upper="1e9"', 'lower="1" upper="-1"')), "lies above the upper"),
+    "limits exchanged": (urdf(('lower="-1e9" upper="1e9"', 'lower="1" upper="-1"')),
+                         "limits of joint 'reach', 1 and -1"),
     "limits in words": (urdf(('lower="-1e9"', 'lower="far"')), "<limit> (line 18): 'far' is not written in numbers"),
-    "two numbers for three": (urdf(('xyz="0 0 1"', 'xyz="0 1"')), "'origin', line 13"),
-    "an inertial without mass": (urdf(('<mass value="0.1"/>', "")), "without a mass"),
+    "two numbers for three": (urdf(('xyz="0 0 1"', 'xyz="0 1"')), "(line 18): xyz has 2 numbers, not three"),
+    "an inertial without mass": (urdf(('<mass value="0.1"/>', "")), "the inertial of link 'tool', which has no mass"),
     "another spelling of an attitude": (urdf(('rpy="0.2 0.1 0"', 'quat_xyzw="0 1 0 0"')), "quat_xyzw"),
     "gravity off in Gazebo": (urdf(end='<gazebo reference="upper"><turnGravityOff>1</turnGravityOff></gazebo>'),
                               "turnGravityOff"),
@@ -165,9 +166,15 @@ NAMED |= {
         "mimic of joint 'elbow'"),
     "a rope of bodies": (mjcf(world='<body name="h" pos="0 5 2"><composite type="cable" curve="s 0 0" count="5 1 1" '
                               'size="1"><geom type="capsule" size=".02"/></composite></body>'),
-                         "unrecognized element Element 'composite', line 1"),
+                         "<composite> (line 1), which MuJoCo refuses"),
+    "a sensor of what is not there": (mjcf(rest='<sensor><gyro name="g" site="no"/></sensor>'),
+                                      "<gyro> 'g' (line 1), which MuJoCo refuses"),
+    "a tendon over a joint that is not there": (mjcf(rest='<tendon><fixed name="t"><joint joint="j" coef="1"/><joint '
+                                                     'joint="no" coef="1"/></fixed></tendon>'), "<fixed> 't' (line 1)"),
+    "an attribute of an older version": (mjcf('<option collision="all"/>'), "the attribute collision of <option>"),
     "a body that bends": (mjcf(world='<body name="h" pos="0 5 2"><flexcomp name="x" type="grid" count="3 3 1" '
-                               'spacing=".1 .1 .1" radius=".01" mass="1" dim="2"/></body>'), "flexible bodies"),
+                               'spacing=".1 .1 .1" radius=".01" mass="1" dim="2"/></body>'),
+                          "the flexible body <flexcomp> 'x'"),
     "a coupled chain of joints that ends in a circle": (
         mjcf(rest='<equality><joint joint1="j" joint2="k"/><joint joint1="k" joint2="j"/></equality>'),
         "j follows k follows j"),

@@ -18,7 +18,7 @@ from crosscheck.judge.crossings import Crossed
 from crosscheck.judge.defects import RATES, SHARE, Defects
 from crosscheck.judge.flow import around
 from crosscheck.judge.intervals import ALIKE, WORTH
-from crosscheck.judge.vanishing import APART, NEAR, extrapolation, following, shares
+from crosscheck.judge.vanishing import APART, NEAR, extrapolation, following, shares, soft_joints, started
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
@@ -29,9 +29,6 @@ an acceleration of their own (generalised alpha), need up to nine."""
 
 SETTLED = 200
 """Steps after which the start no longer affects such an acceleration: a factor of 0.9 per step is 1e-9 by then."""
-
-SOFT = 1.5
-"""Openings that fall with this order or more come from soft constraints (order 2), others from drift (order 1)."""
 
 EXACT, SHOWING, MOST = 0.25, 100.0, 1e4
 """A run that fits its states to rounding in the share `EXACT` of the intervals in which a step would change more than
@@ -134,16 +131,7 @@ def _staying(runs: Sequence[Defects], sizes: Sequence[np.ndarray]) -> np.ndarray
     alike = np.max(near, axis=0) < np.min(near, axis=0) * (1 + ALIKE)
     settling = _age(runs) < SETTLED * max(run.claim.step or 0.0 for run in runs)
     close = np.max(shares(runs, 1), axis=0) < ALIKE
-    return np.where(alike & close & ~settling & (not _soft(runs)), WORTH, np.inf)
-
-
-def _soft(runs: Sequence[Defects]) -> bool:
-    """Whether openings fall faster than drift, as those of soft constraints do.
-
-    The forces of soft constraints are proportional to opening / h^2, which is about the same at any step.
-    """
-    opened = [float(run.opening["position"].max()) for run in runs[:2]]
-    return bool(opened[1] > opened[0] * ((runs[1].claim.step or 1.0) / (runs[0].claim.step or 1.0)) ** SOFT)
+    return np.where(alike & close & ~settling & (not soft_joints(runs)), WORTH, np.inf)
 
 
 def _limit(scene: Scene, runs: Sequence[Defects], sizes: Sequence[np.ndarray], power: int
@@ -155,12 +143,12 @@ def _limit(scene: Scene, runs: Sequence[Defects], sizes: Sequence[np.ndarray], p
     """
     weights, left = extrapolation(runs, power)
     bound = _bound(scene, runs[0], power, len(runs) - 1, left)
-    soft = _soft(runs)
+    soft = soft_joints(runs)
     for run, size, weight, share in zip(runs, sizes, weights, shares(runs, power), strict=True):
         own, share = _bound(scene, run, power), np.where(share > APART, 1.0, share)
         bound = bound + abs(weight) * (share * own + soft * _springs(run) + _noise(scene, run))  # noise adds up
         settling = _age([run]) < SETTLED * (run.claim.step or 0.0)
-        bound[settling | ((size > own) & (run is not runs[0]))] = np.inf
+        bound[settling | ((size > own) & (run is not runs[0])) | (soft & started(runs))] = np.inf
     return weights, bound
 
 
@@ -218,7 +206,8 @@ def _independent(scene: Scene, runs: Sequence[Defects], change: np.ndarray) -> n
     settling = _age(runs) < SETTLED * max(run.claim.step or 0.0 for run in runs)
     close = np.max(shares(runs[:2], 1), axis=0) < ALIKE
     lasting = MOST * sum(_lasting(scene, run) + _noise(scene, run) for run in runs[:2])
-    if _soft(runs):
+    if soft_joints(runs):
+        settling |= started(runs)
         lasting += DEPENDING * sum(_springs(run) for run in runs[:2])
     return np.where(close & ~settling, DEPENDING * around(change, NEAR) + lasting, np.inf)
 

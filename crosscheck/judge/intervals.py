@@ -13,7 +13,7 @@ from crosscheck.document import QUANTITIES, Finding
 from crosscheck.judge.defects import DOUBT, Defects, turn, with_slack
 from crosscheck.judge.metrics import PLATEAU
 from crosscheck.judge.tolerances import CONSTANTS
-from crosscheck.judge.vanishing import finest_first, following, limits, shares
+from crosscheck.judge.vanishing import finest_first, following, limits, shares, soft_joints, started
 from crosscheck.scene.model import Scene
 
 STEEPEST = 3.0
@@ -177,9 +177,10 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
     order = fine.claim.order or 1
     ratio = math.log((coarse.claim.step or 1.0) / (fine.claim.step or 1.0))
     close = (shares([fine, coarse], order)[1] < ALIKE) & fine.flow.regular & coarse.flow.regular
-    # The error of a multistep method's start follows another power of h.
     close &= ~(fine.flow.eventful | coarse.flow.eventful)
-    close &= (fine.flow.since > 0.0) & (coarse.flow.since > 0.0)
+    # The error of a multistep method's start follows another power of h, and soft joints settle for longer.
+    pair = [fine, coarse]
+    close &= ~started(pair) if soft_joints(pair) else (fine.flow.since > 0.0) & (coarse.flow.since > 0.0)
     closed = {level: np.zeros(len(close)) for level in fine.opening}
     own = with_slack(*fine.local(), closed, fine.flow.tau, fine.scale)
     found = []

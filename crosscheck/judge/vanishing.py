@@ -32,6 +32,9 @@ NEAR = 9
 BEGUN = 50
 """Steps after which the start has no more effect. Soft constraints decay by a factor of e in two steps."""
 
+SOFT = 1.5
+"""Openings that fall with this order or more come from soft constraints (order 2), others from drift (order 1)."""
+
 APART = 0.5
 """If the states of two runs differ by this share, the runs have no error terms in common."""
 
@@ -75,12 +78,10 @@ def limits(runs: Sequence[Defects]) -> Limit:
         gap[level] = np.minimum(gap[level], fine.at_ends(rest))
     bounds = with_slack(pose, rate, gap, fine.flow.tau, fine.scale)
     usable = np.all([_within(run) & run.flow.regular for run in runs[1:]], axis=0)
-    # Effects of the start, as with soft constraints, follow no power of h.
-    since = np.min([run.flow.since for run in runs], axis=0)
     # An event is early or late by parts of a step, and a start for what an engine remembers.
     usable &= ~np.any([run.flow.eventful | run.flow.after_event(BEGUN * (run.claim.step or 0.0)) for run in runs],
                       axis=0)
-    usable &= (since > 0.0) & (since >= BEGUN * (runs[-1].claim.step or 0.0))
+    usable &= ~started(runs)
     found = {}
     for name in QUANTITIES:
         floor = np.sum([abs(weight) * run.floor[name] for weight, run in zip(weights, runs, strict=True)], axis=0)
@@ -116,6 +117,22 @@ def _within(run: Defects) -> np.ndarray:
     bounds = run.bounds
     return np.asarray(np.all([np.linalg.norm(run.vectors[name], axis=-1).max(axis=1) <= bounds[name]
                               for name in QUANTITIES], axis=0))
+
+
+def soft_joints(runs: Sequence[Defects]) -> bool:
+    """Whether openings of runs, the finest first, fall faster than drift, as those of soft constraints do.
+
+    The forces of soft constraints are proportional to opening / h^2, which is about the same at any step. Half of the
+    output times tell: a part begins with joints as open as at the run's own step, until its springs have settled.
+    """
+    opened = [float(np.median(run.opening["position"])) for run in runs[:2]]
+    return bool(opened[1] > opened[0] * ((runs[1].claim.step or 1.0) / (runs[0].claim.step or 1.0)) ** SOFT)
+
+
+def started(runs: Sequence[Defects]) -> np.ndarray:
+    """(I,) whether an engine was started so shortly before that its errors follow no power of h."""
+    return np.asarray(np.any([(run.flow.since == 0.0) | (run.flow.since < BEGUN * (run.claim.step or 0.0))
+                              for run in runs], axis=0))
 
 
 def finest_first(runs: Sequence[Defects]) -> list[Defects]:

@@ -31,6 +31,7 @@ from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import Servo
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
 from crosscheck.scene.schema import EntryError
+from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
 
@@ -54,11 +55,15 @@ class World:
 
     @classmethod
     def drawn(cls, scene: Scene, length: float, turned: bool = True) -> World:
-        """A world for the scene. It is not turned where joints to the ground count coordinates in the ground's axes."""
+        """A world for the scene. It is not turned where joints to the ground count coordinates in the ground's axes.
+
+        Joints that close loops keep their order: which of them a tree cuts depends on it, and so do its errors.
+        """
         rng = np.random.default_rng([SEED, scene.n, len(scene.joints), round(1e6 * scene.duration)])
         Q = Rotation.random(random_state=rng).as_matrix() if turned and turnable(scene) else np.eye(3)
-        return cls(Q, length * rng.uniform(-1.0, 1.0, 3), tuple(int(k) for k in rng.permutation(scene.n)),
-                   tuple(int(k) for k in rng.permutation(len(scene.joints))))
+        shift, bodies, joints = length * rng.uniform(-1.0, 1.0, 3), rng.permutation(scene.n), len(scene.joints)
+        order = range(joints) if spanning_tree(scene)[1] else rng.permutation(joints).tolist()
+        return cls(Q, shift, tuple(bodies.tolist()), tuple(order))
 
     def scene(self, scene: Scene) -> Scene:
         """The scene in this world."""

@@ -16,7 +16,7 @@ from crosscheck.judge import tolerances
 from crosscheck.judge.accelerations import judge_accelerations
 from crosscheck.judge.claim import Claim
 from crosscheck.judge.continuity import judge_continuity, judge_orthogonality
-from crosscheck.judge.defects import MOST_BODIES, Defects, measured
+from crosscheck.judge.defects import MOST_BODIES, SHARE, Defects, measured
 from crosscheck.judge.flow import Answer
 from crosscheck.judge.intervals import Judged as Covered
 from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows, unjudged
@@ -164,7 +164,9 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     eps = tolerances.EPS if engine.eps <= tolerances.EPS or isinstance(again, str) else seen_eps(
         traj, again, {name: scale.of(name) for name in QUANTITIES}, engine.eps, SINGLE)
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, eps)
-    whole = isinstance(again, str) or again.closed or engine.prefers_axes(scene, traj.form)
+    # A part that begins with open joints is not nearer to the motion at a finer step.
+    whole = (isinstance(again, str) or again.closed or engine.prefers_axes(scene, traj.form)
+             or float(traj.constraint_position.max()) > SHARE * scale.length)
     others = asked.companions(whole)
     try:
         runs = measured(scene, traj, others, reference, claim)

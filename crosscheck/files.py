@@ -21,7 +21,7 @@ def readable(text: str) -> str:
     return _UNREADABLE.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
-def finite(value: Any) -> Any:
+def finite(value: object) -> Any:
     """The value with texts made `readable` and None for numbers that are not finite, which JSON cannot hold."""
     if isinstance(value, Mapping):
         return {finite(key): finite(each) for key, each in value.items()}
@@ -32,21 +32,21 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> Any:
     """Structs, dataclasses and NumPy scalars as `finite` JSON values, with texts as keys."""
     import msgspec
 
     return finite(msgspec.to_builtins(value, str_keys=True, enc_hook=scalar))
 
 
-def scalar(value: Any) -> Any:
+def scalar(value: object) -> Any:
     """A NumPy scalar as a Python scalar, for `msgspec`, which does not know NumPy."""
     if hasattr(value, "item"):
         return value.item()
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
 
 
-def cell(value: Any) -> Any:
+def cell(value: object) -> Any:
     """A value for a spreadsheet, which would run a text that begins like a formula; such a text gets an apostrophe."""
     return f"'{value}" if isinstance(value, str) and value[:1] in tuple("=+-@\t\r") else value
 

@@ -31,12 +31,12 @@ PERIODS, DECAYS = 2.0, 4.0
 """How long a shape is shown: periods of the slowest that swings, or time constants of the slowest of the others."""
 
 
-def write_modes(folder: Path, scene: Scene, found: Modes, path: str, over: Mapping[float, np.ndarray]) -> Path:
+def write_modes(folder: Path, scene: Scene, modes: Modes, path: str, over: Mapping[float, np.ndarray]) -> Path:
     """The page of modes; `over` has the eigenvalues by values of the number at `path`, if there is one."""
-    kept = [k for k, value in enumerate(found.eigenvalues) if value != 0 and value.imag >= 0]
-    return page_of(folder, "modes.html.j2", scene=scene, values=[_told(found.eigenvalues[k]) for k in kept],
-                 zeros=int(np.count_nonzero(found.eigenvalues == 0)), path=path, curves=_branches(path, over),
-                 drawn=_drawn(scene, found, kept) if kept else None)
+    kept = [k for k, value in enumerate(modes.eigenvalues) if value != 0 and value.imag >= 0]
+    return page_of(folder, "modes.html.j2", scene=scene, values=[_told(modes.eigenvalues[k]) for k in kept],
+                 zeros=int(np.count_nonzero(modes.eigenvalues == 0)), path=path, curves=_branches(path, over),
+                 drawn=_drawn(scene, modes, kept) if kept else None)
 
 
 def _told(value: complex) -> dict[str, Any]:
@@ -66,15 +66,15 @@ def _branches(path: str, over: Mapping[float, np.ndarray]) -> dict[str, Any] | N
     return {"traces": traces, "label": f"{path.replace('.', ' ')} ({unit(path)})" if unit(path) else path}
 
 
-def _drawn(scene: Scene, found: Modes, kept: Sequence[int]) -> dict[str, Any]:
+def _drawn(scene: Scene, modes: Modes, kept: Sequence[int]) -> dict[str, Any]:
     """Each shape in motion about the start, with its own growth, as large as can be seen, and joints closed."""
-    values = found.eigenvalues[kept]
+    values = modes.eigenvalues[kept]
     swings, rates = values.imag[values.imag > 0], np.abs(values.real[values.real != 0])
     last = PERIODS * 2 * np.pi / swings.min() if len(swings) else DECAYS / rates.min()
     t = np.linspace(0.0, float(last), PICTURES)
     actors = []
     for k, value in zip(kept, values, strict=True):
-        changes = np.real(np.exp(value * t)[:, None] * found.shapes[:, k]).reshape(PICTURES, scene.n, 6)
+        changes = np.real(np.exp(value * t)[:, None] * modes.shapes[:, k]).reshape(PICTURES, scene.n, 6)
         sizes = [float(np.linalg.norm(part, axis=2).max()) for part in np.split(changes, 2, axis=2)]
         changes *= SEEN / max(sizes[0] / reach(scene), sizes[1])
         still = np.zeros(6 * scene.n)

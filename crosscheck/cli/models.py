@@ -172,7 +172,7 @@ def modes(
 ) -> None:
     """Eigenvalues of small motions about a scene's start, an equilibrium or a steady motion."""
     asked = options.loaded(scene, drop, keyframe)
-    found, path, over_numbers = find(asked), "", {}
+    small, path, over_numbers = find(asked), "", {}
     if over is not None:
         path, _, span = over.partition("=")
         try:
@@ -181,9 +181,9 @@ def modes(
             raise ArgumentError(f"--over: {over!r} is not understood; write PATH=FROM:TO, such as speed=0:10") from None
         over_numbers = {float(value): find(altered(asked, path, float(value))).eigenvalues
                         for value in np.linspace(low, high, points)}
-    told = {f"{value:.10g}": values for value, values in over_numbers.items()} or {"": found.eigenvalues}
+    told = {f"{value:.10g}": values for value, values in over_numbers.items()} or {"": small.eigenvalues}
     if out is not None:
-        print(f"page: {write_modes(out, asked, found, path, over_numbers)}", file=sys.stderr)
+        print(f"page: {write_modes(out, asked, small, path, over_numbers)}", file=sys.stderr)
     if as_json:
         options.print_json({"scene": asked.name, "over": path, "unit": unit(path), "eigenvalues": {
             key: [[value.real, value.imag] for value in values] for key, values in told.items()}})

@@ -33,6 +33,7 @@ from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.sensors import columns, unit
+from crosscheck.scene.states import States
 from crosscheck.verification.advice import advise as advice_for
 from crosscheck.verification.advice import conserving
 from crosscheck.verification.cell import judge_run
@@ -180,7 +181,7 @@ def truth(
         say(f"{body.name}: x({shown.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")
 
 
-def write_csv(scene: Any, states: Any, target: str) -> None:
+def write_csv(scene: Scene, states: Trajectory | States, target: str) -> None:
     """Write states as CSV, one line per output time, in full precision; `target` is a path, or - for the terminal."""
     header = ["t [s]"]
     for body in scene.bodies:

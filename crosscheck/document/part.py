@@ -15,7 +15,7 @@ class Part(msgspec.Struct, frozen=True):
 P = TypeVar("P", bound=Part)
 
 
-def extended(kind: type[P], part: Part, **more: Any) -> P:
+def extended(kind: type[P], part: Part, **more: object) -> P:
     """A value of another type, with those fields of `part` that it has and with `more`."""
     shared = set(kind.__struct_fields__).intersection(part.__struct_fields__)
     return kind(**{name: getattr(part, name) for name in shared} | more)
@@ -46,7 +46,7 @@ class Way(Part, frozen=True):
 
     @classmethod
     def of(cls, engine: str, method: str, step: float | None = None, rtol: float | None = None, form: str | None = None,
-           coordinate_map: str | None = None, **options: Any) -> Self:
+           coordinate_map: str | None = None, **options: object) -> Self:
         """The way with those options that are not None."""
         return cls(engine, method, step, rtol, form, coordinate_map, tuple(
             (name, value) for name, value in options.items() if value is not None))

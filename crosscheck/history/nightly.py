@@ -182,15 +182,15 @@ def _compared(results: Document, name: str, history_store: Engine, session: Sess
     if before is None:
         return results, None
     usual = store.usual(history_store, run, SPEED)
-    found = compare(before, run, usual)
-    doubtful = {_cell_of(change) for change in found if change.kind == "speed"}
+    changes = compare(before, run, usual)
+    doubtful = {_cell_of(change) for change in changes if change.kind == "speed"}
     for attempt in range(1, CONFIRMATIONS + 1):
         if not doubtful:
             break
         results = _measured_again(results, doubtful, f"again {attempt}", session, limits)
-        found = compare(before, store.run_from_document(name, results), usual)
-        doubtful &= {_cell_of(change) for change in found if change.kind == "speed"}
-    kept = [change for change in found if change.kind != "speed" or _cell_of(change) in doubtful]
+        changes = compare(before, store.run_from_document(name, results), usual)
+        doubtful &= {_cell_of(change) for change in changes if change.kind == "speed"}
+    kept = [change for change in changes if change.kind != "speed" or _cell_of(change) in doubtful]
     return replace(results, changes=kept, meta=replace(results.meta, compared_with=before.name)), before
 
 

@@ -13,7 +13,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast
 
 from crosscheck.errors import FAILED, CrosscheckError
 from crosscheck.jobs.workers.crew import Crew, isolated
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from crosscheck.jobs.table import Session
 
 __all__ = ["Crash", "Limits", "Place", "Stages", "drive", "run_tasks"]
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 TRIES = 5
 """How often a task is tried whose process was killed from outside."""
@@ -41,7 +44,7 @@ class Place:
     def __init__(self, workers: int, executor: concurrent.futures.Executor | None = None) -> None:
         self.workers, self._crew, self._far = workers, Crew(), executor is not None
         self._pool = executor or concurrent.futures.ThreadPoolExecutor(workers)
-        self._flying: set[concurrent.futures.Future[Any]] = set()
+        self._flying: set[concurrent.futures.Future[Any]] = set()  # of tasks of several kinds
 
     def __enter__(self) -> Self:
         return self
@@ -55,14 +58,16 @@ class Place:
             self._pool.shutdown(cancel_futures=True)
         self._crew.close()
 
-    def submit(self, function: Callable[[Any], Any], task: Any, limits: Limits | None) -> Any:
+    def submit(self, function: Callable[[Task], Result], task: Task, limits: Limits | None
+               ) -> concurrent.futures.Future[Result | Crash]:
         """The future of a task's result."""
         run = isolated if self._far else self._crew.call
-        future = self._pool.submit(functools.partial(run, function, task, limits))
+        future: concurrent.futures.Future[Result | Crash] = self._pool.submit(
+            functools.partial(run, function, task, limits))
         self._flying.add(future)
         return future
 
-    def result(self, future: concurrent.futures.Future[Any]) -> Any:
+    def result(self, future: concurrent.futures.Future[Result | Crash]) -> Result | Crash:
         """The result of a future that has ended. Raises `CrosscheckError` if the scheduler was lost or failed."""
         self._flying.discard(future)
         failure = None if future.cancelled() else future.exception()
@@ -77,8 +82,8 @@ class Place:
         return Crash(f"{name}: {failure}", signal="SIGKILL" if self._far else "")
 
 
-def drive(function: Callable[[Any], Any], tasks: Iterable[Any], place: Place, limits: Limits | None = None,
-          again: bool = False) -> Iterator[tuple[int, Any, Any]]:
+def drive(function: Callable[[Task], Result], tasks: Iterable[Task], place: Place, limits: Limits | None = None,
+          again: bool = False) -> Iterator[tuple[int, Task, Result | Crash]]:
     """(position, task, result) of every task as it ends. Tasks are drawn from `tasks` as workers become free.
 
     Parameters
@@ -93,7 +98,7 @@ def drive(function: Callable[[Any], Any], tasks: Iterable[Any], place: Place, li
         The connection to the scheduler behind the place was lost.
     """
     waiting = enumerate(tasks)
-    flying: dict[Any, tuple[int, Any, int]] = {}
+    flying: dict[concurrent.futures.Future[Result | Crash], tuple[int, Task, int]] = {}
     while True:
         for index, task in itertools.islice(waiting, max(0, AHEAD * place.workers - len(flying))):
             flying[place.submit(function, task, limits)] = index, task, 1
@@ -109,22 +114,22 @@ def drive(function: Callable[[Any], Any], tasks: Iterable[Any], place: Place, li
                 yield index, task, result
 
 
-def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 2,
-              done: Callable[[int, Any], None] | None = None, limits: Limits | None = None,
-              again: bool = False, place: Place | None = None) -> list[Any]:
+def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task], jobs: int = 2,
+              done: Callable[[int, Result | Crash], None] | None = None, limits: Limits | None = None,
+              again: bool = False, place: Place | None = None) -> list[Result | Crash]:
     """Results of `function(task)` for every task, in order, from `jobs` workers. `done` is called with (index, result)
     in this thread as each task ends. `place`: workers that stay. The others are those of `drive`.
     """
     listed = list(tasks)
-    results: list[Any] = [None] * len(listed)
     if not listed:
-        return results
+        return []
+    results: dict[int, Result | Crash] = {}
     with contextlib.nullcontext(place) if place else Place(min(jobs, len(listed))) as place:
         for index, _, result in drive(function, listed, place, limits, again):
             results[index] = result
             if done is not None:
                 done(index, result)
-    return results
+    return [results[index] for index in range(len(listed))]
 
 
 Reuse = Literal["rows", "any rows", "samples"]
@@ -140,22 +145,22 @@ class Stages:
     count: Callable[[str], None]  # called as each task ends
     place: Place | None = None  # whose workers serve all stages; otherwise each stage starts its own
 
-    def run(self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], keys: Sequence[str],
+    def run(self, stage: str, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Sequence[str],
             labels: Sequence[str], limits: Limits | None = None, again: bool = False,
-            failure: Callable[[Any], str] | None = None, reuse: Reuse = "rows",
-            seen: Callable[[list[Any]], object] | None = None) -> list[Any]:
+            failure: Callable[[Result | Crash], str] | None = None, reuse: Reuse = "rows",
+            seen: Callable[[list[Result | Crash | None]], object] | None = None) -> list[Result | Crash]:
         """Results of one stage, in order. `keys` are those of the rows, `labels` name tasks in the progress bar.
 
         With `again`, a task whose process was killed from outside runs once more. `failure` returns what is wrong with
         a result, or "". If something is wrong, the label begins with `FAILED` and ends with that text. `seen` is called
         with all results as tasks end: None for those that have not.
         """
-        results = [self.kept(stage, key, reuse) for key in keys]
+        results: list[Result | Crash | None] = [self.kept(stage, key, reuse) for key in keys]
         missing = [index for index, result in enumerate(results) if result is None]
         for index in set(range(len(tasks))) - set(missing):
             self.count(labels[index])
 
-        def ended(position: int, result: Any) -> None:
+        def ended(position: int, result: Result | Crash) -> None:
             index = missing[position]
             if self.session is not None and not isinstance(result, Crash):  # which a busy machine may have caused
                 result = self.session.put(stage, keys[index], result)
@@ -166,7 +171,7 @@ class Stages:
                 seen(results)
 
         run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, again, self.place)
-        return results
+        return cast(list[Result | Crash], results)
 
     def kept(self, stage: str, key: str, reuse: Reuse = "rows") -> Any:
         """The result of a task that has not to be run, or None."""

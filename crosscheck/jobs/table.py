@@ -46,7 +46,7 @@ ROWS = sql.Table(
     sql.Column("result", sql.LargeBinary, nullable=False))  # the last: sizes are summed without reading results
 
 
-def digest(*content: Any) -> str:
+def digest(*content: object) -> str:
     """The key of a row: a digest of plain values, structs and dataclasses."""
     plain = msgspec.to_builtins(content, str_keys=True, enc_hook=scalar, order="sorted")
     return hashlib.sha256(msgspec.msgpack.encode(plain)).hexdigest()
@@ -92,12 +92,12 @@ class Table:
         fresh : rows of other sessions do not count
         """
         self._evict()
-        found = Session(self.engine, ask, command, types, fresh)
+        session = Session(self.engine, ask, command, types, fresh)
         with contextlib.ExitStack() as unfinished:
-            unfinished.callback(found.leave)
-            yield found
+            unfinished.callback(session.leave)
+            yield session
             unfinished.pop_all()
-        found.end()
+        session.end()
 
     def missing(self, stage: str, keys: Sequence[str]) -> set[str]:
         """Those of many keys that no session has a result for."""
@@ -156,7 +156,7 @@ class Session:
 
     def get(self, stage: str, key: str, ever: bool = False) -> Any:
         """The result of a task, or None if it has to be computed. `ever`: of any session, even if this one is fresh."""
-        return self._found(stage, key, self._id if self.fresh and not ever else None)
+        return self._newest(stage, key, self._id if self.fresh and not ever else None)
 
     def missing(self, stage: str, keys: Sequence[str], samples: bool = False) -> set[str]:
         """Those of many keys whose results have to be computed.
@@ -183,21 +183,21 @@ class Session:
         if samples:
             wanted = wanted.where(ROWS.c.session == self._measured)
         with self._engine.connect() as connection:
-            found = {row.key: self._typed(stage, row.result) for some in _chunks(keys)
+            results = {row.key: self._typed(stage, row.result) for some in _chunks(keys)
                      for row in connection.execute(wanted.where(ROWS.c.key.in_(some)))}
-        return {key: result for key, result in found.items() if result is not None}
+        return {key: result for key, result in results.items() if result is not None}
 
     def sample(self, stage: str, key: str) -> Any:
         """What this session measured before it was killed.
 
         If it has computed nothing, it asks for what was there already, and gets what was measured then.
         """
-        found = self._found(stage, key, self._id)
-        if found is None and not self.written and not self.fresh:
-            found = self._found(stage, key, None, before=True)
-        return found
+        measured = self._newest(stage, key, self._id)
+        if measured is None and not self.written and not self.fresh:
+            measured = self._newest(stage, key, None, before=True)
+        return measured
 
-    def _found(self, stage: str, key: str, session: int | None, before: bool = False) -> Any:
+    def _newest(self, stage: str, key: str, session: int | None, before: bool = False) -> Any:
         wanted = sql.select(ROWS).where(ROWS.c.key == key, ROWS.c.stage == stage)
         if session is not None:
             wanted = wanted.where(ROWS.c.session == session)
@@ -212,7 +212,7 @@ class Session:
             self.since = min(self.since or row.written, row.written)
         return result
 
-    def put(self, stage: str, key: str, result: Any) -> Any:
+    def put(self, stage: str, key: str, result: object) -> Any:
         """Write a result and return it as `get` returns it, so that a continued command sees the same values."""
         return self._typed(stage, self.put_all(stage, {key: result})[0])
 

@@ -81,9 +81,9 @@ def write_parquet(document: Document, path: Path) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    found = {title: pyarrow.array([value(record) for record in document.records]) for title, value in columns(document)}
+    arrays = {title: pyarrow.array(list(map(value, document.records))) for title, value in columns(document)}
     # A column without any value is one of numbers.
-    typed = {title: each.cast("float64") if each.null_count == len(each) else each for title, each in found.items()}
+    typed = {title: each.cast("float64") if each.null_count == len(each) else each for title, each in arrays.items()}
     with replacing(path) as aside:
         parquet.write_table(pyarrow.table(typed), aside)
 
@@ -200,11 +200,11 @@ def read_curves(text: str) -> SceneScript:
     return msgspec.json.decode(text.removeprefix(CURVES).rstrip().removesuffix(";"), type=SceneScript)
 
 
-def _compact(value: Any) -> str:
+def _compact(value: object) -> str:
     return json.dumps(_short(value), separators=(",", ":"), allow_nan=False)
 
 
-def _short(value: Any) -> Any:
+def _short(value: object) -> Any:
     if isinstance(value, dict):
         return {key: _short(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

@@ -134,7 +134,7 @@ def _markdown() -> Any:
                                  if isinstance(value, str) else value)
 
 
-def _render(template: str, document: Document, here: str, **more: Any) -> str:
+def _render(template: str, document: Document, here: str, **more: object) -> str:
     made = _markdown() if template.endswith(".md.j2") else environment()
     return str(made.get_template(template).render(
         document=document, meta=document.meta, scenes=document.scenes, engines=document.meta.engines,

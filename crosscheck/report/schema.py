@@ -24,7 +24,7 @@ def plain(document: Document) -> dict[str, Any]:
     return dict(values)
 
 
-def from_plain(values: Any) -> Document:
+def from_plain(values: object) -> Document:
     """The document from values that `plain` of this or an earlier release made.
 
     Raises `msgspec.ValidationError`, which says what is wrong.

@@ -90,7 +90,7 @@ def overridden(scene: Scene, options: Mapping[str, Any]) -> Scene:
     return scene if unchanged else dataclasses.replace(scene, samples=samples, duration=duration)
 
 
-def _positive(name: str, value: Any) -> float | None:
+def _positive(name: str, value: object) -> float | None:
     if value is None:
         return None
     number = _number(name, value, lowest=0.0)
@@ -99,14 +99,14 @@ def _positive(name: str, value: Any) -> float | None:
     return number
 
 
-def _number(name: str, value: Any, lowest: float) -> float:
+def _number(name: str, value: object, lowest: float) -> float:
     number = real(_scalar(value))
     if not math.isfinite(number) or number < lowest:
         raise ArgumentError(f"{name}: a finite number not below {lowest:g} is wanted, not {_brief(value)}")
     return number
 
 
-def real(value: Any) -> float:
+def real(value: object) -> float:
     """`value` as a double: NaN if it is no number, infinite if it is too large.
 
     A NumPy number with fewer bits is read by its printed decimals. `np.float32(0.01)` is meant as 0.01: its exact value
@@ -120,12 +120,12 @@ def real(value: Any) -> float:
         return math.inf
 
 
-def _scalar(value: Any) -> Any:
+def _scalar(value: object) -> Any:
     """The scalar inside an array without axes. Any other value is returned unchanged."""
     return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
 
 
-def _brief(value: Any) -> str:
+def _brief(value: object) -> str:
     """A wrong value as one short line for an error message."""
     try:
         text = repr(value)
@@ -141,7 +141,7 @@ def check_length(scene: Scene, spec: RunSpec) -> None:
                             f"than {MOST_STEPS:g} steps; give a larger step or a shorter duration")
 
 
-def best_method(adapter: Any, scene: Scene) -> str:
+def best_method(adapter: Engine, scene: Scene) -> str:
     """The method with the highest documented order among those that can run this scene; the last of equal ones.
 
     Raises `Unsupported` where the engine cannot run the scene with any method.

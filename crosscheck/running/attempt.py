@@ -11,7 +11,7 @@ import functools
 import math
 import numbers
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import cast
 
 import msgspec
 import numpy as np
@@ -105,7 +105,7 @@ class Failed:
 Outcome = Ran | Refused | Failed
 
 
-def attempt(scene: Scene, way: Way, engine: Engine | None = None, derived: bool = True, **more: Any) -> Outcome:
+def attempt(scene: Scene, way: Way, engine: Engine | None = None, derived: bool = True, **more: object) -> Outcome:
     """The outcome of a way on a scene. Raises no `Exception`.
 
     Parameters
@@ -181,7 +181,7 @@ def _checked(who: str, scene: Scene, raw: RawRun) -> RawRun:
                   None if raw.form is None else brief(raw.form, WORD), events=events)
 
 
-def _number(who: str, what: str, value: Any, least: float, most: float) -> float:
+def _number(who: str, what: str, value: object, least: float, most: float) -> float:
     """`value` as a double within the limits."""
     number = arguments.real(value)
     if not least <= number <= most or (what == "step" and math.isinf(number)):
@@ -190,7 +190,7 @@ def _number(who: str, what: str, value: Any, least: float, most: float) -> float
     return number
 
 
-def _brief(value: Any) -> str:
+def _brief(value: object) -> str:
     """A wrong value in an error message; the name of its type if it is no number or text."""
     if isinstance(value, str):
         return repr(value[:60])
@@ -198,7 +198,7 @@ def _brief(value: Any) -> str:
     return str(value) if short else type(value).__name__
 
 
-def _checked_sensors(who: str, scene: Scene, given: Any) -> dict[str, np.ndarray]:
+def _checked_sensors(who: str, scene: Scene, given: object) -> dict[str, np.ndarray]:
     """The readings that an engine made itself, as doubles of the shape that each sensor has."""
     known = {sensor.name: sensor for sensor in scene.sensors}
     checked = {}

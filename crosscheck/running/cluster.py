@@ -8,13 +8,14 @@ import dataclasses
 import functools
 import importlib
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from crosscheck import adapters
 from crosscheck.errors import ArgumentError, CrosscheckError, foreign, install, named
 from crosscheck.running import versions
 
 T = TypeVar("T")
+Task = TypeVar("Task")
 
 CONNECT = 10.0
 """Time to wait for a scheduler to answer, s."""
@@ -70,7 +71,7 @@ def connect(scheduler: str, engines: tuple[str, ...]) -> Cluster:
     return Cluster(client.get_executor(pure=False), workers, functools.partial(client.close, timeout=5))
 
 
-def carrying(sources: Mapping[str, Mapping[str, bytes]], function: Callable[[Any], T], task: Any) -> T:
+def carrying(sources: Mapping[str, Mapping[str, bytes]], function: Callable[[Task], T], task: Task) -> T:
     """`function(task)` on a machine to which the user's own engines come, as from `adapters.sources`."""
     adapters.carry(sources)
     return function(task)

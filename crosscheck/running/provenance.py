@@ -40,7 +40,7 @@ def describe(engine_names: Iterable[str]) -> dict[str, Any]:
     }
 
 
-def code_digest(engine_names: Iterable[str], more: Any) -> str:
+def code_digest(engine_names: Iterable[str], more: object) -> str:
     """Digest of all that results depend on: versions, machine, the code of this project with its kernel, and `more`.
 
     `more` must be a value that can be written as JSON. Results of one study must all have the same digest.
@@ -48,9 +48,9 @@ def code_digest(engine_names: Iterable[str], more: Any) -> str:
     names = tuple(engine_names)
     versions = {key: value for key, value in describe(names).items()
                 if key in ("engines", "packages", "python", "machine")}
-    found = hashlib.sha256(json.dumps([more, versions], sort_keys=True).encode())
-    found.update(digest((".",)))
-    return found.hexdigest()
+    state = hashlib.sha256(json.dumps([more, versions], sort_keys=True).encode())
+    state.update(digest((".",)))
+    return state.hexdigest()
 
 
 def _commit(folder: Path) -> str | None:

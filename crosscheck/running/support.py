@@ -53,12 +53,12 @@ class Support:
 
 def matrix(names: Iterable[str] | None = None) -> tuple[Support, ...]:
     """One entry per engine, form and minimal scene. Raises `ArgumentError` for an unknown engine."""
-    found = []
+    entries = []
     for name in adapters.names() if names is None else names:
         adapter = adapters.get(name)
         for form in adapter.forms or (None,):
-            found += [_support(adapter, form, minimal) for minimal in minimal_scenes()]
-    return tuple(found)
+            entries += [_support(adapter, form, minimal) for minimal in minimal_scenes()]
+    return tuple(entries)
 
 
 def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None = None) -> list[Support]:
@@ -72,8 +72,8 @@ def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None
     told = dict(zip(risky, run_tasks(_of_scene, risky, 1, limits=within), strict=True))
     entries: list[Support] = []
     for scene, name in tasks:
-        found = told[scene, name] if (scene, name) in told else _of_scene((scene, name))
-        entries += [Support(name, None, "scene", scene, (), found.message)] if isinstance(found, Crash) else found
+        answer = told[scene, name] if (scene, name) in told else _of_scene((scene, name))
+        entries += [Support(name, None, "scene", scene, (), answer.message)] if isinstance(answer, Crash) else answer
     return entries
 
 
@@ -103,19 +103,19 @@ def minimal_scenes() -> tuple[Minimal, ...]:
 
     All bodies move, have full inertia matrices and turned attitudes, and are under gravity.
     """
-    found = [Minimal("joint to the ground", kind, _closed([_joint(kind, GROUND, 0, "joint")])) for kind in JOINTS]
-    found += [Minimal("joint between bodies", kind, _closed([_joint("spherical", GROUND, 0, "base"),
+    scenes = [Minimal("joint to the ground", kind, _closed([_joint(kind, GROUND, 0, "joint")])) for kind in JOINTS]
+    scenes += [Minimal("joint between bodies", kind, _closed([_joint("spherical", GROUND, 0, "base"),
                                                              _joint(kind, 0, 1, "joint")]))
               for kind in JOINTS if not JOINT_TYPES[kind].slips]
-    found += [Minimal("force", kind, _closed(
+    scenes += [Minimal("force", kind, _closed(
         [_joint(NEEDS.get(kind, "spherical"), GROUND, 0, "joint")], [_force(kind)])) for kind in FORCES]
-    found += [Minimal("force", f"{kind} between bodies", _closed(
+    scenes += [Minimal("force", f"{kind} between bodies", _closed(
         [_joint("spherical", GROUND, 0, "base"), _joint(NEEDS.get(kind, "revolute"), 0, 1, "joint")],
         [_force(kind, 0, 1)])) for kind in ("linear_spring", *NEEDS)]
     triangle = [_joint("spherical", GROUND, 0, "first"), _joint("spherical", 0, 1, "second"),
                 dataclasses.replace(_joint("spherical", GROUND, 1, "third"), parent_anchor=np.array([0.6, 0.1, 0.1]),
                                     child_anchor=np.array([-0.3, 0.2, 0.4]))]
-    return (*found, Minimal("system", "free bodies", _closed([], count=2)),
+    return (*scenes, Minimal("system", "free bodies", _closed([], count=2)),
             Minimal("system", "loop of spherical joints", _closed(triangle)),
             Minimal("system", "loop with redundant rows",
                     load_scene("four_bar").replace(name="minimal", duration=DURATION, samples=2)))

@@ -20,9 +20,9 @@ ROOMS = ("scene", "references", "adapters", "running", "judge")
 
 def of(engines: Iterable[str]) -> dict[str, str]:
     """Versions by name. "code" is a digest of this project's code and kernel."""
-    found = {name: engine_version(name) for name in sorted(set(engines))}
-    found |= {name: of_package(name) for name in LIBRARIES}
-    return found | {"python": platform.python_version(), "code": digest(ROOMS).hex()[:12]}
+    installed = {name: engine_version(name) for name in sorted(set(engines))}
+    installed |= {name: of_package(name) for name in LIBRARIES}
+    return installed | {"python": platform.python_version(), "code": digest(ROOMS).hex()[:12]}
 
 
 def engine_version(name: str) -> str:
@@ -59,18 +59,18 @@ def digest(folders: tuple[str, ...]) -> bytes:
     package, read = Path(__file__).parents[1], hashlib.sha256()
     sources = [path for folder in folders for path in sorted((package / folder).rglob("*.py"))]
     for name in ("lieeuler", "lieeuler._kernel"):
-        found = importlib.util.find_spec(name)
-        if found is not None and found.origin:
-            origin = Path(found.origin)
+        module = importlib.util.find_spec(name)
+        if module is not None and module.origin:
+            origin = Path(module.origin)
             sources += sorted(origin.parent.glob("*.py")) if name == "lieeuler" else [origin]
     for source in sources:
         read.update(source.read_bytes())
     return read.digest()
 
 
-def refuse_others(planned: dict[str, str], found: dict[str, str], where: str) -> None:
+def refuse_others(planned: dict[str, str], there: dict[str, str], where: str) -> None:
     """Raise `CrosscheckError` with a list of the differences if any version differs."""
-    differ = [f"{name} {found.get(name, 'missing')} instead of {version}" for name, version in planned.items()
-              if found.get(name) != version]
+    differ = [f"{name} {there.get(name, 'missing')} instead of {version}" for name, version in planned.items()
+              if there.get(name) != version]
     if differ:
         raise CrosscheckError(f"{where} has other versions: {', '.join(differ)}; install the same ones there")

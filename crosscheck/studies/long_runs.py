@@ -50,7 +50,7 @@ def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[GradedWay]
     return list(first.values())
 
 
-def begun(kind: type[Row], scene: Scene, way: GradedWay, step: float, **more: Any) -> Row:
+def begun(kind: type[Row], scene: Scene, way: GradedWay, step: float, **more: object) -> Row:
     """The row of a run over the whole scene, before the run is made."""
     return extended(kind, way, scene=scene.name, label=way.label, duration=scene.duration, **more | {"step": step})
 

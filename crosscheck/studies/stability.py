@@ -329,8 +329,8 @@ class Stability:
         lost = run_tasks(prepare, one_each, ask.jobs, lambda place, _: work.progress(
             place + 1, len(one_each), f"truth of {one_each[place].scene}"), Limits(TRUTH_LIMIT, MEMORY))
         for task, crash in zip(one_each, lost, strict=True):
-            for index in left if crash is not None else ():
-                if tasks[index].scene == task.scene:
+            for index in left:
+                if crash is not None and tasks[index].scene == task.scene:
                     ended(index, crash)
         left = [index for index in left if index not in rows]
         run_tasks(search, [tasks[index] for index in left], ask.jobs, lambda place, row: ended(left[place], row),

@@ -76,7 +76,7 @@ def write_folder(out: Path, document: StudyDocument, rows: Sequence[object]) -> 
     write_page(out, f"{study}.html.j2", document=content, meta=content["meta"])
 
 
-Progress = Callable[[int, int | None, str], Any]
+Progress = Callable[[int, int | None, str], object]
 """Called with the number of finished pieces of work, the number of all or None, and the name of the current one."""
 
 STAGE = "study"
@@ -134,11 +134,11 @@ class Work(Generic[Asked, Result]):
     keep: Callable[[list[Result]], None]
     session: Session
 
-    def key(self, scene: Scene, engine: str | None, task: Any) -> str:
+    def key(self, scene: Scene, engine: str | None, task: object) -> str:
         """The key of a row: of one engine, or of all of the study."""
         return digest(provenance.code_digest((engine,) if engine else self.engines, []), scene.hash, task)
 
-    def once(self, scene: Scene, engine: str | None, task: Any, compute: Callable[[], Result]) -> Result:
+    def once(self, scene: Scene, engine: str | None, task: object, compute: Callable[[], Result]) -> Result:
         """The row of a piece of work, from the table if an earlier process of this study has put it there."""
         key = self.key(scene, engine, task)
         kept: Result | None = self.session.get(STAGE, key)

@@ -27,7 +27,9 @@ from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference, TruthError
 from crosscheck.references.taylor import Taylor
 from crosscheck.running.attempt import Ran, attempt
+from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 from crosscheck.studies.study import Ask, Progress, StudyDocument, StudyMeta, Work
 from crosscheck.verification.ladder import INTERVALS, GradedWay, ladder, reference, thinned, ways
 from crosscheck.verification.speed import spread, undisturbed
@@ -146,7 +148,7 @@ def curves(rungs: Sequence[Rung], error: str = "end_position", cost: str = "wall
             for label, own in grouped(drawn, lambda rung: rung.label).items()]
 
 
-def with_errors(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> Rung:
+def with_errors(rung: Rung, scene: Scene, run: States | Trajectory, truth: Reference, intervals: int) -> Rung:
     """The rung with the errors of its run at `intervals` + 1 equally spaced times. Truth may have more samples."""
     of = errors(scene, run, thinned(truth.states, intervals))
     return replace(rung, samples=intervals + 1, end_position=of["position"].end, max_position=of["position"].max,

@@ -9,7 +9,7 @@ import json
 import math
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
@@ -23,6 +23,9 @@ from crosscheck.running import versions
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    from crosscheck.references.members import Members
 
 ERRORS = {"position": "position_error", "attitude": "attitude_error", "velocity": "velocity_error",
           "angular velocity": "angular_velocity_error"}
@@ -151,7 +154,7 @@ def run(task: Task) -> Done:
 _own_versions = functools.lru_cache(maxsize=4)(versions.of)
 
 
-def _compiled(scene: Scene) -> Any:
+def _compiled(scene: Scene) -> Members:
     from crosscheck.references.members import Members
 
     if scene.hash not in _kept:
@@ -161,7 +164,7 @@ def _compiled(scene: Scene) -> Any:
     return _kept[scene.hash]
 
 
-_kept: dict[str, Any] = {}  # by the hash of a structure
+_kept: dict[str, Members] = {}  # by the hash of a structure
 
 
 def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
@@ -187,11 +190,11 @@ def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: 
     if not isinstance(outcome, Ran):
         return replace(row, status=outcome.status, message=outcome.why)
     raw = outcome.raw
-    found = {key: value for key, value in (raw.maxima or {}).items() if key in LEVELS}
+    values = {key: value for key, value in (raw.maxima or {}).items() if key in LEVELS}
     if exact is not None:
-        found |= {ERRORS[name]: error.max for name, error in errors(member.scene, raw.states, exact).items()}
+        values |= {ERRORS[name]: error.max for name, error in errors(member.scene, raw.states, exact).items()}
     return replace(row, status=raw.status, form=raw.form, steps=raw.steps,
-                   wall_time=raw.wall_time if timing else math.nan, **found)
+                   wall_time=raw.wall_time if timing else math.nan, **values)
 
 
 def empty_rows(member: Member, task: Task) -> list[Row]:

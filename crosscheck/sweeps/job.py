@@ -55,7 +55,7 @@ CHECKED = 0.02
 PER_TASK = 0.05
 """Time (s) for truth and overhead that an estimate adds for every task."""
 
-Progress = Callable[[int, int | None, str], Any]
+Progress = Callable[[int, int | None, str], object]
 
 
 def sweep(source: Mapping[str, Any] | str | os.PathLike[str], workers: int = 2, scheduler: str | None = None,
@@ -353,7 +353,7 @@ class _Sweep:
                 yield number, cells.Member(scene, structure, start.origin.name, index, tuple(start.parameters.items()),
                                            self.asked.ways, index in checked)
 
-    def rows(self, task: cells.Task, result: Any) -> list[cells.Row]:
+    def rows(self, task: cells.Task, result: cells.Done | Crash) -> list[cells.Row]:
         """The rows that a task gave. There are none if it crashed its worker and its runs are to be tried `alone`."""
         if isinstance(result, Crash):
             if isinstance(result.error, CrosscheckError):

@@ -154,7 +154,7 @@ def _origin(scene: Any, folder: Path, changes: dict[str, float]) -> Origin:
     return Origin(str(scene), str(path), data, built)
 
 
-def _ways(engines: Any, steps: Sequence[float], rtols: Sequence[float]) -> tuple[Way, ...]:
+def _ways(engines: object, steps: Sequence[float], rtols: Sequence[float]) -> tuple[Way, ...]:
     if not isinstance(engines, Mapping) or not engines:
         raise ArgumentError('engines: a table of engines with lists of methods is wanted, lieeuler = ["rattle2"] say')
     ways = []
@@ -173,7 +173,7 @@ def _ways(engines: Any, steps: Sequence[float], rtols: Sequence[float]) -> tuple
     return tuple(ways)
 
 
-def _method(engine: str, adapter: Engine, entry: Any) -> tuple[str, dict[str, Any]]:
+def _method(engine: str, adapter: Engine, entry: object) -> tuple[str, dict[str, Any]]:
     table = {"method": entry} if isinstance(entry, str) else entry
     if not isinstance(table, Mapping) or "method" not in table:
         raise ArgumentError(f'engines.{engine}: "METHOD" or {{ method = "METHOD", form = .. }} is wanted, not '
@@ -186,7 +186,7 @@ def _method(engine: str, adapter: Engine, entry: Any) -> tuple[str, dict[str, An
     return table["method"], {key: value for key, value in table.items() if key != "method"}
 
 
-def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple[Value, ...]], ...]:
+def _parameters(given: object, origins: Sequence[Origin]) -> tuple[tuple[str, tuple[Value, ...]], ...]:
     if not isinstance(given, Mapping):
         raise ArgumentError('parameters: a table of paths is wanted, such as "bodies.upper.mass" = [0.9, 1.1]')
     parameters = []
@@ -203,7 +203,7 @@ def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple
     return tuple(parameters)
 
 
-def _perturbation(given: Any, origins: Sequence[Origin], taken: Sequence[str]) -> Perturbation | None:
+def _perturbation(given: object, origins: Sequence[Origin], taken: Sequence[str]) -> Perturbation | None:
     if given is None:
         return None
     if not isinstance(given, Mapping):
@@ -231,19 +231,19 @@ def _perturbation(given: Any, origins: Sequence[Origin], taken: Sequence[str]) -
                         _whole("perturb.seed", given.get("seed", 0), 0), sampling)
 
 
-def _several(name: str, given: Any, what: str, empty: bool = False) -> list[Any]:
+def _several(name: str, given: object, what: str, empty: bool = False) -> list[Any]:
     if not isinstance(given, list | tuple | np.ndarray) or (len(given) == 0 and not empty):
         raise ArgumentError(f"{name}: a list of {what} is wanted, not {given!r}")
     return list(given)
 
 
-def _positive(name: str, value: Any) -> float:
+def _positive(name: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0 < value < np.inf:
         raise ArgumentError(f"{name}: positive numbers are wanted, not {value!r}")
     return float(value)
 
 
-def _whole(name: str, value: Any, lowest: int) -> int:
+def _whole(name: str, value: object, lowest: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < lowest:
         raise ArgumentError(f"{name}: a whole number of at least {lowest} is wanted, not {value!r}")
     return int(value)
@@ -280,7 +280,7 @@ def with_numbers(data: Content, changes: Mapping[str, object], scene: str) -> Co
     return data
 
 
-def _walk(data: Any, path: str, scene: str) -> Any:
+def _walk(data: object, path: str, scene: str) -> Any:
     walked: list[str] = []
     for word in path.split("."):
         if isinstance(data, dict):
@@ -312,7 +312,7 @@ def _index(entries: list[Any], word: str) -> int | None:
     return int(word) if word.isdecimal() and int(word) < len(entries) else None
 
 
-def _numeric(value: Any) -> bool:
+def _numeric(value: object) -> bool:
     if isinstance(value, list):
         return bool(value) and all(map(_numeric, value))
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -357,7 +357,7 @@ def breaks_at(walk: Walk, best: Step) -> float | None:
     return (broken[-1].step or broken[-1].rtol) if broken else None
 
 
-def of_walks(scenes: Sequence[str], walks: Sequence[Walk | str | None]) -> list[Advice]:
+def of_walks(scenes: Sequence[str], walks: Sequence[object]) -> list[Advice]:
     """The advice for all `LEVELS` from the walks on scenes (names or paths) that could be made."""
     return [choose(walk, level, name) for name, walk in zip(scenes, walks, strict=True) if isinstance(walk, Walk)
             for level in LEVELS]

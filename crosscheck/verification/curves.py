@@ -25,6 +25,7 @@ from crosscheck.document.curves import (
 )
 from crosscheck.judge.metrics import Error
 from crosscheck.references.base import Reference
+from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.functions import TimeFunction
@@ -76,7 +77,7 @@ def scene_curves(scene: Scene, reference: Reference | None) -> SceneCurves:
                     drawing=drawing(scene, reference))
 
 
-def run_curves(scene: Scene, traj: Any, errors: Mapping[str, Error], reference: Reference | None) -> RunCurves:
+def run_curves(scene: Scene, traj: Trajectory, errors: Mapping[str, Error], reference: Reference | None) -> RunCurves:
     """Curves of one run at the scene's output times. Long curves of errors are thinned, see `MANY`."""
     exact = traj if reference is None else reference.states
     true = None if reference is None else _true_motion(scene, reference)

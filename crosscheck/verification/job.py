@@ -9,7 +9,6 @@ import shlex
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
 from msgspec.structs import replace
@@ -125,7 +124,7 @@ def check_methods(names: Sequence[str] | None, engines: Sequence[str]) -> None:
             raise ArgumentError(unknown("method", name, known))
 
 
-def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, *more: Any) -> str:
+def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, *more: object) -> str:
     """Digest of all that results depend on: scenes, versions, the code with its kernel, and `more` (JSON values)."""
     names = select_scenes(scenes, profile_called(profile).every_scene)
     return provenance.code_digest(select_engines(engines), [
@@ -179,7 +178,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         if progress:
             progress(total - left, total, label)
 
-    def meta(**more: Any) -> Meta:
+    def meta(**more: object) -> Meta:
         return msgspec.convert(provenance.describe(engine_names) | {
             "profile": profile, "jobs": jobs, "asked": asked,
             "command": command("verify", profile, scenes, engines, methods, [
@@ -329,7 +328,7 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
                    reverse=True)
     chosen = [cells[index] for index in ready]
 
-    def recorded(results: list[Any]) -> list[Record]:
+    def recorded(results: Sequence[Record | Crash | None]) -> list[Record]:
         by_index = dict(zip(ready, results, strict=True))
         judged = []
         for index, cell in enumerate(cells):
@@ -344,11 +343,12 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
         return [replace(each, label=label, default_form=cell.default_form) for (cell, each), label in zip(
             judged, labels([each for _, each in judged]), strict=True)]
 
-    return recorded(stages.run(
+    results = stages.run(
         "cell", functools.partial(carried.call, guarded_cell), chosen,
         [keys("cell", cell.scene, cell.way.engine, cell) for cell in chosen],
         [f"{Path(cell.scene).name}: {cell.label}" for cell in chosen], within, failure=_failure,
-        seen=lambda results: shown(functools.partial(recorded, results))))
+        seen=lambda results: shown(functools.partial(recorded, results)))
+    return recorded(results)
 
 
 def labels(runs: Sequence[Record]) -> list[str]:

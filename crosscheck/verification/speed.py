@@ -12,7 +12,7 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from msgspec.structs import replace
 
@@ -36,6 +36,10 @@ CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (num
 """The calibration kernel: compiled loops over small matrices, as in a multibody step, without any engine's code. The
 few matrices stay in the innermost cache, as the data of a step does. With 800 matrices at once, the ratio of a method
 varied twice as much between processes on a loaded machine."""
+
+Pair = tuple[float, float]
+"""Time per step (s) of a run, and that of the calibration kernel."""
+Made = TypeVar("Made")
 
 REPEATS = 3
 """Number of turns of each run in one round."""
@@ -80,12 +84,12 @@ class Round:
     repeats: int = REPEATS
 
 
-def time_round(task: Round) -> list[list[tuple[float, float]]]:
+def time_round(task: Round) -> list[list[Pair]]:
     """For each burst, pairs (s per step, s of the calibration kernel). The list is empty for a run that fails."""
     scene = load_scene(task.scene)
     kernel = calibration_kernel()
     kernel()
-    samples: list[list[tuple[float, float]]] = [[] for _ in task.bursts]
+    samples: list[list[Pair]] = [[] for _ in task.bursts]
     done: set[int] = set()
     for turn in range(task.repeats + 1):
         before = kernel()
@@ -105,7 +109,7 @@ def time_round(task: Round) -> list[list[tuple[float, float]]]:
     return samples
 
 
-def _seconds_per_step(scene: Any, burst: Burst, warming: bool) -> float | None:
+def _seconds_per_step(scene: Scene, burst: Burst, warming: bool) -> float | None:
     """Seconds per step of an undisturbed run, or with `warming` of any run; None if the run fails."""
     wanted = burst.duration if burst.way.step is None else burst.way.step * max(FEWEST, STEPS // scene.n)
     brief = scene.replace(duration=min(scene.duration, wanted or scene.duration), samples=2)
@@ -131,8 +135,8 @@ def undisturbed(once: Callable[[], float], most: int = PATIENCE, long: float = L
 
     Ends after TRIES undisturbed tries, after `most` tries in all, or after an undisturbed one when `long` (s) is over.
     """
-    clean: list[tuple[float, float]] = []
-    others: list[tuple[float, float]] = []
+    clean: list[Pair] = []
+    others: list[Pair] = []
     began = time.perf_counter()
     while len(clean) < TRIES and len(clean) + len(others) < most:
         if clean and time.perf_counter() - began > long:
@@ -163,7 +167,7 @@ def calibration_kernel() -> Callable[[], float]:
     return lambda: undisturbed(once)[0]
 
 
-def summarise(samples: list[tuple[float, float]]) -> Speed | None:
+def summarise(samples: list[Pair]) -> Speed | None:
     """Medians and deviations of the pairs of all rounds; None if there are no pairs."""
     if not samples:
         return None
@@ -195,7 +199,7 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
     chosen = grouped((index for index, record in enumerate(records) if record.us_per_step is not None),
                      lambda index: records[index].scene)
     tasks = [Round(scene, tuple(Burst.of(records[index]) for index in own)) for scene, own in chosen.items()]
-    samples: list[list[tuple[float, float]]] = [[] for _ in records]
+    samples: list[list[Pair]] = [[] for _ in records]
     for turn in range(1, rounds + 1):
         for own, made in zip(chosen.values(), _round(stages, tasks, f"{name} {turn}", within), strict=True):
             for index, pairs in zip(own, made, strict=True):
@@ -206,17 +210,17 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
     return [_filled_in(record, summarise(pairs)) for record, pairs in zip(records, samples, strict=True)], calibration
 
 
-def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None) -> list[list[Any]]:
+def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None) -> list[list[list[Pair]]]:
     """The pairs of each burst of each task. Runs that crash their process have none."""
     whole = None if within is None or within.time is None else dataclasses.replace(
         within, time=within.time * max((len(task.bursts) for task in tasks), default=1))
 
-    def measured(tasks: list[Round], which: str) -> list[Any]:
+    def measured(tasks: list[Round], which: str) -> list[list[list[Pair]] | Crash]:
         return stages.run("speed", time_round, tasks, [digest("speed", name, task) for task in tasks],
                           [f"speed of {task.scene}, {which}" for task in tasks], whole, reuse="samples")
 
-    def without(task: Round, first: Any) -> list[Any]:
-        def again(left: list[int]) -> Any:
+    def without(task: Round, first: list[list[Pair]] | Crash) -> list[list[Pair]]:
+        def again(left: list[int]) -> list[list[Pair]] | Crash:
             part = dataclasses.replace(task, bursts=tuple(task.bursts[index] for index in left))
             return measured([part], f"{name}, again")[0]
 
@@ -225,8 +229,8 @@ def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None)
     return [without(task, first) for task, first in zip(tasks, measured(tasks, name), strict=True)]
 
 
-def without_culprits(run: Callable[[list[int]], Any], count: int, first: Any = None
-                     ) -> tuple[list[list[Any]], dict[int, str]]:
+def without_culprits(run: Callable[[list[int]], list[list[Made]] | Crash], count: int,
+                     first: list[list[Made]] | Crash | None = None) -> tuple[list[list[Made]], dict[int, str]]:
     """What pieces of work give that one process does in turns, and of some the reason why they give nothing.
 
     `run` does those with the given numbers. If one of them crashes the process or exceeds the limits, all others are
@@ -317,7 +321,7 @@ def guarded_timing(task: Timing, within: Limits | None = None) -> tuple[list[lis
     """
     each = within or Limits()
 
-    def run(left: list[int]) -> Any:
+    def run(left: list[int]) -> list[list[Point]] | Crash:
         whole = Limits(None if each.time is None else each.time * len(left), each.memory)
         part = dataclasses.replace(task, runs=tuple(task.runs[index] for index in left))
         return run_tasks(time_cells, [part], 1, limits=whole)[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
@@ -18,6 +18,7 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import Content
 
 T = TypeVar("T")
+Task = TypeVar("Task")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Carried:
         return cls({name: read_scene(name)[1] for name in scenes if name not in scene_names()},
                    adapters.sources(engines))
 
-    def call(self, function: Callable[[Any], T], task: Any) -> T:
+    def call(self, function: Callable[[Task], T], task: Task) -> T:
         """`function(task)` with these scenes and engines. Their files need not be on this machine."""
         carry(self.scenes)
         return cluster.carrying(self.engines, function, task)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import statistics
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from crosscheck.document import Document
 from crosscheck.errors import ArgumentError, unknown
@@ -193,7 +193,7 @@ def load(store: Engine, name: str) -> StoredRun:
         return dataclasses.replace(_heading(connection, row), results=results)
 
 
-def _heading(connection: Connection, row: Row[Any]) -> StoredRun:
+def _heading(connection: Connection, row: Row[tuple[object, ...]]) -> StoredRun:
     import sqlalchemy
 
     t = tables()

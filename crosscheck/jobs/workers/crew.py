@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 from crosscheck.jobs.workers.process import Crash, Limits, Worker
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 
 class Crew:
@@ -18,7 +21,7 @@ class Crew:
         self._all: set[Worker] = set()
         self._ending = False
 
-    def call(self, function: Callable[[Any], Any], task: Any, limits: Limits | None = None) -> Any:
+    def call(self, function: Callable[[Task], Result], task: Task, limits: Limits | None = None) -> Result | Crash:
         """The result of `function(task)` in a worker, or a `Crash`. May be called from any thread."""
         with self._lock:
             if self._ending:
@@ -63,7 +66,7 @@ class Crew:
 _crew: Crew | None = None
 
 
-def isolated(function: Callable[[Any], Any], task: Any, limits: Limits | None = None) -> Any:
+def isolated(function: Callable[[Task], Result], task: Task, limits: Limits | None = None) -> Result | Crash:
     """The result of `function(task)` in a worker process of this machine. Executors on other machines call this."""
     global _crew
     if _crew is None:

@@ -115,7 +115,7 @@ def unpacked(content: bytes) -> Answer:
         raise BrokenFrame(str(error)) from None
 
 
-def encode(result: Any) -> bytes:
+def encode(result: object) -> bytes:
     """A result as plain data: dataclasses, structs, containers, numbers, texts, and arrays of numbers.
 
     Raises `TypeError` for anything else.
@@ -123,7 +123,7 @@ def encode(result: Any) -> bytes:
     return msgspec.msgpack.encode(result, enc_hook=_plain)
 
 
-def decode(content: bytes, kind: Any) -> Any:
+def decode(content: bytes, kind: object) -> Any:
     """The result of type `kind` from its plain data; raises `ValueError` naming the field that is not of its type."""
     try:
         return msgspec.msgpack.decode(content, type=kind, dec_hook=_array)
@@ -147,7 +147,7 @@ def answered(function: Callable[..., Any]) -> Any:
     return Any if kind is object else kind
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     import numpy as np
 
     if isinstance(value, np.generic) and value.dtype.kind in "biuf":
@@ -158,7 +158,7 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"an answer cannot hold an object of type {what}")
 
 
-def _array(kind: type, content: Any) -> Any:
+def _array(kind: type, content: object) -> Any:
     import numpy as np
 
     if kind is not np.ndarray:

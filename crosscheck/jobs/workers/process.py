@@ -16,11 +16,17 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, TypeVar, TypeVarTuple
 
 from crosscheck.jobs import threads
 from crosscheck.jobs.workers import frames
 from crosscheck.jobs.workers.frames import BrokenFrame, framed
+
+if TYPE_CHECKING:
+    import psutil
+
+Given = TypeVarTuple("Given")
+Result = TypeVar("Result")
 
 GIGABYTE = 2**30
 
@@ -179,7 +185,8 @@ class Worker:
         self._number = 0  # of the last request
         self._at = ""
 
-    def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], limits: Limits | None = None) -> Any:
+    def call(self, function: Callable[[*Given], Result], arguments: tuple[*Given], limits: Limits | None = None
+             ) -> Result | Crash:
         """The result of `function(*arguments)` in the worker, or a `Crash`. `alive` is False if the process died.
 
         The worker must be able to import the function by its name.
@@ -279,11 +286,12 @@ class Worker:
                 if self._mark in process.environ().get(MARK, ""):
                     process.kill()
 
-    def _result(self, function: Callable[..., Any], answer: frames.Done | frames.Raised) -> Any:
+    def _result(self, function: Callable[..., Result], answer: frames.Done | frames.Raised) -> Result | Crash:
         if isinstance(answer, frames.Raised):
             return Crash(answer.words, answer.where, answer.error(), self._at)
         try:
-            return frames.decode(answer.result, frames.answered(function))
+            result: Result = frames.decode(answer.result, frames.answered(function))
+            return result
         except ValueError as error:
             return Crash(f"the result is not of the type that was asked for: {error}")
 
@@ -313,7 +321,7 @@ class Worker:
         import psutil
 
         began, tick = time.monotonic(), 0
-        family: list[Any] = []
+        family: list[psutil.Process] = []
         while not over.wait(TICK):
             if limits.time is not None and time.monotonic() - began > limits.time:
                 return self.kill(f"stopped: it did not end within the time limit of {limits.time:g} s")
@@ -330,7 +338,7 @@ class Worker:
         return None
 
 
-def _resident(process: Any) -> int:
+def _resident(process: psutil.Process) -> int:
     """Resident bytes of a process; 0 if it has ended."""
     import psutil
 

@@ -39,7 +39,7 @@ def plain(value: object) -> Any:
     return finite(msgspec.to_builtins(value, str_keys=True, enc_hook=scalar))
 
 
-def scalar(value: object) -> Any:
+def scalar(value: object) -> object:
     """A NumPy scalar as a Python scalar, for `msgspec`, which does not know NumPy."""
     if hasattr(value, "item"):
         return value.item()

@@ -201,6 +201,8 @@ class LieEuler(Engine):
         """All joints and forces are modelled, redundant constraints included."""
         if reason := scene.beyond(ELEMENTS):
             return reason
+        if strange := [joint for joint in scene.joints if not hasattr(lieeuler, f"{joint.type}_joint")]:
+            return f"joint {strange[0].name!r}: lieeuler has no joint of type {strange[0].type}"
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"
         controls = lieeuler.METHODS[spec.method].controls

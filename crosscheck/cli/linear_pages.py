@@ -39,14 +39,14 @@ def write_modes(folder: Path, scene: Scene, modes: Modes, path: str, over: Mappi
                  drawn=_drawn(scene, modes, kept) if kept else None)
 
 
-def _told(value: complex) -> dict[str, Any]:
+def _told(value: complex) -> dict[str, object]:
     """What a table says of an eigenvalue."""
     rate, swing = float(value.real), float(value.imag)
     return {"label": f"{rate:.4g} ± {swing:.4g}i" if swing else f"{rate:.4g}", "growth": rate, "swing": swing,
             "period": 2 * np.pi / swing if swing else None, "time": np.log(2) / abs(rate) if rate else None}
 
 
-def _branches(path: str, over: Mapping[float, np.ndarray]) -> dict[str, Any] | None:
+def _branches(path: str, over: Mapping[float, np.ndarray]) -> dict[str, object] | None:
     """Curves for Plotly: each eigenvalue goes on straight to the nearest one; those of zero are left out."""
     if not over:
         return None
@@ -66,7 +66,7 @@ def _branches(path: str, over: Mapping[float, np.ndarray]) -> dict[str, Any] | N
     return {"traces": traces, "label": f"{path.replace('.', ' ')} ({unit(path)})" if unit(path) else path}
 
 
-def _drawn(scene: Scene, modes: Modes, kept: Sequence[int]) -> dict[str, Any]:
+def _drawn(scene: Scene, modes: Modes, kept: Sequence[int]) -> dict[str, object]:
     """Each shape in motion about the start, with its own growth, as large as can be seen, and joints closed."""
     values = modes.eigenvalues[kept]
     swings, rates = values.imag[values.imag > 0], np.abs(values.real[values.real != 0])
@@ -84,7 +84,7 @@ def _drawn(scene: Scene, modes: Modes, kept: Sequence[int]) -> dict[str, Any]:
     return {"t": t.tolist(), "drawing": msgspec.to_builtins(drawing(scene)), "actors": actors}
 
 
-def _moves(poses: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
+def _moves(poses: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, object]:
     x, R = (np.array(part) for part in zip(*poses, strict=True))
     return {"x": np.moveaxis(x, 0, -1).round(10).tolist(), "q": quaternions(R).round(10).tolist()}
 

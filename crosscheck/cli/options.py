@@ -20,7 +20,7 @@ from crosscheck.scene.models import import_file, import_model, is_model
 from crosscheck.scene.models.words import shortened
 
 
-def _known_map(given: str | Sequence[str] | None) -> Any:
+def _known_map(given: str | Sequence[str] | None) -> object:
     """The map or maps of an option; raises `ArgumentError` for an unknown one."""
     for name in (given,) if isinstance(given, str) else given or ():
         if name not in CHOICES["coordinate_map"]:
@@ -113,12 +113,12 @@ def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None, c
     return files
 
 
-def scenes(default: str) -> Any:
+def scenes(default: str) -> object:
     """The argument for scenes; `default` describes the default."""
     return typer.Argument(help=f"names or paths; default: {default}")
 
 
-def methods(default: str) -> Any:
+def methods(default: str) -> object:
     """The option for methods; `default` describes the default."""
     return typer.Option("--method", help=f"may be repeated; default: {default}")
 

@@ -115,7 +115,7 @@ def drive(function: Callable[[Task], Result], tasks: Iterable[Task], place: Plac
 
 
 def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task], jobs: int = 2,
-              done: Callable[[int, Result | Crash], None] | None = None, limits: Limits | None = None,
+              done: Callable[[int, Result | Crash], object] | None = None, limits: Limits | None = None,
               again: bool = False, place: Place | None = None) -> list[Result | Crash]:
     """Results of `function(task)` for every task, in order, from `jobs` workers. `done` is called with (index, result)
     in this thread as each task ends. `place`: workers that stay. The others are those of `drive`.

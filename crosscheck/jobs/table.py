@@ -187,7 +187,7 @@ class Session:
                      for row in connection.execute(wanted.where(ROWS.c.key.in_(some)))}
         return {key: result for key, result in results.items() if result is not None}
 
-    def sample(self, stage: str, key: str) -> Any:
+    def sample(self, stage: str, key: str) -> object:
         """What this session measured before it was killed.
 
         If it has computed nothing, it asks for what was there already, and gets what was measured then.
@@ -197,7 +197,7 @@ class Session:
             measured = self._newest(stage, key, None, before=True)
         return measured
 
-    def _newest(self, stage: str, key: str, session: int | None, before: bool = False) -> Any:
+    def _newest(self, stage: str, key: str, session: int | None, before: bool = False) -> object:
         wanted = sql.select(ROWS).where(ROWS.c.key == key, ROWS.c.stage == stage)
         if session is not None:
             wanted = wanted.where(ROWS.c.session == session)
@@ -216,7 +216,7 @@ class Session:
         """Write a result and return it as `get` returns it, so that a continued command sees the same values."""
         return self._typed(stage, self.put_all(stage, {key: result})[0])
 
-    def put_all(self, stage: str, results: Mapping[str, Any]) -> list[bytes]:
+    def put_all(self, stage: str, results: Mapping[str, object]) -> list[bytes]:
         """Write results by their keys in one transaction, and return their contents."""
         contents = [zlib.compress(msgspec.msgpack.encode(result, enc_hook=scalar), 1) for result in results.values()]
         rows = [{"key": key, "session": self._id, "stage": stage, "result": content, "size": len(content),
@@ -249,7 +249,7 @@ class Session:
               self._engine.execution_options(writes=True).begin() as connection):
             connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == self._id).values(process=""))
 
-    def _typed(self, stage: str, content: bytes) -> Any:
+    def _typed(self, stage: str, content: bytes) -> object:
         """The result; None if the disk has changed it, so that it is computed anew."""
         try:
             return msgspec.msgpack.decode(zlib.decompress(content), type=self._types[stage], strict=False)

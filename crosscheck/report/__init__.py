@@ -179,7 +179,7 @@ def check_out(out: Path) -> None:
         raise ArgumentError(f"--out {out}: {error.strerror or error}") from None
 
 
-def _meta(folder: Path) -> dict[str, Any]:
+def _meta(folder: Path) -> dict[str, object]:
     """What the report that `write` made in this folder says of itself; empty if there is none."""
     try:
         meta: dict[str, Any] = json.loads((folder / "results.json").read_text(encoding="utf-8"))["meta"]

@@ -33,7 +33,7 @@ COLOURS = {0: "#1a7f37", 1: "#b3261e"}
 def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
     """The columns of results.csv and results.parquet: titles with units, and functions that read a record's value."""
     hashes = {scene.name: scene.hash for scene in document.scenes}
-    titled: list[tuple[str, Callable[[Record], Any]]] = [
+    titled: list[tuple[str, Callable[[Record], object]]] = [
         (name, operator.attrgetter(name))
         for name in ("scene", "engine", "version", "method", "form", "outcome", "status")]
     titled += [("step [s]", lambda r: r.step), ("rtol", lambda r: r.rtol),
@@ -58,7 +58,7 @@ def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
     return titled
 
 
-def _of(part: str, name: str, key: str) -> Callable[[Record], Any]:
+def _of(part: str, name: str, key: str) -> Callable[[Record], object]:
     """A function that reads `record.PART[NAME].KEY`, or None if the record has no such entry."""
     return lambda record: getattr(getattr(record, part).get(name), key, None)
 
@@ -204,7 +204,7 @@ def _compact(value: object) -> str:
     return json.dumps(_short(value), separators=(",", ":"), allow_nan=False)
 
 
-def _short(value: object) -> Any:
+def _short(value: object) -> object:
     if isinstance(value, dict):
         return {key: _short(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

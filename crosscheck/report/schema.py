@@ -41,7 +41,7 @@ def from_plain(values: object) -> Document:
     return msgspec.convert({**values, "scenes": scenes, "records": records}, Document, str_keys=True)
 
 
-def _listed(values: dict[str, Any], key: str) -> list[dict[str, Any]]:
+def _listed(values: dict[str, object], key: str) -> list[dict[str, object]]:
     entries = values.get(key)
     if not isinstance(entries, list) or not all(isinstance(each, dict) for each in entries):
         raise msgspec.ValidationError(f"Expected `array` of `object` - at `$.{key}`")
@@ -64,7 +64,7 @@ def read_document(path: Path) -> Document:
                             ) from None
 
 
-def json_schema() -> dict[str, Any]:
+def json_schema() -> dict[str, object]:
     """The JSON Schema of results.json, without the curves, which are in other files."""
     (document,), definitions = msgspec.json.schema_components([Document], ref_template="#/$defs/{name}")
     for name in ("Scene", "Record"):

@@ -11,7 +11,6 @@ import platform
 import subprocess
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from crosscheck.running.versions import NOT_INSTALLED as NOT_INSTALLED
 from crosscheck.running.versions import digest, of_package
@@ -20,7 +19,7 @@ from crosscheck.running.versions import engine_version as engine_version
 PACKAGES = ("lieeuler-crosscheck", "numpy", "scipy", "heyoka")
 
 
-def describe(engine_names: Iterable[str]) -> dict[str, Any]:
+def describe(engine_names: Iterable[str]) -> dict[str, object]:
     """The fields of `crosscheck.document.Origin`, ready for JSON.
 
     These are versions of engines, packages and Python, the machine, the time (UTC) and, in a git checkout, the commit.

@@ -30,6 +30,9 @@ ELEMENTS = (*SMOOTH, "dry_friction", "static_friction", "limits", "soft_limits",
             "effort_limit", "no_load_speed", "hold")
 """All elements that an engine must declare. A servo may need four: effort_limit and no_load_speed cut it."""
 
+PLAIN_FORCES = ("linear_spring", "torsional_spring", "constant_force", "constant_torque")
+"""Types of forces that an engine need not declare; a new type is an element of its own name."""
+
 
 COORDINATE_NAMES = {"turn": "angle", "slide": "slide", "slide n1": "x", "slide n2": "y", "turn parent": "first",
                     "turn child": "second"}
@@ -307,8 +310,10 @@ class Scene(_Record):
                 return (f"joint {joint.name!r} is a {joint.type}, whose rows against slip hold velocities alone; "
                         "such rows are not built here")
         for index, force in enumerate(self.forces):
-            if force.type.startswith("joint_") and "joint_torque" not in known:
+            if force.type in ("joint_torque", "joint_force") and "joint_torque" not in known:
                 return f"forces[{index}] is a {force.type}, a type that {why('joint_torque')}"
+            if force.type not in (*PLAIN_FORCES, "joint_torque", "joint_force", "servo") and force.type not in known:
+                return f"forces[{index}] is a {force.type}, a type that is not built here"
             if force.type == "servo":
                 for element, key in (("servo", "proportional"), ("sampled_servo", "period"),
                                      ("effort_limit", "effort_limit"), ("no_load_speed", "no_load_speed")):

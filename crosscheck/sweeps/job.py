@@ -58,7 +58,7 @@ PER_TASK = 0.05
 Progress = Callable[[int, int | None, str], object]
 
 
-def sweep(source: Mapping[str, Any] | str | os.PathLike[str], workers: int = 2, scheduler: str | None = None,
+def sweep(source: Mapping[str, object] | str | os.PathLike[str], workers: int = 2, scheduler: str | None = None,
           out: str | os.PathLike[str] | None = None, progress: Progress | None = None, fresh: bool | None = None
           ) -> pd.DataFrame:
     """Run every scene with every engine, method, step, parameter and member. Each such run is one row, a cell.
@@ -240,7 +240,7 @@ def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, report: summary.Rep
     write_page(out, "sweep.html.j2", document=document, meta=document["meta"])
 
 
-def one(source: Mapping[str, Any] | str | os.PathLike[str], cell: str) -> cells.Row:
+def one(source: Mapping[str, object] | str | os.PathLike[str], cell: str) -> cells.Row:
     """Run one cell of a sweep again, even if its result is stored, and return its row.
 
     Raises
@@ -261,7 +261,7 @@ def one(source: Mapping[str, Any] | str | os.PathLike[str], cell: str) -> cells.
                         "cell of its parts")
 
 
-def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.PathLike[str] | None,
+def estimate(source: Mapping[str, object] | str | os.PathLike[str], out: str | os.PathLike[str] | None,
              workers: int) -> tuple[int, int, float]:
     """Number of cells, number of those without a result in `out`, and the time (s) that these would take.
 

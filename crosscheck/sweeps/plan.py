@@ -82,7 +82,7 @@ class Plan:
         return len(self.origins) * points * self.members * len(self.ways)
 
 
-def read(source: Mapping[str, Any] | str | os.PathLike[str]) -> Plan:
+def read(source: Mapping[str, object] | str | os.PathLike[str]) -> Plan:
     """Read and check a request, given as a dict or as the path of a TOML or JSON file.
 
     Raises
@@ -109,7 +109,7 @@ def read(source: Mapping[str, Any] | str | os.PathLike[str]) -> Plan:
         raise ArgumentError(f"{source}: {error}") from None
 
 
-def _checked(data: Mapping[str, Any], folder: Path) -> Plan:
+def _checked(data: Mapping[str, object], folder: Path) -> Plan:
     for key in data:
         if key not in KEYS:
             raise ArgumentError(unknown("key of a sweep", key, KEYS))

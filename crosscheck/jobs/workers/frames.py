@@ -147,7 +147,7 @@ def answered(function: Callable[..., Any]) -> Any:
     return Any if kind is object else kind
 
 
-def _plain(value: object) -> Any:
+def _plain(value: object) -> object:
     import numpy as np
 
     if isinstance(value, np.generic) and value.dtype.kind in "biuf":
@@ -158,7 +158,7 @@ def _plain(value: object) -> Any:
     raise TypeError(f"an answer cannot hold an object of type {what}")
 
 
-def _array(kind: type, content: object) -> Any:
+def _array(kind: type, content: object) -> object:
     import numpy as np
 
     if kind is not np.ndarray:

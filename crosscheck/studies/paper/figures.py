@@ -85,7 +85,7 @@ def drawings(shown: Shown, method: str) -> Iterator[Drawing]:
     yield _orthogonality(shown)
 
 
-def _many(shown: Shown, points: int | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
+def _many(shown: Shown, points: int | None = None) -> Iterator[tuple[str, dict[str, object]]]:
     """Every method with the style of its curve. `points` is the number of points; None: all samples."""
     widths = np.geomspace(WIDEST, THINNEST, max(2, len(shown.runs)))
     for index, method in enumerate(shown.runs):

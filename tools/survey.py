@@ -3,10 +3,10 @@
     python tools/survey.py FOLDER ... [--native]
 
 A line a file, then a table. "whole" is as it is, with monitors and actuators; "free" is with a free base, "balance"
-with inertias replaced, "root" a part of it, as messages offer it; "bare" is with `drop=True`. Of each the accelerations
-at three seeded states are within 1e-8 of those of MuJoCo, or differ, by what is
-named. Parts that only stand in other files, and XML of other kinds, are not counted. An SDF file is read by the engines
-that take it; with `--native` all that are installed read each file that came in by themselves, too.
+with inertias replaced, "root" a part of it, "within" with files of the whole folder, as messages offer it; "bare" is
+with `drop=True`. Of each the accelerations at three seeded states are within 1e-8 of those of MuJoCo, or differ, by
+what is named. Parts that only stand in other files, and XML of other kinds, are not counted. An SDF file is read by the
+engines that take it; with `--native` all that are installed read each file that came in by themselves, too.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from crosscheck.scene.models.checking import unlike
 
 ROOTS = {"mujoco": (".xml", ".mjcf"), "robot": (".urdf", ".xml"), "sdf": (".sdf", ".world")}
 OTHER_FORMATS = (".sdf", ".world", ".usd", ".usda", ".usdc")
-IMPORTED = ("whole", "free", "balance", "root", "bare")
+IMPORTED = ("whole", "free", "balance", "root", "within", "bare")
 UNLIKE = {"that body": "differ, ill-conditioned", "a comparison of": "not compared: too many bodies"}
 """What a note on accelerations begins with."""
 
@@ -57,7 +57,7 @@ def said(error: Exception, path: Path) -> list[str]:
     return (held[1] if held else words.partition("; give")[0]).split("; ")
 
 
-def outcome(path: Path) -> tuple[str, list[str]]:
+def outcome(path: Path, folder: Path) -> tuple[str, list[str]]:
     """("whole", "free", "balance", "root", "bare", "still", "refused" or "other format", reasons or what is told)."""
     if path.suffix.lower() in OTHER_FORMATS:
         try:
@@ -78,6 +78,8 @@ def outcome(path: Path) -> tuple[str, list[str]]:
                 options["base"] = "free"
             elif "--balance" in str(error) and "balance" not in options:
                 options["balance"] = True
+            elif "--within" in str(error) and "within" not in options:
+                options["within"] = folder
             elif offered and "root" not in options:
                 options["root"] = offered[1]
             elif "drop" not in options:
@@ -107,7 +109,7 @@ def main() -> None:
         tables[folder.name] = table = Counter()
         for path in models(folder):
             began = time.process_time()
-            what, words = outcome(path)
+            what, words = outcome(path, folder)
             table[what] += 1
             if what in IMPORTED:
                 compared[accelerations(what, words)] += 1

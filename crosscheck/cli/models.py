@@ -45,6 +45,7 @@ def import_(
     contacts: Annotated[str, typer.Option(help="monitor: the scene holds until two bodies touch; or drop")] = "monitor",
     friction: Annotated[str, typer.Option(help="keep dry friction, or drop it")] = "keep",
     start: Annotated[str, typer.Option(help="model, random, or the seed of a random start")] = "model",
+    within: Annotated[Path | None, typer.Option(help="a folder above the model in which its files are read")] = None,
     duration: Annotated[float, typer.Option(help="s, of the scene")] = 2.0,
     samples: Annotated[int, typer.Option(help="number of output times of the scene")] = 101,
 ) -> None:
@@ -56,7 +57,7 @@ def import_(
         scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples,
                             balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
                             friction=friction, start=int(start) if start.isdigit() else start,
-                            controls=options.controls(control))
+                            controls=options.controls(control), within=within)
     typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
                f"{counted(len(scene.forces), 'force')}")
     if scene.monitors:

@@ -13,6 +13,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from crosscheck.scene import functions
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.joints import joint_types
@@ -222,13 +224,14 @@ def _check_table(entry: str, times: Sequence[float], values: Sequence[float], le
 
 def with_forces(scene: Scene) -> Scene:
     """The scene with the springs and dampers of its joints added to its forces; its initial state must be complete."""
-    made = [force for joint in scene.joints if any(joint.damping) or any(joint.stiffness)
-            for force in _forces(scene, joint)]
+    sprung = [joint for joint in scene.joints if any(joint.damping) or any(joint.stiffness)]
+    start = at_start(scene) if sprung else {}
+    made = [force for joint in sprung for force in _forces(scene, joint, *start[joint.name])]
     return scene.replace(forces=(*scene.forces, *made)) if made else scene
 
 
-def _forces(scene: Scene, joint: Joint) -> list[Force]:
-    position, velocity = at_start(scene)[joint.name]
+def _forces(scene: Scene, joint: Joint, position: np.ndarray, velocity: np.ndarray) -> list[Force]:
+    """The springs and dampers of a joint with these coordinates and rates at the start."""
     found = []
     words = joint.kind.coordinates
     for k, word in enumerate(words):

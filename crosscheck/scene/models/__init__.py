@@ -38,13 +38,13 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
                  balance: bool = False, root: str | None = None, actuators: Literal["keep", "drop"] = "keep",
                  controls: Mapping[str, Any] | None = None, limits: Literal["keep", "monitor", "drop"] = "monitor",
                  contacts: Literal["monitor", "drop"] = "monitor", friction: Literal["keep", "drop"] = "keep",
-                 start: str | int = "model") -> Scene:
+                 start: str | int = "model", within: str | os.PathLike[str] | None = None) -> Scene:
     """An MJCF or URDF file as a scene.
 
     Parameters
     ----------
     path
-        Ends in .xml (MJCF, or URDF if its root element says so) or .urdf. No file outside its folder is read.
+        Ends in .xml (MJCF, or URDF if its root element says so) or .urdf.
     keyframe
         Name or number of an MJCF keyframe, which brings qpos, qvel and ctrl.
     drop
@@ -73,6 +73,8 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
         Keep dry friction, or drop it.
     start
         "model", "random", or the seed of a random start inside the limits and free of contacts.
+    within
+        A folder above the model, in which files that it names are read; by default its own. No other file is read.
 
     Raises
     ------
@@ -85,7 +87,7 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
 
     content = table(path, keyframe=keyframe, drop=drop, base=base, qpos=qpos, qvel=qvel, duration=duration,
                     samples=samples, balance=balance, root=root, actuators=actuators, controls=controls, limits=limits,
-                    contacts=contacts, friction=friction, start=start)
+                    contacts=contacts, friction=friction, start=start, within=within)
     return scene_from(content, path)
 
 

@@ -196,6 +196,9 @@ def _prepare_mjcf(model: Source) -> list[str]:
         each.attrib.pop("texture", None)
     for each in model.root.iter("option"):
         each.attrib.pop("integrator", None)
+    if not any(body.get(key) for body in model.root.iter("body") for key in known.PLACE.split()):
+        for each in model.root.iter("compiler"):  # where all frames are the world's, global is local
+            each.attrib.pop("coordinate", None)
     for each in list(model.root.iter("lengthrange")) or [SubElement(_compiler(model), "lengthrange")]:
         each.set("mode", "none")
     for parent in list(model.root.iter()):
@@ -227,8 +230,8 @@ def _strip(model: Source, absent: dict[str | None, str]) -> None:
                 weightless = child.tag == "site" or "0" in (child.get("mass"), child.get("density"))
                 if body is not None and not weightless and (shaped or body.find("inertial") is None):
                     raise SceneError(f"{model.path}: body {body.get('name')!r} ({source.place(body)}) has its mass "
-                                     f"from the mesh {absent[child.get('mesh')]}; put it beside the model or give an "
-                                     "inertial")
+                                     f"from the mesh {absent[child.get('mesh')]}; put it beside the model, give an "
+                                     "inertial, or --within FOLDER, one above both")
                 parent.remove(child)
 
 

@@ -12,13 +12,13 @@ from xml.etree.ElementTree import Element
 
 from crosscheck.scene.models.source import Source, label
 
-_PLACE = "pos quat axisangle euler xyaxes zaxis"
+PLACE = "pos quat axisangle euler xyaxes zaxis"
 _SOFT = "solimp solref solimpfriction solimplimit solreffriction solreflimit margin group user class name"
 _TENDON = f"{_SOFT} limited range frictionloss actuatorfrclimited actuatorfrcrange stiffness damping armature " \
           "springlength material rgba width"
 
 MJCF: Mapping[str, str | None] = {
-    "mujoco": "model", "include": "file", "default": "class", "worldbody": f"{_PLACE} name childclass", "asset": "",
+    "mujoco": "model", "include": "file", "default": "class", "worldbody": f"{PLACE} name childclass", "asset": "",
     "compiler": "alignfree angle coordinate assetdir autolimits balanceinertia boundinertia boundmass conflict "
                 "discardvisual eulerseq fitaabb fusestatic inertiafromgeom inertiagrouprange meshdir saveinertial "
                 "settotalmass "
@@ -30,9 +30,9 @@ MJCF: Mapping[str, str | None] = {
     "flag": "actuation autoreset clampctrl constraint contact damper energy equality eulerdamp filterparent "
             "frictionloss fwdinv gravity invdiscrete island limit midphase multiccd nativeccd override refsafe sensor "
             "spring warmstart diagexact ipc speculative passive",
-    "body": f"{_PLACE} name childclass mocap gravcomp user", "frame": f"{_PLACE} name childclass",
-    "inertial": f"{_PLACE} mass diaginertia fullinertia",
-    "joint": f"{_SOFT} type {_PLACE} axis springdamper limited range actuatorfrclimited actuatorfrcrange ref springref "
+    "body": f"{PLACE} name childclass mocap gravcomp user", "frame": f"{PLACE} name childclass",
+    "inertial": f"{PLACE} mass diaginertia fullinertia",
+    "joint": f"{_SOFT} type {PLACE} axis springdamper limited range actuatorfrclimited actuatorfrcrange ref springref "
              "actuatorgravcomp stiffness damping armature frictionloss",
     "freejoint": "name group align", "tendon": "", "default tendon": _TENDON, "spatial": _TENDON, "fixed": _TENDON,
     **dict.fromkeys(("geom", "site", "mesh", "hfield", "model", "plugin", "config", "extension", "instance", "contact",

@@ -16,6 +16,9 @@ from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.words import distinct
 from crosscheck.scene.schema import Content as Table
 
+MOST_PAIRS = 50_000
+"""Most pairs of shapes that are watched; each is a monitor of the scene."""
+
 CHOICES = {"actuators": ("keep", "drop"), "limits": ("monitor", "keep", "drop"), "contacts": ("monitor", "drop"),
            "friction": ("keep", "drop")}
 """What an import does with each, the default first."""
@@ -343,23 +346,21 @@ def colliding(reading: Reading) -> list[tuple[int, int, float]]:
     m = reading.model
     if off(reading, "CONTACT") or off(reading, "CONSTRAINT"):
         return []
-    weld = reading.groups
+    weld, types, affinities, bodies = reading.groups, m.geom_contype, m.geom_conaffinity, m.geom_bodyid
     parents = weld[m.body_parentid]
-    groups = weld[m.geom_bodyid]
+    groups = weld[bodies]
     excluded = {(int(code) >> 16, int(code) & 0xFFFF) for code in m.exclude_signature}
-    found = {}
-    some = np.flatnonzero((m.geom_contype != 0) | (m.geom_conaffinity != 0))
+    excluded |= {pair[::-1] for pair in excluded}
+    found: dict[tuple[int, int], float] = {}
+    some = np.flatnonzero((types != 0) | (affinities != 0))
     for i, a in enumerate(some.tolist()):
-        for b in some[i + 1:].tolist():
-            wa, wb = int(groups[a]), int(groups[b])
-            bodies = int(m.geom_bodyid[a]), int(m.geom_bodyid[b])
-            if wa == wb or bodies in excluded or bodies[::-1] in excluded:
-                continue
-            kin = wa and wb and (wa == int(parents[wb]) or wb == int(parents[wa]))
-            if kin and not off(reading, "FILTERPARENT"):
-                continue
-            if m.geom_contype[a] & m.geom_conaffinity[b] or m.geom_contype[b] & m.geom_conaffinity[a]:
-                found[a, b] = float(m.geom_margin[a] + m.geom_margin[b])
+        others = some[i + 1:]
+        own, theirs = groups[a], groups[others]
+        meet = (own != theirs) & ((types[a] & affinities[others]) | (types[others] & affinities[a]) != 0)
+        if not off(reading, "FILTERPARENT"):
+            meet &= (own == 0) | (theirs == 0) | ((own != parents[theirs]) & (theirs != parents[own]))
+        found |= {(a, b): float(m.geom_margin[a] + m.geom_margin[b]) for b in others[meet].tolist()
+                  if (int(bodies[a]), int(bodies[b])) not in excluded}
     for a, b, margin in zip(m.pair_geom1.tolist(), m.pair_geom2.tolist(), m.pair_margin.tolist(), strict=True):
         found[min(a, b), max(a, b)] = float(margin)
     return [(a, b, margin) for (a, b), margin in found.items()]
@@ -371,6 +372,10 @@ def _contacts(reading: Reading, wants: Wants, found: Laws) -> None:
 
     m, d = reading.model, reading.data
     pairs = colliding(reading)
+    if len(pairs) > MOST_PAIRS:
+        (reading.noted if wants.contacts == "drop" else reading.lost).append(
+            f"contacts of the {len(pairs)} pairs of shapes that may collide, more than {MOST_PAIRS}")
+        return
     if wants.contacts == "drop":
         reading.noted += list(dict.fromkeys(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}"
                                             for a, b, _ in pairs))

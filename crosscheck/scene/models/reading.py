@@ -36,14 +36,15 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
           qpos: Sequence[float] | None = None, qvel: Sequence[float] | None = None, duration: float = 2.0,
           samples: int = 101, balance: bool = False, root: str | None = None, actuators: str = "keep",
           controls: Mapping[str, Any] | None = None, limits: str = "monitor", contacts: str = "monitor",
-          friction: str = "keep", start: str | int = "model") -> Table:
+          friction: str = "keep", start: str | int = "model",
+          within: str | os.PathLike[str] | None = None) -> Table:
     """The content of a scene file, see `crosscheck.import_model`."""
     if base not in ("fixed", "free"):
         raise ArgumentError(unknown("base", base, ("fixed", "free")))
     wants = laws.Wants(actuators, limits, contacts, friction, controls or {})
     if drop:
         wants = laws.Wants("drop", "drop", "drop", "drop", controls or {})
-    model = source.read(Path(path))
+    model = source.read(Path(path), within=within)
     if root is not None:
         source.cut(model, root)
     if model.is_urdf and len(tops := source.roots(model)) > 1:

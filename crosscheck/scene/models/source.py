@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import stat
 from collections.abc import Iterator
@@ -45,6 +46,7 @@ class Source:
 
     path: Path
     root: Element
+    within: Path  # the folder of which files may be read
 
     @property
     def is_urdf(self) -> bool:
@@ -136,8 +138,11 @@ def label(element: Element) -> str:
     return f"<{element.tag}>{name}" + (f" ({place(element)})" if place(element) else "")
 
 
-def read(path: Path, sdf: bool = False) -> Source:
-    """The model in `path`, with checks of its XML; with `sdf` also one of SDF. Raises `SceneError` with one line."""
+def read(path: Path, sdf: bool = False, within: str | os.PathLike[str] | None = None) -> Source:
+    """The model in `path`, with checks of its XML; with `sdf` also one of SDF. Raises `SceneError` with one line.
+
+    Files of the folder `within` may be read, by default those of the model's folder.
+    """
     if path.suffix.lower() == ".xacro":
         raise SceneError(f"{path}: a xacro file is a program that writes a URDF; run it first (xacro {path.name} > "
                          f"{path.stem}.urdf) and give the URDF")
@@ -155,12 +160,13 @@ def read(path: Path, sdf: bool = False) -> Source:
         raise SceneError(f"{path}: the root element is <{root.tag}>; a model file begins with <mujoco> or <robot>")
     if root.tag == "robot" and (count := len(root.findall("link"))) > MOST_LINKS:
         raise SceneError(f"{path}: has {count} links, at most {MOST_LINKS} are read; merge those on fixed joints")
+    inside = path.parent.resolve() if within is None else Path(within).resolve()
     if root.tag == "mujoco":
-        _expand(path, root, path.parent.resolve(), (path.resolve(),))
+        _expand(path, root, inside, (path.resolve(),))
         for option in root.iter("option"):
             option.attrib.pop("apirate", None)  # of a remote control; MuJoCo 4 no longer takes it
         _check_size(path, root)
-    return Source(path, root)
+    return Source(path, root, inside)
 
 
 def _parsed(path: Path) -> Node:
@@ -269,7 +275,7 @@ def files(model: Source) -> Iterator[tuple[Element, str, Path | None]]:
         for attribute, name in element.items():
             if attribute.startswith("file"):
                 target = (folder / place / name).resolve()
-                yield element, name, target if target.is_relative_to(folder) else None
+                yield element, name, target if target.is_relative_to(model.within) else None
 
 
 def nested(model: Source, depth: int = 1) -> Iterator[Source]:
@@ -280,27 +286,28 @@ def nested(model: Source, depth: int = 1) -> Iterator[Source]:
                 raise outside(model.path, name)
             if depth > MOST_NESTED:
                 raise SceneError(f"{model.path}: attaches models more than {MOST_NESTED} deep; flatten them")
-            inner = read(target)
+            inner = read(target, within=model.within)
             yield inner
             yield from nested(inner, depth + 1)
 
 
 def outside(path: Path, name: str) -> SceneError:
     """The error that a model refers to a file outside its folder."""
-    return SceneError(f"{path}: refers to {name}, which is outside its folder; move it beside the model")
+    return SceneError(f"{path}: refers to {name}, which is outside its folder; move it beside the model, or "
+                      "give --within FOLDER, one above both")
 
 
-def _expand(path: Path, element: Element, folder: Path, above: tuple[Path, ...]) -> None:
-    """Replace every <include> by the content of its file."""
+def _expand(path: Path, element: Element, within: Path, above: tuple[Path, ...]) -> None:
+    """Replace every <include> by the content of its file, which is in the folder `within`."""
     for index, child in reversed(list(enumerate(element))):
         if child.tag != "include":
-            _expand(path, child, folder, above)
+            _expand(path, child, within, above)
             continue
         name = child.get("file", "")
         if not name:
             raise SceneError(f"{path}: an <include> names no file; give it one or remove it")
-        target = (folder / name).resolve()
-        if not target.is_relative_to(folder):
+        target = (path.parent / name).resolve()
+        if not target.is_relative_to(within):
             raise outside(path, name)
         if target in above:
             raise SceneError(f"{path}: includes {name} in a circle; remove one of the includes")
@@ -311,7 +318,7 @@ def _expand(path: Path, element: Element, folder: Path, above: tuple[Path, ...])
             assert isinstance(node, Node)
             node.file = name
         _check_size(target, included)
-        _expand(path, included, folder, (*above, target))
+        _expand(path, included, within, (*above, target))
         element.remove(child)
         for offset, each in enumerate(included):
             element.insert(index + offset, each)

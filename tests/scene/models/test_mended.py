@@ -104,3 +104,47 @@ def test_a_model_attached_from_beside_the_file_comes_in_and_its_words_are_named(
     (tmp_path / "arm.xml").write_text('<mujoco><asset><model name="m" file="../far.xml"/></asset></mujoco>')
     with pytest.raises(crosscheck.SceneError, match="outside its folder"):
         imported(tmp_path, whole)
+
+
+def test_files_beside_the_folder_are_read_within_one_above_both(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "arm.xml").write_text('<mujoco><worldbody><body name="a"><joint name="j"/><inertial pos="0 0 -1" '
+                                      'mass="1" diaginertia=".1 .1 .1"/></body></worldbody></mujoco>')
+    with pytest.raises(crosscheck.SceneError, match="give --within FOLDER"):
+        imported(tmp_path / "a", '<mujoco><include file="../arm.xml"/></mujoco>')
+    assert imported(tmp_path / "a", '<mujoco><include file="../arm.xml"/></mujoco>', within=tmp_path).n == 1
+    with pytest.raises(crosscheck.SceneError, match="outside its folder"):
+        imported(tmp_path / "a", '<mujoco><include file="../../arm.xml"/></mujoco>', within=tmp_path)
+
+
+@pytest.mark.parametrize(("place", "moved"), [("", True), (' pos="0 0 1"', False)])
+def test_global_coordinates_are_those_of_frames_that_are_the_world_s(tmp_path, place, moved):
+    rod = '<geom type="capsule" size=".05" contype="0" conaffinity="0" fromto='
+    text = (f'<mujoco><compiler coordinate="global"/><worldbody><body><joint pos="0 0 1" axis="0 1 0"/>{rod}"0 0 1 0 0 '
+            f'0"/><body{place}><joint pos="0 0 0" axis="0 1 0"/>{rod}"0 0 0 0 0 -1"/></body></body>'
+            "</worldbody></mujoco>")
+    if moved:
+        local = imported(tmp_path, text.replace(' coordinate="global"', ""))
+        assert imported(tmp_path, text).hash == local.hash
+    else:
+        with pytest.raises(crosscheck.SceneError, match="global coordinates"):
+            imported(tmp_path, text)
+
+
+def test_a_mesh_that_cannot_be_read_is_named_where_no_mass_is_of_it(tmp_path):
+    (tmp_path / "m.stl").write_text("solid words\n")
+    text = ('<mujoco><asset><mesh name="m" file="m.stl"/></asset><worldbody><body><joint/><geom type="mesh" mesh="m"/>'
+            '{}</body></worldbody></mujoco>')
+    inertial = '<inertial pos="0 0 -1" mass="1" diaginertia=".1 .1 .1"/>'
+    left_out = imported(tmp_path, text.format(inertial), drop=True).left_out
+    assert "<mesh> 'm' (line 1), which MuJoCo refuses" in left_out[0]
+    with pytest.raises(crosscheck.SceneError, match="which MuJoCo refuses; put it beside"):
+        imported(tmp_path, text.format(""))
+
+
+def test_shapes_that_are_too_many_to_watch_are_counted(tmp_path):
+    text = ('<mujoco><worldbody><replicate count="320" offset="1 0 0"><body><freejoint/><geom size=".1"/></body>'
+            "</replicate></worldbody></mujoco>")
+    with pytest.raises(crosscheck.SceneError, match="contacts of the 51040 pairs of shapes"):
+        imported(tmp_path, text)
+    assert imported(tmp_path, text, contacts="drop").n == 320

@@ -117,7 +117,7 @@ class RawRun:
             self.states.sensors = self.sensors
 
 
-def plain_events(events: Any) -> tuple[tuple[float, str, str], ...]:
+def plain_events(events: object) -> tuple[tuple[float, str, str], ...]:
     """The events of a run as plain data; raises `EngineError` if they are something else."""
     try:
         plain: tuple[tuple[float, str, str], ...] = msgspec.convert(events, tuple[tuple[float, str, str], ...])

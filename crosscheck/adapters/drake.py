@@ -76,8 +76,8 @@ def loaded(path: str, states: JointStates) -> Native:
             model.root.remove(each)
     plant = MultibodyPlant(0.0)
     with foreign(lambda error: EngineError(" ".join(str(error).split()))):
-        if len(found := Parser(plant).AddModelsFromString(model.text, "urdf" if model.is_urdf else "sdf")) != 1:
-            raise EngineError(f"it has {len(found)} models, one is compared")
+        if len(instances := Parser(plant).AddModelsFromString(model.text, "urdf" if model.is_urdf else "sdf")) != 1:
+            raise EngineError(f"it has {len(instances)} models, one is compared")
         plant.Finalize()
     context, parts, columns = plant.CreateDefaultContext(), dict[str, Part](), dict[str, int]()
     starts: dict[str, Any] = {}
@@ -94,7 +94,7 @@ def loaded(path: str, states: JointStates) -> Native:
         q[body.floating_positions_start()] = 1.0
     plant.SetPositions(context, q)
     held: dict[Any, Any] = {each.child_body().index(): each for each in joints}
-    for index in map(int, plant.GetBodyIndices(found[0])):
+    for index in map(int, plant.GetBodyIndices(instances[0])):
         body = plant.get_body(BodyIndex(index))
         joint: Any = held.get(body.index())
         pose, about = plant.EvalBodyPoseInWorld(context, body), body.CalcSpatialInertiaInBodyFrame(context)
@@ -161,7 +161,7 @@ class Model:
                 joint = WeldJoint(name, *frames, RigidTransform())
         return self.plant.AddJoint(joint)
 
-    def start(self, scene: Scene, context: Any) -> None:
+    def start(self, scene: Scene, context: object) -> None:
         """Set the scene's initial state in a context."""
         for link, joint in self.joints:
             q, v = tree.initial_coordinates(scene, link)

@@ -151,8 +151,8 @@ def _compiled() -> tuple[Any, Any]:
             return data, q.at[index].set(data.qpos), v.at[index].set(data.qvel)
 
         empty = (jnp.zeros((ROWS, part.size), part.dtype) for part in (data.qpos, data.qvel))
-        found: tuple[Any, Any, Any] = jax.lax.fori_loop(0, rows, row, (data, *empty))
-        return found
+        stepped: tuple[Any, Any, Any] = jax.lax.fori_loop(0, rows, row, (data, *empty))
+        return stepped
 
     def watch(model: Any, data: Any, q: Any, v: Any) -> Any:
         def one(q: Any, v: Any) -> Any:

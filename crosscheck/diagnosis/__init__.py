@@ -124,12 +124,12 @@ def _looked_through(subject: Subject, first: Observation, scene: Scene, step: fl
     unexplained = [] if late.causes else [late.text]
     seen = None if late.causes else of_run.observation(subject, scene, first.scale, late.until)
     if seen is not None:
-        found = of_model.diagnose(subject, seen, alone=True)
-        answer.evidence += found.evidence
-        answer.tried += found.tried
-        if found.causes and not found.unexplained:
+        fitted = of_model.diagnose(subject, seen, alone=True)
+        answer.evidence += fitted.evidence
+        answer.tried += fitted.tried
+        if fitted.causes and not fitted.unexplained:
             answer.causes += [NamedCause(cause.name, f"{cause.magnitude}, from about t = {late.time:.4g} s on",
-                                         cause.mend) for cause in found.causes]
+                                         cause.mend) for cause in fitted.causes]
             unexplained = []
     answer.conclude(unexplained)
 
@@ -165,22 +165,22 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
             answer.causes.append(cause)
             answer.conclude([])
             return answer
-    found = of_model.diagnose(subject, first) if differs else of_model.ModelFinding()
-    physics = found.physics or of_scene(scene).replace(absent=found.absent)
-    start = (scene.R0, scene.w0) if found.start is None else misreadings.misread(scene, *found.start)
-    unexplained = list(found.unexplained)
-    if first.noise > UNSURE and not found.causes:
+    fitted = of_model.diagnose(subject, first) if differs else of_model.ModelFinding()
+    physics = fitted.physics or of_scene(scene).replace(absent=fitted.absent)
+    start = (scene.R0, scene.w0) if fitted.start is None else misreadings.misread(scene, *fitted.start)
+    unexplained = list(fitted.unexplained)
+    if first.noise > UNSURE and not fitted.causes:
         unexplained.append(f"runs at finer steps leave {first.noise:.1e} open: there is no limit to compare")
-    answer.causes += found.causes
-    answer.evidence += found.evidence
-    answer.tried += found.tried
-    if found.told:
+    answer.causes += fitted.causes
+    answer.evidence += fitted.evidence
+    answer.tried += fitted.tried
+    if fitted.told:
         answer.conclude([])
         return answer
-    if differs and not found.causes and not unexplained:
+    if differs and not fitted.causes and not unexplained:
         unexplained.append("the motion differs, but neither its start nor its accelerations do")
-    if differs and found.causes and not unexplained and not found.soft:
-        meant = found.reported.undo(first.states) if found.reported else first.states
+    if differs and fitted.causes and not unexplained and not fitted.soft:
+        meant = fitted.reported.undo(first.states) if fitted.reported else first.states
         after = np.abs(scale.flat(meant) - scale.flat(altered.predict(scene, physics, *start)))
         if physics.absent is not None:
             after = np.delete(after, physics.absent, axis=1)
@@ -191,13 +191,13 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
             unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
         elif answer.explained > fit.CLEAR * deviation:
             unexplained.append(f"the altered model leaves {answer.explained / deviation:.0%} of the difference")
-    known = of_stepping.Known(physics, start, found.soft, found.reported.undo if found.reported else None,
-                              bool(found.causes))
+    known = of_stepping.Known(physics, start, fitted.soft, fitted.reported.undo if fitted.reported else None,
+                              bool(fitted.causes))
     # Errors of the step cannot be distinguished from noise.
     steps = of_stepping.NumericsFinding() if noise else of_stepping.diagnose(subject, first, known)
     answer.observed_order = steps.order
     answer.causes += steps.causes
-    answer.candidates = found.candidates
+    answer.candidates = fitted.candidates
     answer.evidence += steps.evidence
     answer.tried += steps.tried
     if any(cause.name == "clamp" for cause in steps.causes):  # no accelerations belong to its kinks

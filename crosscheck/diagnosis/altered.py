@@ -31,11 +31,11 @@ class Model:
 
     def rates(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, t: float = 0.0) -> np.ndarray:
         """Accelerations (n, 6) of the state (n, ...) at time t (s): linear in world axes, angular in body axes."""
-        found: dict[str, np.ndarray] = {}
+        angles: dict[str, np.ndarray] = {}
         if any(force.type == "torsional_spring" for force in self.scene.forces):
-            found = mechanics.torsion_angles(self.scene, R[None], previous=self.angles)
-            self.angles = {joint: float(values[-1]) for joint, values in found.items()}
-        points = Points(x[None], R[None], v[None], w[None], np.zeros((1, self.scene.n, 6)), np.zeros(1, int), found,
+            angles = mechanics.torsion_angles(self.scene, R[None], previous=self.angles)
+            self.angles = {joint: float(values[-1]) for joint, values in angles.items()}
+        points = Points(x[None], R[None], v[None], w[None], np.zeros((1, self.scene.n, 6)), np.zeros(1, int), angles,
                         np.array([t]))
         terms = Terms(self.scene, points, self.forces, self.constraints, self.rank)
         self.rank = terms.rank
@@ -110,13 +110,13 @@ class Joints:
         """Derivative of s, (n, 3)."""
         x, R, v, w = self.state(Q, s)
         alpha = self.model.rates(x, R, v, w)[:, 3:]
-        found = alpha.copy()
+        turned = alpha.copy()
         for body in self.order:
             parent = self.by_child[body].parent
             if parent != GROUND:
                 carried = Q[body].T @ w[parent]
-                found[body] += np.cross(s[body], carried) - Q[body].T @ alpha[parent]
-        return found
+                turned[body] += np.cross(s[body], carried) - Q[body].T @ alpha[parent]
+        return turned
 
 
 def stepped(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, steps: int,

@@ -90,15 +90,15 @@ class Data:
 
     def differences(self, physics: Physics) -> list[np.ndarray]:
         """The normalised differences of accelerations, (P, n, 6) per group."""
-        found = []
+        listed = []
         for group in self.groups:
             difference = (group.terms.points.rates - group.terms.rates(physics, self.soft)) / group.units
             if physics.absent is not None:
                 difference[:, physics.absent] = 0.0
             if physics.quadratic or physics.coulomb:
                 difference[group.terms.reversing] = 0.0
-            found.append(difference)
-        return found
+            listed.append(difference)
+        return listed
 
     def residual(self, physics: Physics) -> np.ndarray:
         """The residual z of all groups in one vector."""
@@ -129,19 +129,19 @@ class Data:
             fits.append(self._judged(causes, theta))
         return min(fits, key=lambda fit: fit.left)
 
-    def simplest(self, found: Fit) -> Fit:
+    def simplest(self, fit: Fit) -> Fit:
         """The fit with special magnitudes, such as none or the opposite sign, if these explain the observation, too.
 
         Noise lets a fit end beside them, but the name of a cause depends on them.
         """
-        for k, cause in enumerate(found.causes):
-            for special in cause.special(found.theta[k]):
-                parts = [*found.theta[:k], np.array(special), *found.theta[k + 1:]]
-                trial = self._judged(found.causes, np.concatenate(parts))
+        for k, cause in enumerate(fit.causes):
+            for special in cause.special(fit.theta[k]):
+                parts = [*fit.theta[:k], np.array(special), *fit.theta[k + 1:]]
+                trial = self._judged(fit.causes, np.concatenate(parts))
                 if trial.explains:
-                    found = trial
+                    fit = trial
                     break
-        return found
+        return fit
 
     def _altered(self, causes: tuple[Cause, ...], theta: np.ndarray) -> Physics:
         physics, at = self.right, 0
@@ -193,9 +193,9 @@ def search(full: Data, thin: Data, causes: Sequence[Cause], pairing: bool = True
     singles = [thin.fit((cause,)) for cause in causes]
     singles = [full.fit(each.causes, tuple(tuple(part) for part in each.theta))
                if each.left <= NEAR * EXPLAINED else each for each in singles]
-    found = [full.simplest(fit) for fit in singles if fit.explains]
-    if found or not pairing:
-        return found, singles
+    explaining = [full.simplest(fit) for fit in singles if fit.explains]
+    if explaining or not pairing:
+        return explaining, singles
     begin = {id(fit.causes[0]): fit.theta[0] for fit in singles}
     near = [each for each in singles if each.left <= SEEN]
     near = [each for each in near if each.left <= CLEAR * float(np.abs(full.residual(full.right)).max())]
@@ -214,11 +214,11 @@ def search(full: Data, thin: Data, causes: Sequence[Cause], pairing: bool = True
         if best.left <= NEAR * EXPLAINED:
             refined = full.fit((one, other), tuple(tuple(part) for part in best.theta))
             if refined.explains:
-                found.append(full.simplest(refined))
+                explaining.append(full.simplest(refined))
                 alone += _alone(full, refined)
-    if not (alone or found):
-        found = [each for each in (full.fit((cause,)) for cause in last) if each.explains]
-    return alone or found, singles
+    if not (alone or explaining):
+        explaining = [each for each in (full.fit((cause,)) for cause in last) if each.explains]
+    return alone or explaining, singles
 
 
 def _starts(one: Cause, other: Cause) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:

@@ -81,19 +81,19 @@ def causes(context: Context) -> list[Cause]:
     scopes: list[tuple[str, tuple[int, ...]]] = [("all bodies", tuple(range(scene.n)))]
     if scene.n > 1:
         scopes += [(f"body {body.name!r}", (k,)) for k, body in enumerate(scene.bodies)]
-    found = [_gravity(scene)]
+    named = [_gravity(scene)]
     if scene.gravity.any():  # on a hinge, gravity of another size is one of many gravities with the same motion
-        found.append(dataclasses.replace(found[0], apply=lambda p, t: p.replace(gravity=t[0] * scene.gravity), starts=(
-            (1.0,),), say=lambda t: found[0].say(t[0] * scene.gravity), title=lambda t: found[0].name(
+        named.append(dataclasses.replace(named[0], apply=lambda p, t: p.replace(gravity=t[0] * scene.gravity), starts=(
+            (1.0,),), say=lambda t: named[0].say(t[0] * scene.gravity), title=lambda t: named[0].name(
                 t[0] * scene.gravity), special=lambda t: [(0.0,), (-1.0,)], mistakes=lambda t: 1, alone=True))
-    found += [cause for where, bodies in scopes for cause in _inertias(context, where, bodies)]
-    found += [cause for k in range(scene.n) for cause in _masses(scene, k)]
-    found += [cause for where, bodies in scopes for cause in _sizes(context, where, bodies)]
-    found += list(_exchanged(scene))
-    found += [cause for k in range(len(scene.forces)) for cause in _force(scene, k)]
+    named += [cause for where, bodies in scopes for cause in _inertias(context, where, bodies)]
+    named += [cause for k in range(scene.n) for cause in _masses(scene, k)]
+    named += [cause for where, bodies in scopes for cause in _sizes(context, where, bodies)]
+    named += list(_exchanged(scene))
+    named += [cause for k in range(len(scene.forces)) for cause in _force(scene, k)]
     if any(force.type in SPRINGS for force in scene.forces):
-        found += list(_every_spring(context.right))
-    return [*found, *_rotors(context.right, scene), *_slowed(scene), *_terms(scene)]
+        named += list(_every_spring(context.right))
+    return [*named, *_rotors(context.right, scene), *_slowed(scene), *_terms(scene)]
 
 
 def _gravity(scene: Scene) -> Cause:

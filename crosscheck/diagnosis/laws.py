@@ -104,8 +104,8 @@ class LawAnswers:
     @property
     def limit(self) -> str | None:
         """As `Way.limit`, but "undecided" where the steps leave more open than the two laws are apart."""
-        found = self.way.limit()
-        return "undecided" if found == "both" and self.apart is not None and self.apart.size > SAME else found
+        told = self.way.limit()
+        return "undecided" if told == "both" and self.apart is not None and self.apart.size > SAME else told
 
     def __str__(self) -> str:
         way = self.way

@@ -205,10 +205,10 @@ def observe(subject: Subject, scene: Scene, scale: Scale) -> Observation:
         except Silent as error:
             failure = error
             continue
-        found = convergence(runs)
-        first = order if found is None else int(np.clip(round(found), 1, order))
+        observed = convergence(runs)
+        first = order if observed is None else int(np.clip(round(observed), 1, order))
         fine, rough = (extrapolated(runs[skip:], counts[skip:], first) for skip in (0, 1))
-        seen = Observation(scene, scale, fine, float(np.abs(fine - rough).max()) + ROUNDING, found)
+        seen = Observation(scene, scale, fine, float(np.abs(fine - rough).max()) + ROUNDING, observed)
         best = seen if best is None or seen.noise < best.noise else best
         if best.noise <= NOISY or finer > 1:
             return best
@@ -233,8 +233,8 @@ def rates(y: np.ndarray, interval: float) -> tuple[np.ndarray, float]:
     """dy/dt (1/s) at the inner times, (T - 8, n, 18), and an estimate of its error."""
     def apply(stencil: tuple[float, ...]) -> np.ndarray:
         neighbours = np.lib.stride_tricks.sliding_window_view(y, len(stencil), axis=0)
-        found: np.ndarray = neighbours @ np.array(stencil) / interval
-        return found
+        slopes: np.ndarray = neighbours @ np.array(stencil) / interval
+        return slopes
 
     fine, rough = apply(STENCIL), apply(SHORTER)
     return fine, TRUNCATION * float(np.abs(fine - rough).max())

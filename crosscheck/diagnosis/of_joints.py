@@ -149,9 +149,9 @@ def fitted_anchors(shown: list[Shown], k: int) -> tuple[float, Moves | None]:
         if all(rows[side] for side in sides):
             columns = [np.concatenate(rows[side]) for side in sides] + ([constant] if kept else [])
             design = np.column_stack(columns)
-            found = np.linalg.lstsq(design, -opening, rcond=1e-9)[0]
-            if float(np.abs(opening + design @ found).max()) <= min(1.0, LEFT * before):
-                return before, {side: found[3 * place:3 * place + 3] for place, side in enumerate(sides)}
+            shifts = np.linalg.lstsq(design, -opening, rcond=1e-9)[0]
+            if float(np.abs(opening + design @ shifts).max()) <= min(1.0, LEFT * before):
+                return before, {side: shifts[3 * place:3 * place + 3] for place, side in enumerate(sides)}
     return before, None
 
 
@@ -191,8 +191,8 @@ def fitted_mimic(shown: list[Shown], joint: Joint, mimic: Mimic) -> tuple[float,
         scene, scale = each.observation.scene, each.observation.scale
         if all(other.name != joint.name or other.mimic is None for other in scene.joints):
             continue
-        found = histories(scene, each.states)
-        follower, leader = found[joint.name], found[mimic.joint]
+        moved = histories(scene, each.states)
+        follower, leader = moved[joint.name], moved[mimic.joint]
         size = scale.length if joint.type == "prismatic" else 1.0
         noise = size * (FAITHFUL + fit.EXPLAINED * each.observation.noise) * (1.0 + abs(mimic.ratio))
         gaps.append((follower.position - mimic.ratio * leader.position - mimic.offset) / noise)
@@ -212,16 +212,16 @@ def fitted_mimic(shown: list[Shown], joint: Joint, mimic: Mimic) -> tuple[float,
     return gap, dataclasses.replace(mimic, ratio=ratio, offset=offset)
 
 
-def _named_mimic(name: str, mimic: Mimic, found: Mimic | None) -> NamedCause:
+def _named_mimic(name: str, mimic: Mimic, fitted: Mimic | None) -> NamedCause:
     mend = f"check the mimic of joint {name!r} that reaches the engine"
-    if found is None:
+    if fitted is None:
         return NamedCause("missing mimic", f"joint {name!r} does not follow joint {mimic.joint!r}", mend)
-    if found.ratio == mimic.ratio:
+    if fitted.ratio == mimic.ratio:
         return NamedCause("mimic offset", f"joint {name!r} follows joint {mimic.joint!r} with the offset "
-                          f"{found.offset:.5g} in place of {mimic.offset:.5g}", mend)
-    kind = {-mimic.ratio: "sign", 1 / mimic.ratio if mimic.ratio else 0.0: "direction"}.get(found.ratio, "ratio")
+                          f"{fitted.offset:.5g} in place of {mimic.offset:.5g}", mend)
+    kind = {-mimic.ratio: "sign", 1 / mimic.ratio if mimic.ratio else 0.0: "direction"}.get(fitted.ratio, "ratio")
     return NamedCause(f"mimic {kind}", f"joint {name!r} follows joint {mimic.joint!r} with the ratio "
-                      f"{found.ratio:.5g} in place of {mimic.ratio:.5g}", mend)
+                      f"{fitted.ratio:.5g} in place of {mimic.ratio:.5g}", mend)
 
 
 # --- softness ---------------------------------------------------------------------------------------------------------

@@ -108,10 +108,10 @@ def _fitted(each: Altered, gap: Callable[[Scene], np.ndarray], before: float) ->
     def residual(theta: np.ndarray) -> np.ndarray:
         return np.asarray(np.nan_to_num(gap(each.alter(float(theta[0]))), posinf=1e3))
 
-    found = least_squares(residual, [start], x_scale=abs(start) or 0.1, diff_step=1e-5, max_nfev=EVALUATIONS,
+    solution = least_squares(residual, [start], x_scale=abs(start) or 0.1, diff_step=1e-5, max_nfev=EVALUATIONS,
                           xtol=1e-12, ftol=1e-14)
-    left_over = float(np.abs(found.fun).max())
-    return (float(found.x[0]), left_over) if left_over < least else (start, least)
+    left_over = float(np.abs(solution.fun).max())
+    return (float(solution.x[0]), left_over) if left_over < least else (start, least)
 
 
 def alternatives(scene: Scene) -> Iterator[Altered]:
@@ -139,7 +139,7 @@ def _of_friction(scene: Scene, joint: Joint, law: DryFriction) -> Iterator[Alter
     def given(sliding: float, static: float) -> Scene:
         return _joint(scene, joint, dry_friction=(DryFriction(sliding, max(sliding, static)),))
 
-    def instead(**keys: Any) -> Scene:
+    def instead(**keys: object) -> Scene:
         return _joint(scene, joint, dry_friction=()).replace(
             forces=(*scene.forces, Force("servo", None, None, joint.name, keys)))
 
@@ -180,7 +180,7 @@ def _of_limits(scene: Scene, joint: Joint, law: Limits) -> Iterator[Altered]:
 def _of_servo(scene: Scene, index: int, force: Force) -> Iterator[Altered]:
     p, at = force.parameters, f"servo of joint {force.joint}"
 
-    def given(**keys: Any) -> Scene:
+    def given(**keys: object) -> Scene:
         altered = dataclasses.replace(force, parameters={**p, **keys})
         return scene.replace(forces=(*scene.forces[:index], altered, *scene.forces[index + 1:]))
 

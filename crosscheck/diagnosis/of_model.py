@@ -123,11 +123,11 @@ def mismatch(states: States, interval: float, scale: Scale) -> tuple[float, floa
     """(largest normalised |dx/dt - v| and |dR/dt - R hat(w)|, error of the difference quotients)."""
     R = states.R.reshape(*states.x.shape[:2], 9)
     poses = np.concatenate([states.x / scale.length, R], axis=2)
-    found, error = rates(poses, interval)
+    slopes, error = rates(poses, interval)
     inner = slice(REACH, len(states.t) - REACH)
     spin = np.cross(states.R[inner], states.w[inner][..., None, :]).reshape(*R[inner].shape)  # R hat(w), row by row
     wanted = np.concatenate([states.v[inner] / scale.length, spin], axis=2)
-    return float(np.abs(found - wanted).max()) / scale.rate, error / scale.rate
+    return float(np.abs(slopes - wanted).max()) / scale.rate, error / scale.rate
 
 
 def _reports(observations: list[Observation], result: ModelFinding) -> misreadings.Report | None:
@@ -241,12 +241,12 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
         return
     candidates = causes(Context(scene, tuple(attitudes), right))
     if result.soft:
-        found, _ = fit.search(hard, data(shown, right, False, fit.THIN), candidates, pairing=False)
+        fits, _ = fit.search(hard, data(shown, right, False, fit.THIN), candidates, pairing=False)
         result.tried += len(candidates)
-        if found:
+        if fits:
             result.soft = False
-            result.evidence += [_evidence(each, wrong, quantity) for each in found]
-            _name(found, full, result)
+            result.evidence += [_evidence(each, wrong, quantity) for each in fits]
+            _name(fits, full, result)
             return
         if not of_joints.lawful(shown, result.absent):
             result.soft = False
@@ -260,36 +260,36 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
         result.tried += 1
         if remaining <= fit.EXPLAINED:
             return
-    found, singles = fit.search(full, thin, candidates)
+    fits, singles = fit.search(full, thin, candidates)
     result.tried += len(candidates)
     for each in sorted(singles, key=lambda each: each.left)[:8]:
         result.evidence.append(_evidence(each, remaining, quantity))
-    if not found:
+    if not fits:
         result.unexplained.append("accelerations differ from the model's")
         return
-    if len(found[0].causes) > 1:
-        result.evidence += [_evidence(each, remaining, quantity) for each in found]
-    _name(found, full, result)
+    if len(fits[0].causes) > 1:
+        result.evidence += [_evidence(each, remaining, quantity) for each in fits]
+    _name(fits, full, result)
 
 
-def _evidence(found: fit.Fit, before: float, quantity: str) -> Evidence:
-    pairs = list(zip(found.causes, found.theta, strict=True))
-    return Evidence(" and ".join(cause.name(theta) for cause, theta in pairs), "model", before, found.left, quantity,
-                    "; ".join(cause.say(theta) for cause, theta in pairs), found.explains)
+def _evidence(tried: fit.Fit, before: float, quantity: str) -> Evidence:
+    pairs = list(zip(tried.causes, tried.theta, strict=True))
+    return Evidence(" and ".join(cause.name(theta) for cause, theta in pairs), "model", before, tried.left, quantity,
+                    "; ".join(cause.say(theta) for cause, theta in pairs), tried.explains)
 
 
-def _name(found: list[fit.Fit], data: fit.Data, result: ModelFinding) -> None:
-    found = [each for each in found if each.mistakes == min(other.mistakes for other in found)]
-    found = [each for each in found if _magnitudes(each) == min(_magnitudes(other) for other in found)]
-    names = sorted({each.names for each in found})
-    best = min(found, key=lambda each: each.left)
+def _name(fits: list[fit.Fit], data: fit.Data, result: ModelFinding) -> None:
+    fits = [each for each in fits if each.mistakes == min(other.mistakes for other in fits)]
+    fits = [each for each in fits if _magnitudes(each) == min(_magnitudes(other) for other in fits)]
+    names = sorted({each.names for each in fits})
+    best = min(fits, key=lambda each: each.left)
     if len(names) > ALTERNATIVES:
         result.unexplained.append("more than one cause explains the accelerations")
         result.candidates += [" and ".join(each) for each in names]
         return
     if len(names) > 1:
         said = [" and ".join(cause.say(theta) for cause, theta in zip(each.causes, each.theta, strict=True))
-                for each in found]
+                for each in fits]
         result.causes.append(NamedCause(" or ".join(" and ".join(each) for each in names),
                                         ", or equally ".join(dict.fromkeys(said)), best.causes[0].mend))
     else:
@@ -300,10 +300,10 @@ def _name(found: list[fit.Fit], data: fit.Data, result: ModelFinding) -> None:
         result.physics = cause.apply(result.physics, theta)
 
 
-def _magnitudes(found: fit.Fit) -> int:
+def _magnitudes(tried: fit.Fit) -> int:
     """Number of fitted numbers of a combination of causes. Special magnitudes do not count."""
     count = 0
-    for cause, theta in zip(found.causes, found.theta, strict=True):
+    for cause, theta in zip(tried.causes, tried.theta, strict=True):
         special = any(np.array_equal(theta, value) for value in cause.special(theta))
         count += (1 if special and cause.free > 1 and cause.name(theta) == "gravity size" else 0 if special
                   else cause.free)

@@ -81,7 +81,7 @@ class Told:
 
 def diagnose(observations: list[Observation]) -> tuple[list[Told], list[Evidence]]:
     """The hypotheses that reproduce all observations, and the evidence for those that were tried."""
-    found, evidence = [], []
+    named, evidence = [], []
     exact = observations[0].scale.flat(true_motion(observations[0].scene))
     before = float(np.abs(observations[0].y - exact).max())
     if len(observations) == 1 and before <= max(AGREES, fit.EXPLAINED * observations[0].noise):
@@ -97,8 +97,8 @@ def diagnose(observations: list[Observation]) -> tuple[list[Told], list[Evidence
         if holds or after < 1e3:
             evidence.append(Evidence(f"{told.name}: {told.detail}", "report", before, after,
                                      "motion against the one predicted, over its noise", holds=holds))
-        found += [told] if holds else []
-    return found, evidence
+        named += [told] if holds else []
+    return named, evidence
 
 
 def _gap(told: Told, each: Observation) -> float:

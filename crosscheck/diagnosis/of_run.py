@@ -85,8 +85,8 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
 
     def run(finer: int, shown: Scene) -> States:
         step = None if order is None else sampled.duration / INTERVALS / (per // FINER * finer)
-        found: States = subject.run(shown, step, RTOLS[finer == FINER] if order is None else None).states
-        return found
+        states: States = subject.run(shown, step, RTOLS[finer == FINER] if order is None else None).states
+        return states
 
     coarse: States | None = None
     try:
@@ -96,33 +96,33 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
             "whole run", "numerics", None, None, "a run over the whole scene", note=str(error)))
     before, least = 0.0, max(DEFECT, ROUNDINGS * subject.engine.eps)
     for k in range(INTERVALS):
-        found = defect(sampled, scale, fine, k)
-        if found > least and k + 1 < INTERVALS and all(
+        gap = defect(sampled, scale, fine, k)
+        if gap > least and k + 1 < INTERVALS and all(
                 (getattr(fine, name)[k:] == getattr(fine, name)[k]).all() for name in "xRvw"):
             time, mend = float(fine.t[k]), "raise the limit of steps or time, or report such a run as failed"
             size = f"{time / (sampled.duration / INTERVALS / per):.0f} steps, " if order is not None else ""
             cause = NamedCause("step limit", f"nothing moves from t = {time:.4g} s on ({size}or less than "
                                f"{sampled.duration / INTERVALS:.2g} s later)", mend)
             return sampled.duration, Late(time, time, cause.magnitude, [cause], Evidence(
-                cause.name, "report", found, None, "defect of one interval of the whole run", cause.magnitude, True))
-        if step is not None and found > COARSE:  # whatever finer steps do
+                cause.name, "report", gap, None, "defect of one interval of the whole run", cause.magnitude, True))
+        if step is not None and gap > COARSE:  # whatever finer steps do
             time, mend = float(fine.t[k]), "choose a smaller step; the limit is right"
             cause = NamedCause("step too coarse", f"at steps of {step:g} s the motion from t = {time:.4g} s on is off "
-                               f"by {found:.2g} of its size within one interval", mend)
+                               f"by {gap:.2g} of its size within one interval", mend)
             return sampled.duration, Late(time, time, cause.magnitude, [cause], Evidence(
-                cause.name, "numerics", found, None, "defect of one interval of the whole run",
+                cause.name, "numerics", gap, None, "defect of one interval of the whole run",
                 f"from t = {time:.4g} s on, at steps of {step:g} s", True))
-        if found > least:
+        if gap > least:
             try:
                 coarse = run(1, sampled) if coarse is None else coarse
                 rough = defect(sampled, scale, coarse, k)
             except Silent:  # too coarse to run, so that the defect at this step counts as infinite
                 rough = np.inf
-            if found > STUCK * rough and found > 10 * before:
+            if gap > STUCK * rough and gap > 10 * before:
                 until = min(k + 2, INTERVALS)
                 closer = sampled.replace(duration=float(fine.t[until]), samples=CLOSER * until + 1)
-                return sampled.duration, _described(sampled, scale, fine, k, rough, found, run(FINER, closer))
-        before = max(before, found)
+                return sampled.duration, _described(sampled, scale, fine, k, rough, gap, run(FINER, closer))
+        before = max(before, gap)
     return sampled.duration, None
 
 

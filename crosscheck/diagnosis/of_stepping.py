@@ -116,11 +116,11 @@ def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFind
             result.evidence.append(Evidence(shown.name, "report", first.order, None, f"observed order, documented "
                                             f"{order}", shown.magnitude, True))
             return result
-    found = _ordered(subject, first.scene, first.scale, order)
-    result.order = None if found is None else found.observed
-    low = found is not None and found.lower is not None
-    if found is not None and low:
-        _lower_order(subject, first, order, known, found, result)
+    ordered = _ordered(subject, first.scene, first.scale, order)
+    result.order = None if ordered is None else ordered.observed
+    low = ordered is not None and ordered.lower is not None
+    if ordered is not None and low:
+        _lower_order(subject, first, order, known, ordered, result)
     if "acceleration" in subject.held(first.scene) and not known.soft and known.physics.centripetal == 1.0:
         gain = _gain(subject, first, known, result)
         known = dataclasses.replace(known, physics=known.physics.replace(gain=gain))
@@ -240,7 +240,7 @@ def keeps_plane(subject: Subject, copy: Scene, scale: Scale) -> bool:
     return bool(np.abs(turns @ normal - normal).max() <= FLAT)
 
 
-def _lower_order(subject: Subject, first: Observation, order: int, known: Known, found: Order,
+def _lower_order(subject: Subject, first: Observation, order: int, known: Known, ordered: Order,
                  result: NumericsFinding) -> None:
     quantity = f"observed order, documented {order}"
     seen = first.scene.replace(duration=1.0 / first.scale.rate, samples=SAMPLES)
@@ -250,24 +250,24 @@ def _lower_order(subject: Subject, first: Observation, order: int, known: Known,
         stuck = None
     if stuck is not None:  # its kink lowers the order of any method
         result.causes.append(NamedCause("clamp", f"{stuck} in the first {seen.duration:.3g} s", of_run.UNCLAMPED))
-        result.evidence.append(Evidence("clamp", "report", found.observed, None, quantity, stuck, True))
+        result.evidence.append(Evidence("clamp", "report", ordered.observed, None, quantity, stuck, True))
         return
     copy = planar(first.scene, first.scale, known.physics.gravity)
     plane = None
     if copy is not None and subject.unsupported(copy) is None and keeps_plane(subject, copy, first.scale):
         plane = _ordered(subject, copy, first.scale, order)
     result.tried += 2
-    shown = f"order {found.observed:.2f} where the documentation says {order}"
+    shown = f"order {ordered.observed:.2f} where the documentation says {order}"
     if plane is None:
-        result.evidence.append(Evidence("group update", "numerics", found.observed, None, quantity,
+        result.evidence.append(Evidence("group update", "numerics", ordered.observed, None, quantity,
                                         note="no copy on which rotations commute could be run"))
         result.unexplained.append(f"{shown}, and no copy with commuting rotations to tell why")
         return
     commuting = plane.lower is None
     text = "at rounding" if plane.observed is None else f"{plane.observed:.2f}"
-    result.evidence.append(Evidence("group update", "numerics", found.observed, plane.observed, quantity,
+    result.evidence.append(Evidence("group update", "numerics", ordered.observed, plane.observed, quantity,
                                     holds=commuting, note=f"order {text} on a copy in which all rotations commute"))
-    result.evidence.append(Evidence("order of the step", "numerics", found.observed, plane.observed, quantity,
+    result.evidence.append(Evidence("order of the step", "numerics", ordered.observed, plane.observed, quantity,
                                     holds=not commuting, note="the order would be as low where all rotations commute"))
     if commuting:
         result.causes.append(NamedCause("group update", f"{shown}, but order {text} where rotations commute",
@@ -381,8 +381,8 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
     if float(np.abs(gaps).max()) < 0.01 * PUSH:
         return NO_GAIN  # joint coordinates and projections close the joints at once
     interval = scene.duration / (scene.samples - 1)
-    found, error = rates(scale.flat(states)[:, :, 12:], interval)
-    a, alpha = found[:, :, :3] * scale.length * scale.rate, found[:, :, 3:] * scale.rate
+    slopes, error = rates(scale.flat(states)[:, :, 12:], interval)
+    a, alpha = slopes[:, :, :3] * scale.length * scale.rate, slopes[:, :, 3:] * scale.rate
     left = constraints.acceleration(x, R, v, w, a, alpha)[:, rows] / (scale.length * scale.rate**2)
     speeds = constraints.velocity(x, R, v, w)[:, rows] / (scale.length * scale.rate)
     noise = (error + np.abs(STENCIL).sum() * seen.noise / interval) / scale.rate * 10

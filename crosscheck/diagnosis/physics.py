@@ -76,11 +76,11 @@ def of_scene(scene: Scene, copies: int = 1) -> Physics:
 
 def levers(scene: Scene) -> np.ndarray:
     """From the centre of mass of each body to the joint that carries it, (n, 3), m, body axes; zero without a joint."""
-    found = np.zeros((scene.n, 3))
+    arms = np.zeros((scene.n, 3))
     for joint in scene.joints:
-        if joint.child != GROUND and not found[joint.child].any():
-            found[joint.child] = joint.child_anchor
-    return found
+        if joint.child != GROUND and not arms[joint.child].any():
+            arms[joint.child] = joint.child_anchor
+    return arms
 
 
 @dataclasses.dataclass
@@ -122,15 +122,15 @@ class Terms:
 
         If nearly all instants were such, none is.
         """
-        found = np.zeros(len(self.points.x), dtype=bool)
+        reverses = np.zeros(len(self.points.x), dtype=bool)
         again = self.points.copy[1:] == self.points.copy[:-1]
         for u in (self.points.v, self.rubbing[:, :, 3:]):
             along = np.einsum("pni,pni->pn", u[1:], u[:-1])
             sizes = np.linalg.norm(u[1:], axis=2) * np.linalg.norm(u[:-1], axis=2)
             for k in np.flatnonzero(again & (along < 0.5 * sizes).any(axis=1)):
                 near = slice(max(0, k + 1 - BENT), k + 1 + BENT)
-                found[near] |= self.points.copy[near] == self.points.copy[k]
-        return found if found.mean() <= 0.8 else np.zeros_like(found)
+                reverses[near] |= self.points.copy[near] == self.points.copy[k]
+        return reverses if reverses.mean() <= 0.8 else np.zeros_like(reverses)
 
     def forces(self, p: Physics) -> np.ndarray:
         """The generalised forces f, (P, n, 6): N in world axes, N m in body axes."""
@@ -245,8 +245,8 @@ class Terms:
         else:
             rank = int(np.count_nonzero(values[0] > mechanics.RANK_TOLERANCE**2 * values[0].max(initial=0.0)))
         values, vectors = values[:, S.shape[1] - rank:], vectors[:, :, S.shape[1] - rank:]
-        found: np.ndarray = (vectors / values[:, None]) @ np.swapaxes(vectors, 1, 2)
-        return found
+        inverse: np.ndarray = (vectors / values[:, None]) @ np.swapaxes(vectors, 1, 2)
+        return inverse
 
 
 def _rank(G: np.ndarray, masses: np.ndarray, inertias: np.ndarray) -> int:
@@ -260,7 +260,7 @@ def _rank(G: np.ndarray, masses: np.ndarray, inertias: np.ndarray) -> int:
 
 
 def _spring(scene: Scene, force: Force, points: Points,
-            off: Any = 0.0) -> tuple[str, np.ndarray, np.ndarray, np.ndarray, tuple[Any, ...]]:
+            off: object = 0.0) -> tuple[str, np.ndarray, np.ndarray, np.ndarray, tuple[Any, ...]]:
     """(type, generalised force of a unit pull or of the load (P, n, 6), length or angle, its rate, bodies).
 
     `off` is a displacement (m) of the point on the child, in body axes.

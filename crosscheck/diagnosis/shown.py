@@ -39,18 +39,18 @@ def undone(observation: Observation, forces: tuple[int, ...], report: misreading
     states = observation.states if report is None else report.undo(observation.states)
     if report is not None:
         observation = dataclasses.replace(observation, y=scale.flat(states))
-    found, noise = accelerations(observation)
-    found[:, :, :3] *= scale.length * scale.rate
-    found[:, :, 3:] *= scale.rate
-    return Shown(observation, states, found, noise, forces)
+    slopes, noise = accelerations(observation)
+    slopes[:, :, :3] *= scale.length * scale.rate
+    slopes[:, :, 3:] *= scale.rate
+    return Shown(observation, states, slopes, noise, forces)
 
 
 def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
     """Time derivatives of the velocities in y (1/s), (T - 8, n, 6), and their noise in units of 1 / W."""
     interval = observation.scene.duration / (observation.scene.samples - 1)
-    found, error = rates(observation.y[:, :, 12:], interval)
+    slopes, error = rates(observation.y[:, :, 12:], interval)
     noise = (error + AMPLIFIED * observation.noise / interval) / observation.scale.rate
-    return found, max(noise, LEAST_NOISE)
+    return slopes, max(noise, LEAST_NOISE)
 
 
 def data(shown: list[Shown], right: Physics, soft: bool, stride: int) -> fit.Data:
@@ -82,8 +82,8 @@ def points_of(members: list[tuple[int, Shown]], stride: int) -> tuple[Points, np
         count = len(pieces["rates"][-1])
         pieces["copy"].append(np.full(count, k))
         pieces["noise"].append(np.full(count, each.noise))
-        found = mechanics.torsion_angles(each.observation.scene, each.states.R, each.states.w, each.states.t)
-        for joint, values in found.items():
+        twists = mechanics.torsion_angles(each.observation.scene, each.states.R, each.states.w, each.states.t)
+        for joint, values in twists.items():
             angles.setdefault(joint, []).append(values[inner])
     joined = {name: np.concatenate(parts) for name, parts in pieces.items()}
     noise = joined.pop("noise")

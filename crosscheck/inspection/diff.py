@@ -208,7 +208,7 @@ class _Comparison:
         return ((self.one.scene.bodies[k].name, self.other.scene.bodies[j].name)
                 for k, j in sorted(self.bodies.items()) if k != GROUND)
 
-    def _tell(self, where: str, what: str, a: Any, b: Any) -> None:
+    def _tell(self, where: str, what: str, a: object, b: object) -> None:
         self.differences.append(Difference(where, what, _plain(a), _plain(b)))
 
     def _descend(self, body: int, E: np.ndarray, shift: np.ndarray) -> None:
@@ -496,12 +496,12 @@ def _merged(scene: Scene) -> Scene:
                                           velocity=speed))
         centres[k], turns[k] = centre, R
 
-    def turned(body: int, vector: Any) -> Any:
+    def turned(body: int, vector: object) -> Any:
         """A direction in the axes of a body, in those of its root."""
         R = np.eye(3) if body == GROUND else scene.R0[body]
         return None if vector is None else turns[roots[body]].T @ R @ np.asarray(vector)
 
-    def moved(body: int, point: Any) -> Any:
+    def moved(body: int, point: object) -> Any:
         start = np.zeros(3) if body == GROUND else scene.x0[body]
         return turned(body, point) + turns[roots[body]].T @ (start - centres[roots[body]])
 
@@ -533,7 +533,7 @@ def _merged(scene: Scene) -> Scene:
                          sensors=())
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """Arrays and records as tuples of numbers."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = dataclasses.astuple(value)
@@ -542,7 +542,7 @@ def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, int | float | np.floating) and not isinstance(value, bool) else value
 
 
-def _alike(a: Any, b: Any, scale: float | None = None) -> bool:
+def _alike(a: object, b: object, scale: float | None = None) -> bool:
     """Whether two values, or tuples of them, agree; numbers within TOLERANCE of the largest, or of `scale`."""
     a, b = _plain(a), _plain(b)
     if isinstance(a, float) and isinstance(b, float):
@@ -555,7 +555,7 @@ def _alike(a: Any, b: Any, scale: float | None = None) -> bool:
     return bool(a == b)
 
 
-def _numbers(value: Any) -> Iterator[float]:
+def _numbers(value: object) -> Iterator[float]:
     if isinstance(value, tuple):
         for part in value:
             yield from _numbers(part)
@@ -568,7 +568,7 @@ def _ratio(a: Any, b: Any) -> float:
     return float(np.max(np.abs(np.subtract(a, b)) / np.maximum(np.maximum(np.abs(a), np.abs(b)), 1e-300)))
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.7g}"
     if isinstance(value, tuple):

@@ -96,14 +96,14 @@ def resting(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.nda
 
     The state is one row.
     """
-    found = []
+    sticking = []
     for index, joint in enumerate(scene.joints):
         for k, friction in enumerate(joint.dry_friction):
             if friction is not None:
                 S, s = rate_row(joint, joint.kind.coordinates[k], scene, x, R, v, w)
                 if abs(float(S[0] @ np.concatenate([v[0], w[0]], axis=1).ravel())) <= AT_REST:
-                    found.append((index, k, friction.static, S[0], s))
-    return found
+                    sticking.append((index, k, friction.static, S[0], s))
+    return sticking
 
 
 def _held(scene: Scene, *state: np.ndarray) -> Scene:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
-from typing import Any
 
 import numpy as np
 
@@ -70,7 +69,7 @@ class Derivatives:
         return {name: values for name, values in named.items() if values is not None}
 
 
-def derivatives(scene: Scene | str | os.PathLike[str], source: Any = "truth", state: Any = None) -> Derivatives:
+def derivatives(scene: Scene | str | os.PathLike[str], source: object = "truth", state: object = None) -> Derivatives:
     """Derivatives of the acceleration at the start of a scene, or at a given state.
 
     Parameters
@@ -95,7 +94,7 @@ def derivatives(scene: Scene | str | os.PathLike[str], source: Any = "truth", st
     return of(loaded, source)
 
 
-def of(scene: Scene, source: Any) -> Derivatives:
+def of(scene: Scene, source: object) -> Derivatives:
     """The derivatives of a source at the start of the scene."""
     label, blocks = taken(scene, source)
     size = max(float(np.abs(part).max(initial=1.0)) for part in (blocks.da_dq, blocks.da_dv))
@@ -104,7 +103,7 @@ def of(scene: Scene, source: Any) -> Derivatives:
     return Derivatives(scene.name, label, scene.coordinates, blocks.da_dq, blocks.da_dv, blocks.da_dtau, claim)
 
 
-def at_state(scene: Scene, state: Any) -> Scene:
+def at_state(scene: Scene, state: object) -> Scene:
     """The scene with its start at a state; see `derivatives`."""
     if state is None:
         return scene

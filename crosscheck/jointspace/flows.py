@@ -62,7 +62,7 @@ class FlowDerivative:
 
 
 def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, source: str = "truth",
-                    step: float | None = None, parameters: Sequence[str] = (), **options: Any) -> FlowDerivative:
+                    step: float | None = None, parameters: Sequence[str] = (), **options: object) -> FlowDerivative:
     """Derivatives of the state of a tree of joints after `duration` (s).
 
     Parameters
@@ -143,7 +143,7 @@ def _tangent(space: JointSpace) -> np.ndarray:
 
 def _exact(scene: Scene) -> End:
     if scene.has_laws:  # both formulations, which have to find the same events
-        return lambda changed: ((found := compute(changed)).states, found.events)
+        return lambda changed: ((moved := compute(changed)).states, moved.events)
     return lambda changed: (Maximal(changed).run(np.array([0.0, scene.duration])), ())
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ AGREED = 1e-9
 """Largest difference of two routes of truth, relative to the largest term of the sum."""
 
 
-def inverse_dynamics(scene: Scene | str | os.PathLike[str], q: Any, v: Any, a: Any,
+def inverse_dynamics(scene: Scene | str | os.PathLike[str], q: object, v: object, a: object,
                      engine: str = "truth") -> np.ndarray:
     """Generalized forces that drives have to supply for a motion, (T, n), or (n,) for one instant; N m and N.
 

@@ -153,22 +153,22 @@ class TreeSpace:
         equations, n = self.equations, self.scene.n
         loads, alpha, A, speeding = equations._solved(state, functools.partial(at, t=0.0))
         placed = loads.placed or equations.tree.world(loads.frames)
-        found = Bodies(*(np.zeros(shape, complex) for shape in ((n, 3), (n, 3, 3), *[(n, 3)] * 4)),
+        moved = Bodies(*(np.zeros(shape, complex) for shape in ((n, 3), (n, 3, 3), *[(n, 3)] * 4)),
                        *np.zeros((3, 0)))
         for body in range(n):
             frame, (R, point, velocity) = loads.frames[body], placed[body]
             pull = add(A[body], cross(alpha[body], frame.lever), centripetal(frame.w, frame.lever))
-            found.R[body], found.w[body], found.alpha[body] = R, frame.w, alpha[body]
-            found.x[body] = add(point, apply(R, frame.lever))
-            found.v[body] = add(velocity, apply(R, cross(frame.w, frame.lever)))
-            found.a[body] = apply(R, pull)
-        found.rates = np.array([rate for link in self.links for rate in speeding[link.body]])
+            moved.R[body], moved.w[body], moved.alpha[body] = R, frame.w, alpha[body]
+            moved.x[body] = add(point, apply(R, frame.lever))
+            moved.v[body] = add(velocity, apply(R, cross(frame.w, frame.lever)))
+            moved.a[body] = apply(R, pull)
+        moved.rates = np.array([rate for link in self.links for rate in speeding[link.body]])
         if equations.cuts:
             loads.placed = placed
             rows = [loops.row(cut, loads) for cut in equations.cuts]
-            found.values = np.array([row.value for row, cut in zip(rows, equations.cuts, strict=True) if not cut.slips])
-            found.slopes = np.array([row.rate for row in rows])
-        return found
+            moved.values = np.array([row.value for row, cut in zip(rows, equations.cuts, strict=True) if not cut.slips])
+            moved.slopes = np.array([row.rate for row in rows])
+        return moved
 
     def derivative(self, function: Callable[[np.ndarray, np.ndarray], Any]) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of a function of (change, speeds) at the start, (values, size) each."""
@@ -381,7 +381,7 @@ def shifted(scene: Scene, change: np.ndarray) -> Scene:
         scene.v0 + speed[:, :3], scene.w0 + speed[:, 3:])))
 
 
-def posed(scene: Scene, found: Bodies) -> Scene:
+def posed(scene: Scene, bodies: Bodies) -> Scene:
     """The scene with its start in the states of bodies."""
-    x, R, v, w = (np.real(each) for each in (found.x, found.R, found.v, found.w))
+    x, R, v, w = (np.real(each) for each in (bodies.x, bodies.R, bodies.v, bodies.w))
     return scene.replace(bodies=bodies_at(scene, Configuration(x, quaternion_from_rotation(R), v, w)))

@@ -99,7 +99,7 @@ DERIVATIVE = 10.0
 of the motion grow as the root of the largest first derivative."""
 
 
-def taken(scene: Scene, source: Any, along: np.ndarray | None = None) -> tuple[str, Blocks]:
+def taken(scene: Scene, source: object, along: np.ndarray | None = None) -> tuple[str, Blocks]:
     """The label of a source, and its blocks; `along` as of `differences`."""
     if not isinstance(source, str):
         return str(getattr(source, "name", type(source).__name__)), _own(scene, source, along)
@@ -302,7 +302,7 @@ def mjx_jacobian(scene: Scene, mode: str) -> Blocks:
         raise Unsupported(f"mjx on {scene.name!r}: its positions are quaternions")
     model, data = mjx.put_model(built), mjx.put_data(built, start)
 
-    def accelerated(q: Any, v: Any) -> Any:
+    def accelerated(q: object, v: object) -> Any:
         return mjx.forward(model, data.replace(qpos=q, qvel=v)).qacc
 
     da_dq, da_dv = (np.asarray(part) for part in jax.jit(getattr(jax, mode)(accelerated, (0, 1)))(data.qpos, data.qvel))

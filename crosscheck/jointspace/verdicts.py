@@ -54,7 +54,7 @@ class Verdict:
     cause: str = ""  # of wrong ones, "" where none is found
 
 
-def judge(scene: Scene, source: Any, exact: Derivatives | None = None) -> Verdict:
+def judge(scene: Scene, source: object, exact: Derivatives | None = None) -> Verdict:
     """The verdict on a source at the start of a scene; errors as of `crosscheck.derivatives`."""
     exact = exact or truth(scene)
     if exact.da_dq is None:
@@ -70,14 +70,14 @@ def judge(scene: Scene, source: Any, exact: Derivatives | None = None) -> Verdic
     return Verdict(given.source, errors, bound, not wrong, cause)
 
 
-def _on_loops(scene: Scene, source: Any, known: float) -> Verdict:
+def _on_loops(scene: Scene, source: object, known: float) -> Verdict:
     """The verdict where joints close loops: accelerations by the directions in which the joints let the scene move."""
     exact = tangent_space(scene)
     if not exact.a.size:
         raise Unsupported(f"{scene.name!r} has no joint coordinates in which sources give derivatives")
     size = max(float(np.abs(exact.a).max()), 1e-300)
 
-    def apart(source: Any) -> tuple[str, Blocks, Callable[[np.ndarray], float]]:
+    def apart(source: object) -> tuple[str, Blocks, Callable[[np.ndarray], float]]:
         label, blocks = taken(scene, source, exact.changes)
         rows = np.arange(len(exact.a)) if blocks.rows is None else blocks.rows
         given = blocks.da_dq if blocks.rows is None else blocks.da_dq @ exact.q[rows] + blocks.da_dv @ exact.v[rows]

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
+from crosscheck.judge.claim import Trace
 from crosscheck.judge.crossings import Crossed
 from crosscheck.judge.defects import RATES, SHARE, Defects
 from crosscheck.judge.flow import around
@@ -42,7 +42,7 @@ UNITS = {"acceleration": "m/s^2", "angular acceleration": "rad/s^2", "reaction":
 """Reactions are compared by the accelerations that they give each body, M^-1 G^T lam: rows may be redundant."""
 
 
-def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequence[Defects], soft: bool = False
+def judge_accelerations(scene: Scene, trajectories: Sequence[Trace], runs: Sequence[Defects], soft: bool = False
                         ) -> list[Finding]:
     """Findings for those of a, alpha and lam that the engine reports.
 
@@ -88,12 +88,12 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
             candidates.append(("no less at a finer step, ", sizes[0], _independent(scene, ordered, change)))
         candidates.append(("where other accelerations are those of the state, ", sizes[own],
                            _exact(scene, runs[0], sizes[own])))
-        found = []
+        compared = []
         for word, values, bound in candidates:
             at = int(np.argmax(np.where(calm, values / bound, 0.0)))
-            found.append((float(values[at]) / length, float(bound[at]) / length,
+            compared.append((float(values[at]) / length, float(bound[at]) / length,
                           f"{word}t = {traj.t[runs[0].flow.index[at] + 1]:.4g} s"))
-        value, most, where = max(found, key=lambda each: each[0] / each[1])
+        value, most, where = max(compared, key=lambda each: each[0] / each[1])
         findings.append(Finding(
             name, "ok" if value <= most else "fail", value, most, unit, "reported, against the index-1 system at "
             "the run's own state: what changes within one step, and what open constraints add", where))
@@ -164,7 +164,7 @@ def _sizes(vectors: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(np.isfinite(values), values, np.inf).max(axis=1))
 
 
-def by_equations(scene: Scene, traj: Any, at: np.ndarray, crossed: Crossed | None
+def by_equations(scene: Scene, traj: Trace, at: np.ndarray, crossed: Crossed | None
                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """As `mechanics.index1`, in a run's own states at the output times `at`, the ends of the intervals of `crossed`."""
     efforts = None if crossed is None else crossed.efforts()
@@ -172,20 +172,20 @@ def by_equations(scene: Scene, traj: Any, at: np.ndarray, crossed: Crossed | Non
     return mechanics.index1(scene, traj.x[at], traj.R[at], traj.v[at], traj.w[at], angles, traj.t[at], efforts)
 
 
-def _gaps(scene: Scene, traj: Any, at: np.ndarray, crossed: Crossed | None) -> dict[str, np.ndarray]:
+def _gaps(scene: Scene, traj: Trace, at: np.ndarray, crossed: Crossed | None) -> dict[str, np.ndarray]:
     """(I, n, 3) for each reported quantity: the difference from the index-1 equations at the output times `at`."""
     a, alpha, lam = by_equations(scene, traj, at, crossed)
-    found = {}
+    gaps = {}
     if traj.a is not None:
-        found["acceleration"] = traj.a[at] - a
+        gaps["acceleration"] = traj.a[at] - a
     if traj.alpha is not None:
-        found["angular acceleration"] = traj.alpha[at] - alpha
+        gaps["angular acceleration"] = traj.alpha[at] - alpha
     if traj.lam is not None and lam.shape[1]:
         G = Constraints(scene).jacobian(traj.x[at], traj.R[at])
         given = np.einsum("tmk,tm->tk", G, traj.lam[at] - lam) @ mechanics.inverse_mass(scene)
         rates = given.reshape(len(lam), scene.n, 6)
-        found |= {"reaction": rates[..., :3], "reaction torque": rates[..., 3:]}
-    return found
+        gaps |= {"reaction": rates[..., :3], "reaction torque": rates[..., 3:]}
+    return gaps
 
 
 def _exact(scene: Scene, run: Defects, sizes: np.ndarray) -> np.ndarray:
@@ -217,16 +217,16 @@ def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float =
 
     The bound is the change in `WITHIN` steps: its leading term or, `times`, the term that is `more` orders higher.
     """
-    scale, found = run.scale, run.flow
+    scale, flow = run.scale, run.flow
     if run.claim.step and run.claim.fixed:
         degree = power + more
         steps = WITHIN if not more else WITHIN**degree / math.factorial(degree)
         # The largest of the run: accelerations of their own remember where they came from.
-        changed = times * steps * run.claim.step**degree * scale.length * float(found.jerks[degree].max())
+        changed = times * steps * run.claim.step**degree * scale.length * float(flow.jerks[degree].max())
         changed += _noise(scene, run)
     else:
-        share = RATES * run.claim.steps * len(found.tau) * (run.claim.rtol or 0.0)
-        changed = share * scale.length * (found.jerks[0] + scale.rate**2)
+        share = RATES * run.claim.steps * len(flow.tau) * (run.claim.rtol or 0.0)
+        changed = share * scale.length * (flow.jerks[0] + scale.rate**2)
     return np.asarray(changed + _lasting(scene, run))
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 from crosscheck.errors import ArgumentError
+
+Trace = Any  # a Trajectory of crosscheck.running, or the States of one: the judge imports no runs
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
+from crosscheck.judge.claim import Trace
 from crosscheck.judge.metrics import attitude_angle, up_to
 from crosscheck.references.base import Reference
 from crosscheck.scene import mechanics
@@ -32,12 +32,12 @@ WOBBLE = 0.01
 """Between two output times, oscillating errors may raise the speed by this share above the speeds at both times."""
 
 
-def judge_continuity(scene: Scene, traj: Any, truth: Reference, eps: float = tolerances.EPS) -> list[Finding]:
+def judge_continuity(scene: Scene, traj: Trace, truth: Reference, eps: float = tolerances.EPS) -> list[Finding]:
     """Judge, up to the horizon, whether poses move no faster than the run's own speeds, and whether it was reset."""
     return [_continuity(scene, traj, truth, eps), _reset(scene, traj, truth)]
 
 
-def _continuity(scene: Scene, traj: Any, truth: Reference, eps: float) -> Finding:
+def _continuity(scene: Scene, traj: Trace, truth: Reference, eps: float) -> Finding:
     """The pair of neighbouring output times whose motion exceeds what speeds allow the most, or comes closest to it.
 
     In a time dt a body moves by at most dt times its largest speed. Between two output times this speed exceeds the
@@ -74,11 +74,11 @@ def _judged_times(truth: Reference) -> int:
     return max(2, int(np.count_nonzero(up_to(truth.t, truth.horizon))))
 
 
-def _reset(scene: Scene, traj: Any, truth: Reference) -> Finding:
+def _reset(scene: Scene, traj: Trace, truth: Reference) -> Finding:
     """Count the output times at which the run is at its initial state but truth is not."""
     scale = tolerances.scales(scene, truth)
 
-    def distance(states: Any) -> np.ndarray:
+    def distance(states: Trace) -> np.ndarray:
         parts = [np.abs(states.x - states.x[0]).max(axis=(1, 2)) / scale.length,
                  np.abs(states.R - states.R[0]).max(axis=(1, 2, 3)),
                  np.abs(states.v - states.v[0]).max(axis=(1, 2)) / (scale.length * scale.rate),
@@ -92,7 +92,7 @@ def _reset(scene: Scene, traj: Any, truth: Reference) -> Finding:
                    "output times at which the run is back in its initial state and truth is not", detail)
 
 
-def judge_orthogonality(trajectories: Sequence[Any], on_group: bool, eps: float, order: int | None,
+def judge_orthogonality(trajectories: Sequence[Trace], on_group: bool, eps: float, order: int | None,
                         starts: Sequence[int] = (0,)) -> Finding:
     """Judge max |R^T R - I| of the first run against rounding.
 

@@ -8,13 +8,12 @@ this allows has to find the time. No bound reaches over an impact that may have 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from crosscheck.document import QUANTITIES
 from crosscheck.errors import Unsupported
 from crosscheck.judge import tolerances
+from crosscheck.judge.claim import Trace
 from crosscheck.references import dense
 from crosscheck.references.base import Reference
 from crosscheck.references.modes import Mode
@@ -43,7 +42,7 @@ class Crossed:
     begins : by sample, where they begin instead, and the memory there
     """
 
-    def __init__(self, scene: Scene, traj: Any, index: np.ndarray, ahead: float, length: float,
+    def __init__(self, scene: Scene, traj: Trace, index: np.ndarray, ahead: float, length: float,
                  begins: dict[int, tuple[States, Mode | None]]) -> None:
         self.scene, self.traj, self.index = scene, traj, index
         self.restarts, self.turns = restarts_of(scene, length), _turns(scene, traj)
@@ -64,10 +63,10 @@ class Crossed:
 
     def sizes(self, degree: int) -> np.ndarray:
         """(degree + 3, I) the largest derivatives of y in each; beyond those that are known, by their last ratio."""
-        found = [*np.array([each.derivatives for each in self.intervals]).T]
-        while len(found) < degree + 3:
-            found.append(np.where(found[-2] > 0.0, found[-1] ** 2 / np.where(found[-2] > 0.0, found[-2], 1.0), 0.0))
-        return np.array(found[:degree + 3])
+        sizes = [*np.array([each.derivatives for each in self.intervals]).T]
+        while len(sizes) < degree + 3:
+            sizes.append(np.where(sizes[-2] > 0.0, sizes[-1] ** 2 / np.where(sizes[-2] > 0.0, sizes[-2], 1.0), 0.0))
+        return np.array(sizes[:degree + 3])
 
     def efforts(self) -> Efforts:
         """What the laws give at the ends of the intervals, in the run's own states."""
@@ -76,7 +75,7 @@ class Crossed:
         return [(law.joint, not law.turns, given[:, i]) for i, law in enumerate(self.restarts.series.laws)]
 
 
-def _turns(scene: Scene, traj: Any) -> dict[str, np.ndarray]:
+def _turns(scene: Scene, traj: Trace) -> dict[str, np.ndarray]:
     """(T,) angles of joints with laws over a run, with their whole turns."""
     return {name: each.position.reshape(len(traj.t), -1)[:, 0] for name, each in histories(scene, traj).items()}
 
@@ -89,7 +88,7 @@ def restarts_of(scene: Scene, length: float) -> Restarts:
     return Restarts(series, length)
 
 
-def memories(scene: Scene, traj: Any) -> list[Mode | None]:
+def memories(scene: Scene, traj: Trace) -> list[Mode | None]:
     """What the states of a run lack, by sample."""
     return Crossed(scene, traj, np.arange(len(traj.t) - 1), 0.0, 1.0, {}).modes
 
@@ -127,9 +126,9 @@ def late(scene: Scene, truth: Reference, step: float) -> dict[str, float]:
     if restarts is None:
         return {}
     begin = Begin(0.0, scene, {name: float(angles[0]) for name, angles in _turns(scene, truth.states).items()})
-    found = restarts.follow([begin], [until], 0.0)[0][0]
-    pose, rate = across(found.events, 0.0, 0.0, until, found.derivatives, (1, step))
-    rate += sum(each.velocity for each in found.events if np.abs(truth.t - each.after).min() <= STEPS * step)
+    interval = restarts.follow([begin], [until], 0.0)[0][0]
+    pose, rate = across(interval.events, 0.0, 0.0, until, interval.derivatives, (1, step))
+    rate += sum(each.velocity for each in interval.events if np.abs(truth.t - each.after).min() <= STEPS * step)
     return {name: truth.amplification * unit * (rate if "velocity" in name else pose)
             for name, unit in zip(QUANTITIES, (scale.length, 1.0, scale.length, 1.0), strict=True)}
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from crosscheck.document import QUANTITIES, Scales
 from crosscheck.judge import tolerances
-from crosscheck.judge.claim import Claim
+from crosscheck.judge.claim import Claim, Trace
 from crosscheck.judge.crossings import across
 from crosscheck.judge.flow import Answer, Flow, flows
 from crosscheck.references.base import Reference
@@ -68,8 +67,8 @@ class Defects:
     def bounds(self) -> Parts:
         """Largest error per interval, (I,) by quantity, in the unit of the quantity."""
         open_ = {level: self.at_ends(np.minimum(self.opening[level], self.allowed[0][level])) for level in self.opening}
-        found = with_slack(*self.local(), open_, self.flow.tau, self.scale)
-        return {name: found[name] + self.floor[name] for name in QUANTITIES}
+        wide = with_slack(*self.local(), open_, self.flow.tau, self.scale)
+        return {name: wide[name] + self.floor[name] for name in QUANTITIES}
 
     def at_ends(self, series: np.ndarray) -> np.ndarray:
         """The larger of the values at both ends of each interval, (I,), of a series (T,)."""
@@ -78,34 +77,34 @@ class Defects:
 
     def local(self, more: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (I,) of the errors of y and dy/dt that an interval adds, for a method of order p + `more`."""
-        found, claim = self.flow, self.claim
+        flow, claim = self.flow, self.claim
         if claim.fixed is None:
-            pose = NORMS * found.growth * (claim.steps + 1.0) * (claim.rtol or 0.0)
-            return self._across(pose, RATES / NORMS * pose * np.maximum(found.rate, self.scale.rate))
+            pose = NORMS * flow.growth * (claim.steps + 1.0) * (claim.rtol or 0.0)
+            return self._across(pose, RATES / NORMS * pose * np.maximum(flow.rate, self.scale.rate))
         order, step = claim.fixed
-        order, Y = order + more, found.sizes
-        scaled = TERMS * found.growth * found.tau * step**order
-        return self._across(scaled * (Y[order + 1] + found.tau * Y[order + 2]),
-                            scaled * (Y[order + 2] + found.rate * Y[order + 1]))
+        order, Y = order + more, flow.sizes
+        scaled = TERMS * flow.growth * flow.tau * step**order
+        return self._across(scaled * (Y[order + 1] + flow.tau * Y[order + 2]),
+                            scaled * (Y[order + 2] + flow.rate * Y[order + 1]))
 
     def _across(self, pose: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The bounds (I,) of y and dy/dt where surfaces of laws are crossed."""
         return crossed(self.flow, pose, rate, self.claim.fixed)
 
 
-def crossed(found: Flow, pose: np.ndarray, rate: np.ndarray, claim: tuple[int, float] | None
+def crossed(flow: Flow, pose: np.ndarray, rate: np.ndarray, claim: tuple[int, float] | None
             ) -> tuple[np.ndarray, np.ndarray]:
     """Errors (I,) of y and dy/dt after the events of intervals, see `crosscheck.judge.crossings.across`."""
-    if found.crossed is None:
+    if flow.crossed is None:
         return pose, rate
     pose, rate = pose.copy(), rate.copy()
-    for k, interval in enumerate(found.crossed.intervals):
+    for k, interval in enumerate(flow.crossed.intervals):
         if interval.events:
-            pose[k], rate[k] = across(interval.events, pose[k], rate[k], found.tau[k], found.sizes[:, k], claim)
+            pose[k], rate[k] = across(interval.events, pose[k], rate[k], flow.tau[k], flow.sizes[:, k], claim)
     return pose, rate
 
 
-def measured(scene: Scene, traj: Any, others: Sequence[Answer], truth: Reference, claim: Claim,
+def measured(scene: Scene, traj: Trace, others: Sequence[Answer], truth: Reference, claim: Claim,
              own: Defects | None = None) -> list[Defects]:
     """The defects of a run and of `others`, its parts at other steps; with `own`, those of the run, of the others only.
 
@@ -116,33 +115,33 @@ def measured(scene: Scene, traj: Any, others: Sequence[Answer], truth: Reference
     count = len(traj.t) - 1
     index = np.arange(count) if scene.n <= MOST_BODIES else np.unique(np.linspace(0, count - 1, FEW).astype(int))
     scale, order = tolerances.scales(scene, truth), claim.order or 0
-    runs: list[tuple[Any, Claim, Answer | None]] = [] if own is not None else [(
+    runs: list[tuple[Trace, Claim, Answer | None]] = [] if own is not None else [(
         traj, dataclasses.replace(claim, steps=traj.steps / count), None)]
     runs += [(
         each.traj, dataclasses.replace(claim, step=each.traj.stats["step"], steps=each.traj.steps / count), each)
              for each in others]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        found = flows(scene, [(each, answer, min(4 * (said.step or math.inf), AHEAD * float(traj.t[1] - traj.t[0])))
+        flowed = flows(scene, [(each, answer, min(4 * (said.step or math.inf), AHEAD * float(traj.t[1] - traj.t[0])))
                               for each, said, answer in runs], truth, scale,
                       max(5, order + 3) if claim.fixed else 3, index) if runs else []
         return [_measure(scene, each, truth, said, scale, flow) for (each, said, _), flow in
-                zip(runs, found, strict=True)]
+                zip(runs, flowed, strict=True)]
 
 
-def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Scales, found: Flow) -> Defects:
+def _measure(scene: Scene, traj: Trace, truth: Reference, claim: Claim, scale: Scales, flow: Flow) -> Defects:
     order = claim.order or 0
-    end, after = found.end, found.index + 1
+    end, after = flow.end, flow.index + 1
     vectors = {"position": traj.x[after] - end.x, "velocity": traj.v[after] - end.v,
                "attitude": turn(end.R, traj.R[after]), "angular velocity": traj.w[after] - end.w}
-    vectors = {name: np.where(found.regular[:, None, None], vector, 0.0) for name, vector in vectors.items()}
+    vectors = {name: np.where(flow.regular[:, None, None], vector, 0.0) for name, vector in vectors.items()}
     # In joint coordinates the roundings of all bodies down to the ground add up.
     least = (DOUBT + 4 * tolerances.grading(scene) * claim.eps) * max(1.0, scene.n / CHAIN)
     steps = max(1.0, claim.steps) ** 0.6
-    floor = {name: least * max(scale.of(name), scale.units[name]) * found.growth * steps for name in QUANTITIES}
-    if found.crossed is not None:
+    floor = {name: least * max(scale.of(name), scale.units[name]) * flow.growth * steps for name in QUANTITIES}
+    if flow.crossed is not None:
         for pose, rate in (("position", "velocity"), ("attitude", "angular velocity")):
             units = scale.units[pose], scale.units[rate] / scale.rate
-            grown = crossed(found, floor[pose] / units[0], floor[rate] / units[1], None)
+            grown = crossed(flow, floor[pose] / units[0], floor[rate] / units[1], None)
             floor[pose], floor[rate] = (part * unit for part, unit in zip(grown, units, strict=True))
     if claim.eps > tolerances.EPS and claim.step:
         # Velocities that are differences of positions over a step carry their roundings, 1e-4 m/s at 1 ms and 1 m.
@@ -150,7 +149,7 @@ def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Sca
             floor[name] = floor[name] + 4 * claim.eps * size / claim.step
     opening = {level: getattr(traj, f"constraint_{level}") for level in ("position", "velocity")}
     growth = math.log(10.0 * max(1.0, truth.amplification))
-    run = Defects(found, claim, scale, tolerances.grading(scene), growth, vectors, floor, opening, ())
+    run = Defects(flow, claim, scale, tolerances.grading(scene), growth, vectors, floor, opening, ())
     orders = 3 if order == 1 else 2 if claim.fixed else 1
     return dataclasses.replace(run, allowed=tuple(_drift(run, traj.t, more) for more in range(orders)))
 
@@ -171,18 +170,18 @@ def _drift(run: Defects, t: np.ndarray, more: int) -> Parts:
 
     The index-1 equations do not magnify violations of velocity constraints: they add up, and positions follow them.
     """
-    found, (pose, rate) = run.flow, run.local(more)
+    flow, (pose, rate) = run.flow, run.local(more)
     lever = max(1.0, run.scale.length)
-    scattered = (len(t) - 1) / len(found.tau)  # in scenes of many bodies only a few intervals are measured
+    scattered = (len(t) - 1) / len(flow.tau)  # in scenes of many bodies only a few intervals are measured
     pose = pose + run.floor["position"] / run.scale.length
     rate = rate + run.floor["velocity"] / run.scale.length
     at_once = 0.0
     if run.claim.fixed:
         order, step = run.claim.fixed
-        at_once = TERMS * step**(order + more) * float(found.sizes[order + more + 1].max())
+        at_once = TERMS * step**(order + more) * float(flow.sizes[order + more + 1].max())
     opened = scattered * np.concatenate([[0.0], np.cumsum(rate)]) + at_once
-    moved = scattered * np.concatenate([[0.0], np.cumsum(pose + found.tau * opened[1:])])
-    at = np.append(found.begin.t, t[found.index[-1] + 1])
+    moved = scattered * np.concatenate([[0.0], np.cumsum(pose + flow.tau * opened[1:])])
+    at = np.append(flow.begin.t, t[flow.index[-1] + 1])
     size, speed = max(lever, run.scale.reach), max(lever * run.scale.rate, run.scale.speed)
     return {"position": 2 * lever * np.interp(t, at, moved) + DOUBT * lever + 10 * run.claim.eps * size,
             "velocity": 2 * lever * np.interp(t, at, opened) + DOUBT * lever * run.scale.rate

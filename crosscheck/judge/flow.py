@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.document import Scales
+from crosscheck.judge.claim import Trace
 from crosscheck.judge.crossings import Crossed
 from crosscheck.references.base import Reference
 from crosscheck.references.maximal import fastest
@@ -41,7 +42,7 @@ State = list[np.ndarray]
 class Answer:
     """The parts of a run once more, at another step or in another world."""
 
-    traj: Any  # at the output times, in the scene's own world
+    traj: Trace  # at the output times, in the scene's own world
     marks: np.ndarray  # samples at which parts begin, and the last one
     begins: States  # (P,) where they begin: in the run's own states, with closed joints where an engine wants them
     turned: bool  # whether the other world was turned
@@ -130,7 +131,7 @@ def flows(scene: Scene, runs: Sequence[Run], truth: Reference, scale: Scales, de
     return [_flow(scene, *each, truth, scale, degree, index) for each in zip(runs, begins, regular, moved, strict=True)]
 
 
-def _begin(traj: Any, index: np.ndarray, answer: Answer | None) -> States:
+def _begin(traj: Trace, index: np.ndarray, answer: Answer | None) -> States:
     """The run's own states at the beginning of intervals, or those in which the engine was started there."""
     begin = _rows(traj, index)
     if answer is not None:
@@ -160,25 +161,25 @@ def _flow(scene: Scene, run: Run, begin: States, regular: np.ndarray, moved: Any
         fast = np.maximum(fast, [each.stiff for each in crossed.intervals])
         sizes = around(crossed.sizes(degree), near)
         spring = max(spring, crossed.restarts.decay, *(each.stiff for each in crossed.intervals))
-        found = [sizes[2:degree + 1], sizes[2:]]
+        largest = [sizes[2:degree + 1], sizes[2:]]
     else:
         end, nodes, fast = moved
         end = dataclasses.replace(end, t=t + tau)
         a, R, alpha = (np.array(part).reshape(len(nodes), len(tau), scene.n, -1) for part in zip(*nodes, strict=True))
         with np.errstate(invalid="ignore", over="ignore"):
-            found = [around(_derivatives(parts, tau, degree - 1), near) for parts in (
+            largest = [around(_derivatives(parts, tau, degree - 1), near) for parts in (
                 (a / scale.length, R / math.sqrt(2.0)), (a / scale.length, alpha))]
-    sizes = np.concatenate([np.zeros((2, len(index))), found[0]])
+    sizes = np.concatenate([np.zeros((2, len(index))), largest[0]])
     later = np.where(t + tau > truth.horizon * (1 + 1e-12), UNKNOWN, 1.0)
     for k in range(2, min(len(sizes), len(truth.position_derivatives))):
         most = max(truth.position_derivatives[k] / scale.length, truth.attitude_derivatives[k] / math.sqrt(2.0))
         sizes[k] = np.fmin(sizes[k], later**k * most)
     fall = math.sqrt(float(np.linalg.norm(scene.gravity)) / scale.length)
     rate = np.maximum(around(fast, near), max(fall, fastest(scene)))
-    return Flow(index, tau, begin, since, end, rate, sizes, found[1], spring, regular & _regular(scene, end), crossed)
+    return Flow(index, tau, begin, since, end, rate, sizes, largest[1], spring, regular & _regular(scene, end), crossed)
 
 
-def _rows(states: Any, rows: Any) -> States:
+def _rows(states: Trace, rows: object) -> States:
     """Copies of some rows."""
     return States(*(np.array(getattr(states, name)[rows]) for name in "txRvw"))
 
@@ -263,9 +264,9 @@ def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: i
 
 
 def _hat(w: np.ndarray) -> np.ndarray:
-    found = np.zeros((*w.shape, 3))
-    found[..., 0, 1], found[..., 0, 2], found[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
-    return found - np.swapaxes(found, -1, -2)
+    upper = np.zeros((*w.shape, 3))
+    upper[..., 0, 1], upper[..., 0, 2], upper[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
+    return upper - np.swapaxes(upper, -1, -2)
 
 
 def rates_of(scene: Scene, combined: np.ndarray | None = None) -> Callable[..., State]:
@@ -284,11 +285,11 @@ def _derivatives(parts: tuple[np.ndarray, ...], tau: np.ndarray, degrees: int) -
     count = len(parts[0])
     s = np.linspace(-1.0, 1.0, count)
     coefficients = np.linalg.inv(np.polynomial.legendre.legvander(s, count - 1))
-    found = np.zeros((degrees, len(tau)))
+    largest = np.zeros((degrees, len(tau)))
     for k in range(degrees):
         derived = np.polynomial.legendre.legder(np.eye(count), k)
         matrix = np.polynomial.legendre.legvander(s, len(derived) - 1) @ derived @ coefficients
         for part in parts:
             size = np.linalg.norm(np.tensordot(matrix, part, 1), axis=-1).max(axis=(0, 2))
-            found[k] = np.maximum(found[k], size * (2.0 / tau) ** k)
-    return found
+            largest[k] = np.maximum(largest[k], size * (2.0 / tau) ** k)
+    return largest

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from crosscheck.document import QUANTITIES, Finding
+from crosscheck.judge.claim import Trace
 from crosscheck.judge.defects import DOUBT, Defects, turn, with_slack
 from crosscheck.judge.metrics import PLATEAU
 from crosscheck.judge.tolerances import CONSTANTS
@@ -39,7 +39,7 @@ class Judged:
 NOTHING = "the motion, or a spring, is too fast for the output times, or closed loops are next to a singular position"
 
 
-def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> tuple[list[Finding], Judged]:
+def judge_intervals(scene: Scene, traj: Trace, runs: Sequence[Defects]) -> tuple[list[Finding], Judged]:
     """One finding per quantity, of the interval whose error is largest over its bound; at t = 0 that of the start.
 
     The bound of an interval tau is exp(W tau) tau h^p |y^(p+1)| there, and what opening or closing constraints moves.
@@ -63,14 +63,14 @@ def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> tuple[l
     findings = []
     for name, unit in QUANTITIES.items():
         candidates = [start[name]]
-        for word, found in options:
-            values, limit = (part[seen] for part in found[name])
+        for word, bounds in options:
+            values, limit = (part[seen] for part in bounds[name])
             values = np.where(np.isfinite(values), values, np.inf)
             at = int(np.argmax(values / limit))
             sample = own.flow.index[seen][at]
             candidates.append((float(values[at]), float(limit[at]),
                                f"{word}between t = {traj.t[sample]:.4g} and {traj.t[sample + 1]:.4g} s"))
-        value, bound, where = max(candidates, key=lambda found: found[0] / found[1])
+        value, bound, where = max(candidates, key=lambda bounds: bounds[0] / bounds[1])
         findings.append(Finding(
             f"interval {name}", "ok" if value <= bound else "fail", value, bound, unit,
             f"against the true motion from the run's own state over one sample interval of {own.flow.tau[0]:.3g} s: "
@@ -101,7 +101,7 @@ def unjudged(why: str) -> list[Finding]:
     return [Finding(f"interval {name}", "unjudged", None, None, unit, why) for name, unit in QUANTITIES.items()]
 
 
-def _start(scene: Scene, traj: Any, own: Defects) -> dict[str, tuple[float, float, str]]:
+def _start(scene: Scene, traj: Trace, own: Defects) -> dict[str, tuple[float, float, str]]:
     """Per quantity (distance of the first output from the scene's start, bound by rounding and conversion, where)."""
     gaps = {"position": traj.x[0] - scene.x0, "attitude": turn(scene.R0, traj.R[0]),
             "velocity": traj.v[0] - scene.v0, "angular velocity": traj.w[0] - scene.w0}
@@ -138,7 +138,7 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
         ratio = np.nan_to_num(sizes[top] / sizes[top - 1])
     smooth = math.sqrt(math.prod((top + 1 + k) / top for k in range(count))) * (ratio * own.flow.tau) ** count
     root = math.sqrt(math.comb(2 * count, count))
-    bounds, found = own.bounds, []
+    bounds, compared = own.bounds, []
     for name, unit in QUANTITIES.items():
         beyond = np.linalg.norm(own.vectors[name], axis=-1).max(axis=1) > bounds[name]
         if 2 * np.count_nonzero(beyond) > len(beyond):
@@ -147,8 +147,8 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
         whole = np.minimum(2.0**count, smooth) * (bounds[name] - own.floor[name]) / root + ROUNDINGS * own.floor[name]
         allowed = np.max(np.lib.stride_tricks.sliding_window_view(whole, count + 1), axis=1)[measured]
         middle = int(np.argsort(values / allowed)[len(values) // 2])
-        found.append((float(values[middle]), float(allowed[middle]), name, unit))
-    value, bound, name, unit = max(found, key=lambda each: each[0] / each[1])
+        compared.append((float(values[middle]), float(allowed[middle]), name, unit))
+    value, bound, name, unit = max(compared, key=lambda each: each[0] / each[1])
     return [Finding("noise", "ok" if value <= bound else "fail", value, bound, unit,
                     f"{count}-th differences of neighbouring intervals, over {root:.3g}: those of a smooth error and "
                     "of rounding", f"{name}, median of the intervals")]
@@ -183,7 +183,7 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
     close &= ~started(pair) if soft_joints(pair) else (fine.flow.since > 0.0) & (coarse.flow.since > 0.0)
     closed = {level: np.zeros(len(close)) for level in fine.opening}
     own = with_slack(*fine.local(), closed, fine.flow.tau, fine.scale)
-    found = []
+    decades = []
     for part in np.array_split(np.arange(len(close)), WINDOWS):
         part = part[close[part]]
         for name in QUANTITIES if len(part) else ():
@@ -192,11 +192,11 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
             if (most[1] > PLATEAU * float(max(run.floor[name][part].max() for run in (coarse, fine)))
                     and np.any((errors[1] > WORTH * fine.bounds[name][part]) & (own[name] > fine.floor[name])[part])):
                 begin, end = fine.flow.begin.t[part[0]], fine.flow.end.t[part[-1]]
-                found.append((math.log(most[0] / most[1]) / ratio,
+                decades.append((math.log(most[0] / most[1]) / ratio,
                               f"{name}, intervals from t = {begin:.4g} to {end:.4g} s"))
-    if not found:
+    if not decades:
         return []
-    value, where = min(found)
+    value, where = min(decades)
     bound = order - CONSTANTS["order_margin_coarse"]
     why = (f"documented order {order}, to the nearest whole number: of the errors of intervals at two steps, in each "
            "third of the run")

@@ -28,10 +28,10 @@ def read(path: str | os.PathLike[str] | None, options: Sequence[str] = (), senso
     ArgumentError
         The message names the file or option and the entry, and says how to correct it.
     """
-    found: dict[str, tuple[float, str]] = {}
+    bounds: dict[str, tuple[float, str]] = {}
     if path is not None:
         for name, value in _table(path).items():
-            found[_known(f"{path}: {name}", name, sensors)] = _bound(f"{path}: {name}", value)
+            bounds[_known(f"{path}: {name}", name, sensors)] = _bound(f"{path}: {name}", value)
     for option in options:
         name, separator, value = option.partition("=")
         if not separator:
@@ -40,8 +40,8 @@ def read(path: str | os.PathLike[str] | None, options: Sequence[str] = (), senso
             number = float(value)
         except ValueError:
             raise ArgumentError(f"--tol {option}: {value!r} is no number") from None
-        found[_known(f"--tol {option}", name.strip(), sensors)] = _bound(f"--tol {option}", number)
-    return tuple((name, value, why) for name, (value, why) in found.items())
+        bounds[_known(f"--tol {option}", name.strip(), sensors)] = _bound(f"--tol {option}", number)
+    return tuple((name, value, why) for name, (value, why) in bounds.items())
 
 
 def _table(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def _known(where: str, name: str, sensors: Sequence[str]) -> str:
     raise ArgumentError(f"{where}: {unknown('quantity', name, [*BOUNDS, *sensors])}")
 
 
-def _bound(where: str, value: Any) -> tuple[float, str]:
+def _bound(where: str, value: object) -> tuple[float, str]:
     why = BY_USER
     if isinstance(value, dict):
         extra = sorted(set(value) - {"value", "why"})
@@ -91,7 +91,7 @@ def override(findings: Sequence[Finding], overrides: Overrides, whole: Mapping[s
     bounds = {name: (value, why) for name, value, why in overrides}
     if {"position", "attitude"} <= set(bounds):
         findings = [finding for finding in findings if finding.kind != "step"]
-    found = []
+    changed = []
     for finding in findings:
         if finding.kind in bounds and finding.value is not None:
             bound, why = bounds[finding.kind]
@@ -101,5 +101,5 @@ def override(findings: Sequence[Finding], overrides: Overrides, whole: Mapping[s
             value = finding.value or 0.0
             good = value >= bound if finding.kind.startswith("order") else value <= bound
             finding = replace(finding, bound=bound, why=why, status="ok" if good else "fail")
-        found.append(finding)
-    return found
+        changed.append(finding)
+    return changed

@@ -9,11 +9,11 @@ world, differs by a part of its own errors; these it may have.
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 import numpy as np
 
 from crosscheck.document import QUANTITIES, Finding
+from crosscheck.judge.claim import Trace
 from crosscheck.judge.defects import Defects
 from crosscheck.judge.flow import Answer
 from crosscheck.judge.metrics import differences
@@ -39,7 +39,7 @@ DECLARED = 100.0
 if these differ by more roundings in two worlds."""
 
 
-def seen_eps(traj: Any, repeat: Answer, units: dict[str, float], said: float, most: float) -> float:
+def seen_eps(traj: Trace, repeat: Answer, units: dict[str, float], said: float, most: float) -> float:
     """The spacing of an engine's numbers: as it says, but no more than two runs from one state show, or `most`.
 
     `units` are the sizes of the quantities. The median over the parts counts, so that a mistake that begins late does
@@ -55,7 +55,7 @@ SHOWN = 30.0
 are the same in both worlds."""
 
 
-def shown_floor(traj: Any, repeat: Answer, own: Defects) -> float:
+def shown_floor(traj: Trace, repeat: Answer, own: Defects) -> float:
     """The share of the floor of an engine with coarser numbers that its rounding takes: two worlds differ by it."""
     if own.claim.eps <= EPS or not repeat.turned or len(own.flow.index) < len(traj.t) - 1:
         return 1.0
@@ -64,7 +64,7 @@ def shown_floor(traj: Any, repeat: Answer, own: Defects) -> float:
     return float(min(1.0, SHOWN * float(np.median(shown))))
 
 
-def judge_repeat(traj: Any, repeat: Answer, own: Defects, soft: bool = False) -> tuple[list[Finding], bool]:
+def judge_repeat(traj: Trace, repeat: Answer, own: Defects, soft: bool = False) -> tuple[list[Finding], bool]:
     """The finding on the largest difference over its bound, and whether the engine remembers nothing but the state.
 
     One with `soft` laws remembers how far what holds its joints is bent. There is no finding if the run has intervals

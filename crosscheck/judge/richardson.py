@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from crosscheck.document import QUANTITIES, Finding, Order
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import known, tolerances
+from crosscheck.judge.claim import Trace
 from crosscheck.judge.crossings import late
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.tolerances import Tol
@@ -39,7 +39,7 @@ def extrapolation_order(documented: int, observed: Order, failed: bool) -> int:
     return min(documented, max(1, round(observed.observed)))
 
 
-def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Reference, order: int,
+def judge_limit(scene: Scene, runs: Sequence[tuple[float, Trace]], truth: Reference, order: int,
                 orders: Mapping[str, Order], failing: frozenset[str], eps: float = tolerances.EPS) -> list[Finding]:
     """Judge the limit of the two finest runs against truth, for each quantity.
 

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
 from crosscheck.judge.accelerations import SETTLED, WITHIN, by_equations, calm_ends, within_steps
-from crosscheck.judge.claim import Claim
+from crosscheck.judge.claim import Claim, Trace
 from crosscheck.judge.defects import RATES, Defects
 from crosscheck.judge.metrics import Error, up_to
 from crosscheck.judge.tolerances import Tol
@@ -48,7 +48,7 @@ class _Run:
     """What all sensors of a run are judged by."""
 
     scene: Scene
-    traj: Any
+    traj: Trace
     truth: Reference
     keep: np.ndarray  # (T,) the output times up to which bounds hold
     itself: list[States]  # its states with the accelerations of the equations and, if it gives them, with its own
@@ -69,7 +69,7 @@ class _Run:
         return Finding(kind, "ok" if value <= most else "fail", value, most, si, why, where)
 
 
-def judge_sensors(scene: Scene, traj: Any, truth: Reference, until: float, states: dict[str, Tol], claim: Claim,
+def judge_sensors(scene: Scene, traj: Trace, truth: Reference, until: float, states: dict[str, Tol], claim: Claim,
                   vacuous: bool = False, run: Defects | None = None, misreads: Misreads | None = None
                   ) -> tuple[list[Finding], dict[str, Error]]:
     """Findings on all sensors up to the time `until` (s), and their errors over the whole run.
@@ -138,7 +138,7 @@ def _misread(case: _Run, sensor: Sensor, misread: tuple[Any, str], given: np.nda
     return other, [read_as(Reader(case.scene, each), sensor) for each in case.itself], reason, []
 
 
-def _by_laws(scene: Scene, traj: Any, run: Defects) -> tuple[np.ndarray, Readings, np.ndarray]:
+def _by_laws(scene: Scene, traj: Trace, run: Defects) -> tuple[np.ndarray, Readings, np.ndarray]:
     """Numbers of output times next to which no law jumps; readings of the run's own states, right at those; and by how
     much accelerations may differ there, over the scene's length."""
     calm, at = calm_ends([run]), run.flow.index[run.flow.solvable] + 1
@@ -163,7 +163,7 @@ def _between_events(case: _Run, name: str, lawful: tuple[np.ndarray, Readings, n
         "step")
 
 
-def _allowed(scene: Scene, traj: Any, truth: Reference, keep: np.ndarray, states: dict[str, Tol], claim: Claim
+def _allowed(scene: Scene, traj: Trace, truth: Reference, keep: np.ndarray, states: dict[str, Tol], claim: Claim
              ) -> tuple[dict[str, float], dict[str, float], dict[str, float], np.ndarray]:
     """By sensor, what the bounds of poses and those of rates allow, and its change with accelerations; and (T,) by what
     these may change within a step."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.document import Finding
+from crosscheck.judge.claim import Trace
 from crosscheck.judge.defects import turn
 from crosscheck.judge.flow import State, rates_of
 from crosscheck.judge.tolerances import scales
@@ -53,7 +54,7 @@ Rates = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], S
 Stepper = Callable[[Rates, np.ndarray, State, np.ndarray], State]
 
 
-def judge_substeps(scene: Scene, traj: Any, truth: Reference, order: int, asked: int) -> list[Finding]:
+def judge_substeps(scene: Scene, traj: Trace, truth: Reference, order: int, asked: int) -> list[Finding]:
     """The finding about a run of which `asked` steps were wanted; none if the run is not finite.
 
     If the states show more steps than the engine counts, the states decide.
@@ -78,7 +79,7 @@ def judge_substeps(scene: Scene, traj: Any, truth: Reference, order: int, asked:
                     "steps taken for each that was asked for", what)]
 
 
-def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tuple[float, bool]:
+def _like(scene: Scene, traj: Trace, truth: Reference, order: int, per: int) -> tuple[float, bool]:
     """The number of parts of a step with which a plain method has errors of the run's size, and whether it is the same.
     """
     scale = scales(scene, truth)
@@ -120,13 +121,13 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
         if float(np.linalg.norm(error - along)) > askew * size or per * guess > DEAREST:
             continue
         tried = max(2, round(guess))
-        found = at(tried)
-        if not np.isfinite(found).all():
+        distance = at(tried)
+        if not np.isfinite(distance).all():
             continue
-        again = round(tried * (float(np.linalg.norm(found)) / size) ** (1 / order))
+        again = round(tried * (float(np.linalg.norm(distance)) / size) ** (1 / order))
         if again != tried and 1 < again <= MOST:
-            tried, found = again, at(again)
-        if float(np.linalg.norm(found - error)) <= ALIKE * size:
+            tried, distance = again, at(again)
+        if float(np.linalg.norm(distance - error)) <= ALIKE * size:
             return float(tried), True
     return likest, False
 
@@ -153,30 +154,30 @@ def exponential_step(rates: Rates, t: np.ndarray, state: State, h: np.ndarray, s
     """Runge-Kutta-Munthe-Kaas: integrates the rotation vector since the start of the step, with the rate dexp^-1 w."""
     x, R, v, w = state
     h = h.reshape(-1, 1, 1)
-    found: list[State] = []
+    slopes: list[State] = []
 
     def moved(row: Any) -> tuple[State, np.ndarray]:
-        dx, turned, dv, dw = (sum((c * rate[k] for c, rate in zip(row, found, strict=True)), np.zeros_like(x)) * h
+        dx, turned, dv, dw = (sum((c * rate[k] for c, rate in zip(row, slopes, strict=True)), np.zeros_like(x)) * h
                               for k in range(4))
         return [x + dx, R @ exponential(turned), v + dv, w + dw], turned
 
     for row in stages:
         here, turned = moved(row)
         a, alpha = rates(t + sum(row) * h[:, 0, 0], *here)[2:]
-        found.append([here[2], inverse_tangent(turned, here[3]), a, alpha])
+        slopes.append([here[2], inverse_tangent(turned, here[3]), a, alpha])
     return moved(weights)[0]
 
 
 def _additive(rates: Rates, t: np.ndarray, state: State, h: np.ndarray, stages: Any, weights: Any) -> State:
     h = h.reshape(-1, 1, 1)
-    found: list[State] = []
+    slopes: list[State] = []
 
     def moved(row: Any) -> State:
-        return [part + sum((c * rate[k] for c, rate in zip(row, found, strict=True)), np.zeros_like(part))
+        return [part + sum((c * rate[k] for c, rate in zip(row, slopes, strict=True)), np.zeros_like(part))
                 * h.reshape((-1,) + (1,) * (part.ndim - 1)) for k, part in enumerate(state)]
 
     for row in stages:
-        found.append(rates(t + sum(row) * h[:, 0, 0], *moved(row)))
+        slopes.append(rates(t + sum(row) * h[:, 0, 0], *moved(row)))
     x, R, v, w = moved(weights)
     U, _, V = np.linalg.svd(R)
     return [x, U @ V, v, w]

@@ -315,11 +315,11 @@ def vacuous(scene: Scene, truth: Reference, bounds: dict[str, Tol],
     """
     quiet = bounds if conserved is None else conserved
     scale = scales(scene, truth)
-    found = {quantity for quantity, bound in bounds.items() if bound.value > scale.of(quantity)}
+    empty = {quantity for quantity, bound in bounds.items() if bound.value > scale.of(quantity)}
     sizes = {"energy": (energy(scene, truth, quiet), 1.0), "momentum": (momentum(scene, truth, quiet), scale.momentum),
              "level position": (free_level(scene, truth, "position", bounds), scale.length),
              "level velocity": (free_level(scene, truth, "velocity", bounds), scale.length * scale.rate)}
-    return frozenset(found | {kind for kind, (bound, size) in sizes.items() if bound and bound.value > size})
+    return frozenset(empty | {kind for kind, (bound, size) in sizes.items() if bound and bound.value > size})
 
 
 def orthogonality(on_group: bool, steps: int, eps: float = EPS) -> Tol:

@@ -82,12 +82,12 @@ def limits(runs: Sequence[Defects]) -> Limit:
     usable &= ~np.any([run.flow.eventful | run.flow.after_event(BEGUN * (run.claim.step or 0.0)) for run in runs],
                       axis=0)
     usable &= ~started(runs)
-    found = {}
+    pairs = {}
     for name in QUANTITIES:
         floor = np.sum([abs(weight) * run.floor[name] for weight, run in zip(weights, runs, strict=True)], axis=0)
         bound = np.maximum(bounds[name], _next(runs, name, order)) + floor
-        found[name] = _left(runs, name, weights), np.where(usable, bound, np.inf)
-    return found
+        pairs[name] = _left(runs, name, weights), np.where(usable, bound, np.inf)
+    return pairs
 
 
 def _left(runs: Sequence[Defects], name: str, weights: np.ndarray) -> np.ndarray:

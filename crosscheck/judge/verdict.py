@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -29,7 +28,7 @@ from crosscheck.document import (
 )
 from crosscheck.document.known import Known
 from crosscheck.judge import known, tolerances
-from crosscheck.judge.claim import Claim
+from crosscheck.judge.claim import Claim, Trace
 from crosscheck.judge.crossings import near_impacts
 from crosscheck.judge.defects import Defects
 from crosscheck.judge.metrics import Error, Plateau, errors, observed_order, up_to
@@ -67,7 +66,7 @@ def _judged(kind: str, value: float, tol: Tol, unit: str, detail: str = "", empt
     return Finding(kind, "ok" if value <= tol.value else "fail", float(value), tol.value, unit, tol.why, detail)
 
 
-def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, claim: Claim
+def judge_states(scene: Scene, traj: Trace, truth: Reference, window: Reference, claim: Claim
                  ) -> tuple[list[Finding], dict[str, Error], Bounds]:
     """Judge errors against truth over the longest time that bounds can judge: the whole run, or else its first window.
 
@@ -139,7 +138,7 @@ def _conservative(scene: Scene, truth: Reference) -> bool:
     return all(np.abs(values - values[0]).max() <= 10 * truth.error * size for values, size in pairs)
 
 
-def judge_invariants(scene: Scene, traj: Any, truth: Reference, bounds: Bounds) -> list[Finding]:
+def judge_invariants(scene: Scene, traj: Trace, truth: Reference, bounds: Bounds) -> list[Finding]:
     """Judge energy and vertical angular momentum against those of truth, up to the time that the bounds judge."""
     keep, where = up_to(truth.t, bounds.until), f"up to {bounds.until:g} s"
     keep &= True if bounds.near is None else ~bounds.near
@@ -152,7 +151,7 @@ def judge_invariants(scene: Scene, traj: Any, truth: Reference, bounds: Bounds) 
             _judged("momentum", momentum, turn, "kg m^2/s", where, "momentum" in bounds.empty)]
 
 
-def judge_practical(scene: Scene, traj: Any, truth: Reference) -> Finding:
+def judge_practical(scene: Scene, traj: Trace, truth: Reference) -> Finding:
     """Judge the energy of a run at a coarse step: its error must not exceed the energy to lift all bodies to the top.
 
     If other forces or drives act, the range of the true kinetic energy is added, which without gravity comes from them
@@ -170,7 +169,7 @@ def judge_practical(scene: Scene, traj: Any, truth: Reference) -> Finding:
     return _judged("energy", change, Tol(float(lift), f"{why}, over the largest kinetic energy"), "1", "the whole run")
 
 
-def judge_without_truth(scene: Scene, traj: Any) -> Finding:
+def judge_without_truth(scene: Scene, traj: Trace) -> Finding:
     """Judge the energy of a run without truth: as `judge_practical`, for scenes that conserve energy."""
     change = float(np.abs(traj.energy - traj.energy[0]).max())
     if scene.forces or scene.has_laws:
@@ -184,7 +183,7 @@ def judge_without_truth(scene: Scene, traj: Any) -> Finding:
     return _judged("energy", change, Tol(lift, why), "J", "the whole run")
 
 
-def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bounds | None, held: frozenset[str],
+def judge_levels(scene: Scene, traj: Trace, truth: Reference | None, bounds: Bounds | None, held: frozenset[str],
                  maxima: dict[str, float], eps: float = tolerances.EPS, run: Defects | None = None) -> list[Finding]:
     """Judge the constraint levels. Levels that the method satisfies by construction are judged at every step.
 

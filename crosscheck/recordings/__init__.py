@@ -88,9 +88,10 @@ class Verdict:
                            | {"largest_defects": defects, "text": str(self), "exit_code": self.exit_code}))
 
 
-def judge_recording(scene: Scene | str | os.PathLike[str], recording: Any, columns: Any = None, start: str = "scene",
-                    tolerance: Mapping[str, float] | None = None, steps: Sequence[float] | None = None,
-                    order: int | None = None, progress: Progress | None = None) -> Verdict:
+def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, columns: object = None,
+                    start: str = "scene", tolerance: Mapping[str, float] | None = None,
+                    steps: Sequence[float] | None = None, order: int | None = None, progress: Progress | None = None
+                    ) -> Verdict:
     """Judge a run by its file, whatever made it.
 
     Parameters
@@ -291,7 +292,8 @@ def _defects(scene: Scene, seen: Differences, since: float, allowed: Mapping[str
     return failed
 
 
-def _figures(scene: Scene, recording: Recording, truth: Any, since: float, verdict: Verdict, notes: list[str]) -> None:
+def _figures(scene: Scene, recording: Recording, truth: object, since: float, verdict: Verdict, notes: list[str]
+             ) -> None:
     """Energy, momentum and levels, where the states of all bodies are recorded."""
     figures = comparing.invariants(scene, recording, truth, since)
     verdict.figures = figures or {}

@@ -521,7 +521,7 @@ def _models(case: Case, stepped: bool) -> Iterator[Cause]:
     """
     scene, right = case.scene, of_scene(case.scene)
     for cause in [*causes(Context(scene, (scene.R0[None],), right)), *_anchors(scene), *_laws(scene)]:
-        def build(theta: Any, cause: Hypothesis = cause) -> Scene | Physics | None:
+        def build(theta: object, cause: Hypothesis = cause) -> Scene | Physics | None:
             return _altered(scene, right, cause, np.array(theta, dtype=float))
 
         sample = build(np.array(cause.starts[0]) + 1e-3)
@@ -620,11 +620,11 @@ Path = tuple[Any, ...]
 
 def _constant(where: str, name: str, value: float, paths: list[Path], exactly: int | None = None) -> Hypothesis:
     """Another constant at these paths, with one relative error; `exactly`: this one, which is not fitted."""
-    def off(value: Any, t: np.ndarray) -> Any:  # relative, unless it is zero
+    def off(value: object, t: np.ndarray) -> Any:  # relative, unless it is zero
         return exactly if exactly is not None else tuple(off(each, t) for each in value) if isinstance(
             value, tuple) else value * (1 + t[0]) or t[0]
 
-    def changed(scene: Any, t: np.ndarray) -> Any:
+    def changed(scene: object, t: np.ndarray) -> Any:
         return functools.reduce(lambda made, path: _changed(made, path, lambda given: off(given, t)), paths, scene)
 
     return Hypothesis(OF_JOINTS[2], changed, ((1e-3,) if exactly is None else (),), lambda t: f"{where} "
@@ -651,7 +651,7 @@ def _anchors(scene: Scene) -> Iterator[Hypothesis]:
         for field in ("parent_anchor", "child_anchor", *(["parent_axis"] if has_axis else [])):
             turned, where = field == "parent_axis", f"{field.replace('_', ' ')} of joint {joint.name!r}"
 
-            def moved(given: Any, theta: np.ndarray, k: int = k, field: str = field, turned: bool = turned) -> Any:
+            def moved(given: object, theta: np.ndarray, k: int = k, field: str = field, turned: bool = turned) -> Any:
                 return placed(_changed(given, ("joints", k, field), lambda value: exponential(theta[None])[0] @ value if
                                        turned else value + theta))
 

@@ -260,7 +260,7 @@ class Text(Source):
         return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=self.separator,
                                                          skipinitialspace=True))]
 
-    def _frames(self, names: Sequence[str], **options: Any) -> Any:
+    def _frames(self, names: Sequence[str], **options: object) -> Any:
         import pandas as pd
 
         return pd.read_csv(self.path, sep=r"\s+" if self.separator == " " else self.separator, comment=self.comment,
@@ -332,7 +332,7 @@ def _is_number(value: Any) -> bool:
     return True
 
 
-def opened(data: Any, scene: Scene) -> Source:
+def opened(data: object, scene: Scene) -> Source:
     """The table of a path, data frame or mapping of arrays. Raises `ArgumentError` if it cannot be read."""
     if hasattr(data, "to_parquet"):
         return Source("data frame", _of_frame(data))
@@ -387,7 +387,7 @@ def _of_arrays(arrays: Mapping[str, Any], scene: Scene, where: str) -> dict[str,
     return columns
 
 
-def mapping_of(columns: Any) -> dict[str, Row]:
+def mapping_of(columns: object) -> dict[str, Row]:
     """The rows of a mapping: of a TOML file, or of a dict with the same content."""
     if columns is None:
         return {}
@@ -468,7 +468,7 @@ def _mapped(known: Mapping[str, Column], scene: Scene, source: Source, key: str,
                                factor=factor_of(unit, meaning.dimension, where) if unit else 1.0)
 
 
-def read(data: Any, scene: Scene, columns: Any = None, progress: Progress | None = None) -> Recording:
+def read(data: object, scene: Scene, columns: object = None, progress: Progress | None = None) -> Recording:
     """A recording of a scene.
 
     Parameters
@@ -604,7 +604,7 @@ EPOCH = 1e8
 """Times (s) from which on zero is no start of a scene: three years."""
 
 
-def suggest(data: Any, scene: Scene) -> str:
+def suggest(data: object, scene: Scene) -> str:
     """A mapping, as the text of a TOML file, of the columns whose names and units are recognised; others as comments.
     """
     source, known, made = opened(data, scene), meanings(scene), dict[str, tuple[str, str]]()

@@ -21,11 +21,11 @@ without velocities and weight.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 from crosscheck.references.generic import (
     ByBody,
     Matrix,
+    Number,
     Vector,
     add,
     apply,
@@ -91,7 +91,7 @@ class Eliminated:
     """The elimination of a joint's motions: du = -rest - Z^T (alpha, A), and the motions with their bias."""
 
     motions: Vector
-    bias: tuple[Any, ...]
+    bias: tuple[Number, ...]
     Z: Vector
     rest: Vector
 
@@ -110,7 +110,7 @@ class Eliminated:
 class Rod:
     """The elimination of a rod, F = phi e, or of a free body, F = 0 (then without e)."""
 
-    factors: tuple[Any, ...]
+    factors: tuple[Number, ...]
     columns: Vector
     e: Vector | None = None
     stiffness: object = 0.0  # 1 / (e . M^-1 e)
@@ -128,7 +128,7 @@ class Rod:
 class Prescribed:
     """A joint whose speed has a given derivative: it adds that and its bias to the accelerations carried along."""
 
-    rate: Any
+    rate: Number
     alpha: Vector
     A: Vector
 
@@ -138,7 +138,7 @@ class Prescribed:
 
 
 def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: ByBody, efforts: ByBody | None = None,
-                  driven: dict[int, Any] | None = None) -> tuple[ByBody, ByBody, ByBody]:
+                  driven: dict[int, Number] | None = None) -> tuple[ByBody, ByBody, ByBody]:
     """alpha, A and derivatives of speeds; each maps bodies to a list over columns.
 
     `wrenches` maps bodies, without the ground, to columns of (force, torque about the centre of mass) in own axes;
@@ -183,7 +183,7 @@ def _gravity(tree: Tree, frames: dict[int, Frame]) -> ByBody:
     return gravity
 
 
-def _own(link: Link, frame: Frame, gravity: Any, wrenches: Vector) -> Answer:
+def _own(link: Link, frame: Frame, gravity: Number, wrenches: Vector) -> Answer:
     """I, K, M, tau and f of the body alone."""
     r = hat(frame.lever)
     mass = [[link.mass if i == j else 0.0 for j in range(3)] for i in range(3)]
@@ -221,7 +221,7 @@ def _through_joint(link: Link, frame: Frame, answer: Answer, efforts: Vector | N
     return stages, answer
 
 
-def _prescribed(frame: Frame, answer: Answer, rate: Any) -> tuple[Vector, Answer]:
+def _prescribed(frame: Frame, answer: Answer, rate: Number) -> tuple[Vector, Answer]:
     """The stage and the reduced answer of a joint whose coordinate has a given second derivative."""
     turn, shift = frame.columns[0]
     taken = Prescribed(rate, add(frame.spin_bias, scale(rate, turn)), add(frame.shift_bias, scale(rate, shift)))
@@ -230,7 +230,7 @@ def _prescribed(frame: Frame, answer: Answer, rate: Any) -> tuple[Vector, Answer
     return [taken], Answer(answer.inertia, answer.coupling, answer.mass, [first, *answer.columns[1:]])
 
 
-def _free_turn(answer: Answer) -> tuple[tuple[Any, ...], Answer]:
+def _free_turn(answer: Answer) -> tuple[tuple[Number, ...], Answer]:
     """Eliminate a free turn: no torque at the reference point gives alpha = -(rest + coupling A)."""
     factors = factor_symmetric(answer.inertia)
     rest = [solve_factored(factors, tau) for tau, _ in answer.columns]
@@ -241,7 +241,7 @@ def _free_turn(answer: Answer) -> tuple[tuple[Any, ...], Answer]:
     return (rest, solved), Answer(NONE, NONE, mass, columns)
 
 
-def _eliminate(answer: Answer, motions: Vector, bias: tuple[Any, ...],
+def _eliminate(answer: Answer, motions: Vector, bias: tuple[Number, ...],
                efforts: Vector | None, armature: tuple[float, ...] = ()) -> tuple[Eliminated, Answer]:
     """Eliminate motions (angular, linear) of a joint; `bias` are the accelerations at constant speeds.
 

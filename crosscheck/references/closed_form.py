@@ -44,15 +44,18 @@ from crosscheck.scene.states import States
 
 DIGITS = 50
 
+Context = Any  # of mpmath
+Precise = Any  # a number, a vector or a matrix of it
 
-def context() -> Any:
+
+def context() -> Context:
     """A separate mpmath context with numbers of `DIGITS` digits."""
     mp = MPContext()
     mp.dps = DIGITS
     return mp
 
 
-def frame(mp: Any, along: Sequence[Any]) -> Any:
+def frame(mp: Context, along: Sequence[Precise]) -> Precise:
     """A right-handed orthonormal frame (columns) whose third vector points along the given one."""
     norm = mp.norm(mp.matrix(list(along)))
     third = [mp.mpf(entry) / norm for entry in along]
@@ -63,13 +66,13 @@ def frame(mp: Any, along: Sequence[Any]) -> Any:
     return mp.matrix([generic.cross(second, third), second, third]).T
 
 
-def attitude(mp: Any, quaternion: np.ndarray) -> Any:
+def attitude(mp: Context, quaternion: np.ndarray) -> Precise:
     """The rotation of a quaternion to all digits: an error of 1e-16 here would cause one of 1e-8 in a phase."""
     q = mp.matrix(quaternion.tolist())
     return mp.matrix(generic.rotation([component / mp.norm(q) for component in q]))
 
 
-def euler(mp: Any, theta: Any, phi: Any, psi: Any) -> Any:
+def euler(mp: Context, theta: Precise, phi: Precise, psi: Precise) -> Precise:
     """Rz(phi) Rx(theta) Rz(psi)."""
     (st, ct), (sf, cf), (sp, cp) = ((mp.sin(angle), mp.cos(angle)) for angle in (theta, phi, psi))
     return mp.matrix([[cf * cp - sf * ct * sp, -cf * sp - sf * ct * cp, sf * st],
@@ -77,7 +80,7 @@ def euler(mp: Any, theta: Any, phi: Any, psi: Any) -> Any:
                       [st * sp, st * cp, ct]])
 
 
-def pose_in_doubles(world: Any, E: Any, axes: Any, w: Any) -> tuple[np.ndarray, np.ndarray]:
+def pose_in_doubles(world: Precise, E: Precise, axes: Precise, w: Precise) -> tuple[np.ndarray, np.ndarray]:
     """world E axes^T (3, 3) and axes w (3,), rounded to doubles."""
     return (np.array((world * E * axes.T).tolist(), dtype=float), np.array((axes * w).T.tolist()[0], dtype=float))
 
@@ -85,21 +88,21 @@ def pose_in_doubles(world: Any, E: Any, axes: Any, w: Any) -> tuple[np.ndarray, 
 class Jacobi:
     """sn, cn, dn of parameter m, and the integral of 1 / (1 - n sn^2) from an argument `start` on."""
 
-    def __init__(self, mp: Any, m: Any, start: Any, characteristics: Sequence[Any]) -> None:
+    def __init__(self, mp: Context, m: Precise, start: Precise, characteristics: Sequence[Precise]) -> None:
         self.mp, self.m, self.start = mp, m, start
         self.quarter = mp.ellipk(m)
         self._complete = {n: mp.ellippi(n, m) for n in characteristics}
         self._at_start = {n: self._from_zero(n, start) for n in characteristics}
 
-    def functions(self, tau: Any) -> tuple[Any, ...]:
+    def functions(self, tau: Precise) -> tuple[Precise, ...]:
         """sn, cn, dn."""
         return tuple(self.mp.ellipfun(kind, tau, m=self.m) for kind in ("sn", "cn", "dn"))
 
-    def third_kind(self, n: Any, tau: Any) -> Any:
+    def third_kind(self, n: Precise, tau: Precise) -> Precise:
         """Integral of 1 / (1 - n sn^2) from the start to tau."""
         return self._from_zero(n, tau) - self._at_start[n]
 
-    def _from_zero(self, n: Any, tau: Any) -> Any:
+    def _from_zero(self, n: Precise, tau: Precise) -> Precise:
         """The same integral from 0, continued over any number of half periods of sn^2."""
         mp = self.mp
         turns = mp.nint(tau / (2 * self.quarter))
@@ -129,7 +132,7 @@ class Rotation:
         E = self.world.T * R0 * axes
         self.phi0 = mp.atan2(E[0, 2], -E[1, 2])
 
-    def _amplitudes(self, w: Any, energy: Any) -> None:
+    def _amplitudes(self, w: Precise, energy: Precise) -> None:
         """a1, a2, a3 with their signs, nu, and Jacobi's functions from the phase at the start; energy is 2 E."""
         mp, (I1, I2, I3) = self.mp, self.I
         self.w0, less, more = w, energy * I3 - self.L**2, self.L**2 - energy * I1
@@ -244,7 +247,7 @@ class Solution:
         self._roots(u0, w[0] ** 2 + w[1] ** 2)
         self._phase(u0, E[2, 0] * w[1] - E[2, 1] * w[0])  # du/dt = z . R (w x e)
 
-    def _roots(self, u0: Any, transverse: Any) -> None:
+    def _roots(self, u0: Precise, transverse: Precise) -> None:
         """u1, u2, u3 of du/dt^2 = (1 - u^2)(h - b u) - (l - c u)^2, by Viete's formula: all three are real."""
         mp = self.mp
         b = 2 * mp.mpf(self.top.mass) * self.g * self.length / self.A
@@ -260,7 +263,7 @@ class Solution:
         self.nu = mp.sqrt(b * (self.u3 - self.u1)) / 2
         self.m = (self.u2 - self.u1) / (self.u3 - self.u1)
 
-    def _phase(self, u0: Any, rate: Any) -> None:
+    def _phase(self, u0: Precise, rate: Precise) -> None:
         """Argument of sn at t = 0, on the branch with the initial direction of du/dt."""
         mp = self.mp
         span = self.u2 - self.u1
@@ -270,7 +273,7 @@ class Solution:
         self.n_minus, self.n_plus = span / (1 - self.u1), -span / (1 + self.u1)
         self.jacobi = Jacobi(mp, self.m, start if rate >= 0 else -start, [self.n_minus, self.n_plus])
 
-    def angles(self, t: float) -> tuple[Any, ...]:
+    def angles(self, t: float) -> tuple[Precise, ...]:
         """theta, phi, psi and dtheta/dt, dphi/dt at t; dpsi/dt follows from the constant spin."""
         mp = self.mp
         tau = self.jacobi.start + self.nu * mp.mpf(t)
@@ -319,8 +322,8 @@ def solve(scene: Scene, times: np.ndarray | None = None) -> States:
     spin = np.cross(w, lever)
 
     def turned(vectors: np.ndarray) -> np.ndarray:
-        found: np.ndarray = np.einsum("tij,tj->ti", R, np.broadcast_to(vectors, (len(R), 3)))
-        return found
+        carried: np.ndarray = np.einsum("tij,tj->ti", R, np.broadcast_to(vectors, (len(R), 3)))
+        return carried
 
     x, v = joint.parent_anchor + turned(lever), turned(spin)
     a = turned(np.cross(alpha, lever) + np.cross(w, spin))

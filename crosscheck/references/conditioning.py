@@ -125,8 +125,8 @@ def _growth(integrator: Taylor, t: np.ndarray, size: float) -> np.ndarray:
         worst = [np.sqrt(np.mean(np.sum(derivative**2, axis=-2), axis=-1)) for derivative in stacked]
     else:
         worst = [np.linalg.norm(derivative, ord=2, axis=(-2, -1)) for derivative in stacked]
-    found: np.ndarray = np.max(worst, axis=(0, 2))
-    return found
+    largest: np.ndarray = np.max(worst, axis=(0, 2))
+    return largest
 
 
 def _all_directions(integrator: Taylor, length: float) -> np.ndarray:
@@ -140,8 +140,8 @@ def _all_directions(integrator: Taylor, length: float) -> np.ndarray:
         rows.append(change / (2 * CLOSURE_STEP))
     _, _, V = np.linalg.svd(np.array(rows).T)
     slips = sum(cut.slips for cut in integrator.cuts)  # rows without values
-    found: np.ndarray = V[2 * integrator.rank - slips:] * units
-    return found
+    directions: np.ndarray = V[2 * integrator.rank - slips:] * units
+    return directions
 
 
 def _units(integrator: Taylor, length: float) -> np.ndarray:

@@ -227,7 +227,7 @@ class Truth:
 
         return Maximal(self.scene)
 
-    def at(self, t: Any) -> States:
+    def at(self, t: object) -> States:
         """States at increasing times (s), with accelerations; it is prolonged if it has to be.
 
         They are those of the series, also where a closed form confirms it: that takes 10 ms for each time.

@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from crosscheck.references.generic import (
+    ByBody,
+    Number,
+    Vector,
     add,
     apply,
     apply_transposed,
@@ -50,16 +52,16 @@ class Frame:
     `spin_bias`, `shift_bias`, their accelerations at constant speeds.
     """
 
-    q: list[Any]
-    turn: list[Any]
-    lever: list[Any]
-    arm: list[Any]
-    rod: list[Any] = dataclasses.field(default_factory=lambda: ZERO)
-    w: list[Any] = dataclasses.field(default_factory=lambda: ZERO)
-    shifting: list[Any] = dataclasses.field(default_factory=lambda: ZERO)
-    columns: list[Any] = dataclasses.field(default_factory=list)
-    spin_bias: list[Any] = dataclasses.field(default_factory=lambda: ZERO)
-    shift_bias: list[Any] = dataclasses.field(default_factory=lambda: ZERO)
+    q: list[Number]
+    turn: list[Number]
+    lever: list[Number]
+    arm: list[Number]
+    rod: list[Number] = dataclasses.field(default_factory=lambda: ZERO)
+    w: list[Number] = dataclasses.field(default_factory=lambda: ZERO)
+    shifting: list[Number] = dataclasses.field(default_factory=lambda: ZERO)
+    columns: list[Number] = dataclasses.field(default_factory=list)
+    spin_bias: list[Number] = dataclasses.field(default_factory=lambda: ZERO)
+    shift_bias: list[Number] = dataclasses.field(default_factory=lambda: ZERO)
 
 
 STILL = Frame(IDENTITY, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], ZERO, ZERO)  # the ground
@@ -98,13 +100,13 @@ class Tree:
                 state[first:first + link.turn] = _angles(link.axes, self.kept[link.body], own.kept[link.body])
         return state, own
 
-    def split(self, link: Link, state: Sequence[Any], table: dict[int, slice]) -> tuple[list[Any], list[Any]]:
+    def split(self, link: Link, state: Sequence[Number], table: dict[int, slice]) -> tuple[list[Number], list[Number]]:
         """The entries of a link for its turn and for its shift."""
         entries = [*state[table[link.body]]]
         cut = len(entries) - COORDINATES[link.shift]
         return entries[:cut], entries[cut:]
 
-    def frames(self, state: Sequence[Any], moving: bool = True) -> dict[int, Frame]:
+    def frames(self, state: Sequence[Number], moving: bool = True) -> dict[int, Frame]:
         """Frames of all bodies and the ground; with `moving` False, from coordinates alone, without velocities."""
         frames = {GROUND: STILL}
         for link in self.links:
@@ -113,7 +115,7 @@ class Tree:
                 self._set_in_motion(link, state, frame, frames[link.parent])
         return frames
 
-    def _placed(self, link: Link, state: Sequence[Any], inner: Frame) -> Frame:
+    def _placed(self, link: Link, state: Sequence[Number], inner: Frame) -> Frame:
         turn, shift = self.split(link, state, self.coordinates)
         kept = self.kept[link.body]
         if link.turn == FREE:
@@ -135,7 +137,7 @@ class Tree:
             arm = add(arm, moved)
         return Frame(q, rotation(relative), scale(-1.0, point), arm, moved)
 
-    def _set_in_motion(self, link: Link, state: Sequence[Any], frame: Frame, inner: Frame) -> None:
+    def _set_in_motion(self, link: Link, state: Sequence[Number], frame: Frame, inner: Frame) -> None:
         turning, shifting = self.split(link, state, self.speeds)
         carried = apply_transposed(frame.turn, inner.w)
         axes = [*link.axes]
@@ -202,7 +204,7 @@ class Tree:
             shift, shifting = (np.array(link.directions).reshape(-1, 3) @ value for value in (gap, rate))
         return np.concatenate([turn, shift]), np.concatenate([turning, shifting])
 
-    def world(self, frames: dict[int, Frame], moving: bool = True) -> dict[int, tuple[Any, Any, Any]]:
+    def world(self, frames: dict[int, Frame], moving: bool = True) -> dict[int, tuple[Number, Number, Number]]:
         """Attitude, reference point and its velocity, world axes, of every body and the ground."""
         placed = {GROUND: (STILL.turn, ZERO, ZERO)}
         for link in self.links:
@@ -219,9 +221,9 @@ class Tree:
             placed[link.body] = R, point, velocity
         return placed
 
-    def rates(self, state: Sequence[Any], frames: dict[int, Frame], accelerations: dict[int, list[Any]]) -> list[Any]:
+    def rates(self, state: Sequence[Number], frames: dict[int, Frame], accelerations: ByBody) -> Vector:
         """d state / dt; `accelerations` are the derivatives of each link's speeds."""
-        result: list[Any] = [0.0] * self.size
+        result: list[Number] = [0.0] * self.size
         for link in self.links:
             turn, _ = self.split(link, state, self.coordinates)
             turning, shifting = self.split(link, state, self.speeds)

@@ -17,12 +17,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from crosscheck.references.generic import (
     ByBody,
+    Number,
     add,
     apply,
     apply_transposed,
@@ -51,8 +51,8 @@ def _directions(joint: Joint) -> list[np.ndarray | None]:
     return [normal, first, np.cross(normal, first)]
 
 
-def _contact_terms(joint: Joint, direction: list[Any] | None, is_height: bool, loads: Loads
-          ) -> tuple[list[Any], list[Any], list[Any], Any, Any, Any]:
+def _contact_terms(joint: Joint, direction: list[Number] | None, is_height: bool, loads: Loads
+          ) -> tuple[list[Number], list[Number], list[Number], Number, Number, Number]:
     """(place, n, t, rest, value, rate) of a row, as `crosscheck.references.loops.Row` has them."""
     normal = joint.parent_axis.tolist()
     place, velocity = loads.point(joint.child, joint.child_anchor.tolist())
@@ -96,8 +96,8 @@ class Cut:
     """
 
     joint: Joint
-    direction: list[Any] | None = None
-    other: list[Any] | None = None
+    direction: list[Number] | None = None
+    other: list[Number] | None = None
     slips: bool = False
 
 
@@ -106,35 +106,35 @@ class Row:
     """A row at one state: joint, point, n, t, `rest`, its value and its rate of change."""
 
     joint: Joint
-    place: list[Any]
-    n: list[Any]
-    t: list[Any]
-    rest: Any
-    value: Any
-    rate: Any
+    place: list[Number]
+    n: list[Number]
+    t: list[Number]
+    rest: Number
+    value: Number
+    rate: Number
 
 
 def cuts(scene: Scene, joints: tuple[Joint, ...]) -> list[Cut]:
     """All rows of the joints, dependent ones included."""
-    found = []
+    listed = []
     for joint in joints:
         if joint.type in ROLLING:
-            found += [Cut(joint, None if way is None else way.tolist(), slips=k > 0)
+            listed += [Cut(joint, None if way is None else way.tolist(), slips=k > 0)
                       for k, way in enumerate(_directions(joint))]
             continue
         frames = [np.eye(3) if body == GROUND else scene.R0[body] for body in (joint.parent, joint.child)]
         for vectors in _vectors(joint, frames[1].T @ frames[0]):
             direction, other = (None if vector is None else np.asarray(vector).tolist() for vector in vectors)
-            found.append(Cut(joint, direction, other))
-    return found
+            listed.append(Cut(joint, direction, other))
+    return listed
 
 
-def _vectors(joint: Joint, relative: np.ndarray) -> list[tuple[Any, ...]]:
+def _vectors(joint: Joint, relative: np.ndarray) -> list[tuple[Number, ...]]:
     """(direction, other) of the rows of a joint; `relative` takes parent to child axes at the start."""
     if joint.type == "distance":
         return [(None, None)]
     across = list(np.eye(3)) if joint.type in ONE_POINT else []
-    pairs: list[tuple[Any, ...]] = []
+    pairs: list[tuple[Number, ...]] = []
     if joint.type == "fixed":
         pairs = [(np.eye(3)[k], relative[:, k - 1]) for k in range(3)]
     elif joint.type == "universal":
@@ -183,29 +183,29 @@ def row(cut: Cut, loads: Loads) -> Row:
     return Row(joint, place, n, ZERO, rest, value, dot(n, slip))
 
 
-def unit_wrenches(found: Row, loads: Loads) -> dict[int, tuple[list[Any], list[Any]]]:
+def unit_wrenches(row: Row, loads: Loads) -> dict[int, tuple[list[Number], list[Number]]]:
     """Wrenches of a unit multiplier of a row on all bodies, own axes."""
     alone = Loads(loads.tree, loads.frames, loads.placed)
-    alone.push_at(found.joint.child, found.place, found.n, found.t)
-    alone.push_at(found.joint.parent, found.place, scale(-1.0, found.n), scale(-1.0, found.t))
+    alone.push_at(row.joint.child, row.place, row.n, row.t)
+    alone.push_at(row.joint.parent, row.place, scale(-1.0, row.n), scale(-1.0, row.t))
     return alone.wrenches
 
 
-def acceleration(found: Row, loads: Loads, alpha: ByBody, A: ByBody, column: int) -> Any:
+def acceleration(row: Row, loads: Loads, alpha: ByBody, A: ByBody, column: int) -> Number:
     """n . (a_j - a_i) + t . (alpha_j - alpha_i) of a row in one column of accelerations, own axes."""
     total = 0.0
-    for body, sign in ((found.joint.child, 1.0), (found.joint.parent, -1.0)):
+    for body, sign in ((row.joint.child, 1.0), (row.joint.parent, -1.0)):
         R, reference, _ = loads.placed[body]
-        arm = apply_transposed(R, add(found.place, scale(-1.0, reference)))
+        arm = apply_transposed(R, add(row.place, scale(-1.0, reference)))
         a = add(A[body][column], cross(alpha[body][column], arm))
         if column == 0:
             w = loads.frames[body].w
             a = add(a, cross(w, cross(w, arm)))
-        total = total + sign * (dot(found.n, apply(R, a)) + dot(found.t, apply(R, alpha[body][column])))
+        total = total + sign * (dot(row.n, apply(R, a)) + dot(row.t, apply(R, alpha[body][column])))
     return total
 
 
-def response(rows: list[Row], loads: Loads, alpha: ByBody, A: ByBody) -> list[list[Any]]:
+def response(rows: list[Row], loads: Loads, alpha: ByBody, A: ByBody) -> list[list[Number]]:
     """Acceleration along each row by a unit multiplier of each; the symmetric matrix from its upper half."""
     upper = {(r, k): acceleration(rows[r], loads, alpha, A, k + 1)
              for r in range(len(rows)) for k in range(r, len(rows))}
@@ -218,7 +218,7 @@ def rank(S: np.ndarray) -> int:
     return int(np.count_nonzero(values > DEPENDENT * values[-1]))
 
 
-def multipliers(S: list[list[Any]], rhs: list[Any], shift: float) -> list[Any]:
+def multipliers(S: list[list[Number]], rhs: list[Number], shift: float) -> list[Number]:
     """Solution of S lam = rhs, with least norm if rows are dependent (shift > 0).
 
     (S + shift) is regular; each repetition reduces the residual by shift over the least nonzero eigenvalue of S. No
@@ -234,7 +234,7 @@ def multipliers(S: list[list[Any]], rhs: list[Any], shift: float) -> list[Any]:
     return lam
 
 
-def linear_relations(tree: Tree, gaps: Callable[[np.ndarray], tuple[Any, ...]],
+def linear_relations(tree: Tree, gaps: Callable[[np.ndarray], tuple[Number, ...]],
                      initial: np.ndarray) -> np.ndarray | None:
     """Orthonormal C (k, coordinates) with C (q - q0) = 0 whenever the loops are closed, None if there is no such C.
 

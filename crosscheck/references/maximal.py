@@ -126,8 +126,8 @@ def gyroscopic(inertia: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 def weight(masses: np.ndarray, gravity: np.ndarray) -> np.ndarray:
     """Weights (n, 3)."""
-    found: np.ndarray = masses[:, None] * gravity
-    return found
+    weights: np.ndarray = masses[:, None] * gravity
+    return weights
 
 
 class Maximal:
@@ -223,8 +223,8 @@ class Maximal:
         """G M^-1/2, (m, 6 n)."""
         scaled = G / np.sqrt(self.scene.masses)[:, None]
         scaled[:, :, 3:] = np.matmul(G[:, :, 3:].transpose(1, 0, 2), self.root).transpose(1, 0, 2)
-        found: np.ndarray = scaled.reshape(len(G), -1)
-        return found
+        flat: np.ndarray = scaled.reshape(len(G), -1)
+        return flat
 
     def motion(self, y: np.ndarray, t: float = 0.0) -> tuple[Motion, np.ndarray]:
         """Unpack x (n, 3), q (n, 4), v (n, 3), w (n, 3), and angles of torsional springs and of hinges."""

@@ -85,10 +85,10 @@ class Members:
         other = maximal.Maximal(member)
         allowed = max(FLOOR, ROUNDOFF * conditions.within_horizon)
         own = Solved(states, taylor.SOURCE)
-        found = agree(member, own, Solved(other.run(member.t[:count]), other.source), count, allowed)
-        if found.chosen is not own:
-            raise TruthError(f"{member.name!r}: the formulations disagree: {found.outvoted}")
-        return found.difference
+        agreed = agree(member, own, Solved(other.run(member.t[:count]), other.source), count, allowed)
+        if agreed.chosen is not own:
+            raise TruthError(f"{member.name!r}: the formulations disagree: {agreed.outvoted}")
+        return agreed.difference
 
     @functools.cached_property
     def _conditions(self) -> Conditioning:

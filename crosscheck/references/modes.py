@@ -21,6 +21,8 @@ from crosscheck.references.base import TruthError, breaks
 from crosscheck.references.pieces import Event, Label, Values
 from crosscheck.scene.model import Joint, Scene
 
+Number = Any  # a number, or an array of them over times
+
 RESTING = 1e-12
 """Rates below this part of the largest of the scene (1 at least) are zero at the start and after impacts."""
 SLACK = 1e-11
@@ -61,7 +63,7 @@ def laws_of(scene: Scene) -> list[Law]:
     Unsupported
         A joint has two servos.
     """
-    found = []
+    laws = []
     for joint in scene.joints:
         servos = [servo for name, servo in scene.servos.values() if name == joint.name]
         if len(servos) > 1:
@@ -71,8 +73,8 @@ def laws_of(scene: Scene) -> list[Law]:
             friction, limits = ((given[k] if k < len(given) else None) for given in (joint.dry_friction, joint.limits))
             servo = servos[0] if servos and k == 0 else None
             if friction or limits or servo:
-                found.append(Law(joint, turns, friction, limits, servo))
-    return found
+                laws.append(Law(joint, turns, friction, limits, servo))
+    return laws
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,19 +107,19 @@ class Formulation(Protocol):
         """Coordinates and rates."""
         ...
 
-    def wanted(self, i: int, t: Any, q: Any, rate: Any) -> Any:
+    def wanted(self, i: int, t: Number, q: Number, rate: Number) -> Number:
         """What a servo would give without its limits."""
         ...
 
-    def bound(self, i: int, part: Part, side: int, rate: Any) -> Any:
+    def bound(self, i: int, part: Part, side: int, rate: Number) -> Number:
         """The limit of a servo on one side."""
         ...
 
-    def push(self, i: int, side: int, q: Any, rate: Any) -> Any:
+    def push(self, i: int, side: int, q: Number, rate: Number) -> Number:
         """Size of the force of a soft stop, as if it could pull."""
         ...
 
-    def efforts(self, mode: Mode, t: Any, q: Any, rate: Any) -> np.ndarray:
+    def efforts(self, mode: Mode, t: Number, q: Number, rate: Number) -> np.ndarray:
         """All efforts but those that hold."""
         ...
 
@@ -169,31 +171,31 @@ class Machine:
     def surfaces(self, mode: Mode, t: np.ndarray, Y: np.ndarray) -> Values:
         """Values, positive inside the mode, over states (T, dimension)."""
         q, rate = self.form.moving(t, Y)
-        found: dict[Label, np.ndarray] = {}
+        values: dict[Label, np.ndarray] = {}
         if any(part.held for part in mode):
             holding = self.form.holding(mode, t, Y)
         for i, (law, part) in enumerate(zip(self.laws, mode, strict=True)):
             if part.held:
                 lo, hi = _box(law, part.side)
                 rooms = (("lo", holding[i] - lo + SLACK), ("hi", hi - holding[i] + SLACK))
-                found |= {(i, name): room for name, room in rooms if np.isfinite(room).all()}
+                values |= {(i, name): room for name, room in rooms if np.isfinite(room).all()}
             elif part.slip:
-                found[i, "rest"] = part.slip * rate[i]
+                values[i, "rest"] = part.slip * rate[i]
             if law.limits is not None and not part.held:
-                found |= self._limits(i, law, part, q[i], rate[i])
+                values |= self._limits(i, law, part, q[i], rate[i])
             if law.bounded:
                 wanted = self.form.wanted(i, t, q[i], rate[i])
                 upper, lower = (self.form.bound(i, part, side, rate[i]) for side in (1, -1))
                 over, under = wanted - upper, wanted - lower
-                found |= {(i, name): value for name, value in {
+                values |= {(i, name): value for name, value in {
                     0: (("above", -over), ("below", under)), 1: (("back", over),), -1: (("back", -under),)}[part.cut]
                     if np.isfinite(value).all()}
                 if law.servo.no_load_speed is not None and not part.held:
                     speed = np.sign(part.way) * rate[i]
                     top = law.servo.no_load_speed
-                    found |= ({(i, "slow"): speed - top} if abs(part.way) == 2 else
+                    values |= ({(i, "slow"): speed - top} if abs(part.way) == 2 else
                               {(i, "way"): speed, (i, "fast"): top - speed})
-        return found
+        return values
 
     def _limits(self, i: int, law: Law, part: Part, q: np.ndarray, rate: np.ndarray) -> dict[Label, np.ndarray]:
         limits = law.limits
@@ -211,7 +213,7 @@ class Machine:
         """
         q, rate = (each[:, 0] for each in self.form.moving(np.full(1, t), y[None]))
         tiny = RESTING * max(1.0, np.abs(rate).max(initial=0.0))
-        parts, fired = [], list[tuple[int, Any]]()
+        parts, fired = [], list[Label]()
         for i, law in enumerate(self.laws):
             part = Part(way=1 if rate[i] >= 0 else -1)
             if law.friction:
@@ -253,7 +255,7 @@ class Machine:
         cut = (wanted > self.form.bound(i, part, 1, rate)) - 1 * (wanted < self.form.bound(i, part, -1, rate))
         return dataclasses.replace(part, cut=int(cut))
 
-    def settle(self, t: float, y: np.ndarray, mode: Mode, fired: Sequence[tuple[int, Any]]) -> Settled:
+    def settle(self, t: float, y: np.ndarray, mode: Mode, fired: Sequence[Label]) -> Settled:
         """What follows when these surfaces are reached, or a function of time breaks or a servo samples."""
         now = _Change(self, t, y, list(mode))
         for label in fired:

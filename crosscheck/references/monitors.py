@@ -61,7 +61,7 @@ class Monitors:
         return min(fired, key=lambda each: each.after, default=None)
 
     def _values(self, mode: Mode, t: np.ndarray, Y: np.ndarray) -> dict[tuple[int, str], np.ndarray]:
-        found = {}
+        gaps = {}
         for k, (monitor, (coordinate, speed, sign, start)) in enumerate(zip(self.watched, self.places, strict=True)):
             q, rate = start + sign * Y[:, coordinate], sign * Y[:, speed]
             value = {"range": q, "speed": rate}.get(monitor.type)
@@ -70,8 +70,8 @@ class Monitors:
             for name, room, end in (("lower", value - monitor.lower, monitor.lower),
                                     ("upper", monitor.upper - value, monitor.upper)):
                 if np.isfinite(end):
-                    found[k, name] = room
-        return found
+                    gaps[k, name] = room
+        return gaps
 
     def _effort(self, joint: str, mode: Mode, t: np.ndarray, q: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """What the actuators of a joint give."""

@@ -50,34 +50,34 @@ class Rows:
 
     def local(self, q: np.ndarray) -> np.ndarray:
         """Coordinates of the two bodies of each row, (m, 2, 12)."""
-        found: np.ndarray = q.reshape(self.n + 1, 12)[self.bodies]
-        return found
+        own: np.ndarray = q.reshape(self.n + 1, 12)[self.bodies]
+        return own
 
     def curved(self, q: np.ndarray) -> np.ndarray:
         """A z, (m, 2, 12)."""
-        found: np.ndarray = np.matmul(self.A, self.local(q).reshape(-1, 24, 1)).reshape(-1, 2, 12)
-        return found
+        half: np.ndarray = np.matmul(self.A, self.local(q).reshape(-1, 24, 1)).reshape(-1, 2, 12)
+        return half
 
     def gradient(self, q: np.ndarray) -> np.ndarray:
         """A z + B, (m, 2, 12)."""
-        found: np.ndarray = self.curved(q) + self.B.reshape(-1, 2, 12)
-        return found
+        slope: np.ndarray = self.curved(q) + self.B.reshape(-1, 2, 12)
+        return slope
 
     def values(self, q: np.ndarray) -> np.ndarray:
         """Phi, (m)."""
         z = self.local(q)
-        found: np.ndarray = np.einsum("mic,mic->m", 0.5 * self.curved(q) + self.B.reshape(-1, 2, 12), z) + self.c
-        return found
+        phi: np.ndarray = np.einsum("mic,mic->m", 0.5 * self.curved(q) + self.B.reshape(-1, 2, 12), z) + self.c
+        return phi
 
     def rates(self, q: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """dPhi/dt, (m)."""
-        found: np.ndarray = np.einsum("mic,mic->m", self.gradient(q), self.local(rate))
-        return found
+        phi_dot: np.ndarray = np.einsum("mic,mic->m", self.gradient(q), self.local(rate))
+        return phi_dot
 
     def along(self, G: np.ndarray, a: np.ndarray) -> np.ndarray:
         """G a, (m), of a (n, 4, 3)."""
-        found: np.ndarray = np.einsum("mic,mic->m", G, self.local(np.concatenate([a, np.zeros((1, 4, 3), LONG)])))
-        return found
+        product: np.ndarray = np.einsum("mic,mic->m", G, self.local(np.concatenate([a, np.zeros((1, 4, 3), LONG)])))
+        return product
 
     def pull(self, G: np.ndarray, lam: np.ndarray) -> np.ndarray:
         """G^T lam, (n + 1, 4, 3)."""
@@ -133,8 +133,8 @@ def _of_joint(joint: Joint, scene: Scene) -> list[tuple[np.ndarray, np.ndarray, 
     relative = frames[1].T @ frames[0]
 
     def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        found: np.ndarray = one.T @ other + other.T @ one
-        return found
+        symmetric: np.ndarray = one.T @ other + other.T @ one
+        return symmetric
 
     def perpendicular(p: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         return product(_in_parent(p), np.concatenate([np.zeros((3, 12)), _vector(b)], axis=1)), np.zeros(24), 0.0
@@ -144,26 +144,26 @@ def _of_joint(joint: Joint, scene: Scene) -> list[tuple[np.ndarray, np.ndarray, 
 
     if joint.type == "distance":
         return [(gap.T @ gap / joint.length, np.zeros(24), -0.5 * joint.length)]
-    found = [(nothing, gap[k], 0.0) for k in range(3)] if joint.type in COINCIDING else []
+    rows = [(nothing, gap[k], 0.0) for k in range(3)] if joint.type in COINCIDING else []
     if joint.type == "universal":
-        return [*found, perpendicular(joint.parent_axis, joint.child_axis)]
+        return [*rows, perpendicular(joint.parent_axis, joint.child_axis)]
     if joint.type == "fixed":
-        return found + [perpendicular(np.eye(3)[k], relative[:, k - 2]) for k in range(3)]
+        return rows + [perpendicular(np.eye(3)[k], relative[:, k - 2]) for k in range(3)]
     if joint.type == "spherical":
-        return found
+        return rows
     e = joint.parent_axis
     one = np.cross(e, np.eye(3)[np.argmin(np.abs(e))])
     one /= np.linalg.norm(one)
     other = np.cross(e, one)
     if joint.type in ("planar", "point_on_plane"):
-        found.append(across(e))
+        rows.append(across(e))
     elif joint.type != "revolute":
-        found += [across(one), across(other)]
+        rows += [across(one), across(other)]
     if joint.type in TURNING_ABOUT:
-        found += [perpendicular(one, joint.child_axis), perpendicular(other, joint.child_axis)]
+        rows += [perpendicular(one, joint.child_axis), perpendicular(other, joint.child_axis)]
     if joint.type == "prismatic":
-        found.append(perpendicular(one, relative @ other))
-    return found
+        rows.append(perpendicular(one, relative @ other))
+    return rows
 
 
 def _in_parent(own: np.ndarray) -> np.ndarray:

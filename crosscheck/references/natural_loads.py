@@ -36,28 +36,28 @@ class Motion:
 
     def vector(self, body: int, own: np.ndarray, k: int) -> np.ndarray:
         """k-th coefficient of a vector fixed in a body, world axes."""
-        found: np.ndarray = own @ self.q[k, body, 1:]
-        return found
+        turned: np.ndarray = own @ self.q[k, body, 1:]
+        return turned
 
     def point(self, body: int, own: np.ndarray, k: int) -> np.ndarray:
         """k-th coefficient of a point fixed in a body."""
-        found: np.ndarray = self.q[k, body, 0] + own @ self.q[k, body, 1:]
-        return found
+        place: np.ndarray = self.q[k, body, 0] + own @ self.q[k, body, 1:]
+        return place
 
 
 def product(one: np.ndarray, other: np.ndarray, k: int) -> np.ndarray:
     """k-th coefficient of the product of a scalar series and a series of numbers or vectors."""
     weights = one[k::-1] if k else one[:1]
-    found: np.ndarray = np.tensordot(weights, other[:k + 1], 1)
-    return found
+    coefficient: np.ndarray = np.tensordot(weights, other[:k + 1], 1)
+    return coefficient
 
 
 def crossed(one: np.ndarray, other: np.ndarray, k: int) -> np.ndarray:
     """k-th coefficient of the cross product of series of vectors; `other` may hold several vectors per coefficient."""
     first = one[k::-1] if k else one[:1]
     first = first.reshape(len(first), *(1,) * (other.ndim - 2), 3)
-    found: np.ndarray = np.cross(first, other[:k + 1]).sum(axis=0)
-    return found
+    coefficient: np.ndarray = np.cross(first, other[:k + 1]).sum(axis=0)
+    return coefficient
 
 
 OPPOSITE = 1e-6  # axes closer to opposite than this have no unique shortest turn between them
@@ -87,8 +87,8 @@ class LinearSpring:
         """Add the k-th coefficient to the forces on q."""
         def separation(order: int) -> np.ndarray:
             parent, child = (motion.point(end, own, order) for end, own in zip(self.ends, self.points, strict=True))
-            found: np.ndarray = np.subtract(child, parent)
-            return found
+            between: np.ndarray = np.subtract(child, parent)
+            return between
 
         self.d[k], self.rate[k] = separation(k), (k + 1) * separation(k + 1)
         self.square[k] = sum(product(self.d[:, i], self.d[:, i], k) for i in range(3))
@@ -173,25 +173,25 @@ def series_of(value: Value, t: np.longdouble, count: int) -> np.ndarray:
 
     Those of a sine are a w^k sin(w t + phase + k pi/2) / k!; those of a polynomial follow by Horner's rule.
     """
-    found = np.zeros(count, LONG)
+    coefficients = np.zeros(count, LONG)
     if not isinstance(value, TimeFunction):
-        found[0] = value
-        return found
+        coefficients[0] = value
+        return coefficients
     piece = max(int(np.searchsorted(np.array(value.breaks, LONG), t, side="right")) - 1, 0)
     moved = np.array(value.pieces[piece], LONG)
     shift = t - LONG(value.breaks[piece])
     for first in range(len(moved)):
         for k in range(len(moved) - 2, first - 1, -1):
             moved[k] += shift * moved[k + 1]
-    found[:min(count, len(moved))] = moved[:count]
+    coefficients[:min(count, len(moved))] = moved[:count]
     for amplitude, frequency, phase in value.terms:
         angle = LONG(frequency) * t + LONG(phase)
         turns = (np.sin(angle), np.cos(angle), -np.sin(angle), -np.cos(angle))
         factor = LONG(amplitude)
         for k in range(count):
-            found[k] += factor * turns[k % 4]
+            coefficients[k] += factor * turns[k % 4]
             factor *= LONG(frequency) / (k + 1)
-    return found
+    return coefficients
 
 
 class TorsionalSpring:

@@ -68,9 +68,9 @@ def first_crossing(surfaces: Callable[[np.ndarray], Values], length: float, fres
         if values[0] < 0.0:
             roots.append((0.0, label, False))
             continue
-        found = _first_root(values, size)
-        if found is not None:
-            roots.append((found[0], label, found[1]))
+        nearest = _first_root(values, size)
+        if nearest is not None:
+            roots.append((nearest[0], label, nearest[1]))
     if not roots:
         return None
     first = min(roots, key=lambda root: root[0])
@@ -96,13 +96,13 @@ def _first_root(values: np.ndarray, size: float) -> tuple[float, bool] | None:
     if values.min() > 0.5 * size:
         return None
     series = _FIT @ values
-    found = [(at, False) for at in _real_roots(series) if at > 0.0 or values[0] <= 0.0]
+    roots = [(at, False) for at in _real_roots(series) if at > 0.0 or values[0] <= 0.0]
     turns = [at for at in _real_roots(chebyshev.chebder(series)) if 0.0 < at < 1.0]
-    found += [(at, True) for at in turns if abs(chebyshev.chebval(2 * at - 1, series)) <= GRAZE * size]
-    if not found and values[-1] <= 0.0:
-        found = [(1.0, False)]
-    first = min(found, default=None)
-    if first is not None and any(graze and abs(at - first[0]) < 1e-3 for at, graze in found):
+    roots += [(at, True) for at in turns if abs(chebyshev.chebval(2 * at - 1, series)) <= GRAZE * size]
+    if not roots and values[-1] <= 0.0:
+        roots = [(1.0, False)]
+    first = min(roots, default=None)
+    if first is not None and any(graze and abs(at - first[0]) < 1e-3 for at, graze in roots):
         return first[0], True
     return first
 

@@ -88,5 +88,5 @@ def shifted(tc: np.ndarray, tau: float) -> np.ndarray:
     """Coefficients 0 ... ORDERS about t0 + tau of polynomials (dimension, order + 1) about t0."""
     size = tc.shape[-1]
     powers = np.subtract.outer(np.arange(size), np.arange(ORDERS + 1))
-    found: np.ndarray = tc @ (_binomials(size) * np.where(powers >= 0, float(tau) ** np.maximum(powers, 0), 0.0))
-    return found
+    moved: np.ndarray = tc @ (_binomials(size) * np.where(powers >= 0, float(tau) ** np.maximum(powers, 0), 0.0))
+    return moved

@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from crosscheck.errors import Unsupported
 from crosscheck.references import loops
 from crosscheck.references.articulated import accelerations, centripetal
 from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError, breaks
-from crosscheck.references.generic import ByBody, add, apply, cross, scale
+from crosscheck.references.generic import ByBody, Number, add, apply, cross, scale
 from crosscheck.references.joint_motion import ZERO, Tree
 from crosscheck.references.series import Series, safe_step, shifted
 from crosscheck.references.tree import FREE, unfold
@@ -27,6 +27,9 @@ from crosscheck.references.tree_loads import Loads, angle_rate, start_angle, tre
 from crosscheck.scene.functions import TimeFunction, Value, at
 from crosscheck.scene.model import Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    import heyoka
 
 SOURCE = "Taylor series (heyoka), minimal coordinates"
 SUBPOINTS = 6  # points per step for maxima of derivatives: the k-th one varies over 1/k of the convergence radius
@@ -67,14 +70,14 @@ class Taylor:
         self._analyse_loops()
 
     @functools.cached_property
-    def _integrator(self) -> Any:
+    def _integrator(self) -> heyoka.taylor_adaptive:
         """Compiled when it is first used: what is stored is evaluated without it.
 
         Unoptimised it is compiled ten times as fast, which saves more than all of its steps take.
         """
         return self.integrator(compact_mode=True, high_accuracy=True, opt_level=0)
 
-    def integrator(self, tolerance: float | None = None, **options: int) -> Any:
+    def integrator(self, tolerance: float | None = None, **options: int) -> heyoka.taylor_adaptive:
         """A compiled Taylor integrator at the initial state; `options` are those of `heyoka.taylor_adaptive`."""
         import heyoka
 
@@ -114,7 +117,7 @@ class Taylor:
         if self.rank < len(S):
             self.shift = loops.SHIFT * float(np.trace(np.array(S))) / self.rank
 
-    def _expression(self, value: Value) -> Any:
+    def _expression(self, value: Value) -> Number:
         """A number or a function of time as a heyoka expression; the coefficients of pieces are run parameters."""
         import heyoka
 
@@ -143,7 +146,7 @@ class Taylor:
             values += [0.0] * (_places(function) - 1 - len(coefficients))
         return values
 
-    def _columns(self, state: Sequence[Any], value: Callable[[Value], Any]) -> tuple[Any, ...]:
+    def _columns(self, state: Sequence[Number], value: Callable[[Value], Number]) -> tuple[Number, ...]:
         """Loads, loop rows, and alpha, A and the derivatives of speeds by body and column."""
         tree = self.tree
         frames = tree.frames(state)
@@ -154,7 +157,7 @@ class Taylor:
                 continue
             loads.add(force, self._angle(force.joint if force.type == "torsional_spring" else None, state))
         rows = [loops.row(cut, loads) for cut in self.cuts]
-        units = [loops.unit_wrenches(found, loads) for found in rows]
+        units = [loops.unit_wrenches(row, loads) for row in rows]
         efforts = None
         if pushes := [*self.ties, *self.law_units]:
             still = {link.body: [0.0] * link.scalars for link in tree.links}
@@ -166,10 +169,10 @@ class Taylor:
         driven = {body: value(function) for body, function in self.driven.items()}
         return loads, rows, *accelerations(tree, frames, wrenches, efforts, driven)
 
-    def _loop_terms(self, loads: Loads, rows: list[Any], alpha: ByBody, A: ByBody,
-                    speeding: ByBody) -> tuple[Any, ...]:
+    def _loop_terms(self, loads: Loads, rows: list[Number], alpha: ByBody, A: ByBody,
+                    speeding: ByBody) -> tuple[Number, ...]:
         """Right side and response of the multipliers' equations."""
-        free = [-1.0 * (loops.acceleration(found, loads, alpha, A, 0) + found.rest) for found in rows]
+        free = [-1.0 * (loops.acceleration(row, loads, alpha, A, 0) + row.rest) for row in rows]
         S = loops.response(rows, loads, alpha, A)
         pushes = [*self.ties, *self.law_units]
         along = [[sum((factor * rate for body, factors in push.items()
@@ -179,7 +182,7 @@ class Taylor:
         return (free + [-1.0 * line[0] for line in along],
                 [[*line, *more] for line, more in zip(S, across, strict=True)] + [line[1:] for line in along])
 
-    def _angle(self, name: str | None, state: Sequence[Any]) -> Any:
+    def _angle(self, name: str | None, state: Sequence[Number]) -> Number:
         """Angle of the joint of that name; None if `name` is None."""
         if name is None:
             return None
@@ -188,7 +191,7 @@ class Taylor:
             return state[self.tree.size + self.springs.index(joint)]
         return tree_angle(joint, self.tree, state)
 
-    def _solved(self, state: Sequence[Any], value: Callable[[Value], Any]) -> tuple[Any, ...]:
+    def _solved(self, state: Sequence[Number], value: Callable[[Value], Number]) -> tuple[Number, ...]:
         """Loads, and alpha, A and the derivatives of speeds by body, with the loops closed."""
         loads, rows, *columns = self._columns(state, value)
         factors = [1.0]
@@ -199,12 +202,12 @@ class Taylor:
                    for body, parts in column.items()} for column in columns)
         return loads, *closed
 
-    def _multipliers(self, state: Sequence[Any], value: Callable[[Value], Any], rhs: list[Any],
-                     S: list[list[Any]]) -> list[Any]:
+    def _multipliers(self, state: Sequence[Number], value: Callable[[Value], Number], rhs: list[Number],
+                     S: list[list[Number]]) -> list[Number]:
         """Multipliers of the rows that close loops and of mimics."""
         return loops.multipliers(S, rhs, self.shift)
 
-    def _rates(self, state: Sequence[Any], value: Callable[[Value], Any]) -> list[Any]:
+    def _rates(self, state: Sequence[Number], value: Callable[[Value], Number]) -> list[Number]:
         """d state / dt; `value` evaluates functions of time."""
         loads, _, _, speeding = self._solved(state, value)
         turning = [angle_rate(joint, loads.frames, loads.placed) for joint in self.springs]
@@ -224,7 +227,7 @@ class Taylor:
         frames = self.tree.frames(state.tolist())
         loads = Loads(self.tree, frames, self.tree.world(frames))
         rows = [loops.row(cut, loads) for cut in self.cuts]
-        return np.array([found.value for found in rows], float), np.array([found.rate for found in rows], float)
+        return np.array([row.value for row in rows], float), np.array([row.rate for row in rows], float)
 
     def follow_angles(self, state: np.ndarray) -> None:
         """Set the angles of torsional springs in loops to those of a configuration near the start."""
@@ -383,7 +386,7 @@ def _coefficients(entry: Series | float, length: int) -> np.ndarray:
     return constant
 
 
-def _stack(entries: Sequence[Any], length: int) -> np.ndarray:
+def _stack(entries: Sequence[Number], length: int) -> np.ndarray:
     """Columns of a vector whose entries are arrays over time or constants, (length, size)."""
     return np.stack([np.broadcast_to(entry, (length,)) for entry in entries], axis=-1)
 

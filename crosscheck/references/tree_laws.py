@@ -15,20 +15,24 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import LONGEST, End, Piece, TruthError, values_at
+from crosscheck.references.generic import Number
 from crosscheck.references.modes import Law, Machine, Mode, Part, Settled, laws_of
 from crosscheck.references.monitors import Monitors
-from crosscheck.references.pieces import Crossing, Values, first_crossing
+from crosscheck.references.pieces import Crossing, Label, Values, first_crossing
 from crosscheck.references.taylor import SOURCE, Taylor
 from crosscheck.references.tree_loads import start_angle
 from crosscheck.scene.functions import Value, at
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    import heyoka
 
 AT_ONCE = 30
 """Most events at one instant."""
@@ -55,7 +59,7 @@ class LawfulTaylor(Taylor):
 
     def __init__(self, scene: Scene) -> None:
         self.laws = laws_of(scene)
-        self.switches: Sequence[Sequence[Any]] = [(0.0,) * 5 for _ in self.laws]
+        self.switches: Sequence[Sequence[Number]] = [(0.0,) * 5 for _ in self.laws]
         super().__init__(scene)
         self.places = [self.place(law) for law in self.laws]
         self.law_units = [self._unit(law, place[2]) for law, place in zip(self.laws, self.places, strict=True)]
@@ -117,7 +121,8 @@ class LawfulTaylor(Taylor):
             q[i], rate[i] = start + sign * Y[:, coordinate], sign * Y[:, speed]
         return q, rate
 
-    def wanted(self, i: int, t: Any, q: Any, rate: Any, value: Callable[[Value], Any] | None = None) -> Any:
+    def wanted(self, i: int, t: Number, q: Number, rate: Number, value: Callable[[Value], Number] | None = None
+               ) -> Number:
         """What a servo would give without its limits."""
         servo = self.laws[i].servo
         value = value or functools.partial(at, t=t)
@@ -128,14 +133,14 @@ class LawfulTaylor(Taylor):
             effort = effort + servo.derivative * (value(servo.target_velocity) - rate)
         return effort
 
-    def bound(self, i: int, part: Part, side: int, rate: Any) -> Any:
+    def bound(self, i: int, part: Part, side: int, rate: Number) -> Number:
         """The limit of a servo on one side, the line of the motor on the side to which it moves."""
         servo = self.laws[i].servo
         limit = servo.effort_limit[1] if side > 0 else servo.effort_limit[0]
         offset, slope = _line(servo.no_load_speed, part.way, side)
         return limit * (offset + slope * rate)
 
-    def push(self, i: int, side: int, q: Any, rate: Any) -> Any:
+    def push(self, i: int, side: int, q: Number, rate: Number) -> Number:
         """Size of the force of a soft stop, as if it could pull."""
         limits = self.laws[i].limits
         return (limits.stiffness * side * (q - (limits.upper if side > 0 else limits.lower))
@@ -161,7 +166,7 @@ class LawfulTaylor(Taylor):
                 row[1] -= law.friction.sliding * part.slip
         return numbers
 
-    def efforts(self, mode: Mode, t: Any, q: Any, rate: Any) -> np.ndarray:
+    def efforts(self, mode: Mode, t: Number, q: Number, rate: Number) -> np.ndarray:
         """All efforts but those that hold, (L,) or (L, T)."""
         values: np.ndarray = np.array([
             A + B * q[i] + C * rate[i] + (P * self.wanted(i, t, q[i], rate[i]) if P else 0.0)
@@ -178,7 +183,7 @@ class LawfulTaylor(Taylor):
         held = held - self.efforts(mode, t, *self.moving(t, Y))
         return held
 
-    def _response(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any]:
+    def _response(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, Number]:
         loads, rows, *columns = self._columns(y.tolist(), functools.partial(at, t=t))
         rhs, S = self._loop_terms(loads, rows, *columns)
         return -np.array(rhs, float), np.array(S, float), np.zeros(0), columns[2]
@@ -231,19 +236,19 @@ class LawfulTaylor(Taylor):
 
     # Equations and steps.
 
-    def integrator(self, tolerance: float | None = None, **options: int) -> Any:
+    def integrator(self, tolerance: float | None = None, **options: int) -> heyoka.taylor_adaptive:
         """As `Taylor.integrator`, with the numbers of the mode as parameters."""
         import heyoka
 
         self.switches = [[heyoka.par[self._first + 5 * i + k] for k in range(5)] for i in range(len(self.laws))]
         return super().integrator(tolerance, **options)
 
-    def _multipliers(self, state: Sequence[Any], value: Callable[[Value], Any], rhs: list[Any],
-                     S: list[list[Any]]) -> list[Any]:
+    def _multipliers(self, state: Sequence[Number], value: Callable[[Value], Number], rhs: list[Number],
+                     S: list[list[Number]]) -> list[Number]:
         """Multipliers of loops and mimics, and the efforts of all coordinates with laws."""
         n = len(rhs) - len(self.laws)
-        s: list[Any] = [1.0] * n
-        efforts: list[Any] = [0.0] * n
+        s: list[Number] = [1.0] * n
+        efforts: list[Number] = [0.0] * n
         for i, (held, A, B, C, P) in enumerate(self.switches):
             coordinate, speed, sign, start = self.places[i]
             q, rate = start + sign * state[coordinate], sign * state[speed]
@@ -354,7 +359,7 @@ class LawfulTaylor(Taylor):
         """Surfaces on a step, all of which is before what is scheduled: a function of time may jump there."""
         return self.machine.surfaces(mode, np.minimum(time[0] + tau, before), _polynomial(series, tau))
 
-    def _grazed(self, label: Any) -> str:
+    def _grazed(self, label: Label) -> str:
         return f"joint {self.laws[label[0]].joint.name!r} grazes a change of its mode"
 
     def run(self, initial: np.ndarray | None = None, times: np.ndarray | None = None) -> np.ndarray:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from crosscheck.references.generic import (
+    Number,
     add,
     apply,
     apply_transposed,
@@ -26,35 +26,35 @@ from crosscheck.scene.model import Force, Joint
 class Loads:
     """Wrenches (force, torque about the centre of mass), own axes, of every body and the ground."""
 
-    def __init__(self, tree: Tree, frames: dict[int, Frame], placed: dict[int, tuple[Any, Any, Any]],
-                 value: Callable[[Value], Any] = lambda value: value) -> None:
+    def __init__(self, tree: Tree, frames: dict[int, Frame], placed: dict[int, tuple[Number, Number, Number]],
+                 value: Callable[[Value], Number] = lambda value: value) -> None:
         self.tree, self.frames, self.placed = tree, frames, placed
         self.value = value  # evaluates a number or a function of time in the number type of the state
         self.wrenches = dict.fromkeys(frames, (ZERO, ZERO))
 
-    def lever(self, body: int, anchor: list[Any]) -> list[Any]:
+    def lever(self, body: int, anchor: list[Number]) -> list[Number]:
         """From the reference point of a body to a point given from its centre of mass, own axes."""
         return add(self.frames[body].lever, anchor)
 
-    def point(self, body: int, anchor: list[Any]) -> tuple[list[Any], list[Any]]:
+    def point(self, body: int, anchor: list[Number]) -> tuple[list[Number], list[Number]]:
         """A body's point and its velocity, world."""
         R, reference, velocity = self.placed[body]
         lever = self.lever(body, anchor)
         return add(reference, apply(R, lever)), add(velocity, apply(R, cross(self.frames[body].w, lever)))
 
-    def push(self, body: int, force: list[Any], torque: list[Any]) -> None:
+    def push(self, body: int, force: list[Number], torque: list[Number]) -> None:
         """Add a wrench, own axes."""
         old_force, old_torque = self.wrenches[body]
         self.wrenches[body] = add(old_force, force), add(old_torque, torque)
 
-    def push_at(self, body: int, place: list[Any], force: list[Any], torque: list[Any]) -> None:
+    def push_at(self, body: int, place: list[Number], force: list[Number], torque: list[Number]) -> None:
         """Add a force at a point of space, and a torque; all in world axes."""
         R, reference, _ = self.placed[body]
         arm = add(apply_transposed(R, add(place, scale(-1.0, reference))), scale(-1.0, self.frames[body].lever))
         force = apply_transposed(R, force)
         self.push(body, force, add(cross(arm, force), apply_transposed(R, torque)))
 
-    def add(self, force: Force, angle: Any) -> None:
+    def add(self, force: Force, angle: Number) -> None:
         """Add a force of the scene; `angle` is that of a torsional spring's joint."""
         p = force.parameters
         if force.type == "linear_spring":
@@ -106,24 +106,24 @@ class Loads:
         self.push_at(force.child, end, scale(-1.0, pull), ZERO)
 
 
-def spring_pull(factor: Any, separation: list[Any]) -> list[Any]:
+def spring_pull(factor: Number, separation: list[Number]) -> list[Number]:
     """Force on the parent's end of a spring."""
     return scale(factor, separation)
 
 
-def torsion(stiffness: float, twist: Any, damping: float, rate: Any) -> Any:
+def torsion(stiffness: float, twist: Number, damping: float, rate: Number) -> Number:
     """Torque of a torsional spring-damper on the child."""
     return -1.0 * (stiffness * twist + damping * rate)
 
 
-def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[Any, Any, Any]]) -> Any:
+def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[Number, Number, Number]]) -> Number:
     """Rate of the angle of a joint's child relative to its parent."""
     axis = joint.parent_axis.tolist()
     seen = apply_transposed(placed[joint.parent][0], apply(placed[joint.child][0], frames[joint.child].w))
     return dot(axis, add(seen, scale(-1.0, frames[joint.parent].w)))
 
 
-def start_angle(joint: Joint, q: dict[int, list[Any]]) -> float:
+def start_angle(joint: Joint, q: dict[int, list[Number]]) -> float:
     """Angle in (-pi, pi] of a joint's child relative to its parent, from their quaternions.
 
     The rotation relative Q0^T, with Q0 the shortest rotation from child axis to parent axis, is about the parent axis:
@@ -143,7 +143,7 @@ def start_angle(joint: Joint, q: dict[int, list[Any]]) -> float:
     return float(angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi)))
 
 
-def tree_angle(joint: Joint, tree: Tree, state: Any) -> Any | None:
+def tree_angle(joint: Joint, tree: Tree, state: Number) -> Number | None:
     """Angle of a joint of the tree, from its coordinate; None for one that closes a loop."""
     for link in tree.links:
         if link.joint is joint:

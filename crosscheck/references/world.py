@@ -44,33 +44,33 @@ class Motion:
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a x b of arrays (k, 3); several times faster than numpy.cross for a few vectors."""
-    found: np.ndarray = np.matmul((a @ HAT).reshape(-1, 3, 3), b[:, :, None])[:, :, 0]
-    return found
+    product: np.ndarray = np.matmul((a @ HAT).reshape(-1, 3, 3), b[:, :, None])[:, :, 0]
+    return product
 
 
 def dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a . b of arrays (k, 3), (k,)."""
-    found: np.ndarray = (a * b).sum(axis=1)
-    return found
+    products: np.ndarray = (a * b).sum(axis=1)
+    return products
 
 
 def turned(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """R s of arrays (k, 3, 3) and (k, 3)."""
-    found: np.ndarray = np.matmul(R, vectors[:, :, None])[:, :, 0]
-    return found
+    carried: np.ndarray = np.matmul(R, vectors[:, :, None])[:, :, 0]
+    return carried
 
 
 def back(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """R^T s of arrays (k, 3, 3) and (k, 3)."""
-    found: np.ndarray = np.matmul(vectors[:, None, :], R)[:, 0]
-    return found
+    carried: np.ndarray = np.matmul(vectors[:, None, :], R)[:, 0]
+    return carried
 
 
 def rotation(q: np.ndarray) -> np.ndarray:
     """Attitudes (n, 3, 3) of quaternions (n, 4) of any nonzero length."""
     products = (q[:, :, None] * q[:, None, :]).reshape(-1, 16)
-    found: np.ndarray = ((products @ QUADRATIC) / products[:, ::5].sum(axis=1)[:, None]).reshape(-1, 3, 3)
-    return found
+    matrices: np.ndarray = ((products @ QUADRATIC) / products[:, ::5].sum(axis=1)[:, None]).reshape(-1, 3, 3)
+    return matrices
 
 
 def centripetal(omega: np.ndarray, lever: np.ndarray) -> np.ndarray:

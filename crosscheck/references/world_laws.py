@@ -13,8 +13,8 @@ from scipy.optimize import lsq_linear
 
 from crosscheck.references.base import End, TruthError
 from crosscheck.references.maximal import ATOL, DAMPING, DEPENDENT, Maximal, Rotor, gyroscopic
-from crosscheck.references.modes import Law, Machine, Mode, Part, laws_of
-from crosscheck.references.pieces import Values
+from crosscheck.references.modes import Law, Machine, Mode, Number, Part, laws_of
+from crosscheck.references.pieces import Label, Values
 from crosscheck.references.world import Motion, cross
 from crosscheck.references.world_loads import starting_angle
 from crosscheck.references.world_rows import zero_turn
@@ -158,13 +158,13 @@ class LawfulMaximal(Maximal):
         q, rate = (np.array(each).T for each in zip(*pairs, strict=True))
         return q, rate
 
-    def wanted(self, i: int, t: Any, q: Any, rate: Any) -> Any:
+    def wanted(self, i: int, t: Number, q: Number, rate: Number) -> Number:
         """What a servo would give without its limits."""
         servo = self.laws[i].servo
         errors = at(servo.target, t) - q, at(servo.target_velocity, t) - rate
         return servo.proportional * errors[0] + servo.derivative * errors[1] + at(servo.feedforward, t)
 
-    def bound(self, i: int, part: Part, side: int, rate: Any) -> Any:
+    def bound(self, i: int, part: Part, side: int, rate: Number) -> Number:
         """The limit of a servo on one side: against the motion the whole of it, with the motion what the motor has."""
         servo = self.laws[i].servo
         whole = max(servo.effort_limit) if side > 0 else min(servo.effort_limit)
@@ -173,13 +173,13 @@ class LawfulMaximal(Maximal):
             return whole + 0.0 * rate
         return 0.0 * rate if abs(part.way) == 2 else whole * (servo.no_load_speed - np.abs(rate)) / servo.no_load_speed
 
-    def push(self, i: int, side: int, q: Any, rate: Any) -> Any:
+    def push(self, i: int, side: int, q: Number, rate: Number) -> Number:
         """Size of the force of a soft stop, as if it could pull."""
         limits = self.laws[i].limits
         depth, speed = (q - limits.upper, rate) if side > 0 else (limits.lower - q, -rate)
         return limits.stiffness * depth + limits.damping * speed
 
-    def efforts(self, mode: Mode, t: Any, q: Any, rate: Any) -> np.ndarray:
+    def efforts(self, mode: Mode, t: Number, q: Number, rate: Number) -> np.ndarray:
         """All efforts but those that hold, (L,)."""
         total = np.zeros(len(self.laws))
         for i, (law, part) in enumerate(zip(self.laws, mode, strict=True)):
@@ -197,11 +197,11 @@ class LawfulMaximal(Maximal):
 
     def holding(self, mode: Mode, t: np.ndarray, Y: np.ndarray) -> np.ndarray:
         """Efforts that hold, (L, T)."""
-        self.mode, found = mode, []
+        self.mode, efforts = mode, []
         for time, y in zip(t, Y, strict=True):
             self.angles = y[len(y) - len(self.turning):]
-            found.append(self._held_accelerations(*self.motion(y, float(time)))[1])
-        return np.array(found).T
+            efforts.append(self._held_accelerations(*self.motion(y, float(time)))[1])
+        return np.array(efforts).T
 
     def response(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """b, S: accelerations of coordinates without efforts of laws, and by unit efforts."""
@@ -273,7 +273,7 @@ class LawfulMaximal(Maximal):
                 until = min(stop, scheduled)
                 self.before = float(np.nextafter(until, 0.0))
                 if until - t <= SHORT * max(1.0, t):  # too short for surfaces to show which way they go
-                    reached, y, fired = until, y + (until - t) * self.rates(t, y), list[Any]()
+                    reached, y, fired = until, y + (until - t) * self.rates(t, y), list[Label]()
                 else:
                     reached, y, fired, step = self._smooth(t, y, until, step, fresh)
                     fresh = False
@@ -295,7 +295,7 @@ class LawfulMaximal(Maximal):
         return super()._row(y, t)
 
     def _smooth(self, t: float, y: np.ndarray, stop: float, step: float | None, fresh: bool
-                ) -> tuple[float, np.ndarray, list[Any], float | None]:
+                ) -> tuple[float, np.ndarray, list[Label], float | None]:
         """Integrate to a stop or the first event: its time, the state there, what is reached, and a step to try."""
         kind = self.integrator[0]
         before = self._surfaces(np.array([t]), y[None])
@@ -318,19 +318,19 @@ class LawfulMaximal(Maximal):
     def _surfaces(self, t: np.ndarray, Y: np.ndarray) -> Values:
         return self.machine.surfaces(self.mode, np.minimum(t, self.before), Y)
 
-    def _solver(self, kind: type[Any], t: float, y: np.ndarray, stop: float, first: float | None) -> Any:
+    def _solver(self, kind: type[Any], t: float, y: np.ndarray, stop: float, first: float | None) -> Number:
         solver = kind(self.rates, t, y, stop, first_step=first, rtol=max(self.integrator[1], 1e-13), atol=ATOL)
         solver.rtol = self.integrator[1]
         return solver
 
-    def _crossed(self, solver: Any, t: float, y: np.ndarray, before: Values, begun: set[Any]
-                 ) -> tuple[float, np.ndarray, list[Any]] | None:
+    def _crossed(self, solver: Any, t: float, y: np.ndarray, before: Values, begun: set[Label]
+                 ) -> tuple[float, np.ndarray, list[Label]] | None:
         """The first event of the last step."""
         h, dense = solver.t - t, solver.dense_output()
         places = t + h * np.array(INSIDE)
         states = np.array([*(dense(place) for place in places[:-1]), solver.y])
         values = self._surfaces(places, states)
-        found: list[tuple[float, Any]] = []
+        roots: list[tuple[float, Label]] = []
         for label, column in values.items():
             size = max(float(np.abs(column).max()), abs(float(before[label][0])), 1e-300)
             zero = label in begun and abs(float(before[label][0])) <= 1e-9 * size  # it begins on the surface
@@ -339,11 +339,11 @@ class LawfulMaximal(Maximal):
             if len(below):
                 k = max(int(below[0]), 1)
                 one, other = h * (0.0, *INSIDE)[k - 1], h * (0.0, *INSIDE)[k]
-                found.append((self._located(label, t, y, one, other, zero), label))
-        if not found:
+                roots.append((self._located(label, t, y, one, other, zero), label))
+        if not roots:
             return None
-        after = min(found, key=lambda each: each[0])[0]
-        fired = [label for each, label in found if each <= after + max(SAME * h, 1e-12)]
+        after = min(roots, key=lambda each: each[0])[0]
+        fired = [label for each, label in roots if each <= after + max(SAME * h, 1e-12)]
         return t + after, self._at(t, y, after), fired
 
     def _at(self, t: float, y: np.ndarray, after: float) -> np.ndarray:
@@ -356,7 +356,7 @@ class LawfulMaximal(Maximal):
         state: np.ndarray = solver.y
         return state
 
-    def _located(self, label: Any, t: float, y: np.ndarray, one: float, other: float, begun: bool) -> float:
+    def _located(self, label: Label, t: float, y: np.ndarray, one: float, other: float, begun: bool) -> float:
         """Time after a state at which a surface is zero, by regula falsi (Illinois) on steps.
 
         `begun`: the state is on the surface.

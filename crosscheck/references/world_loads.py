@@ -57,8 +57,8 @@ class TorsionalSpring:
 
     def rate(self, motion: Motion) -> float:
         """d angle/dt."""
-        found: float = motion.R[self.parent] @ self.axis @ (motion.omega[self.child] - motion.omega[self.parent])
-        return found
+        turning: float = motion.R[self.parent] @ self.axis @ (motion.omega[self.child] - motion.omega[self.parent])
+        return turning
 
     def add(self, motion: Motion, angle: float, torque: np.ndarray) -> None:
         """Add to the torques (n + 1, 3)."""

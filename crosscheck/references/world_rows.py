@@ -103,8 +103,8 @@ class Coincidence:
                 self._difference(centripetal(motion.omega[self.both], levers)))
 
     def _difference(self, points: np.ndarray) -> np.ndarray:
-        found: np.ndarray = (points[len(self.i):] - points[:len(self.i)]).ravel()
-        return found
+        gap: np.ndarray = (points[len(self.i):] - points[:len(self.i)]).ravel()
+        return gap
 
 
 class Perpendicular:
@@ -204,8 +204,8 @@ class Relations:
         normal, mark = turned(motion.R[self.i], self.normal), turned(motion.R[self.j], self.mark)
         across = cross(turned(motion.R[self.i], self.axis), normal)
         change = np.arctan2(dots(across, mark), dots(normal, mark)) - motion.hinges
-        found: np.ndarray = motion.hinges + change - 2 * np.pi * np.round(change / (2 * np.pi))
-        return found
+        continued: np.ndarray = motion.hinges + change - 2 * np.pi * np.round(change / (2 * np.pi))
+        return continued
 
     def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
@@ -304,8 +304,8 @@ def zero_turn(joint: Joint) -> np.ndarray:
         raise Unsupported("the axes of a driven hinge are opposite at angle zero")
     middle = (a + c) / np.linalg.norm(a + c)
     halves = [2 * np.outer(axis, axis) - np.eye(3) for axis in (middle, c)]
-    found: np.ndarray = halves[0] @ halves[1]
-    return found
+    product: np.ndarray = halves[0] @ halves[1]
+    return product
 
 
 KINDS = (Coincidence, Perpendicular, Across, Rod)
@@ -322,9 +322,9 @@ def kinds(scene: Scene) -> list[Any]:
         relative = np.eye(3) if joint.child < 0 else scene.R0[joint.child].T
         _add(joint, relative @ scene.R0[joint.parent] if joint.parent >= 0 else relative, uses)
     driven = [joint for joint in scene.joints if joint.drive is not None]
-    found: list[Any] = [kind(uses[kind], scene.n) for kind in KINDS if uses[kind]]
-    found += [Driven(driven, scene.n)] if driven else []
-    return found + ([Contacts(rolling, scene.n)] if rolling else [])
+    rows: list[Any] = [kind(uses[kind], scene.n) for kind in KINDS if uses[kind]]
+    rows += [Driven(driven, scene.n)] if driven else []
+    return rows + ([Contacts(rolling, scene.n)] if rolling else [])
 
 
 def _add(joint: Joint, relative: np.ndarray, uses: dict[type, list[Row]]) -> None:

@@ -333,8 +333,8 @@ def _at_rounding(constraints: Constraints, rows: np.ndarray, length: float, numb
 
 def _length_scale(scene: Scene, state: Configuration) -> float:
     rods = [joint.length for joint in scene.joints if joint.length is not None]
-    found: float = max(anchor_length(scene), float(np.abs(state.x).max()), *rods)
-    return found
+    length: float = max(anchor_length(scene), float(np.abs(state.x).max()), *rods)
+    return length
 
 
 def _moved(state: Configuration, steps: np.ndarray) -> Configuration:

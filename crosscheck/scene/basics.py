@@ -224,10 +224,10 @@ def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray
             case _:
                 return Basic(BodyVector(joint.parent, inner[row.parent]), d)
 
-    found: list[AnyBasic] = [basic(row) for row in joint.kind.rows]
+    listed: list[AnyBasic] = [basic(row) for row in joint.kind.rows]
     if joint.drive is not None or joint.mimic is not None:
-        found.append(coordinate(joint))
-    return found
+        listed.append(coordinate(joint))
+    return listed
 
 
 def coordinate(joint: Joint) -> Basic | Angle:

@@ -306,8 +306,8 @@ def _forces(bodies: Mapping[str, int], scene: SceneEntry, index: int, force: For
     constant = tuple(0.0 if isinstance(value, TimeFunction) else value for value in components)
     timed = [(axis, value) for axis, value in zip(np.eye(3).tolist(), components, strict=True)
              if isinstance(value, TimeFunction)]
-    found = [] if timed and not any(constant) else [Force(kind, parent, child, joint, values | {vector: constant})]
-    return found + [Force(kind, parent, child, joint, values | {vector: tuple(axis), "factor": value})
+    steady = [] if timed and not any(constant) else [Force(kind, parent, child, joint, values | {vector: constant})]
+    return steady + [Force(kind, parent, child, joint, values | {vector: tuple(axis), "factor": value})
                     for axis, value in timed]
 
 
@@ -376,15 +376,15 @@ def _corners(entry: str, path: Path) -> np.ndarray:
     count = int.from_bytes(content[80:84], "little")
     if path.suffix.lower() == ".stl" and len(content) == 84 + 50 * count:  # binary: normal, three corners, two bytes
         rows = np.frombuffer(content, np.uint8, offset=84).reshape(count, 50)[:, 12:48].tobytes()
-        found = np.frombuffer(rows, "<f4").astype(float).reshape(-1, 3)
+        points = np.frombuffer(rows, "<f4").astype(float).reshape(-1, 3)
     else:
         try:
-            found = np.array([[float(value) for value in corner] for corner in _CORNER.findall(content)]).reshape(-1, 3)
+            points = np.array([list(map(float, corner)) for corner in _CORNER.findall(content)]).reshape(-1, 3)
         except ValueError:
-            found = np.empty((0, 3))
-    if not len(found) or not np.isfinite(found).all():
+            points = np.empty((0, 3))
+    if not len(points) or not np.isfinite(points).all():
         raise EntryError(entry, f"{path} has no corners of a mesh", mend)
-    return np.unique(found, axis=0)
+    return np.unique(points, axis=0)
 
 
 def _monitor(scene: SceneEntry, index: int, monitor: MonitorEntry) -> Monitor:

@@ -63,10 +63,10 @@ class KnifeEdge:
 
     def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """Its rows of Phi, (T, K, rows)."""
-        found = np.zeros((len(x), len(self.child), self.rows))
+        values = np.zeros((len(x), len(self.child), self.rows))
         centre = x[:, self.child] + np.einsum("tkij,kj->tki", R[:, self.child], self.s)
-        found[..., :1] = dot(self.normal, centre - self.plane) - self.radius * self._share(R)
-        return found
+        values[..., :1] = dot(self.normal, centre - self.plane) - self.radius * self._share(R)
+        return values
 
     def rate(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Its rows of G u, (T, K, rows)."""
@@ -77,9 +77,9 @@ class KnifeEdge:
         """Its rows of gamma, (T, K, rows)."""
         c, moving, a, turning, spin = self._contact(R, w)
         change = self._directions(a + turning) - self._directions(a)
-        found: np.ndarray = (np.einsum("tkri,tki->tkr", change, v[:, self.child] + cross(spin, c))
+        bias: np.ndarray = (np.einsum("tkri,tki->tkr", change, v[:, self.child] + cross(spin, c))
                              + np.einsum("tkri,tki->tkr", self._directions(a), cross(spin, moving)))
-        return found
+        return bias
 
     def blocks(self, x: np.ndarray, R: np.ndarray) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
         """Its rows of the Jacobian."""

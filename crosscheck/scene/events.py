@@ -27,7 +27,7 @@ def events(scene: Scene, states: Motion, shapes: bool = True) -> tuple[Event, ..
     """
     if not scene.has_laws and not scene.monitors:
         return ()
-    found: list[Event] = []
+    listed: list[Event] = []
     t, coordinates = states.t, histories(scene, states)
     for joint in scene.joints:
         if joint.name not in coordinates:
@@ -38,40 +38,40 @@ def events(scene: Scene, states: Motion, shapes: bool = True) -> tuple[Event, ..
         for k in range(count if joint.dry_friction or joint.limits else 0):
             q, v = position[:, k], rate[:, k]
             if joint.dry_friction and joint.dry_friction[k] is not None:
-                found += [(when, joint.name, what) for when, what in _friction(t, q, v)]
+                listed += [(when, joint.name, what) for when, what in _friction(t, q, v)]
             limits = joint.limits[k] if joint.limits else None
             if limits is not None:
-                found += [(when, joint.name, what) for when, what in _limits(t, q, v, limits)]
+                listed += [(when, joint.name, what) for when, what in _limits(t, q, v, limits)]
         for name, servo in scene.servos.values():
             if name == joint.name and servo.effort_limit is not None:
-                found += [(when, name, what) for when, what in _saturation(t, position[:, 0], rate[:, 0], servo)]
+                listed += [(when, name, what) for when, what in _saturation(t, position[:, 0], rate[:, 0], servo)]
     if shapes:
-        found += _touches(scene, states)
-    return tuple(sorted(found))
+        listed += _touches(scene, states)
+    return tuple(sorted(listed))
 
 
 def _friction(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> list[tuple[float, str]]:
     """Turns, and rest where the rate is exactly zero."""
-    found = []
+    changes = []
     rest = abs(v) < AT_REST
     for k in np.flatnonzero(rest[1:] != rest[:-1]).tolist():
         when = float(t[k + 1] if rest[k + 1] else t[k])
         if when > 0:
-            found.append((when, "sticks" if rest[k + 1] else "slips"))
+            changes.append((when, "sticks" if rest[k + 1] else "slips"))
     for k in np.flatnonzero((v[:-1] * v[1:] < 0) & ~rest[:-1] & ~rest[1:]).tolist():
-        found.append((_crossing(t, q, v, k, rate=True), "reverses"))
-    return found
+        changes.append((_crossing(t, q, v, k, rate=True), "reverses"))
+    return changes
 
 
 def _limits(t: np.ndarray, q: np.ndarray, v: np.ndarray, limits: Limits) -> list[tuple[float, str]]:
-    found = []
+    changes = []
     for side, end, gap in (("lower", limits.lower, q - limits.lower), ("upper", limits.upper, limits.upper - q)):
         if not np.isfinite(end):
             continue
         beyond = gap < 0
         for k in np.flatnonzero(beyond[1:] != beyond[:-1]).tolist():
-            found.append((_crossing(t, q - end, v, k), f"{'hits' if beyond[k + 1] else 'leaves'}_{side}"))
-    return found
+            changes.append((_crossing(t, q - end, v, k), f"{'hits' if beyond[k + 1] else 'leaves'}_{side}"))
+    return changes
 
 
 def _saturation(t: np.ndarray, q: np.ndarray, v: np.ndarray, servo: Servo) -> list[tuple[float, str]]:
@@ -84,12 +84,12 @@ def _saturation(t: np.ndarray, q: np.ndarray, v: np.ndarray, servo: Servo) -> li
     lower, upper = (np.broadcast_to(bound, t.shape) for bound in servo.bounds(v))
     wanted = free.effort(t, q, v)
     margin = np.minimum(wanted - lower, upper - wanted)  # negative where it is cut
-    found = []
+    changes = []
     for k in np.flatnonzero((margin[1:] < 0) != (margin[:-1] < 0)):
         way = margin[k] / (margin[k] - margin[k + 1])
         when = t[k + 1] if servo.period is not None else t[k] + way * (t[k + 1] - t[k])
-        found.append((float(when), "saturates" if margin[k + 1] < 0 else "unsaturates"))
-    return found
+        changes.append((float(when), "saturates" if margin[k + 1] < 0 else "unsaturates"))
+    return changes
 
 
 def _touches(scene: Scene, states: Motion) -> list[Event]:
@@ -97,13 +97,13 @@ def _touches(scene: Scene, states: Motion) -> list[Event]:
         return []
     watched = touching.Touching(scene)
     gaps = np.array([watched.gaps(x, R) for x, R in zip(states.x, states.R, strict=True)])
-    found = []
+    listed = []
     for row, index in enumerate(watched.monitors):
         gap = gaps[:, row]
         for k in np.flatnonzero((gap[1:] < 0) & (gap[:-1] >= 0)):
             when = states.t[k] + gap[k] / (gap[k] - gap[k + 1]) * (states.t[k + 1] - states.t[k])
-            found.append((float(when), scene.monitors[index].name, "touches"))
-    return found
+            listed.append((float(when), scene.monitors[index].name, "touches"))
+    return listed
 
 
 def _crossing(t: np.ndarray, q: np.ndarray, v: np.ndarray, k: int, rate: bool = False) -> float:

@@ -25,7 +25,7 @@ class TimeFunction:
     pieces: tuple[tuple[float, ...], ...] = ((0.0,),)
     terms: tuple[tuple[float, float, float], ...] = ()
 
-    def __call__(self, t: Any, derivative: int = 0) -> Any:
+    def __call__(self, t: object, derivative: int = 0) -> Any:
         """The value, or that of a derivative, at times of any shape."""
         t = np.asarray(t, dtype=float)
         total = np.zeros(t.shape)
@@ -75,7 +75,7 @@ Value = float | TimeFunction
 """A number, or a function of time."""
 
 
-def at(value: Value, t: Any, derivative: int = 0) -> Any:
+def at(value: Value, t: object, derivative: int = 0) -> Any:
     """A number or a function of time at times t; derivatives of a number are zero."""
     if isinstance(value, TimeFunction):
         return value(t, derivative)
@@ -96,8 +96,8 @@ def spline(times: Sequence[float], values: Sequence[float]) -> TimeFunction:
     """The cubic spline through a table, with its third derivative continuous at the second and last but one time."""
     from scipy.interpolate import CubicSpline
 
-    found = CubicSpline(np.array(times), np.array(values))
-    return TimeFunction(tuple(times[:-1]), tuple(tuple(piece[::-1]) for piece in found.c.T.tolist()))
+    curve = CubicSpline(np.array(times), np.array(values))
+    return TimeFunction(tuple(times[:-1]), tuple(tuple(piece[::-1]) for piece in curve.c.T.tolist()))
 
 
 def hold(times: Sequence[float], values: Sequence[float]) -> TimeFunction:

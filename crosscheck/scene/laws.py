@@ -48,12 +48,12 @@ class Limits:
         """How far q is beyond the range: positive above, negative below, 0 inside."""
         return np.maximum(q - self.upper, 0.0) + np.minimum(q - self.lower, 0.0)
 
-    def force(self, q: Any, rate: Any) -> Any:
+    def force(self, q: object, rate: object) -> Any:
         """The force of spring and damper beyond the range, which pushes back and never pulls; 0 for a rigid stop."""
         depth, side = self.depth(q), np.sign(self.depth(q))
         return -side * np.maximum((self.stiffness or 0.0) * abs(depth) + self.damping * side * rate, 0.0)
 
-    def energy(self, q: Any) -> Any:
+    def energy(self, q: object) -> Any:
         """That of the spring, J."""
         return 0.5 * (self.stiffness or 0.0) * self.depth(q) ** 2
 
@@ -88,7 +88,7 @@ class Servo:
         left = np.maximum(0.0, 1.0 - abs(rate) / self.no_load_speed)
         return np.where(rate < 0, lower * left, lower), np.where(rate > 0, upper * left, upper)
 
-    def effort(self, t: Any, q: Any, rate: Any) -> Any:
+    def effort(self, t: object, q: object, rate: object) -> Any:
         """The effort that the law gives at this time and state, after the cut."""
         wanted = (self.proportional * (at(self.target, t) - q) + self.derivative * (at(self.target_velocity, t) - rate)
                   + at(self.feedforward, t))

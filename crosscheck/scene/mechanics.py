@@ -167,9 +167,9 @@ def _torsion(joint: Joint, R: np.ndarray) -> np.ndarray:
     """theta in R_parent^T R_child = exp(theta hat(parent_axis)) Q0, (T,), in (-pi, pi]."""
     n1, n2 = normal_references(joint.parent_axis)
     pointer = _turn(R, joint.child, shortest_rotation(joint.child_axis, joint.parent_axis).T @ n1)
-    found: np.ndarray = np.arctan2(np.einsum("tk,tk->t", _turn(R, joint.parent, n2), pointer),
+    angle: np.ndarray = np.arctan2(np.einsum("tk,tk->t", _turn(R, joint.parent, n2), pointer),
                                    np.einsum("tk,tk->t", _turn(R, joint.parent, n1), pointer))
-    return found
+    return angle
 
 
 def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
@@ -471,7 +471,7 @@ def _in_world(vector: tuple[float, ...], frame: str, R: np.ndarray) -> np.ndarra
     return R @ np.array(vector) if frame == "body" else np.broadcast_to(np.array(vector), (len(R), 3))
 
 
-def _add_force(f: np.ndarray, R: np.ndarray, body: int, s: Any, force: np.ndarray) -> None:
+def _add_force(f: np.ndarray, R: np.ndarray, body: int, s: object, force: np.ndarray) -> None:
     if body == GROUND:
         return
     f[:, body, :3] += force

@@ -39,7 +39,7 @@ COORDINATE_NAMES = {"turn": "angle", "slide": "slide", "slide n1": "x", "slide n
 """The coordinates of joints that have several, by the words of `JointType.coordinates`."""
 
 
-def _frozen(values: Any, shape: tuple[int, ...]) -> np.ndarray:
+def _frozen(values: object, shape: tuple[int, ...]) -> np.ndarray:
     """A copy that nobody can write to. Its memory is that of a `bytes` object, so that no flag makes it writable."""
     return np.frombuffer(np.array(values, dtype=float).tobytes()).reshape(shape)
 
@@ -67,8 +67,8 @@ def quaternion_from_rotation(R: np.ndarray) -> np.ndarray:
     """Unit quaternions (..., 4), w first and not negative, of rotation matrices (..., 3, 3)."""
     from scipy.spatial.transform import Rotation
 
-    found: np.ndarray = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
-    return found
+    quaternion: np.ndarray = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
+    return quaternion
 
 
 def quaternion_from_turn(turn: np.ndarray) -> np.ndarray:
@@ -347,13 +347,13 @@ class Scene(_Record):
         free body's its position in the world and such a turn in its own axes.
         """
         carried = {joint.child for joint in self.joints}
-        found = [f"{body.name}.{part}" for k, body in enumerate(self.bodies) if k not in carried
+        names = [f"{body.name}.{part}" for k, body in enumerate(self.bodies) if k not in carried
                  for part in ("x", "y", "z", "rx", "ry", "rz")]
         for joint in self.joints:
             words = joint.kind.coordinates
             parts = ("rx", "ry", "rz") if words == ("ball",) else tuple(COORDINATE_NAMES[word] for word in words)
-            found += [joint.name] if len(parts) == 1 else [f"{joint.name}.{part}" for part in parts]
-        return tuple(found)
+            names += [joint.name] if len(parts) == 1 else [f"{joint.name}.{part}" for part in parts]
+        return tuple(names)
 
     @property
     def has_laws(self) -> bool:
@@ -451,7 +451,7 @@ def _plain(record: Any) -> dict[str, object]:
                 value is None or (isinstance(value, tuple) and not value)))}
 
 
-def _value(value: Any) -> Any:
+def _value(value: object) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):

@@ -53,8 +53,8 @@ class Monitor:
     def maxima(self) -> dict[str, float]:
         """The maxima so far by the keys of MAXIMA; without `constraint_acceleration` if no accelerations were given."""
         scale = self._kinetic if self._kinetic > 0 else 1.0  # a scene that never moves has its error in J
-        found = {"energy_error": self._gap / scale, "kinetic_energy": scale, **self._maxima}
-        return {key: found[key] for key in MAXIMA if key in found}
+        largest = {"energy_error": self._gap / scale, "kinetic_energy": scale, **self._maxima}
+        return {key: largest[key] for key in MAXIMA if key in largest}
 
     def _energies(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         batch = States(np.empty(0), x, R, v, w)

@@ -498,7 +498,7 @@ def _check_table_keys(data: Any, path: tuple[str | int, ...], allowed: tuple[str
                              f"{nearest(key, allowed)}the keys known here are {listed(allowed)}")
 
 
-def _check_finite(data: Any, node: Any, path: tuple[str | int, ...]) -> None:
+def _check_finite(data: object, node: object, path: tuple[str | int, ...]) -> None:
     if isinstance(node, float) and not math.isfinite(node):
         raise EntryError(entry_name(data, path), f"{node} is not a finite number", "write a finite number")
     if isinstance(node, int | float) and not isinstance(node, bool) and abs(node) > LARGEST:
@@ -509,7 +509,7 @@ def _check_finite(data: Any, node: Any, path: tuple[str | int, ...]) -> None:
             _check_finite(data, value, (*path, key))
 
 
-def _translated(data: Any, message: str) -> EntryError:
+def _translated(data: object, message: str) -> EntryError:
     """An `EntryError` from a message of msgspec, such as "Expected `float`, got `str` - at `$.bodies[0].mass`"."""
     problem, _, where = message.partition(" - at `$")
     path: tuple[str | int, ...] = tuple(int(index) if index else name

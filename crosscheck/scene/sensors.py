@@ -197,14 +197,14 @@ class Reader:
     def loads(self, joint: Joint, site: Site) -> list[tuple[Force, np.ndarray, np.ndarray]]:
         """Forces that are not of joints, and the force and torque about the site, (T, 3) world, of each on the bodies
         that only this joint connects to its parent."""
-        place, carried, found = self.place(site)[:, None], self.carried(joint), []
+        place, carried, loads = self.place(site)[:, None], self.carried(joint), []
         for load in self.scene.forces if carried else ():
             if load.joint is None:
                 acts = mechanics.force_on_bodies(self.scene, load, self.states, self.angles)[:, carried]
                 turns = np.einsum("tnij,tnj->tni", self.R[:, carried], acts[..., 3:])
                 turns += cross(self.x[:, carried] - place, acts[..., :3])
-                found.append((load, acts[..., :3].sum(axis=1), turns.sum(axis=1)))
-        return found
+                loads.append((load, acts[..., :3].sum(axis=1), turns.sum(axis=1)))
+        return loads
 
     def carried(self, joint: Joint) -> list[int]:
         """The bodies that only this joint connects to its parent; none where it is part of a loop."""
@@ -298,9 +298,9 @@ class Readings(dict[str, np.ndarray]):
 
 def readings(scene: Scene, states: States, own: Mapping[str, np.ndarray] | None = None) -> Readings:
     """The readings of all sensors of a scene at some states; `own` are those that an engine made itself."""
-    found = Readings()
+    answer = Readings()
     if not scene.sensors:
-        return found
+        return answer
     reader = Reader(scene, states)
     derived = DERIVED if states.a is not None else f"{DERIVED}, accelerations by the scene's equations"
     loose = []
@@ -309,10 +309,10 @@ def readings(scene: Scene, states: States, own: Mapping[str, np.ndarray] | None 
         if np.isnan(values).any() and np.isfinite(states.x).all():
             loose.append(sensor.name)
         given = None if own is None else own.get(sensor.name)
-        found[sensor.name] = values if given is None else np.asarray(given, dtype=float)
-        found.source[sensor.name] = derived if given is None else OWN
-    found.not_unique = tuple(loose)
-    return found
+        answer[sensor.name] = values if given is None else np.asarray(given, dtype=float)
+        answer.source[sensor.name] = derived if given is None else OWN
+    answer.not_unique = tuple(loose)
+    return answer
 
 
 def read(reader: Reader, sensor: Sensor) -> np.ndarray:

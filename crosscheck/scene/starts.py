@@ -160,13 +160,13 @@ def check(draft: Draft, scene: Scene) -> None:
     """Raise if a body's given position or velocity contradicts the given coordinates of its joint."""
     if not draft.starts:
         return
-    found = coordinates.at_start(scene)
+    started = coordinates.at_start(scene)
     L = anchor_length(scene)
     for start in draft.starts:
         joint = scene.joints[start.joint]
         for k, (key, given, unit) in enumerate((("position", start.position, ""), ("velocity", start.velocity, "/s"))):
             if given is None or joint.kind.positions == 4:  # its attitude has been compared already
                 continue
-            gap = float(np.abs(found[joint.name][k] - np.array(given)).max())
+            gap = float(np.abs(started[joint.name][k] - np.array(given)).max())
             if gap > ALLOWED_VIOLATION * max(1.0, L, *(abs(value) for value in given)):
                 raise _contradiction(draft, start, key, gap, f" rad{unit} or m{unit}")

@@ -64,5 +64,5 @@ class Touching:
                 attitude, centre = R[shape.body] @ attitude, x[shape.body] + R[shape.body] @ centre
             self._data.geom_xpos[g] = centre + attitude @ offset
             self._data.geom_xmat[g] = (attitude @ turn).ravel()
-        found = [mujoco.mj_geomDistance(self._model, self._data, *pair, BEYOND, None) for pair in self._pairs]
-        return np.asarray(np.array(found) - self._margins)
+        distances = [mujoco.mj_geomDistance(self._model, self._data, *pair, BEYOND, None) for pair in self._pairs]
+        return np.asarray(np.array(distances) - self._margins)

@@ -48,8 +48,8 @@ def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 def dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """p . q over the last axis, which stays with length 1."""
-    found: np.ndarray = p[..., 0] * q[..., 0] + p[..., 1] * q[..., 1] + p[..., 2] * q[..., 2]
-    return found[..., None]
+    product: np.ndarray = p[..., 0] * q[..., 0] + p[..., 1] * q[..., 1] + p[..., 2] * q[..., 2]
+    return product[..., None]
 
 
 def continuous(wrapped: np.ndarray, start: float | None, rate: np.ndarray | None = None,

@@ -31,7 +31,7 @@ MOST_STEPS = 1e6
 """Most steps of a run whose step the test does not give; with any engine they take seconds."""
 
 
-def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequence[Entry], tol: Any = None, *,
+def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequence[Entry], tol: object = None, *,
                  step: float | None = None, rtol: float | None = None, run: Run | None = None,
                  truth: Callable[[Scene], Reference] | None = None) -> None:
     """Assert that every engine agrees with the independent truth of a scene, and every two with each other.
@@ -86,7 +86,7 @@ def named(way: Way) -> str:
     return f"{way.engine} {way.method}" + (f" ({given})" if given else "")
 
 
-def _checked(tol: Any) -> dict[str, Tol] | None:
+def _checked(tol: object) -> dict[str, Tol] | None:
     """`tol` as a bound per quantity; None for the documented bounds."""
     if tol is None:
         return None

@@ -175,7 +175,7 @@ class Session:
             self._runs[key] = self._kept(run(loaded, engine, method, **options), options)
         return self._runs[key]
 
-    def truth(self, scene: Any = None) -> Any:
+    def truth(self, scene: object = None) -> Any:
         """A reference; see the fixture `crosscheck_truth`."""
         from crosscheck.references import truth as truth_of
 
@@ -205,7 +205,7 @@ class Session:
         assert_agree(traj.scene, [(traj.engine, traj.method, options)], tol, run=lambda *_, **__: traj,
                      truth=self.truth)
 
-    def _kept(self, traj: Any, options: dict[str, Any]) -> Any:
+    def _kept(self, traj: object, options: dict[str, Any]) -> Any:
         self._asked[id(traj)] = traj, options
         return _frozen(traj)
 
@@ -224,7 +224,7 @@ class Session:
         return loaded.replace(duration=min(window, loaded.duration))
 
 
-def _merged(scene: Any, engine: Any, method: Any, options: dict[str, Any],
+def _merged(scene: object, engine: object, method: object, options: dict[str, Any],
             marked: Mapping[str, Any]) -> tuple[Any, ...]:
     """The arguments of a call, completed from the marker; a step or rtol in the call replaces both in the marker."""
     kept = {key: value for key, value in marked.items() if key not in ("scene", "engine", "method")}

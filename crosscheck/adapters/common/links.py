@@ -99,19 +99,19 @@ def unfold(scene: Scene, always_cut: tuple[str, ...] = ()) -> tuple[tuple[Link, 
     """
     branches, cut = spanning_tree(
         scene, lambda joint: -1 if joint.type in always_cut else len(CUT_LAST) - CUT_LAST.get(joint.type, 0))
-    found = [free(branch.body) if branch.joint is None else link(scene, branch.joint, branch.outward)
+    tree_links = [free(branch.body) if branch.joint is None else link(scene, branch.joint, branch.outward)
              for branch in branches]
-    return depth_first(found), tuple(cut)
+    return depth_first(tree_links), tuple(cut)
 
 
 def depth_first(chain: Sequence[Link]) -> tuple[Link, ...]:
     """The links subtree by subtree: with any other order Pinocchio's crba and constraintDynamics are silently wrong."""
-    found: list[Link] = []
+    ordered: list[Link] = []
     stack = [link for link in reversed(chain) if link.parent == GROUND]
     while stack:
-        found.append(stack.pop())
-        stack += [link for link in reversed(chain) if link.parent == found[-1].body]
-    return tuple(found)
+        ordered.append(stack.pop())
+        stack += [link for link in reversed(chain) if link.parent == ordered[-1].body]
+    return tuple(ordered)
 
 
 def free(body: int) -> Link:
@@ -184,8 +184,8 @@ def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     if cosine < -1 + 1e-12:  # the formula below would lose every digit of the axis
         return np.concatenate([[0.0], normal_references(end)[0]])
     quaternion = np.concatenate([[1.0 + cosine], np.cross(start, end)])
-    found: np.ndarray = quaternion / np.linalg.norm(quaternion)
-    return found
+    turn: np.ndarray = quaternion / np.linalg.norm(quaternion)
+    return turn
 
 
 def relative_attitude(scene: Scene, parent: int, body: int) -> np.ndarray:

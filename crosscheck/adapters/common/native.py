@@ -101,7 +101,7 @@ def assembled(engine: str, parts: Mapping[str, Part], gravity: np.ndarray) -> Na
     return Native(engine, links, joints, gravity)
 
 
-def moved(found: Native, states: JointStates, columns: Mapping[str, int], solver: str,
+def moved(model: Native, states: JointStates, columns: Mapping[str, int], solver: str,
           terms: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Native:
     """`found` with its accelerations, where all its joints are in `states`.
 
@@ -110,11 +110,11 @@ def moved(found: Native, states: JointStates, columns: Mapping[str, int], solver
     columns : place of each joint in the engine's coordinates
     terms : from positions and velocities in that order the mass matrix and the bias forces
     """
-    order = tuple(name for name in states.names if name in found.joints)
-    if not order or len(order) != len(found.joints) or len(order) != len(columns):
-        return found
+    order = tuple(name for name in states.names if name in model.joints)
+    if not order or len(order) != len(model.joints) or len(order) != len(columns):
+        return model
     places, ours = [columns[name] for name in order], [states.names.index(name) for name in order]
-    damping = np.array([found.joints[name].damping for name in order])
+    damping = np.array([model.joints[name].damping for name in order])
     values = []
     for position, velocity in zip(states.position, states.velocity, strict=True):
         q, v = np.zeros(len(order)), np.zeros(len(order))
@@ -123,7 +123,7 @@ def moved(found: Native, states: JointStates, columns: Mapping[str, int], solver
         M, bias = M[np.ix_(places, places)], bias[places]
         values.append((M, bias, np.linalg.solve(M, -bias - damping * velocity[ours])))
     mass, biases, accelerations = (np.array(each) for each in zip(*values, strict=True))
-    return dataclasses.replace(found, order=order, mass_matrix=mass, bias=biases, acceleration=accelerations,
+    return dataclasses.replace(model, order=order, mass_matrix=mass, bias=biases, acceleration=accelerations,
                                solver=solver)
 
 

@@ -60,8 +60,8 @@ class OwnLaw:
     def states(self, tolerance: float = TOLERANCE) -> States:
         """The states at the scene's output times."""
         q, v = np.split(self.coordinates(tolerance), 2, axis=1)
-        found = self.motion(q, v, np.zeros_like(v))
-        return States(self.scene.t, found.x, found.R, found.v, found.w)
+        moved = self.motion(q, v, np.zeros_like(v))
+        return States(self.scene.t, moved.x, moved.R, moved.v, moved.w)
 
     def coordinates(self, tolerance: float = TOLERANCE) -> np.ndarray:
         """The coordinates and their rates, (T, 2 n), in the order of the joints from the ground outwards."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,11 @@ from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.vectors import normal_references, shortest_rotation
+
+if TYPE_CHECKING:
+    import exudyn
+
+Index = Any  # of a node, an object, a marker, a load or a sensor, in Exudyn's own types
 
 FREE_AXES = {"slide n1": (0,), "slide n2": (1,), "slide": (2,), "turn parent": (3,), "turn child": (4,), "turn": (5,),
              "ball": (3, 4, 5)}
@@ -30,11 +35,11 @@ class Carrier:
     """
 
     scene: Scene
-    system: Any
-    mark: Callable[[int, np.ndarray, np.ndarray | None], Any]
+    system: exudyn.MainSystem
+    mark: Callable[[int, np.ndarray, np.ndarray | None], Index]
 
 
-def add_joint(carrier: Carrier, joint: Joint, left_free: Collection[int] = ()) -> Any:
+def add_joint(carrier: Carrier, joint: Joint, left_free: Collection[int] = ()) -> Index:
     """Add the joint as a constraint without the axes in `left_free`; returns the object's index."""
     from exudyn.itemInterface import (
         ObjectConnectorDistance,
@@ -83,7 +88,7 @@ def joint_frames(scene: Scene, joint: Joint) -> list[np.ndarray]:
     return [inner, shortest_rotation(joint.child_axis, joint.parent_axis).T @ inner]
 
 
-def add_force(carrier: Carrier, force: Force) -> Any:
+def add_force(carrier: Carrier, force: Force) -> Index:
     """Add a spring or load; returns the item's index."""
     from exudyn.itemInterface import (
         LoadForceVector,
@@ -125,18 +130,18 @@ class Varied:
 
     function: TimeFunction
 
-    def __call__(self, system: Any, t: float, load: list[float]) -> list[float]:
+    def __call__(self, system: exudyn.MainSystem, t: float, load: list[float]) -> list[float]:
         """The load at time t."""
-        found: list[float] = (np.array(load) * self.function(t)).tolist()
-        return found
+        now: list[float] = (np.array(load) * self.function(t)).tolist()
+        return now
 
 
-def _varied(value: Any) -> Any:
+def _varied(value: object) -> Any:
     """The user function for a function of time, else 0, which means none."""
     return Varied(value) if isinstance(value, TimeFunction) else 0
 
 
-def _add_motor(carrier: Carrier, force: Force) -> Any:
+def _add_motor(carrier: Carrier, force: Force) -> Index:
     """Add a torque or force along a joint's axis, which is fixed in both bodies, to the child, and its opposite to the
     parent. Forces act at anchors on the axis."""
     from exudyn.itemInterface import LoadForceVector, LoadTorqueVector

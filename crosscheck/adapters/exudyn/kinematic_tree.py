@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,11 +16,14 @@ from crosscheck.adapters.common import links, tree
 from crosscheck.adapters.common.links import Link, Part
 from crosscheck.adapters.exudyn import items, laws
 from crosscheck.adapters.exudyn.independent import dropped_axes
-from crosscheck.adapters.exudyn.items import Carrier
+from crosscheck.adapters.exudyn.items import Carrier, Index
 from crosscheck.adapters.exudyn.models import Model, mark_frame, new_system, pose, watch
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
 from crosscheck.scene.vectors import normal_references
+
+if TYPE_CHECKING:
+    import exudyn
 
 AXES = dict(zip("XYZ", np.eye(3), strict=True))
 
@@ -56,8 +59,8 @@ class _Joint:
 
 
 def _parallel(arm: np.ndarray) -> np.ndarray:
-    found: np.ndarray = arm @ arm * np.eye(3) - np.outer(arm, arm)
-    return found
+    inertia: np.ndarray = arm @ arm * np.eye(3) - np.outer(arm, arm)
+    return inertia
 
 
 def spanned(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -131,7 +134,8 @@ def kinematic_tree(scene: Scene, order: str, h: float = 1e-3) -> Model:
     return Model(container, system, watch(system, functools.partial(SensorNode, nodeNumber=node), outputs), convert)
 
 
-def _couple(scene: Scene, system: Any, node: Any, at: dict[tuple[str, int], laws.Place], q: np.ndarray) -> None:
+def _couple(scene: Scene, system: exudyn.MainSystem, node: Index, at: dict[tuple[str, int], laws.Place], q: np.ndarray
+            ) -> None:
     """Armature as a further mass matrix on the node, mimics as constraints between its coordinates."""
     from exudyn.itemInterface import CoordinateConstraint, MarkerNodeCoordinate, ObjectGenericODE2
 
@@ -212,7 +216,8 @@ def _springs(scene: Scene, chain: list[Link]) -> dict[str, list[float]]:
             "jointVelocityOffsetVector": [0.0] * len(rest)}
 
 
-def _attach(scene: Scene, system: Any, tree_object: Any, seats: dict[int, _Seat], closing: tuple[Joint, ...]) -> None:
+def _attach(scene: Scene, system: exudyn.MainSystem, tree_object: Index, seats: dict[int, _Seat],
+            closing: tuple[Joint, ...]) -> None:
     """Add loop joints, springs on them, linear springs and loads to markers on the tree's links."""
     from exudyn.itemInterface import MarkerKinematicTreeRigid, ObjectGround
 
@@ -223,7 +228,7 @@ def _attach(scene: Scene, system: Any, tree_object: Any, seats: dict[int, _Seat]
         return
     ground = system.AddObject(ObjectGround())
 
-    def mark(body: int, point: np.ndarray, frame: np.ndarray | None) -> Any:
+    def mark(body: int, point: np.ndarray, frame: np.ndarray | None) -> Index:
         seat = seats[body]
         at, turn = seat.at + seat.turn @ point, seat.turn @ (np.eye(3) if frame is None else frame)
         if seat.joint == GROUND:

@@ -9,17 +9,20 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crosscheck.adapters.common import tree
 from crosscheck.adapters.exudyn import items
 from crosscheck.adapters.exudyn.independent import dropped_axes
-from crosscheck.adapters.exudyn.items import Carrier
+from crosscheck.adapters.exudyn.items import Carrier, Index
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    import exudyn
 
 LAYOUT_INERTIA = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 BODY_OUTPUTS = ("Position", "RotationMatrix", "Velocity", "AngularVelocityLocal", "Acceleration",
@@ -30,13 +33,13 @@ BODY_OUTPUTS = ("Position", "RotationMatrix", "Velocity", "AngularVelocityLocal"
 class Model:
     """A main system ready to run, its sensors, and the conversion of their data, (T, columns) each, in this order."""
 
-    container: Any  # owns the system and must outlive it
-    system: Any
+    container: exudyn.SystemContainer | None  # owns the system and must outlive it
+    system: exudyn.MainSystem
     sensors: list[int]
     convert: Callable[[np.ndarray, list[np.ndarray]], States]
 
 
-def new_system() -> tuple[Any, Any]:
+def new_system() -> tuple[exudyn.SystemContainer, exudyn.MainSystem]:
     """An empty main system and the container that owns it."""
     import exudyn
 
@@ -44,7 +47,7 @@ def new_system() -> tuple[Any, Any]:
     return container, container.AddSystem()
 
 
-def watch(system: Any, sensor: Callable[..., Any], outputs: tuple[str, ...]) -> list[Any]:
+def watch(system: exudyn.MainSystem, sensor: Callable[..., Any], outputs: tuple[str, ...]) -> list[Index]:
     import exudyn
 
     return [system.AddSensor(sensor(writeToFile=False, storeInternal=True,
@@ -52,15 +55,15 @@ def watch(system: Any, sensor: Callable[..., Any], outputs: tuple[str, ...]) -> 
             for output in outputs]
 
 
-def _watch_body(system: Any, body: Any) -> list[Any]:
+def _watch_body(system: exudyn.MainSystem, body: Index) -> list[Index]:
     """Add sensors at the body's reference point, its node; only sensors of bodies have angular accelerations."""
     from exudyn.itemInterface import SensorBody
 
     return watch(system, functools.partial(SensorBody, bodyNumber=body), BODY_OUTPUTS)
 
 
-def _body(system: Any, node: str, name: str, position: np.ndarray, velocity: np.ndarray, w: np.ndarray, mass: float,
-          inertia: np.ndarray) -> tuple[Any, Any]:
+def _body(system: exudyn.MainSystem, node: str, name: str, position: np.ndarray, velocity: np.ndarray, w: np.ndarray,
+          mass: float, inertia: np.ndarray) -> tuple[Index, Index]:
     """Add a rigid body with its node at `position`, axes along the world's; returns (node, body).
 
     `inertia` is about the node; centerOfMass stays zero. `node` is "lie" (a rotation vector, updated on the group) or
@@ -68,7 +71,7 @@ def _body(system: Any, node: str, name: str, position: np.ndarray, velocity: np.
     """
     from exudyn.itemInterface import NodeRigidBodyEP, NodeRigidBodyRotVecLG, ObjectRigidBody
 
-    item: Any
+    item: Index
     if node == "lie":
         item = NodeRigidBodyRotVecLG(referenceCoordinates=[*position, 0.0, 0.0, 0.0], initialVelocities=[*velocity, *w])
     else:
@@ -108,12 +111,12 @@ def maximal(scene: Scene, node: str = "lie", system: Any = None) -> Model:
     return Model(container, system, sensors, lambda t, data: States(t, *_body_arrays(data, scene.R0)))
 
 
-def _marks(system: Any, bodies: dict[int, Any], turn: dict[int, np.ndarray],
-           centre: np.ndarray) -> Callable[[int, np.ndarray, np.ndarray | None], Any]:
+def _marks(system: exudyn.MainSystem, bodies: dict[int, Index], turn: dict[int, np.ndarray],
+           centre: np.ndarray) -> Callable[[int, np.ndarray, np.ndarray | None], Index]:
     """`Carrier.mark` for rigid bodies; `centre` (3,): centre of mass, node axes; `turn`: from body to node axes."""
     from exudyn.itemInterface import MarkerBodyPosition
 
-    def mark(body: int, point: np.ndarray, frame: np.ndarray | None) -> Any:
+    def mark(body: int, point: np.ndarray, frame: np.ndarray | None) -> Index:
         at = point if body == GROUND else centre + turn[body] @ point
         if frame is None:
             return system.AddMarker(MarkerBodyPosition(bodyNumber=bodies[body], localPosition=at))
@@ -122,14 +125,14 @@ def _marks(system: Any, bodies: dict[int, Any], turn: dict[int, np.ndarray],
     return mark
 
 
-def mark_frame(system: Any, body: Any, at: np.ndarray, frame: np.ndarray) -> Any:
+def mark_frame(system: exudyn.MainSystem, body: Index, at: np.ndarray, frame: np.ndarray) -> Index:
     """Add a marker with position and attitude to a body of Exudyn."""
     from exudyn.itemInterface import MarkerBodyRigid
 
     return system.AddMarker(MarkerBodyRigid(bodyNumber=body, localHT=pose(at, frame)))
 
 
-def pose(at: np.ndarray, frame: np.ndarray) -> Any:
+def pose(at: np.ndarray, frame: np.ndarray) -> Index:
     """Exudyn's homogeneous transformation to a frame (3, 3) at a point (3,)."""
     import exudyn
 

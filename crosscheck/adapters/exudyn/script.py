@@ -134,7 +134,7 @@ class _Recorder:
             raise AttributeError(call)
         kind = call.removeprefix("Add").lower()
 
-        def add(item: Any) -> _Name:
+        def add(item: object) -> _Name:
             index = _Name(self.counts.get(kind, 0))
             index.name = f"{kind}{int(index)}"
             self.counts[kind] = index + 1
@@ -152,7 +152,7 @@ class _Recorder:
         return add
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """A Python expression for the value."""
     import exudyn
 

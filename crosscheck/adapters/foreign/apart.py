@@ -32,7 +32,7 @@ class Process:
         self._name, self._python = name, python  # for messages; path of the interpreter, None: this one
         self._worker: Any = None
 
-    def call(self, function: Callable[..., Any], *arguments: Any, loading: bool = False) -> Any:
+    def call(self, function: Callable[..., Any], *arguments: object, loading: bool = False) -> Any:
         """The result of a function there.
 
         Raises the error that it raises, as an `EngineError` if it is none of ours, or `EngineDied` if the process
@@ -104,6 +104,6 @@ class Stranger(Engine):
         """The engine's run."""
         return self._ask(remote.run, scene, spec).raw()
 
-    def _ask(self, function: Callable[..., T], *arguments: Any) -> T:
-        found: T = self._process.call(function, self._home, *arguments)
-        return found
+    def _ask(self, function: Callable[..., T], *arguments: object) -> T:
+        answer: T = self._process.call(function, self._home, *arguments)
+        return answer

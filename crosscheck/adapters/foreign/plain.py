@@ -56,37 +56,37 @@ def plain(raw: RawRun) -> PlainRun:
                     None if raw.form is None else _text("form", raw.form), plain_events(raw.events))
 
 
-def doubles(name: str, values: Any) -> np.ndarray:
+def doubles(name: str, values: object) -> np.ndarray:
     """Values of the states as an array of doubles; raises `EngineError` if they are no real numbers."""
     try:
-        found = np.asarray(values)
-        if found.dtype.kind not in "iufO":  # complex numbers and texts would be converted silently
+        array = np.asarray(values)
+        if array.dtype.kind not in "iufO":  # complex numbers and texts would be converted silently
             raise TypeError
-        return np.array(found, dtype=float, order="C")
+        return np.array(array, dtype=float, order="C")
     except (TypeError, ValueError, OverflowError):
         raise EngineError(f"the states hold something else than real numbers in {name}") from None
 
 
-def _number(name: str, kind: Callable[[Any], Any], value: Any) -> Any:
+def _number(name: str, kind: Callable[[Any], Any], value: object) -> Any:
     try:
         return kind(value)
     except (TypeError, ValueError, OverflowError):
         raise EngineError(f"{name} of a run is a number, not {type(value).__name__}") from None
 
 
-def _text(name: str, value: Any) -> str:
+def _text(name: str, value: object) -> str:
     if not isinstance(value, str):
         raise EngineError(f"{name} of a run: a text is wanted, not {type(value).__name__}")
     return str(value)
 
 
-def _items(name: str, table: Any) -> list[tuple[Any, Any]]:
+def _items(name: str, table: object) -> list[tuple[Any, Any]]:
     if not isinstance(table, Mapping):
         raise EngineError(f"{name} of a run is a dict, not {type(table).__name__}")
     return list(table.items())
 
 
-def _value(name: str, value: Any) -> Value:
+def _value(name: str, value: object) -> Value:
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or type(value) in (str, bool, int, float):

@@ -50,9 +50,9 @@ class Home:
 
 def card(engine: str | Home) -> Card:
     """The card of an engine. Errors as `own.load`."""
-    found = _adapter(engine)
-    said = {field.name: getattr(found, field.name) for field in dataclasses.fields(Card)}
-    return Card(**said | {"orders": dict(found.orders)})
+    adapter = _adapter(engine)
+    said = {field.name: getattr(adapter, field.name) for field in dataclasses.fields(Card)}
+    return Card(**said | {"orders": dict(adapter.orders)})
 
 
 def unsupported(engine: str | Home, scene: Scene, spec: RunSpec) -> str | None:
@@ -82,8 +82,8 @@ def turning(engine: str | Home, scene: Scene, form: str | None) -> tuple[int, ..
 
 def probe(engine: str | Home, scene: Scene, states: States, form: str | None) -> Probe:
     """As the engine's."""
-    found: Probe = _adapter(engine).probe(scene, states, form)
-    return found
+    answer: Probe = _adapter(engine).probe(scene, states, form)
+    return answer
 
 
 def derivatives(engine: str | Home, scene: Scene, state: tuple[np.ndarray, np.ndarray]) -> dict[str, np.ndarray] | None:

@@ -18,7 +18,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import RawRun, RunSpec, StandIn
@@ -78,14 +77,14 @@ class Versioned(StandIn):
         raw.stats["own_environment"] = True
         return raw
 
-    def _ask(self, function: Callable[..., T], *arguments: Any) -> T:
+    def _ask(self, function: Callable[..., T], *arguments: object) -> T:
         python = self._python or present(self._home)
         if python is None:
             raise EngineError(f"engine {self.name} is not installed; {install(self.name)}")
         if self._process is None:
             self._process = Process(self.name, python)
-        found: T = self._process.call(function, self._home, *arguments)
-        return found
+        answer: T = self._process.call(function, self._home, *arguments)
+        return answer
 
 
 def split(name: str) -> tuple[str, str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 from crosscheck.scene.models.compiling import listening
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    import mujoco
 
 __all__ = ["INTEGRATORS", "MuJoCo", "build", "set_initial_state"]
 
@@ -126,7 +129,7 @@ class MuJoCo(Forms):
         return raw
 
 
-def _evaluation(scene: Scene, model: Any, held: Held, form: str
+def _evaluation(scene: Scene, model: mujoco.MjModel, held: Held, form: str
                 ) -> tuple[Callable[..., np.ndarray], stepping.Convert]:
     """Two functions: (t, q, v) -> values of the `OBSERVED` sensors, row by row, and these -> states.
 
@@ -177,7 +180,7 @@ def sensed(scene: Scene, t: np.ndarray, seen: np.ndarray, form: str) -> States:
 
 
 @contextlib.contextmanager
-def _controlled(control: Callable[[Any, Any], None] | None) -> Iterator[None]:
+def _controlled(control: Callable[[mujoco.MjModel, mujoco.MjData], None] | None) -> Iterator[None]:
     """Within the context MuJoCo calls `control` for controls at every stage; the callback is global for all models."""
     import mujoco
 
@@ -190,7 +193,8 @@ def _controlled(control: Callable[[Any, Any], None] | None) -> Iterator[None]:
             mujoco.set_mjcb_control(None)
 
 
-def _advance(scene: Scene, model: Any, data: Any, warnings: list[str], held: Held) -> stepping.Advance:
+def _advance(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, warnings: list[str], held: Held
+             ) -> stepping.Advance:
     import mujoco
     import mujoco.rollout
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,8 +13,11 @@ from crosscheck.scene.model import rotation_from_quaternion
 from crosscheck.scene.models import neutral, source
 from crosscheck.scene.models.compiling import listening
 
+if TYPE_CHECKING:
+    import mujoco
 
-def _model(path: Path) -> tuple[Any, str]:
+
+def _model(path: Path) -> tuple[mujoco.MjModel, str]:
     """(model, MuJoCo's error if the file is a URDF that was read without its meshes because these cannot be opened)."""
     import mujoco
 
@@ -66,10 +69,10 @@ def load(path: str, states: JointStates) -> Native:
             table["type"], table.get("damping", 0.0), table.get("armature", 0.0), table.get("stiffness", 0.0),
             table.get("rest_position", 0.0), follows.get(table["name"], ""))
             for table in tables if "position" in table}
-        found = Native("mujoco", links, joints, gravity, solver="mj_forward", refusal=refusal)
+        native = Native("mujoco", links, joints, gravity, solver="mj_forward", refusal=refusal)
         order = tuple(name for name in states.names if name in joints)
         if len(order) != model.nv:
-            return found
+            return native
         only = {body.name: int(model.body_jntadr[index]) for index, body in reading.bodies.items()}
         only |= {table["child"]: j for j, table in reading.chained.items()}
         q, v = ([int(address[only[joints[name].child]]) for name in order]

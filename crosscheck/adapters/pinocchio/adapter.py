@@ -143,8 +143,8 @@ def _stepper(method: str, h: float, model: models.Model, dynamics: Dynamics,
     import pinocchio
 
     def integrate(q: np.ndarray, tangent: np.ndarray) -> np.ndarray:
-        found: np.ndarray = pinocchio.integrate(model.model, q, tangent)
-        return found
+        moved: np.ndarray = pinocchio.integrate(model.model, q, tangent)
+        return moved
 
     if method == "SymplecticEuler":
         return lie_steppers.symplectic_euler(h, integrate, dynamics, push)

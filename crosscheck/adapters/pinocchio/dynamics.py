@@ -57,8 +57,8 @@ class Dynamics:
         if self.closure is None and closed and not self.factorizes:  # check what aba finds by inverse dynamics
             q, v = model.initial_state()
             torque, _ = self._applied(0.0, q, v)
-            found = pinocchio.aba(self._model, self.data, q, v, torque).copy()
-            terms = [pinocchio.rnea(self._model, self.data, q, v, a).copy() for a in (found, 0 * found)]
+            free = pinocchio.aba(self._model, self.data, q, v, torque).copy()
+            terms = [pinocchio.rnea(self._model, self.data, q, v, a).copy() for a in (free, 0 * free)]
             size = max(np.abs(terms[1]).max(initial=0.0), np.abs(torque).max(initial=0.0))
             self.factorizes = bool(np.abs(terms[0] - torque).max(initial=0.0) > ABA_RESIDUAL * size)
         if self.closure is not None:
@@ -91,19 +91,19 @@ class Dynamics:
         """Joint accelerations, as a copy, because Pinocchio overwrites its array in the next call."""
         pin = self._pin
         torque, wrenches = self._applied(t, q, v)
-        found: np.ndarray
+        acceleration: np.ndarray
         if self.closure is None:
             external = () if wrenches is None else (wrenches,)
             if not self.factorizes:
-                found = pin.aba(self._model, self.data, q, v, torque, *external).copy()
-                return found
+                acceleration = pin.aba(self._model, self.data, q, v, torque, *external).copy()
+                return acceleration
             bias = pin.rnea(self._model, self.data, q, v, np.zeros(self._model.nv), *external).copy()
             if self.model.mimics is not None:
                 return np.linalg.solve(self.mass_matrix(q), torque - bias)
             pin.crba(self._model, self.data, q)
             pin.cholesky.decompose(self._model, self.data)
-            found = pin.cholesky.solve(self._model, self.data, torque - bias)
-            return found
+            acceleration = pin.cholesky.solve(self._model, self.data, torque - bias)
+            return acceleration
         if wrenches is not None:
             pin.computeJointJacobians(self._model, self.data, q)
             for joint in range(1, self._model.njoints):
@@ -112,9 +112,9 @@ class Dynamics:
         c = self.closure
         if c.redundant:
             return redundant.accelerations(self._model, self.data, c, q, v, torque)
-        found = pin.constraintDynamics(self._model, self.data, q, v, torque, c.models, c.workspaces, c.settings)
-        found = found.copy()
-        return found
+        acceleration = pin.constraintDynamics(self._model, self.data, q, v, torque, c.models, c.workspaces, c.settings)
+        acceleration = acceleration.copy()
+        return acceleration
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """(nv, nv). Where joints follow others crba of Pinocchio 4.1 adds to what its workspace has from the last call,
@@ -131,8 +131,8 @@ class Dynamics:
         torque, wrenches = self._applied(0.0, q, v)
         still = np.zeros(self._model.nv)
         external = () if wrenches is None else (wrenches,)
-        found: np.ndarray = torque - self._pin.rnea(self._model, self.data, q, v, still, *external)
-        return found
+        effort: np.ndarray = torque - self._pin.rnea(self._model, self.data, q, v, still, *external)
+        return effort
 
     def _applied(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
         """(joint torques, external forces on all joints in their frames or None if there are none)."""
@@ -169,7 +169,7 @@ class Dynamics:
             wrenches.append(self._pin.Force.Zero())
         return wrenches
 
-    def _load(self, t: float, wrenches: Any, force: Force) -> None:
+    def _load(self, t: float, wrenches: object, force: Force) -> None:
         p = force.parameters
         factor = value_at(p.get("factor", 1.0), t)
         if force.type == "linear_spring":
@@ -259,7 +259,7 @@ class _Reactions:
         torque, wrenches = twin._applied(0.0, own, rates)
         wrenches = twin._rest() if wrenches is None else wrenches
         pin.forwardKinematics(twin.model.model, twin.data, own, rates)
-        found = self._constrained(wrenches)
+        reactions = self._constrained(wrenches)
         pin.rnea(twin.model.model, twin.data, own, rates, accelerations, wrenches)
         acting_at = {*(at_v for _, _, at_v, _ in twin._turns), *(at_v for _, _, _, at_v, *_ in twin._laws)}
         own_sizes = {at_v: torque[at_v] for at_v in acting_at}
@@ -282,8 +282,8 @@ class _Reactions:
                         force = force - rotors[own_v][0] * axis
                     if joint.type != "prismatic":
                         moment = moment - rotors[own_v][-1] * axis
-                found[joint.name] = force, moment
-        return found
+                reactions[joint.name] = force, moment
+        return reactions
 
     def _at_anchor(self, joint: Joint, force: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Convert a wrench about the world's origin to one about the child's anchor."""
@@ -293,9 +293,9 @@ class _Reactions:
     def _constrained(self, wrenches: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Wrenches of directly closed joints on their children; adds all constraint forces to the external forces."""
         d, twin = self._dynamics, self._twin
-        found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        reactions: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         if d.closure is None:
-            return found
+            return reactions
         c = d.closure
         for held, data, joint, (first, second) in zip(c.models, c.workspaces, c.joints, c.bodies, strict=True):
             force = (d.data.oMi[held.joint1_id] * held.joint1_placement).act(data.contact_force)
@@ -303,5 +303,5 @@ class _Reactions:
                 carrier, _ = twin.model.frames[body]
                 wrenches[carrier] += twin.data.oMi[carrier].actInv(push)
             if joint is not None:
-                found[joint.name] = self._at_anchor(joint, force.linear, force.angular)
-        return found
+                reactions[joint.name] = self._at_anchor(joint, force.linear, force.angular)
+        return reactions

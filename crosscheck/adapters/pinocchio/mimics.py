@@ -42,13 +42,13 @@ def unsupported(scene: Scene, closed: bool) -> str | None:
 def groups(scene: Scene) -> list[dict[str, float]]:
     """Joints that move together, each with the rate of its coordinate when that of their leader is 1."""
     followed = {joint.name: joint.mimic for joint in scene.joints if joint.mimic is not None}
-    found: dict[str, dict[str, float]] = {}
+    led: dict[str, dict[str, float]] = {}
     for name in followed:
         leader, ratio = name, 1.0
         while leader in followed:
             leader, ratio = followed[leader].joint, ratio * followed[leader].ratio
-        found.setdefault(leader, {leader: 1.0})[name] = ratio
-    return list(found.values())
+        led.setdefault(leader, {leader: 1.0})[name] = ratio
+    return list(led.values())
 
 
 def coupled(scene: Scene, model: Any, links: Sequence[Link], slots: Sequence[tuple[slice, slice]],
@@ -58,7 +58,7 @@ def coupled(scene: Scene, model: Any, links: Sequence[Link], slots: Sequence[tup
 
     Q, offset, V = np.eye(model.nq), np.zeros(model.nq), np.eye(model.nv)
     dependent: tuple[list[int], list[int]] = [], []
-    found = model
+    mimicking = model
     for rates in groups(scene):
         along = [(at_q.start, at_v.start, model.getJointId(str(link.body)),
                   rates[link.joint] if link.outward else -rates[link.joint])
@@ -69,10 +69,10 @@ def coupled(scene: Scene, model: Any, links: Sequence[Link], slots: Sequence[tup
             Q[q, q] = V[v, v] = 0.0
             Q[q, first_q] = V[v, first_v] = ratio
             offset[q] = start[q] - ratio * start[first_q]
-            found = pinocchio.transformJointIntoMimic(found, first, joint, ratio, offset[q])
+            mimicking = pinocchio.transformJointIntoMimic(mimicking, first, joint, ratio, offset[q])
             dependent[0].append(q)
             dependent[1].append(v)
     kept = tuple(np.delete(np.arange(len(each)), lost) for each, lost in zip((Q, V), dependent, strict=True))
     Q, V = Q[:, kept[0]], V[:, kept[1]]
-    found.armature = np.einsum("ij,i,ij->j", V, model.armature, V)
-    return found, Mimics(Q, offset, V, (kept[0], kept[1]))
+    mimicking.armature = np.einsum("ij,i,ij->j", V, model.armature, V)
+    return mimicking, Mimics(Q, offset, V, (kept[0], kept[1]))

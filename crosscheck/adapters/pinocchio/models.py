@@ -71,9 +71,9 @@ class Model:
         q, v, a = self.positions(q), self.rates(v), None if a is None else self.rates(a)
         motions = [tree.motion(link, _rolled(link, q[:, at_q], 1), v[:, at_v], None if a is None else a[:, at_v])
                    for link, (at_q, at_v) in zip(self.links, self.slots, strict=True)]
-        found, n = tree.forward(self.links, motions, t, a is not None), self.scene.n
-        linear, alpha = (None if values is None else values[:, :n] for values in (found.a, found.alpha))
-        return States(t, found.x[:, :n], found.R[:, :n], found.v[:, :n], found.w[:, :n], linear, alpha)
+        bodies, n = tree.forward(self.links, motions, t, a is not None), self.scene.n
+        linear, alpha = (None if values is None else values[:, :n] for values in (bodies.a, bodies.alpha))
+        return States(t, bodies.x[:, :n], bodies.R[:, :n], bodies.v[:, :n], bodies.w[:, :n], linear, alpha)
 
 
 def decompose(scene: Scene, form: str) -> tuple[tuple[Link, ...], dict[int, int], tuple[Joint, ...]]:
@@ -94,10 +94,10 @@ def build(scene: Scene, form: str = "tree") -> Model:
     made = assemble(scene, *decompose(scene, form))
     if all(joint.mimic is None for joint in scene.joints):
         return made
-    found, coupling = mimics.coupled(scene, made.model, made.links, made.slots, made.initial_state()[0])
+    mimicking, coupling = mimics.coupled(scene, made.model, made.links, made.slots, made.initial_state()[0])
     firsts = np.searchsorted(coupling.kept[1], [ball.start for ball in made.balls])
     balls = [slice(first, first + 3) for first in firsts]
-    return dataclasses.replace(made, model=found, mimics=coupling, balls=balls)
+    return dataclasses.replace(made, model=mimicking, mimics=coupling, balls=balls)
 
 
 def with_movable_joints(model: Model) -> Model:
@@ -186,7 +186,7 @@ class Closure:
     redundant: bool
 
 
-def closure(model: Model, data: Any, alpha: float, beta: float) -> Closure:
+def closure(model: Model, data: object, alpha: float, beta: float) -> Closure:
     """Constraints for the cut joints, with Baumgarte's G a + gamma + 2 alpha G u + beta^2 Phi = 0.
 
     Overwrites `data`, the workspace of the model, because a second one takes gigabytes for a long chain.

@@ -43,10 +43,10 @@ def load(path: str, states: JointStates) -> Native:
             subspace[:3] if slides else subspace[3:], np.array(at.rotation), "prismatic" if slides else "revolute",
             float(model.damping[v]), float(model.armature[v]), limits=None if model.nqs[joint] == 2 else (
                 float(model.lowerPositionLimit[at_q]), float(model.upperPositionLimit[at_q])))
-    found = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba")
+    native = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba")
     order = tuple(name for name in states.names if name in joints)
     if len(order) != model.nv:
-        return found
+        return native
     places = [int(model.idx_vs[ids[name]]) for name in order]
     values = []
     for position, velocity in zip(states.position, states.velocity, strict=True):

@@ -8,8 +8,6 @@ directions is that at the start; the ones with the smallest singular values are 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from crosscheck.adapters.pinocchio.models import Closure
@@ -18,7 +16,7 @@ DAMPING = 1.0
 """mu of one proximal iteration; the right-hand side computed from its forces does not depend on it."""
 
 
-def accelerations(model: Any, data: Any, closure: Closure, q: np.ndarray, v: np.ndarray,
+def accelerations(model: object, data: object, closure: Closure, q: np.ndarray, v: np.ndarray,
                   torque: np.ndarray) -> np.ndarray:
     """Joint accelerations (nv,) under joint torques (nv,); writes constraint forces into the closure's workspaces.
 
@@ -48,5 +46,5 @@ def accelerations(model: Any, data: Any, closure: Closure, q: np.ndarray, v: np.
     for each, force in zip(closure.workspaces, np.split(-U @ (share / sigma), np.cumsum(sizes)[:-1]), strict=True):
         each.contact_force = pin.Force(np.concatenate([force, np.zeros(6 - len(force))]))
     free = solve_triangular(root, torque - pin.nonLinearEffects(model, data, q, v), lower=True)
-    found: np.ndarray = solve_triangular(root.T, free - W.T @ share)
-    return found
+    rates: np.ndarray = solve_triangular(root.T, free - W.T @ share)
+    return rates

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from crosscheck.scene.models.features import closure_ends, turned_by
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.schema import Content
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    import mujoco
 
 AWAY, SEEDS = 0.1, (20240, 20241, 20242)
 """Size of the velocity with which checked states lie one second from the start, and seeds of its directions."""
@@ -40,7 +43,7 @@ def unlike(words: str) -> bool:
     return not words.startswith(_CONSTRAINTS)
 
 
-def away(reading: Reading, seed: int = SEEDS[0]) -> Any:
+def away(reading: Reading, seed: int = SEEDS[0]) -> mujoco.MjData:
     """The `mujoco.MjData` of a seeded state near that of the reading, in motion."""
     import mujoco
 
@@ -50,7 +53,7 @@ def away(reading: Reading, seed: int = SEEDS[0]) -> Any:
     return d
 
 
-def motion(reading: Reading, d: Any, scene: Scene) -> tuple[float, float, str]:
+def motion(reading: Reading, d: mujoco.MjData, scene: Scene) -> tuple[float, float, str]:
     """(largest difference between the accelerations of MuJoCo and of the scene, m/s^2 or rad/s^2, the same over the
     largest acceleration, name of the body that has it), all in the state of `d`.
 

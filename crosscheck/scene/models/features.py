@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +10,9 @@ from crosscheck.scene.model import rotation_from_quaternion
 from crosscheck.scene.models.laws import body_label, label, off
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.schema import Content as Table
+
+if TYPE_CHECKING:
+    import mujoco
 
 MOST_OPEN, ROUNDED = 1e-3, 1e-9
 """rad, and relative to the model's size: a loop that is open by more is not closed by the start of the file; one open
@@ -90,18 +93,18 @@ def _compensation(reading: Reading) -> list[Table]:
     return made
 
 
-def coupled_joints(m: Any) -> list[tuple[int, int, float, float]]:
+def coupled_joints(m: mujoco.MjModel) -> list[tuple[int, int, float, float]]:
     """(follower, leader, ratio, offset) of the equalities between two joints that are linear and active."""
     import mujoco
 
-    found = []
+    couples = []
     for e in np.flatnonzero((m.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (m.eq_active0 != 0) & (m.eq_obj2id >= 0)):
         if not np.any(m.eq_data[e, 2:5]):
             follower, leader = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
             zero = [float(m.qpos0[m.jnt_qposadr[j]]) for j in (follower, leader)]
             offset, ratio = (float(value) for value in m.eq_data[e, :2])
-            found.append((follower, leader, ratio, offset + zero[0] - ratio * zero[1]))
-    return found
+            couples.append((follower, leader, ratio, offset + zero[0] - ratio * zero[1]))
+    return couples
 
 
 def _equalities(reading: Reading, joints: list[Table]) -> list[Table]:
@@ -158,7 +161,7 @@ def _closed(reading: Reading, e: int, name: str, kind: str) -> Table | None:
     return {"name": name, "type": kind, "parent": parent, "child": child, "parent_anchor": near, "child_anchor": far}
 
 
-def closure_ends(m: Any, d: Any, e: int) -> tuple[list[tuple[int, np.ndarray]], np.ndarray]:
+def closure_ends(m: mujoco.MjModel, d: mujoco.MjData, e: int) -> tuple[list[tuple[int, np.ndarray]], np.ndarray]:
     """((body, point in its frame) of both ends of a connect or weld, attitude of the second body in the first).
 
     The attitude counts for a weld. Sites coincide; between bodies, MuJoCo keeps the anchors of both, and for a weld the
@@ -175,7 +178,7 @@ def closure_ends(m: Any, d: Any, e: int) -> tuple[list[tuple[int, np.ndarray]], 
     return [(ids[0], data[3:6].copy()), (ids[1], data[0:3].copy())], rotation_from_quaternion(data[6:10])
 
 
-def turned_by(m: Any, d: Any, ends: list[tuple[int, np.ndarray]], turn: np.ndarray) -> float:
+def turned_by(m: mujoco.MjModel, d: mujoco.MjData, ends: list[tuple[int, np.ndarray]], turn: np.ndarray) -> float:
     """Angle, rad, by which the second body is away from its attitude in the first."""
     one, other = (d.xmat[body].reshape(3, 3) for body, _ in ends)
     away = other.T @ one @ turn

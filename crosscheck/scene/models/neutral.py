@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crosscheck.scene.coordinates import turned
 from crosscheck.scene.model import quaternion_from_rotation
 from crosscheck.scene.vectors import cross
+
+if TYPE_CHECKING:
+    import mujoco
 
 if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engine version does not have
     from crosscheck.scene.schema import Content as Table
@@ -44,8 +47,8 @@ class Rigid:
 class Reading:
     """A model in one state, and what a scene cannot hold of it."""
 
-    model: Any
-    data: Any
+    model: mujoco.MjModel
+    data: mujoco.MjData
     bodies: dict[int, Rigid]
     lost: list[str]  # can be left out, but would change the motion
     impossible: list[str]  # cannot be left out
@@ -74,14 +77,14 @@ class Reading:
         return np.eye(3) if group == 0 else self.bodies[group].R
 
 
-def grouped(model: Any) -> np.ndarray:
+def grouped(model: mujoco.MjModel) -> np.ndarray:
     """(nbody,) the first body of the group that a body is welded to; 0 is the ground, also of mocap bodies."""
     groups: np.ndarray = model.body_weldid.copy()
     groups[model.body_mocapid[groups] >= 0] = 0
     return groups
 
 
-def gravity(model: Any) -> np.ndarray:
+def gravity(model: mujoco.MjModel) -> np.ndarray:
     """(3,) the gravity of a compiled model, m/s^2; zero if its flag disables it."""
     import mujoco
 
@@ -89,11 +92,11 @@ def gravity(model: Any) -> np.ndarray:
     return np.zeros(3) if weightless else np.array(model.opt.gravity)
 
 
-def bodies(model: Any, data: Any) -> dict[int, Rigid]:
+def bodies(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Rigid]:
     """The moving groups of welded bodies by the index of their first body, parents before children."""
     import mujoco
 
-    found, groups = {}, grouped(model)
+    rigid, groups = {}, grouped(model)
     for first in sorted(set(groups.tolist()) - {0}):
         members = np.flatnonzero(groups == first)
         masses = model.body_mass[members]
@@ -110,8 +113,8 @@ def bodies(model: Any, data: Any) -> dict[int, Rigid]:
         v = twist[3:] + cross(twist[:3], centre - data.xpos[first])
         local = R.T @ inertia @ R
         name = model.body(first).name or f"body {first}"
-        found[first] = Rigid(first, name, mass, centre, (local + local.T) / 2, R, v, twist[:3].copy())
-    return found
+        rigid[first] = Rigid(first, name, mass, centre, (local + local.T) / 2, R, v, twist[:3].copy())
+    return rigid
 
 
 def body_table(body: Rigid) -> Table:
@@ -192,8 +195,8 @@ def _alone(reading: Reading, group: int) -> Table | None:
     together = all(np.linalg.norm(anchors[j] - anchors[turning[0]]) < ALIGNED * size for j in turning)
     name = next((m.jnt(j).name for j in [*turning, *ids] if m.jnt(j).name), f"{reading.bodies[group].name} joint")
 
-    def table(kind: str, at: np.ndarray, parent_axis: Any = None, child_axis: Any = None,
-              back: Any = None) -> Table:
+    def table(kind: str, at: np.ndarray, parent_axis: np.ndarray | None = None, child_axis: np.ndarray | None = None,
+              back: np.ndarray | None = None) -> Table:
         parent_name, parent_anchor = reading.end(parent, at if back is None else at - back)
         child_name, child_anchor = reading.end(group, at)
         made: Table = {"name": name, "type": kind, "parent": parent_name, "child": child_name,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,8 +11,11 @@ from crosscheck.errors import SceneError, foreign
 from crosscheck.files import aside
 from crosscheck.scene.models.source import Source
 
+if TYPE_CHECKING:
+    import pinocchio
 
-def explained(build: Callable[[], Any]) -> Any:
+
+def explained(build: Callable[[], pinocchio.Model]) -> pinocchio.Model:
     """The result of `build`, without its output; raises `ValueError` with its message and its first line on stderr.
 
     urdfdom writes the reason of an error to stderr, and its exception does not contain it.
@@ -27,7 +30,7 @@ def explained(build: Callable[[], Any]) -> Any:
             return build()
 
 
-def parsed(model: Source, base: str = "fixed") -> Any:
+def parsed(model: Source, base: str = "fixed") -> pinocchio.Model:
     """The `pinocchio.Model` of a URDF; raises `SceneError` with what Pinocchio says."""
     import pinocchio
 
@@ -38,7 +41,7 @@ def parsed(model: Source, base: str = "fixed") -> Any:
         raise SceneError(f"{model.path}: Pinocchio cannot read it: {error}") from None
 
 
-def links(pin_model: Any) -> dict[str, int]:
+def links(pin_model: pinocchio.Model) -> dict[str, int]:
     """The joint of each moving link: the first link in the joint's frame."""
     import pinocchio
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine
 from crosscheck.document.known import ORDERS
+from crosscheck.scene.model import Scene
 
 GYROSCOPIC = ("the gyroscopic torque is taken at the start of the step, which multiplies the wobble of a body "
               "spinning at rate w by about sqrt(1 + (w h)^2) a step; here w h = 0.15, and the run explodes within the "
@@ -23,6 +24,8 @@ SINGULAR = ("nothing holds the positions, and where all bars lie on one line the
 CONTRADICTORY = ("the linkage moves only because its redundant rows repeat the others where the positions are exact; "
                  "this method holds no positions, and off them the rows contradict each other: no velocity or "
                  "acceleration satisfies them all, and their least squares leave what is seen")
+BOUNCE = ("a stop with restitution is a spring and damper, which an impact takes {} steps to pass, so that an output "
+          "time may lie within one; where in a step contact begins and ends moves the restitution{} at any step")
 SUMMED = dict.fromkeys(ORDERS, 1.9) | {
     "position": 34, "attitude": 140, "velocity": 67, "angular velocity": 94, "interval position": 430,
     "interval attitude": 690, "interval velocity": 110, "interval angular velocity": 130, "energy": 42, "momentum": 9.3}
@@ -33,19 +36,35 @@ CONING = 0.1
 
 
 @functools.lru_cache(maxsize=64)
+def scene_of(name: str) -> Scene | None:
+    """The scene of a name or path; None where there is none, so that nothing is known about it."""
+    from crosscheck.errors import ArgumentError, SceneError
+    from crosscheck.scene.file import as_scene
+
+    try:
+        return as_scene(name)
+    except (ArgumentError, SceneError):
+        return None
+
+
+def bounces(_: Engine, scene: str, form: str | None) -> bool:
+    """Whether a joint of the scene has a rigid stop with restitution."""
+    loaded = scene_of(scene)
+    return loaded is not None and any(limits is not None and limits.rigid and limits.restitution > 0
+                                      for joint in loaded.joints for limits in joint.limits)
+
+
+@functools.lru_cache(maxsize=64)
 def naive(engine: Engine, scene: str, form: str | None) -> str:
     """Whether summed joint velocities show on a scene.
 
     "no": no joint of the model turns on SO(3); "surely": the axis of rotation of such a body moves from the start;
     "maybe": turns about one axis add up.
     """
-    from crosscheck.errors import ArgumentError, SceneError
     from crosscheck.scene import mechanics
-    from crosscheck.scene.file import as_scene
 
-    try:
-        loaded = as_scene(scene)
-    except (ArgumentError, SceneError):  # no scene at all, so that nothing is known about it
+    loaded = scene_of(scene)
+    if loaded is None:
         return "no"
     turning = list(engine.turning(loaded, form))
     if not turning:

@@ -1,12 +1,11 @@
 """Known defects of MuJoCo."""
 
 import dataclasses
-import functools
 
 import numpy as np
 
-from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE, SUMMED, summed
-from crosscheck.document.known import Known
+from crosscheck.adapters.common.known import BOUNCE, GYROSCOPIC, NAIVE, SUMMED, bounces, scene_of, summed
+from crosscheck.document.known import ORDERS, Known
 from crosscheck.scene.model import Sensor
 from crosscheck.scene.sensors import Misreads, Reader, read
 
@@ -15,17 +14,16 @@ DISCRETE = ("accelerations are evaluated at the run's states, for those of discr
             "10 m/s^2 on the single pendulum, alike at 1 and at 0.25 ms")
 
 
-@functools.lru_cache(maxsize=64)
+BOUNCING = BOUNCE.format("thirty", ", .484 or .510 for .5,")
+DAMPED = BOUNCE.format("thirty", ", .437 to .464 for .5,") + "; discrete takes damper and spring at the end of a step"
+
+
 def _closes_loops(scene: str) -> bool:
     """Whether a scene has loops, which MuJoCo closes by soft joints."""
-    from crosscheck.errors import ArgumentError, SceneError
-    from crosscheck.scene.file import as_scene
     from crosscheck.scene.spanning import spanning_tree
 
-    try:
-        return bool(spanning_tree(as_scene(scene))[1])
-    except (ArgumentError, SceneError):
-        return False
+    loaded = scene_of(scene)
+    return loaded is not None and bool(spanning_tree(loaded)[1])
 
 
 KNOWN = (
@@ -35,6 +33,13 @@ KNOWN = (
           {"energy": 7e8, "level velocity": 35, "level acceleration": 8.4e4}, GYROSCOPIC, practical=True),
     Known(("4",), ("discrete",), lambda engine, scene, form: form == "maximal" or _closes_loops(scene), None,
           {"acceleration": 120, "angular acceleration": 93}, DISCRETE, always=False),
+    Known(("4",), ("Euler", "implicit", "implicitfast", "RK4"), bounces, None, {
+        "position": 1.1, "attitude": 1.1, "interval velocity": 2.7, "interval angular velocity": 2.5}, BOUNCING,
+        always=False),
+    Known(("4",), ("discrete",), bounces, None, dict.fromkeys(ORDERS, 1.1) | {
+        "position": 6.4, "attitude": 6.4, "velocity": 41, "angular velocity": 41, "energy": 1.9,
+        "interval velocity": 26, "interval angular velocity": 26, "limit position": 26, "limit attitude": 26,
+        "limit velocity": 130, "limit angular velocity": 120}, DAMPED, always=False),
 )
 
 

@@ -42,8 +42,8 @@ TIGHT = 0.9999
 FAR = 1e9
 """The open end of a range of which a scene gives one side, rad or m: MuJoCo has two ends."""
 
-SETTLING = 0.01
-"""How long a stop without restitution takes to press out the depth of an impact, s."""
+SETTLING = 0.1
+"""How long a stop without restitution takes to press out an impact, s: its restitution is a step over this."""
 
 BOUNCE = 10.0
 """Steps of a stop with restitution per radian of its oscillation: an impact takes some thirty."""

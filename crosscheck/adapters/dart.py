@@ -11,7 +11,6 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
-from crosscheck.scene.functions import at
 from crosscheck.scene.model import GROUND, Scene
 
 INSTANT = 1e-9
@@ -28,12 +27,7 @@ class Dart(open_tree.OpenTree):
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why DART cannot run this here, or None."""
-        if (bouncing := open_tree.bouncing(scene)) is not None:
-            return bouncing
-        moved = [name for name, servo in scene.servos.values() if not servo.proportional]
-        if moved:
-            return f"the servo of joint {moved[0]!r} has no proportional gain: here servos are DART's springs in joints"
-        return super().unsupported(scene, spec)
+        return open_tree.bouncing(scene) or open_tree.springless(scene) or super().unsupported(scene, spec)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if the state becomes infinite or NaN."""
@@ -120,9 +114,8 @@ def _give_laws(scene: Scene, link: tree.Link, joint: Any) -> None:
         joint.setPositionLowerLimit(0, ends[0]), joint.setPositionUpperLimit(0, ends[1])
         joint.setLimitEnforcement(True)
     for servo in (servo for name, servo in scene.servos.values() if name == link.joint):
-        ahead = at(servo.feedforward, 0.0) + servo.derivative * at(servo.target_velocity, 0.0)
         joint.setSpringStiffness(0, servo.proportional), joint.setDampingCoefficient(0, servo.derivative)
-        joint.setRestPosition(0, sign * (at(servo.target, 0.0) + ahead / servo.proportional - zero))
+        joint.setRestPosition(0, open_tree.rest(servo, sign, zero))
 
 
 def _pose(attitude: np.ndarray, point: np.ndarray) -> Any:

@@ -18,6 +18,7 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
+from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE
 from crosscheck.adapters.common.links import shortest_rotation
 from crosscheck.document.known import ORDERS, STATE, Known
@@ -27,6 +28,12 @@ from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotatio
 FORMS = {"Featherstone": "tree", "MuJoCoEuler": "tree", "MuJoCoImplicitfast": "tree", "MuJoCoRK4": "tree",
          "XPBD": "maximal", "SemiImplicit": "maximal"}
 """Each method and the form of its coordinates."""
+
+LAWS = {"Featherstone": ("servo", "soft_limits"), "SemiImplicit": ("servo", "soft_limits"),
+        **dict.fromkeys(("MuJoCoEuler", "MuJoCoImplicitfast", "MuJoCoRK4"), ("servo", "dry_friction"))}
+"""What each method has of the force laws of joints: `joint_target_ke` and `kd`, `joint_limit_ke` and `kd`, of which the
+damper pulls as well, `joint_friction` as MuJoCo's frictionloss. The first two ignore friction and effort limits; limits
+of MuJoCo are soft rows whose stiffness hangs on the inertia."""
 
 XYZW = (1, 2, 3, 0)
 """Places of Newton's quaternion entries x, y, z, w in ours."""
@@ -92,8 +99,16 @@ class Newton(Engine):
         """Why Newton cannot run this here, or None."""
         if spec.form not in (None, FORMS[spec.method]):
             return f"{spec.method} has form {FORMS[spec.method]} only"
-        return open_tree.unsupported(scene, dataclasses.replace(spec, form=None),
-                                     "this adapter builds no force laws of joints in Newton")
+        both = {name for name, _ in scene.servos.values()} & {joint.name for joint in scene.joints if any(joint.limits)}
+        if both:
+            return f"joint {min(both)!r} has limits and a servo, which Newton takes away beyond the range"
+        return open_tree.springless(scene) or open_tree.unsupported(
+            scene, dataclasses.replace(spec, form=None), LAWS.get(spec.method, "XPBD takes targets and limits as "
+            "compliant rows of joints, which its iterations do not solve"))
+
+    def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
+        """That of the method, as far as the forces are smooth: nothing locates events."""
+        return min(order := self.orders.get(spec.method, 1), highest_order(scene) or order)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if the state becomes infinite or NaN."""
@@ -178,11 +193,26 @@ def build(scene: Scene) -> Any:
         ends = {"parent_xform": warp.transform(*link.parent_anchor, *outer[list(XYZW)]),
                 "child_xform": warp.transform(*link.child_anchor, *own[list(XYZW)])}
         if axial:
-            ends["axis"] = warp.vec3(1.0, 0.0, 0.0)
+            ends |= {"axis": warp.vec3(1.0, 0.0, 0.0), **_laws(scene, link)}
         add = getattr(builder, "add_joint_ball" if link.type == "spherical" else f"add_joint_{link.type}")
         joints.append(add(-1 if link.parent == GROUND else link.parent, link.body, **ends))
     builder.add_articulation(joints)
     return builder.finalize(device="cpu")
+
+
+def _laws(scene: Scene, link: tree.Link) -> dict[str, float]:
+    """What a hinge or slide has of dry friction, soft limits and servos, as Newton names it."""
+    _, sign, zero = tree.coordinate(scene, link)
+    law, found = next(each for each in scene.joints if each.name == link.joint), dict[str, float]()
+    for friction in filter(None, law.dry_friction):
+        found["friction"] = friction.sliding
+    for limits in filter(None, law.limits):
+        found |= dict(zip(("limit_lower", "limit_upper"), tree.ends(limits, sign, zero, 1e9), strict=True))
+        found |= {"limit_ke": limits.stiffness or 0.0, "limit_kd": limits.damping}
+    for servo in (servo for name, servo in scene.servos.values() if name == link.joint):
+        found |= {"target_ke": servo.proportional, "target_kd": servo.derivative,
+                  "target_q": open_tree.rest(servo, sign, zero)}
+    return found
 
 
 XPBD = {"iterations": 8, "joint_linear_relaxation": 0.4, "joint_angular_relaxation": 0.4}

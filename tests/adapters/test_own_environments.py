@@ -15,14 +15,18 @@ import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters import mjx, newton
 from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.foreign import versions
+from crosscheck.adapters.mujoco.own_law import default
 from crosscheck.cli.app import app
 from crosscheck.judge.metrics import errors, observed_order
 from crosscheck.references import truth
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.verification.job import check_engines
+from tests.adapters.test_laws import pendulum
 
 ENGINES = ("mjx", "mjx-single", "newton", "pybullet", "sapien", "warp")
+SERVO = {"type": "servo", "joint": "hinge", "target": 0.4, "proportional": 6.0, "derivative": 0.5, "feedforward": 0.3}
 MEND = r"engine {0} is not installed; crosscheck list --engine {0}==[0-9.]+ makes an environment for it"
 
 
@@ -66,11 +70,35 @@ def test_they_declare_their_arithmetic_and_that_their_times_compare_with_nothing
     ("sapien", "PGS", "spring_pendulum", "only gravity is"),
     ("newton", "XPBD", "four_bar", "open tree"),
     ("pybullet", "SemiImplicitEuler", "spring_pendulum", "only gravity is"),
-    ("newton", "Featherstone", "spring_pendulum", "only gravity is"),
+    ("newton", "Featherstone", "spring_pendulum", "linear_spring are not built"),
     ("newton", "MuJoCoRK4", "universal_pendulum", "type universal is not built"),
 ])
 def test_what_they_cannot_model_has_a_reason(nowhere, engine, method, name, reason):
     assert reason in adapters.get(engine).unsupported(crosscheck.load_scene(name), RunSpec(method, step=1e-3))
+
+
+@pytest.mark.parametrize(("method", "keys", "reason"), [
+    ("XPBD", {"limits": {"lower": -0.3, "stiffness": 60.0}}, "compliant rows of joints"),
+    ("Featherstone", {"dry_friction": 0.5}, "dry_friction, which is not built"),
+    ("MuJoCoRK4", {"limits": {"lower": -0.3}}, "rigid stops, which is not built"),
+    ("MuJoCoRK4", {"forces": (SERVO | {"effort_limit": 1.0},)}, "effort_limit that is not built"),
+    ("Featherstone", {"forces": (SERVO | {"proportional": 0.0},)}, "no proportional gain"),
+])
+def test_what_newtons_solvers_lack_of_force_laws_has_a_reason(nowhere, method, keys, reason):
+    assert reason in adapters.get("newton").unsupported(pendulum(**keys), RunSpec(method, step=1e-3))
+
+
+@pytest.mark.parametrize(("method", "keys", "bound"), [
+    ("Featherstone", {"forces": (SERVO,)}, 1.5e-3), ("MuJoCoRK4", {"forces": (SERVO,)}, 2e-6),
+    ("Featherstone", {"limits": {"lower": 0.8, "stiffness": 60.0}}, 2e-3), ("MuJoCoRK4", {"dry_friction": 0.5}, 1e-5),
+])
+def test_newtons_servos_limits_and_friction(method, keys, bound):
+    """Springs in joints are the scene's laws; friction is MuJoCo's own law, 2.5e-3 m from Coulomb's."""
+    if "newton" not in adapters.names():
+        pytest.skip("newton has no environment here")
+    scene = pendulum(0.8, 5, **keys)
+    exact = OwnLaw(scene, default, "mujoco").states() if "dry_friction" in keys else truth(scene).states
+    assert np.abs(crosscheck.run(scene, "newton", method, 1e-3, monitor=False).x - exact.x).max() < bound
 
 
 def test_a_form_is_that_of_the_solver(nowhere):

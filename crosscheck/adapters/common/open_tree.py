@@ -11,6 +11,8 @@ from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.adapters.common import tree
 from crosscheck.adapters.common.links import relative_attitude
 from crosscheck.adapters.common.stepping import Convert
+from crosscheck.scene.functions import at
+from crosscheck.scene.laws import Servo
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
 
@@ -44,6 +46,18 @@ def bouncing(scene: Scene) -> str | None:
 def rowed(scene: Scene) -> bool:
     """Whether there are dry friction or rigid limits, which such an engine solves for once a step."""
     return any(any(joint.dry_friction) or any(each and each.rigid for each in joint.limits) for joint in scene.joints)
+
+
+def springless(scene: Scene) -> str | None:
+    """Why an engine whose servos are springs in joints cannot run a scene, or None if it can."""
+    name = next((name for name, servo in scene.servos.values() if not servo.proportional), None)
+    return name and f"the servo of joint {name!r} has no proportional gain: here servos are springs in joints"
+
+
+def rest(servo: Servo, sign: float, zero: float) -> float:
+    """Where the spring of a servo with a constant target rests, in a coordinate as of `tree.coordinate`."""
+    ahead = at(servo.feedforward, 0.0) + servo.derivative * at(servo.target_velocity, 0.0)
+    return float(sign * (at(servo.target, 0.0) + ahead / servo.proportional - zero))
 
 
 def without_accelerations(convert: Convert) -> Convert:

@@ -7,6 +7,7 @@ in `crosscheck.adapters.common.links`.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -71,9 +72,9 @@ def coordinate(scene: Scene, link: Link, k: int = 0) -> tuple[int, float, float]
     return part, sign, float(at_start(scene)[link.joint][0][k] - sign * initial_coordinates(scene, link)[0][part])
 
 
-def ends(limits: Limits, sign: float, zero: float) -> tuple[float, float]:
-    """The range of limits in a coordinate of which the scene's is sign times it, plus zero."""
-    low, high = sorted(sign * (end - zero) for end in (limits.lower, limits.upper))
+def ends(limits: Limits, sign: float, zero: float, far: float = math.inf) -> tuple[float, float]:
+    """The range of limits in a coordinate of which the scene's is sign times it, plus zero; `far`, an open end."""
+    low, high = sorted(min(max(sign * (end - zero), -far), far) for end in (limits.lower, limits.upper))
     return low, high
 
 

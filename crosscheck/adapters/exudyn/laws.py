@@ -32,9 +32,6 @@ STOP, BOUNCE = 0.5, 0.05
 """Radians a step of that at a stop without restitution, where the damping is critical, and with one, which is then met
 to .01: contact changes at the ends of steps."""
 
-FAR = 1e9
-"""The open end of a range, rad or m."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Place:
@@ -107,7 +104,7 @@ def _add_friction_and_limits(system: Any, markers: list[Any], place: Place, fric
         if over:  # it has decayed within the rate of one step
             values |= {"staticFrictionOffsetForce": over, "exponentialDecayStatic": over / mass * h}
     if limits:
-        low, high = np.clip(tree.ends(limits, place.sign, place.zero), -FAR, FAR).tolist()
+        low, high = tree.ends(limits, place.sign, place.zero, 1e9)
         stiffness, damping = limits.stiffness, limits.damping
         if stiffness is None:
             stiffness, damping = stop(limits.restitution, mass, h)

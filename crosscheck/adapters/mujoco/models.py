@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.adapters.common import tree
 from crosscheck.adapters.common.poses import in_body, relative_pose
 from crosscheck.errors import Unsupported
 from crosscheck.scene.coordinates import at_start
@@ -38,9 +39,6 @@ stay in the tree if possible. A distance has no joint coordinates."""
 
 TIGHT = 0.9999
 """The impedance of the stiffest constraints, which MuJoCo clamps there."""
-
-FAR = 1e9
-"""The open end of a range of which a scene gives one side, rad or m: MuJoCo has two ends."""
 
 SETTLING = 0.1
 """How long a stop without restitution takes to press out an impact, s: its restitution is a step over this."""
@@ -240,8 +238,7 @@ def _give_laws(scene: Scene, branch: Branch, coordinate: Any, kind: str, solref:
         if solref:
             coordinate.solref_friction, coordinate.solimp_friction[:2] = solref, TIGHT
     if limits is not None:
-        ends = [direction * min(max(end, -FAR), FAR) for end in (limits.lower, limits.upper)]
-        coordinate.limited, coordinate.range = True, sorted(ends)
+        coordinate.limited, coordinate.range = True, tree.ends(limits, direction, 0.0, 1e9)
         if solref:
             coordinate.solimp_limit[:2] = TIGHT
             coordinate.solref_limit = stop(limits.restitution, solref[0] / 2)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,6 +38,9 @@ from crosscheck.scene.states import States
 
 PARTS = 8
 """Parts of a run. Few enough that building models costs little, many enough that a small error grows little in each."""
+
+REPEATED = 0.75
+"""Share of every part that is run once more elsewhere: what an engine does at its own start, it does at once."""
 
 SEED = 37
 
@@ -216,12 +220,16 @@ class Asked:
         return why
 
     def parts(self, step: float | None, world: World | None = None) -> Answer | str:
-        """The engine's answers to all parts, put together in the scene's own world; or why there are none."""
+        """The engine's answers to all parts, put together in the scene's own world; or why there are none.
+
+        What is not run once more in another `world` is that of the run itself.
+        """
         traj, marks = self.traj, self.marks
         got: dict[str, np.ndarray] = {name: getattr(traj, name).copy() for name in "xRvw"}
         more: dict[str, list[np.ndarray]] = {} if world is not None else {name: [] for name in ("a", "alpha", "lam")}
         steps, begins, any_closed = 0, list[tuple[np.ndarray, ...]](), False
         for first, last in itertools.pairwise(marks.tolist()):
+            last = last if world is None else first + math.ceil(REPEATED * (last - first))
             part = self.part(first, last, step, world)
             if isinstance(part, str):
                 return part

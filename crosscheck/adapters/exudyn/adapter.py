@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import itertools
+import math
 from collections.abc import Callable
 from types import MappingProxyType
 
@@ -37,8 +38,9 @@ PREFERRED_ORDER = "XYZ"
 CLEARANCE = 0.25
 """If |cos| of the middle Cardan angle is below this, another order is used: stiffness grows as its inverse square."""
 
-SCOUT_STEPS = 2000
-"""Number of steps of the preliminary run that looks for gimbal lock."""
+SCOUT_STEPS, SCOUT_TURN = 2000, 0.02
+"""Most steps of the preliminary run that looks for gimbal lock, and the angle (rad) in one of them as the scene begins.
+"""
 
 
 class Exudyn(Engine):
@@ -255,9 +257,12 @@ def cardan_order(scene: Scene) -> str:
         return _ORDERS[scene.hash]
     order, build = PREFERRED_ORDER, functools.partial(models.maximal, scene)
     linear = Exudyn().linear_solver(scene, RunSpec("GeneralizedAlpha"), "maximal")
+    lever = min((norm for joint in scene.joints if (norm := float(np.linalg.norm(joint.child_anchor)))), default=1.0)
+    rate = math.sqrt(float(np.linalg.norm(scene.gravity)) / lever) + float(np.linalg.norm(scene.w0, axis=1).max())
+    steps = min(SCOUT_STEPS, math.ceil(scene.duration * rate / SCOUT_TURN) + 1)
     # If this run fails because its step is too large, the preferred order is used; every run reports its clearance.
     with contextlib.suppress(EngineError):
-        scout = solve(build, "GeneralizedAlpha", scene.duration, SCOUT_STEPS, 1, linear)
+        scout = solve(build, "GeneralizedAlpha", scene.duration, steps, 1, linear)
         states = scout.model.convert(scout.t, scout.data)
         relative = [states.R[:, link.body] if link.parent == GROUND
                     else np.swapaxes(states.R[:, link.parent], 1, 2) @ states.R[:, link.body]

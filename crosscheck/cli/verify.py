@@ -32,7 +32,7 @@ from crosscheck.judge import overrides
 from crosscheck.recordings import published
 from crosscheck.report import check_out, schema, write
 from crosscheck.report.figures import find_browser, write_figures, write_pdf
-from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, state
+from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, share_words, state
 from crosscheck.report.overview import worst_first
 from crosscheck.report.pages import cover
 from crosscheck.report.schema import read_document
@@ -183,7 +183,7 @@ def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
     best = min(passing, key=lambda record: record.judged_error)
     line = f"✓ {scene}, {engine}: {len(passing)} run{' behaves' if len(passing) == 1 else 's behave'} as documented"
     if part:
-        line += f" ({len(part)} over {100 * judged_share(part):.0f} % of {'its' if len(part) == 1 else 'their'} time)"
+        line += f" ({len(part)} {share_words(judged_share(part))})"
     if math.isfinite(best.judged_error):
         size = "" if best.off is None else f"{best.off:.1e} of the scene's size, "
         who = best.label.removeprefix(f"{engine} ")

@@ -29,11 +29,16 @@ def state(record: Record) -> str:
     return record.outcome
 
 
-def judged_share(records: Sequence[Record]) -> float:
-    """The average share of the runs' time over which their motion was judged. Runs at coarse steps count as 0."""
-    shares = [0.0 if record.practical or not record.judged_until or not record.duration
-              else record.judged_until / record.duration for record in records]
-    return sum(shares) / len(shares)
+def judged_share(records: Sequence[Record]) -> float | None:
+    """The average share of their time over which the motion of runs was judged; None if all are at coarse steps."""
+    shares = [(record.judged_until or 0.0) / record.duration for record in records
+              if not record.practical and record.duration]
+    return sum(shares) / len(shares) if shares else None
+
+
+def share_words(share: float | None) -> str:
+    """A share from `judged_share` in words."""
+    return "at coarse steps" if share is None else f"over {100 * share:.0f} % of the time"
 
 
 SPARED = 2
@@ -57,16 +62,19 @@ def _passing(document: Document) -> str:
     records = [record for record in document.records if record.scene not in lost]
     count = {outcome: sum(state(record) == outcome for record in records) for outcome in OUTCOMES}
     failing = [record for record in records if record.outcome in ("fail", "error")]
-    part = [record for record in records if state(record) == "partly"]
-    if count["pass"] and count["pass"] + count["unsupported"] == len(records) and not part:
+    part = [record for record in records if state(record) == "partly" and not record.practical]
+    coarse = count["partly"] - len(part)
+    if count["pass"] and count["pass"] + count["unsupported"] == len(records) and not count["partly"]:
         made = "that could be made " if count["unsupported"] else ""
         return f"The only run {made}passes" if count["pass"] == 1 else f"All {count['pass']} runs {made}pass"
     whole = count["pass"]
     said = [f"{counted(whole, 'run', none='No')} pass{'es' if whole == 1 else ''}"]
-    if part:
+    if (share := judged_share(part)) is not None:
         reasons = Counter(record.not_judged for record in part if record.not_judged).most_common(1)
         said.append(f"{len(part)} more over part of {'its' if len(part) == 1 else 'their'} time "
-                    f"({100 * judged_share(part):.0f} %{f', since {reasons[0][0]}' if reasons else ''})")
+                    f"({100 * share:.0f} %{f', since {reasons[0][0]}' if reasons else ''})")
+    if coarse:
+        said.append(f"{coarse} more at coarse steps, by energy and constraints alone")
     if count["budgeted"]:
         said.append(f"{count['budgeted']} at steps too coarse to judge")
     if count["unjudged"]:
@@ -78,7 +86,7 @@ def _passing(document: Document) -> str:
         said.append(f"{len(failing)} fail{'s' if len(failing) == 1 else ''} ({named})")
     elif failing:
         said.append(f"{len(failing)} fail on {counted(len({record.scene for record in failing}), 'scene')}")
-    elif whole + len(part):
+    elif whole + count["partly"]:
         said.append("none fails")
     return ", ".join(said)
 

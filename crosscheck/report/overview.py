@@ -32,8 +32,8 @@ def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int
     return counts
 
 
-def judged_shares(document: Document) -> dict[tuple[str, str], float]:
-    """For every scene and engine with partly judged runs, the share of their time that was judged."""
+def judged_shares(document: Document) -> dict[tuple[str, str], float | None]:
+    """For every scene and engine with partly judged runs, the share of their time that was judged (`judged_share`)."""
     partly = _pairs(record for record in document.records if state(record) == "partly")
     return {pair: judged_share(records) for pair, records in partly.items()}
 

@@ -25,6 +25,7 @@ from crosscheck.report.headline import (
     plain_number,
     sentence,
     shade,
+    share_words,
     span,
     spoken,
     state,
@@ -106,8 +107,8 @@ def environment() -> Any:
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
     made.filters |= {"number": number, "sentence": sentence, "shade": shade, "anchor": anchor,
-                     "span": span, "spoken": spoken,
-                     "state": state, "judged_share": judged_share, "sortable": plain_number,
+                     "span": span, "spoken": spoken, "state": state, "judged_share": judged_share,
+                     "share_words": share_words, "sortable": plain_number,
                      "query": urllib.parse.quote, "slug": slug,
                      "select_state": lambda records, wanted: [each for each in records if state(each) == wanted]}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),

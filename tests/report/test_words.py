@@ -148,6 +148,10 @@ def test_runs_at_too_coarse_steps_and_shares_of_time_stand_in_the_headline(resul
     coarse = replace(whole, outcome="unjudged", findings=[Finding("step", "ok", 1.0, 0.5, "s", "none is fine enough")])
     said = headline.headline(made(results.scenes[:1], [whole, part, part, coarse]))
     assert said == ("1 run passes, 2 more over part of their time (25 %), 1 at steps too coarse to judge, none fails")
+    rough = replace(whole, outcome="partly", practical=True)
+    assert "2 more over part of their time (25 %), 1 more at coarse steps, by energy and constraints alone" in (
+        headline.headline(made(results.scenes[:1], [whole, part, part, rough])))
+    assert headline.share_words(headline.judged_share([rough])) == "at coarse steps"
     ended = replace(part, not_judged="a monitor ended the scene")
     assert "(25 %, since a monitor ended the scene)" in headline.headline(made(results.scenes[:1], [whole, ended]))
     assert [headline.state(each) for each in (whole, part, coarse)] == ["pass", "partly", "budgeted"]

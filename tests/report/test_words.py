@@ -158,5 +158,5 @@ def test_runs_at_too_coarse_steps_and_shares_of_time_stand_in_the_headline(resul
     plain = made(results.scenes[:1], [whole, part, coarse])
     text = pages.index(replace(plain, meta=replace(plain.meta, engines={"fake": "1"})))
     assert 'class="tag partly" style="--share: 25%"' in text
-    assert "1 partly, 25 % of the time" in text
+    assert "1 partly, over 25 % of the time" in text
     assert "1 budgeted" in text

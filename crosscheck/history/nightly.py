@@ -29,7 +29,7 @@ from crosscheck.history.store.figures import SPEED
 from crosscheck.jobs.drive import Stages
 from crosscheck.jobs.table import Session, Table
 from crosscheck.judge.plan import profile
-from crosscheck.report import standalone
+from crosscheck.report import standalone, write_report
 from crosscheck.report.headline import headline, sentence
 from crosscheck.report.overview import worst_first
 from crosscheck.verification import job
@@ -216,8 +216,6 @@ def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], nam
 
 def _publish(out: Path, name: str, document: Document, text: str) -> Path:
     """Write the report into a temporary folder, and rename that when all is on the disk."""
-    from crosscheck.report import write_report
-
     folder, aside = out / name, out / f"{ASIDE}{name}"
     if folder.exists():  # complete: an earlier process of this run was killed after the renaming
         return folder

@@ -9,7 +9,7 @@ sub-steps.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -83,7 +83,6 @@ def _like(scene: Scene, traj: Trace, truth: Reference, order: int, per: int) -> 
     """The number of parts of a step with which a plain method has errors of the run's size, and whether it is the same.
     """
     scale = scales(scene, truth)
-    start: State = [scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]]
     owns, trues = ([states.x, states.R, states.v, states.w] for states in (traj, truth.states))
 
     def gap(one: State, other: State) -> np.ndarray:
@@ -98,18 +97,12 @@ def _like(scene: Scene, traj: Trace, truth: Reference, order: int, per: int) -> 
     size = float(np.linalg.norm(error))
     if not SEEN < size < 1.0:
         return 0.0, False
-    true, tau, per = [part[until] for part in trues], traj.t[until] - traj.t[:1], per * int(until[0])
-    askew = max(ASKEW, float(tau[0]) / per * scale.rate)
-    likest, rates = 0.0, rates_of(scene)
-    for stepper in _plain(order):  # ends at the first one if the sizes of errors do not fit
+    true, tau, per = [part[until] for part in trues], float((traj.t[until] - traj.t[:1])[0]), per * int(until[0])
+    askew, likest = max(ASKEW, tau / per * scale.rate), 0.0
+    for stepper in PLAIN.get(order, ()):  # ends at the first one if the sizes of errors do not fit
         def at(parts: int, stepper: Stepper = stepper) -> np.ndarray:
-            h, state = tau / (per * parts), start
-            try:
-                for k in range(per * parts):
-                    state = stepper(rates, k * h, state, h)
-            except np.linalg.LinAlgError:  # the plain method has diverged
-                return np.full_like(error, math.inf)
-            return gap(state, true)
+            reached = _reached(scene, stepper, tau, per * parts)
+            return np.full_like(error, math.inf) if reached is None else gap(reached, true)
 
         plain = at(1)
         guess = (float(np.linalg.norm(plain)) / size) ** (1 / order)
@@ -132,13 +125,22 @@ def _like(scene: Scene, traj: Trace, truth: Reference, order: int, per: int) -> 
     return likest, False
 
 
-def _plain(order: int) -> Iterator[Stepper]:
-    """Plain methods of an order: with exponentials, and with matrices that are made rotations after every step."""
-    for stages, weights in TABLEAUX.get(order, ()):
-        for turned in (exponential_step, _additive):
-            yield partial(turned, stages=stages, weights=weights)
-    if order == 1:
-        yield semi_implicit
+def _reached(scene: Scene, stepper: Stepper, tau: float, count: int) -> State | None:
+    """The state after `tau` s in `count` steps of a plain method, once for all engines; None if it has diverged."""
+    key = scene.hash, stepper, tau, count
+    if key not in _kept:
+        h, state, rates = np.array([tau]) / count, [each[None] for each in (
+            scene.x0, scene.R0, scene.v0, scene.w0)], rates_of(scene)
+        try:
+            for k in range(count):
+                state = stepper(rates, k * h, state, h)
+            _kept[key] = state
+        except np.linalg.LinAlgError:
+            _kept[key] = None
+    return _kept[key]
+
+
+_kept: dict[tuple[str, Stepper, float, int], State | None] = {}  # kilobytes each, a few for a scene and order
 
 
 def semi_implicit(rates: Rates, t: np.ndarray, state: State, h: np.ndarray) -> State:
@@ -181,3 +183,10 @@ def _additive(rates: Rates, t: np.ndarray, state: State, h: np.ndarray, stages: 
     x, R, v, w = moved(weights)
     U, _, V = np.linalg.svd(R)
     return [x, U @ V, v, w]
+
+
+PLAIN: dict[int, tuple[Stepper, ...]] = {order: tuple(
+    partial(turned, stages=stages, weights=weights) for stages, weights in tableaux for turned in (
+        exponential_step, _additive)) for order, tableaux in TABLEAUX.items()}
+"""Plain methods by order: with exponentials, and with matrices that are made rotations after every step."""
+PLAIN[1] = (*PLAIN[1], semi_implicit)

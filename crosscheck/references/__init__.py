@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import Chaotic, Reference, TruthError
+from crosscheck.references.tree import bound, unfold
 from crosscheck.scene.model import ELEMENTS, Scene
 
 if TYPE_CHECKING:
@@ -114,8 +115,6 @@ def _stamp(file: pathlib.Path) -> object:
 
 def _refuse(scene: Scene) -> None:
     """Raise `Unsupported` for elements that the references do not model."""
-    from crosscheck.references.tree import bound, unfold
-
     if reason := scene.beyond(ELEMENTS):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
     refused = [joint for joint in scene.joints if bound(scene, joint)]

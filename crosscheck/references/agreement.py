@@ -9,6 +9,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import TruthError
+from crosscheck.references.tree import scene_length
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -47,8 +48,6 @@ class Difference:
 
 def difference(scene: Scene, first: States, second: States, count: int) -> Difference:
     """The largest difference of two trajectories at the first `count` times."""
-    from crosscheck.references.tree import scene_length
-
     x = np.linalg.norm(first.x[:count] - second.x[:count], axis=-1) / scene_length(scene)
     R = np.linalg.norm(first.R[:count] - second.R[:count], axis=(-2, -1))
     sizes = np.maximum(x, R)

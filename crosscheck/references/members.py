@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from crosscheck.references import compute, conditioning, maximal
+from crosscheck.references.agreement import FLOOR, ROUNDOFF, Solved, agree
 from crosscheck.references.base import TruthError
 from crosscheck.references.joint_motion import Tree
+from crosscheck.references.taylor import SOURCE, Taylor
 from crosscheck.references.tree import scene_length
+from crosscheck.references.tree_loads import start_angle
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-
-if TYPE_CHECKING:
-    from crosscheck.references.conditioning import Conditioning
-    from crosscheck.references.taylor import Taylor
 
 SAME_START = 1e-12
 """How far a member's state may differ from its coordinates, relative to the scene's length, and in attitudes."""
@@ -41,8 +40,6 @@ class Members:
 
     @functools.cached_property
     def _taylor(self) -> Taylor:
-        from crosscheck.references.taylor import Taylor
-
         return Taylor(self.scene)
 
     def states(self, member: Scene) -> States:
@@ -54,13 +51,9 @@ class Members:
             The integration ended early.
         """
         if self.scene.has_laws:
-            from crosscheck.references import compute
-
             return compute(member).states
         state = self._state(member)
         if state is None:
-            from crosscheck.references.taylor import Taylor
-
             own = Taylor(member)
             return own.states(own.run())
         return self._taylor.states(self._taylor.run(state))
@@ -73,9 +66,6 @@ class Members:
         TruthError
             The difference is larger than the conditioning of the structure explains.
         """
-        from crosscheck.references import compute, maximal, taylor
-        from crosscheck.references.agreement import FLOOR, ROUNDOFF, Solved, agree
-
         if self.scene.has_laws:
             return compute(member).disagreement
         conditions = self._conditions
@@ -84,16 +74,14 @@ class Members:
             raise TruthError(f"{member.name!r}: a perturbation of 1e-15 grows to 1e-10 before the first output time")
         other = maximal.Maximal(member)
         allowed = max(FLOOR, ROUNDOFF * conditions.within_horizon)
-        own = Solved(states, taylor.SOURCE)
+        own = Solved(states, SOURCE)
         agreed = agree(member, own, Solved(other.run(member.t[:count]), other.source), count, allowed)
         if agreed.chosen is not own:
             raise TruthError(f"{member.name!r}: the formulations disagree: {agreed.outvoted}")
         return agreed.difference
 
     @functools.cached_property
-    def _conditions(self) -> Conditioning:
-        from crosscheck.references import conditioning
-
+    def _conditions(self) -> conditioning.Conditioning:
         return conditioning.measure(self._taylor)
 
     def _state(self, member: Scene) -> np.ndarray | None:
@@ -107,8 +95,6 @@ class Members:
 
     def _same_turns(self, member: Scene, own: Tree) -> bool:
         """Whether angles of torsional springs start within the same turn as those of the structure."""
-        from crosscheck.references.tree_loads import start_angle
-
         sprung = {force.joint for force in member.forces if force.type == "torsional_spring"}
         return all(abs(start_angle(joint, own.start) - start_angle(joint, self._taylor.tree.start)) < 2.0
                    for joint in member.joints if joint.name in sprung)

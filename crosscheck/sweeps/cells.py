@@ -9,7 +9,7 @@ import json
 import math
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec.structs import replace
 
@@ -19,13 +19,11 @@ from crosscheck.errors import Unsupported, said
 from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
 from crosscheck.references.base import TruthError
+from crosscheck.references.members import Members
 from crosscheck.running import versions
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-
-if TYPE_CHECKING:
-    from crosscheck.references.members import Members
 
 ERRORS = {"position": "position_error", "attitude": "attitude_error", "velocity": "velocity_error",
           "angular velocity": "angular_velocity_error"}
@@ -155,8 +153,6 @@ _own_versions = functools.lru_cache(maxsize=4)(versions.of)
 
 
 def _compiled(scene: Scene) -> Members:
-    from crosscheck.references.members import Members
-
     if scene.hash not in _kept:
         while len(_kept) >= KEPT_STRUCTURES:
             del _kept[next(iter(_kept))]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
@@ -71,7 +71,7 @@ class PyBullet(open_tree.OpenTree):
                 pybullet.disconnect(client)
 
 
-def loaded(pybullet: Any, path: str, states: JointStates) -> Native:
+def loaded(pybullet: ModuleType, path: str, states: JointStates) -> Native:
     """The file read by PyBullet, its base held, a URDF without shapes; an SDF keeps them, and may take inertias there.
     """
     model = source.bare(Path(path), sdf=True)
@@ -123,7 +123,7 @@ def loaded(pybullet: Any, path: str, states: JointStates) -> Native:
                  "calculateInverseDynamics", terms)
 
 
-def build(pybullet: Any, scene: Scene) -> tuple[int, list[int], np.ndarray]:
+def build(pybullet: ModuleType, scene: Scene) -> tuple[int, list[int], np.ndarray]:
     """(the multibody in its initial state, number of each body's link, (n, 3, 3) principal axes of each body).
 
     The frame of a link is at its joint with the axes of its body, that of its inertia at the centre of mass.
@@ -160,7 +160,7 @@ def build(pybullet: Any, scene: Scene) -> tuple[int, list[int], np.ndarray]:
     return robot, [number[body] - 1 for body in range(scene.n)], axes
 
 
-def _state(pybullet: Any, robot: int, order: list[int]) -> tuple[np.ndarray, np.ndarray]:
+def _state(pybullet: ModuleType, robot: int, order: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """((7 n,) centre of mass and quaternion of every body's inertia, (6 n,) velocities of both), in world axes."""
     links = pybullet.getLinkStates(robot, order, computeLinkVelocity=1, computeForwardKinematics=1)
     return (np.array([(*link[0], *link[1]) for link in links]).ravel(),

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import importlib
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,6 +20,11 @@ from crosscheck.running.attempt import Ran, Way, attempt
 from crosscheck.scene.assembly import projected
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from crosscheck.adapters.pinocchio.dynamics import Dynamics
 
 EPS = 1e-6
 """Step of MuJoCo's finite differences where none is asked for; its own default."""
@@ -136,7 +141,7 @@ def signed(scene: Scene, unit: States, who: str) -> Where:
     return rows, signs[rows]
 
 
-def pinocchio_at(scene: Scene) -> tuple[Any, np.ndarray, np.ndarray, Where]:
+def pinocchio_at(scene: Scene) -> tuple[Dynamics, np.ndarray, np.ndarray, Where]:
     """Its dynamics, q and v at the start, and what `signed` gives."""
     from crosscheck.adapters.pinocchio.dynamics import Dynamics
     from crosscheck.adapters.pinocchio.models import build
@@ -157,7 +162,7 @@ def pinocchio_at(scene: Scene) -> tuple[Any, np.ndarray, np.ndarray, Where]:
     return dynamics, q, v, signed(scene, unit, "pinocchio")
 
 
-def mujoco_at(scene: Scene) -> tuple[Any, Any, Where]:
+def mujoco_at(scene: Scene) -> tuple[mujoco.MjModel, mujoco.MjData, Where]:
     """Its model and data at the start, after `mj_forward`, and what `signed` gives."""
     import mujoco
 

@@ -183,7 +183,7 @@ def _gravity(tree: Tree, frames: dict[int, Frame]) -> ByBody:
     return gravity
 
 
-def _own(link: Link, frame: Frame, gravity: Number, wrenches: Vector) -> Answer:
+def _own(link: Link, frame: Frame, gravity: Vector, wrenches: Vector) -> Answer:
     """I, K, M, tau and f of the body alone."""
     r = hat(frame.lever)
     mass = [[link.mass if i == j else 0.0 for j in range(3)] for i in range(3)]

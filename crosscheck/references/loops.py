@@ -234,7 +234,7 @@ def multipliers(S: list[list[Number]], rhs: list[Number], shift: float) -> list[
     return lam
 
 
-def linear_relations(tree: Tree, gaps: Callable[[np.ndarray], tuple[Number, ...]],
+def linear_relations(tree: Tree, gaps: Callable[[np.ndarray], tuple[np.ndarray, ...]],
                      initial: np.ndarray) -> np.ndarray | None:
     """Orthonormal C (k, coordinates) with C (q - q0) = 0 whenever the loops are closed, None if there is no such C.
 

@@ -19,10 +19,9 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from scipy.integrate import DOP853, Radau
+from scipy.integrate import DOP853, OdeSolver, Radau
 
 from crosscheck.references.base import End, TruthError, breaks
 from crosscheck.references.world import Motion, cross, rotation, turned
@@ -53,7 +52,7 @@ def eigenvalues(rates: Callable[[float, np.ndarray], np.ndarray], start: np.ndar
     return np.linalg.eigvals(np.array(columns).T / (2 * DIFFERENCE))
 
 
-def integrator_for(values: np.ndarray, tightest: float) -> tuple[type[Any], float]:
+def integrator_for(values: np.ndarray, tightest: float) -> tuple[type[OdeSolver], float]:
     """Integrator and relative tolerance for equations with these eigenvalues (1/s), whatever the duration.
 
     `tightest`: the relative tolerance if nothing is stiff.
@@ -154,7 +153,7 @@ class Maximal:
         if self.constraints:
             self._find_rank()
         self.graded = self._graded()
-        self.integrator: tuple[type[Any], float] = DOP853, RTOL if self.rank is None else RTOL_DEPENDENT
+        self.integrator: tuple[type[OdeSolver], float] = DOP853, RTOL if self.rank is None else RTOL_DEPENDENT
         if self.springs or self.torsions:
             self.integrator = integrator_for(eigenvalues(self.rates, self.initial()), self.integrator[1])
         self.source = f"{self.integrator[0].__name__} (SciPy), maximal coordinates"

@@ -19,7 +19,7 @@ from crosscheck.errors import Unsupported
 from crosscheck.references import loops
 from crosscheck.references.articulated import accelerations, centripetal
 from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError, breaks
-from crosscheck.references.generic import ByBody, Number, add, apply, cross, scale
+from crosscheck.references.generic import ByBody, Matrix, Number, Vector, add, apply, cross, scale
 from crosscheck.references.joint_motion import ZERO, Tree
 from crosscheck.references.series import Series, safe_step, shifted
 from crosscheck.references.tree import FREE, unfold
@@ -146,7 +146,8 @@ class Taylor:
             values += [0.0] * (_places(function) - 1 - len(coefficients))
         return values
 
-    def _columns(self, state: Sequence[Number], value: Callable[[Value], Number]) -> tuple[Number, ...]:
+    def _columns(self, state: Sequence[Number], value: Callable[[Value], Number]
+                 ) -> tuple[Loads, list[loops.Row], ByBody, ByBody, ByBody]:
         """Loads, loop rows, and alpha, A and the derivatives of speeds by body and column."""
         tree = self.tree
         frames = tree.frames(state)
@@ -169,8 +170,8 @@ class Taylor:
         driven = {body: value(function) for body, function in self.driven.items()}
         return loads, rows, *accelerations(tree, frames, wrenches, efforts, driven)
 
-    def _loop_terms(self, loads: Loads, rows: list[Number], alpha: ByBody, A: ByBody,
-                    speeding: ByBody) -> tuple[Number, ...]:
+    def _loop_terms(self, loads: Loads, rows: list[loops.Row], alpha: ByBody, A: ByBody,
+                    speeding: ByBody) -> tuple[Vector, Matrix]:
         """Right side and response of the multipliers' equations."""
         free = [-1.0 * (loops.acceleration(row, loads, alpha, A, 0) + row.rest) for row in rows]
         S = loops.response(rows, loads, alpha, A)
@@ -191,7 +192,8 @@ class Taylor:
             return state[self.tree.size + self.springs.index(joint)]
         return tree_angle(joint, self.tree, state)
 
-    def _solved(self, state: Sequence[Number], value: Callable[[Value], Number]) -> tuple[Number, ...]:
+    def _solved(self, state: Sequence[Number], value: Callable[[Value], Number]
+                ) -> tuple[Loads, ByBody, ByBody, ByBody]:
         """Loads, and alpha, A and the derivatives of speeds by body, with the loops closed."""
         loads, rows, *columns = self._columns(state, value)
         factors = [1.0]
@@ -200,10 +202,11 @@ class Taylor:
         closed = ({body: add([0.0] * len(parts[0]), *(scale(factor, part)
                                                       for factor, part in zip(factors, parts, strict=True)))
                    for body, parts in column.items()} for column in columns)
-        return loads, *closed
+        alpha, A, speeding = closed
+        return loads, alpha, A, speeding
 
-    def _multipliers(self, state: Sequence[Number], value: Callable[[Value], Number], rhs: list[Number],
-                     S: list[list[Number]]) -> list[Number]:
+    def _multipliers(self, state: Sequence[Number], value: Callable[[Value], Number], rhs: Vector, S: Matrix
+                     ) -> Vector:
         """Multipliers of the rows that close loops and of mimics."""
         return loops.multipliers(S, rhs, self.shift)
 

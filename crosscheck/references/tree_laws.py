@@ -21,7 +21,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import LONGEST, End, Piece, TruthError, values_at
-from crosscheck.references.generic import Number
+from crosscheck.references.generic import ByBody, Matrix, Number, Vector
 from crosscheck.references.modes import Law, Machine, Mode, Part, Settled, laws_of
 from crosscheck.references.monitors import Monitors
 from crosscheck.references.pieces import Crossing, Label, Values, first_crossing
@@ -183,7 +183,7 @@ class LawfulTaylor(Taylor):
         held = held - self.efforts(mode, t, *self.moving(t, Y))
         return held
 
-    def _response(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, Number]:
+    def _response(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, ByBody]:
         loads, rows, *columns = self._columns(y.tolist(), functools.partial(at, t=t))
         rhs, S = self._loop_terms(loads, rows, *columns)
         return -np.array(rhs, float), np.array(S, float), np.zeros(0), columns[2]
@@ -243,8 +243,8 @@ class LawfulTaylor(Taylor):
         self.switches = [[heyoka.par[self._first + 5 * i + k] for k in range(5)] for i in range(len(self.laws))]
         return super().integrator(tolerance, **options)
 
-    def _multipliers(self, state: Sequence[Number], value: Callable[[Value], Number], rhs: list[Number],
-                     S: list[list[Number]]) -> list[Number]:
+    def _multipliers(self, state: Sequence[Number], value: Callable[[Value], Number], rhs: Vector, S: Matrix
+                     ) -> Vector:
         """Multipliers of loops and mimics, and the efforts of all coordinates with laws."""
         n = len(rhs) - len(self.laws)
         s: list[Number] = [1.0] * n

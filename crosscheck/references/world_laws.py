@@ -6,9 +6,8 @@ then is one of the constraints. Responses are those of M and of all rows of the 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from scipy.integrate import OdeSolver
 from scipy.optimize import lsq_linear
 
 from crosscheck.references.base import End, TruthError
@@ -318,12 +317,12 @@ class LawfulMaximal(Maximal):
     def _surfaces(self, t: np.ndarray, Y: np.ndarray) -> Values:
         return self.machine.surfaces(self.mode, np.minimum(t, self.before), Y)
 
-    def _solver(self, kind: type[Any], t: float, y: np.ndarray, stop: float, first: float | None) -> Number:
+    def _solver(self, kind: type[OdeSolver], t: float, y: np.ndarray, stop: float, first: float | None) -> OdeSolver:
         solver = kind(self.rates, t, y, stop, first_step=first, rtol=max(self.integrator[1], 1e-13), atol=ATOL)
         solver.rtol = self.integrator[1]
         return solver
 
-    def _crossed(self, solver: Any, t: float, y: np.ndarray, before: Values, begun: set[Label]
+    def _crossed(self, solver: OdeSolver, t: float, y: np.ndarray, before: Values, begun: set[Label]
                  ) -> tuple[float, np.ndarray, list[Label]] | None:
         """The first event of the last step."""
         h, dense = solver.t - t, solver.dense_output()

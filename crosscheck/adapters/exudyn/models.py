@@ -71,7 +71,7 @@ def _body(system: exudyn.MainSystem, node: str, name: str, position: np.ndarray,
     """
     from exudyn.itemInterface import NodeRigidBodyEP, NodeRigidBodyRotVecLG, ObjectRigidBody
 
-    item: Index
+    item: NodeRigidBodyRotVecLG | NodeRigidBodyEP
     if node == "lie":
         item = NodeRigidBodyRotVecLG(referenceCoordinates=[*position, 0.0, 0.0, 0.0], initialVelocities=[*velocity, *w])
     else:
@@ -132,7 +132,7 @@ def mark_frame(system: exudyn.MainSystem, body: Index, at: np.ndarray, frame: np
     return system.AddMarker(MarkerBodyRigid(bodyNumber=body, localHT=pose(at, frame)))
 
 
-def pose(at: np.ndarray, frame: np.ndarray) -> Index:
+def pose(at: np.ndarray, frame: np.ndarray) -> Any:
     """Exudyn's homogeneous transformation to a frame (3, 3) at a point (3,)."""
     import exudyn
 

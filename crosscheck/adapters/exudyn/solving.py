@@ -8,13 +8,17 @@ import io
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crosscheck.adapters.common import stepping
 from crosscheck.adapters.exudyn.models import Model
 from crosscheck.errors import EngineError
+
+if TYPE_CHECKING:
+    import exudyn
 
 IMPLICIT = ("GeneralizedAlpha", "TrapezoidalIndex2")
 SPECTRAL_RADIUS = 0.6
@@ -29,7 +33,7 @@ SPARSE_FROM = 8
 """Number of bodies from which the sparse solver is faster."""
 
 
-def load() -> Any:
+def load() -> ModuleType:
     """The module exudyn, imported as its fast build, without output on the console."""
     sys.exudynFast = True  # type: ignore[attr-defined]
     with contextlib.redirect_stdout(io.StringIO()):
@@ -75,7 +79,7 @@ class Solved:
     t: np.ndarray
     data: list[np.ndarray]
     wall_time: float  # s, stepping only
-    solver: Any
+    solver: exudyn.MainSolverImplicitSecondOrder
     tolerance: float
 
 

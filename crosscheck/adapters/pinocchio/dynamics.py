@@ -8,7 +8,7 @@ Jacobians.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from crosscheck.adapters.pinocchio.models import Model, closure, with_movable_jo
 from crosscheck.scene.functions import at as value_at
 from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.model import GROUND, Force, Joint
+
+if TYPE_CHECKING:
+    import pinocchio
 
 ABA_RESIDUAL = 1e-13
 """Largest residual of the joint torques at the start, relative to their size. Above it the articulated-body algorithm
@@ -134,7 +137,7 @@ class Dynamics:
         effort: np.ndarray = torque - self._pin.rnea(self._model, self.data, q, v, still, *external)
         return effort
 
-    def _applied(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
+    def _applied(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, pinocchio.StdVec_Force | None]:
         """(joint torques, external forces on all joints in their frames or None if there are none)."""
         positions, rates = self.model.positions(q), self.model.rates(v)
         torque = np.zeros(len(rates))
@@ -162,7 +165,7 @@ class Dynamics:
             self._load(t, wrenches, force)
         return torque, wrenches
 
-    def _rest(self) -> Any:
+    def _rest(self) -> pinocchio.StdVec_Force:
         """Zero external forces for all joints."""
         wrenches = self._pin.StdVec_Force()
         for _ in range(self._model.njoints):
@@ -201,7 +204,7 @@ class Dynamics:
         vector = np.array(load)
         return self._frame(force.child).rotation @ vector if force.parameters["frame"] == "body" else vector
 
-    def _frame(self, body: int) -> Any:
+    def _frame(self, body: int) -> pinocchio.SE3:
         joint, frame = self.model.frames[body]
         return self.data.oMi[joint] * frame
 
@@ -214,13 +217,13 @@ class Dynamics:
         twist = self.data.v[joint]
         return carrier.act(local), carrier.rotation @ (twist.linear + self._pin.skew(twist.angular) @ local)
 
-    def _push(self, wrenches: Any, body: int, point: np.ndarray, push: np.ndarray) -> None:
+    def _push(self, wrenches: pinocchio.StdVec_Force, body: int, point: np.ndarray, push: np.ndarray) -> None:
         """Add a force, world axes, at a point given in the body's frame."""
         joint, frame = self.model.frames[body]
         local = self.data.oMi[joint].rotation.T @ push
         wrenches[joint] += self._pin.Force(local, self._pin.skew(frame.act(point)) @ local)
 
-    def _wring(self, wrenches: Any, body: int, torque: np.ndarray) -> None:
+    def _wring(self, wrenches: pinocchio.StdVec_Force, body: int, torque: np.ndarray) -> None:
         """Add a torque, world axes, on a body."""
         joint, _ = self.model.frames[body]
         wrenches[joint] += self._pin.Force(np.zeros(3), self.data.oMi[joint].rotation.T @ torque)
@@ -290,7 +293,7 @@ class _Reactions:
         point = self._twin._frame(joint.child).act(np.array(joint.child_anchor))
         return force, torque - np.cross(point, force)
 
-    def _constrained(self, wrenches: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def _constrained(self, wrenches: pinocchio.StdVec_Force) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Wrenches of directly closed joints on their children; adds all constraint forces to the external forces."""
         d, twin = self._dynamics, self._twin
         reactions: dict[str, tuple[np.ndarray, np.ndarray]] = {}

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crosscheck.adapters.common.links import Link
 from crosscheck.scene.model import Scene
+
+if TYPE_CHECKING:
+    import pinocchio
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,8 +54,8 @@ def groups(scene: Scene) -> list[dict[str, float]]:
     return list(led.values())
 
 
-def coupled(scene: Scene, model: Any, links: Sequence[Link], slots: Sequence[tuple[slice, slice]],
-            start: np.ndarray) -> tuple[Any, Mimics]:
+def coupled(scene: Scene, model: pinocchio.Model, links: Sequence[Link], slots: Sequence[tuple[slice, slice]],
+            start: np.ndarray) -> tuple[pinocchio.Model, Mimics]:
     """The model with mimic joints, and how its coordinates give all those of `model`, whose q at t = 0 is `start`."""
     import pinocchio
 

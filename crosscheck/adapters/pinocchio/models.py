@@ -13,7 +13,7 @@ rotation as soon as the axes drift apart: on the branching tree this causes an e
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from crosscheck.adapters.common.links import Link, Part, free, unfold
 from crosscheck.adapters.pinocchio import mimics
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    import pinocchio
 
 RANK_TOLERANCE = 1e-9
 """Singular values of the constraint Jacobian below this fraction of the largest count as redundant rows."""
@@ -42,8 +45,8 @@ class Model:
     links: tuple[Link, ...]
     parts: dict[int, int]
     cut: tuple[Joint, ...]  # closed by a point or frame constraint, without a second part
-    model: Any
-    frames: dict[int, tuple[int, Any]]
+    model: pinocchio.Model
+    frames: dict[int, tuple[int, pinocchio.SE3]]
     slots: list[tuple[slice, slice]]
     balls: list[slice]
     armature: np.ndarray
@@ -144,7 +147,7 @@ def assemble(scene: Scene, links: tuple[Link, ...], parts: dict[int, int], cut: 
     return Model(scene, links, parts, cut, model, frames, slots, balls, armature)
 
 
-def _joint_model(link: Link) -> Any:
+def _joint_model(link: Link) -> pinocchio.JointModel:
     import pinocchio
 
     made = {"ball": lambda part: pinocchio.JointModelSpherical(),
@@ -177,9 +180,9 @@ class Closure:
     `rank` is the rank of their rows at t = 0; `redundant`: it is less than their number.
     """
 
-    models: Any
-    workspaces: Any
-    settings: Any
+    models: pinocchio.StdVec_RigidConstraintModel
+    workspaces: pinocchio.StdVec_RigidConstraintData
+    settings: pinocchio.ProximalSettings
     joints: list[Joint | None]
     bodies: list[tuple[int, int]]  # bodies or second parts of the first and second end
     rank: int
@@ -194,7 +197,8 @@ def closure(model: Model, data: object, alpha: float, beta: float) -> Closure:
     import pinocchio
 
     here = pinocchio.SE3.Identity()
-    wanted: list[tuple[Joint | None, str, list[tuple[int, Any]]]] = []  # type; (body, place in its frame) of both ends
+    # joint, type, and (body, place in its frame) of both ends
+    wanted: list[tuple[Joint | None, str, list[tuple[int, pinocchio.SE3]]]] = []
     for joint in model.cut:
         zero, kind = np.eye(3), "CONTACT_3D"
         if joint.type == "fixed":
@@ -221,7 +225,8 @@ def closure(model: Model, data: object, alpha: float, beta: float) -> Closure:
                    [joint for joint, _, _ in wanted], bodies, rank, rank < rows)
 
 
-def _rank(model: Model, data: Any, models: Any, workspaces: Any) -> tuple[int, int]:
+def _rank(model: Model, data: pinocchio.Data, models: pinocchio.StdVec_RigidConstraintModel,
+          workspaces: pinocchio.StdVec_RigidConstraintData) -> tuple[int, int]:
     """(rank, number) of the constraint rows at t = 0."""
     import pinocchio
 

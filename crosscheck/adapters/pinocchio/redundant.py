@@ -8,9 +8,14 @@ directions is that at the start; the ones with the smallest singular values are 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from crosscheck.adapters.pinocchio.models import Closure
+
+if TYPE_CHECKING:
+    pass
 
 DAMPING = 1.0
 """mu of one proximal iteration; the right-hand side computed from its forces does not depend on it."""

@@ -1,4 +1,4 @@
-// Power series of the vectors of one system, in registers of two components.
+// Power series of the vectors of one system, in registers of two components (docs/theory.md, section 12).
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,5 @@
-// Series of the rows of a contact (model/contact.hpp): t . (V + W x c) = 0 of the reference point's velocity V and the
-// angular velocity W, both in world axes.
+// Series of the rows of a contact, (18.1) of docs/theory.md as in model/contact.hpp: t . (V + W x c) = 0 of the
+// reference point's velocity V and the angular velocity W, both in world axes.
 #pragma once
 
 #include "methods/term_series.hpp"

@@ -122,14 +122,12 @@ struct EulerStep {
                   : PairBlocks::of(lu, columns.v(row), columns.w(row), columns.v(column), columns.w(column)));
   }
 
-  const JointState& here(int k) const { return joints[plan.parts[k].joint]; }
-  const JointState& before(int k) const { return start_joints[plan.parts[k].joint]; }
-  Vec3 velocity_rows(int k, const State& state, const JointState& joint) const {
-    const Vec3 rate = joint.velocity(plan.part(k), state.u[plan.body(k, kParent)], state.u[plan.body(k, kChild)]);
-    return plan.part(k).drive ? Vec3(rate + joint.drift(plan.part(k))) : rate;
-  }
-  void subtract_reaction(int k, const JointState& joint, const Vec3& lam, std::vector<Twist>& impulse) const {
-    joint.subtract_reaction(plan.part(k), lam, impulse[plan.body(k, kParent)], impulse[plan.body(k, kChild)]);
+  const JointState& here(int k) const { return joints[plan.parts[k]]; }
+  const JointState& before(int k) const { return start_joints[plan.parts[k]]; }
+  // The rows of velocity at the new configuration.
+  Vec3 velocity_rows(int k, const State& state) const {
+    const Vec3 rate = joints.velocity(plan.parts[k], state.u);
+    return plan.part(k).drive ? Vec3(rate + here(k).drift(plan.part(k))) : rate;
   }
   // Fills the missing rows of a part with the identity.
   void pad(int k) {

@@ -23,15 +23,13 @@
 namespace lieeuler {
 
 // a = M^-1 (f - G^T lam) with the multipliers in `state`.
-inline void accelerations_from_multipliers(const System& system, const Constraints& joints, State& state) {
+inline void accelerations_from_multipliers(const Plan& plan, const Constraints& joints, State& state) {
+  const System& system = plan.system;
   generalized_forces(system, state.frames, state.u, state.angles, state.a);
-  for (size_t j = 0; j < system.joints.size(); ++j) {
-    const Joint& joint = system.joints[j];
-    for (const Part& part : joint.parts) {
-      Vec3 lam = Vec3::Zero();
-      for (int r = 0; r < part.rows(); ++r) lam[r] = state.lam[part.row + r];
-      joints[static_cast<int>(j)].subtract_reaction(part, lam, state.a[joint.parent], state.a[joint.child]);
-    }
+  for (const PlacedPart& placed : plan.parts) {
+    Vec3 lam = Vec3::Zero();
+    for (int r = 0; r < placed.part->rows(); ++r) lam[r] = state.lam[placed.part->row + r];
+    joints.subtract_reaction(placed, lam, state.a);
   }
   for (int b = 0; b < system.n(); ++b) state.a[b] = velocity(system.bodies[b], state.a[b]);
   state.a[system.n()] = Twist{};
@@ -71,8 +69,8 @@ class HamiltonEquations {
     for (int b = 0; b < at.system.n(); ++b) momentum_[b] = canonical_momentum(at.system.bodies[b], at.state.u[b]);
     if (rattle_) carried_.assign(at.system.n(), {});
     for (size_t i = 0; i < rates_.size(); ++i)
-      rotor_momenta_[i] =
-          at.saddle.rotor_rate(at.joints, at.plan.rotors[i], at.state.u) / at.plan.part(at.plan.rotors[i]).compliance;
+      rotor_momenta_[i] = at.joints.velocity(at.plan.parts[at.plan.rotors[i]], at.state.u)[0] /
+                          at.plan.part(at.plan.rotors[i]).compliance;
     return Status::success;
   }
   void guess(std::vector<double>& z) const {
@@ -90,9 +88,8 @@ class HamiltonEquations {
         at.state.u[b] = {at.xi[b].v, times(body.inertia_inverse, transposed_times(rotations_[b], y) - body.spin)};
     }
     for (int k = 0; k < at.nodes.parts(); ++k)
-      store(
-          by_velocity() ? at.velocity_rows(k, at.state, at.here(k)) : Vec3(at.here(k).position(at.plan.part(k)) / at.h),
-          &r[3 * at.nodes.lam(k)]);
+      store(by_velocity() ? at.velocity_rows(k, at.state) : Vec3(at.here(k).position(at.plan.part(k)) / at.h),
+            &r[3 * at.nodes.lam(k)]);
     if (at.has_others) complete_others(z, r);
     return Status::success;
   }
@@ -135,7 +132,7 @@ class HamiltonEquations {
       for (size_t r = 0; r < mu_.size(); ++r) at.state.lam[r] += mu_[r] / at.h;
     }
     at.owes_output = at.index1_output;  // factored above: index-1 output comes with stabilised
-    if (!at.index1_output && !rattle_) accelerations_from_multipliers(at.system, at.joints, at.state);
+    if (!at.index1_output && !rattle_) accelerations_from_multipliers(at.plan, at.joints, at.state);
     return Status::success;
   }
 
@@ -161,17 +158,16 @@ class HamiltonEquations {
       impulse_[b] = {p.v + impulse_time() * at.force[b].v, p.w + impulse_time() * at.force[b].w};
     }
     for (int k = 0; k < at.nodes.parts(); ++k)
-      at.subtract_reaction(k, at.before(k), load3(&z[3 * at.nodes.lam(k)]), impulse_);
+      at.start_joints.subtract_reaction(at.plan.parts[k], load3(&z[3 * at.nodes.lam(k)]), impulse_);
     return true;
   }
 
   // Rows of slip where others are those of position: of the velocity after the step; of RATTLE in the mean of the two
   // configurations of the step, by the velocity that leads from one to the other, which is symmetric in them.
   Vec3 slip_rows(int k) const {
-    if (!rattle_) return at.velocity_rows(k, at.state, at.here(k));
-    const Twist &parent = at.xi[at.plan.body(k, kParent)], &child = at.xi[at.plan.body(k, kChild)];
-    return 0.5 * (at.before(k).velocity(at.plan.part(k), parent, child) +
-                  at.here(k).velocity(at.plan.part(k), parent, child));
+    if (!rattle_) return at.velocity_rows(k, at.state);
+    const PlacedPart& part = at.plan.parts[k];
+    return 0.5 * (at.start_joints.velocity(part, at.xi) + at.joints.velocity(part, at.xi));
   }
 
   // Completes the rows of slip, mimics and rotors. Not inlined: systems without them would pay for it.
@@ -191,8 +187,7 @@ class HamiltonEquations {
     const Part& part = at.plan.part(k);
     const double way = at.here(k).position(part)[0] - at.before(k).position(part)[0];
     if (!part.turn) return way;
-    const double about =
-        at.h * at.before(k).velocity(part, at.xi[at.plan.body(k, kParent)], at.xi[at.plan.body(k, kChild)])[0];
+    const double about = at.h * at.start_joints.velocity(at.plan.parts[k], at.xi)[0];
     return about + std::remainder(way - about, 2 * std::numbers::pi);
   }
 
@@ -297,7 +292,7 @@ class HamiltonEquations {
   void carry_on() {
     std::fill(change_.begin(), change_.end(), Twist{});
     for (int k = 0; k < at.nodes.parts(); ++k)
-      at.subtract_reaction(k, at.before(k), load3(&at.z[3 * at.nodes.lam(k)]), change_);
+      at.start_joints.subtract_reaction(at.plan.parts[k], load3(&at.z[3 * at.nodes.lam(k)]), change_);
     for (int b = 0; b < at.system.n(); ++b) {
       const Mat3 turn = at.maps[b].turn();
       at.state.frames[b] = at.start.frames[b];

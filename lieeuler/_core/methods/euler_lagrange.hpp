@@ -164,9 +164,7 @@ class LagrangeEquations {
     filtered_.assign(at.z.size(), 0.0);
     for (int b = 0; b < at.system.n(); ++b)
       store(momentum(at.system.bodies[b], change[b]), &filtered_[3 * at.nodes.v(b)]);
-    for (int k : at.plan.rotors)
-      filtered_[3 * at.nodes.lam(k)] =
-          at.here(k).velocity(at.plan.part(k), change[at.plan.body(k, kParent)], change[at.plan.body(k, kChild)])[0];
+    for (int k : at.plan.rotors) filtered_[3 * at.nodes.lam(k)] = at.joints.velocity(at.plan.parts[k], change)[0];
     if (!solve_linear(filtered_)) return false;
     for (int b = 0; b < at.system.n(); ++b) change[b] = load(&filtered_[3 * at.nodes.v(b)]);
     return true;
@@ -199,8 +197,8 @@ class LagrangeEquations {
       if (stabilised()) drift_[b] = plain_ ? drift_of(b) : momentum(body, drift_of(b));
     }
     for (int k = 0; k < at.nodes.parts(); ++k) {
-      at.subtract_reaction(k, at.here(k), -load3(&z[3 * at.nodes.lam(k)]), balance_);
-      if (stabilised()) at.subtract_reaction(k, at.before(k), -load3(&z[3 * at.nodes.mu(k)]), drift_);
+      at.joints.subtract_reaction(at.plan.parts[k], -load3(&z[3 * at.nodes.lam(k)]), balance_);
+      if (stabilised()) at.start_joints.subtract_reaction(at.plan.parts[k], -load3(&z[3 * at.nodes.mu(k)]), drift_);
       store(constraint_residual(k), &r[3 * at.nodes.lam(k)]);
       if (stabilised()) store(Vec3(at.here(k).position(at.plan.part(k)) / at.h), &r[3 * at.nodes.mu(k)]);
     }
@@ -301,11 +299,10 @@ class LagrangeEquations {
   Vec3 constraint_residual(int k) const {
     const Part& part = at.plan.part(k);
     if (at.level == Level::position && !part.slips) return at.here(k).position(part) / at.h;
-    const Vec3 rate = at.velocity_rows(k, at.state, at.here(k));
+    const Vec3 rate = at.velocity_rows(k, at.state);
     if (at.level != Level::acceleration) return rate;
-    const Twist &parent = at.state.u[at.plan.body(k, kParent)], &child = at.state.u[at.plan.body(k, kChild)];
-    const Vec3 before = at.velocity_rows(k, at.start, at.here(k));
-    return (rate - before) + at.h * (at.here(k).gamma(part, parent, child) + 2 * gains_.alpha * rate +
+    const Vec3 before = at.velocity_rows(k, at.start);
+    return (rate - before) + at.h * (at.joints.gamma(at.plan.parts[k], at.state.u) + 2 * gains_.alpha * rate +
                                      gains_.beta * gains_.beta * at.here(k).position(part));
   }
   // Derivative of the velocity or acceleration rows with respect to xi, without G itself. At the acceleration level the
@@ -387,13 +384,12 @@ class LagrangeEquations {
   // state, else the difference of the rates at the two states.
   bool gains_by_derivative() const { return at.level == Level::acceleration || alpha_; }
   double rotor_gain(int k) const {
-    const int i = at.plan.body(k, kParent), j = at.plan.body(k, kChild);
-    const Part& part = at.plan.part(k);
-    const double rate = at.here(k).velocity(part, at.state.u[i], at.state.u[j])[0];
-    if (!gains_by_derivative()) return rate - at.before(k).velocity(part, at.start.u[i], at.start.u[j])[0];
-    const Twist parent = from(i), child = from(j);
-    return rate - at.here(k).velocity(part, parent, child)[0] +
-           force_time() * at.here(k).gamma(part, at.state.u[i], at.state.u[j])[0];
+    const PlacedPart& part = at.plan.parts[k];
+    const double rate = at.joints.velocity(part, at.state.u)[0];
+    if (!gains_by_derivative()) return rate - at.start_joints.velocity(part, at.start.u)[0];
+    const Twist parent = from(part.bodies[kParent]), child = from(part.bodies[kChild]);
+    return rate - at.here(k).velocity(*part.part, parent, child)[0] +
+           force_time() * at.joints.gamma(part, at.state.u)[0];
   }
   // The velocity from which u changes: u_n, or that of generalized-alpha; zero for the ground.
   Twist from(int b) const { return alpha_ ? (b == at.system.n() ? Twist{} : alpha_->from(b)) : at.start.u[b]; }

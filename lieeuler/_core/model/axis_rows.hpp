@@ -1,4 +1,4 @@
-// Rows that are products of an axis of each body.
+// Rows that are products of an axis of each body, (2.2) of docs/theory.md.
 #pragma once
 
 #include <array>

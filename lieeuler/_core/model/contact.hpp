@@ -1,5 +1,5 @@
-// Rows of a body that touches a plane of the ground at one point, t . (v + w x c) = 0 (docs/theory.md, section 18; all
-// in world axes). A turn of the body by eta changes c by A eta and t by B eta.
+// Rows of a body that touches a plane of the ground at one point, (18.1) of docs/theory.md, all in world axes. A turn
+// of the body by eta changes c by A eta (there C) and t by B eta.
 #pragma once
 
 #include "model/system.hpp"

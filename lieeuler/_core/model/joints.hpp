@@ -401,6 +401,19 @@ class Constraints {
     for (AxisRows& axes : axes_) states_[axes.joint].take(axes);
   }
   const JointState& operator[](int joint) const { return states_[joint]; }
+  const JointState& operator[](const PlacedPart& placed) const { return states_[placed.joint]; }
+
+  // Those of JointState, for the velocities, multipliers and impulses of a part's bodies.
+  Vec3 velocity(const PlacedPart& placed, const std::vector<Twist>& u) const {
+    return states_[placed.joint].velocity(*placed.part, u[placed.bodies[kParent]], u[placed.bodies[kChild]]);
+  }
+  Vec3 gamma(const PlacedPart& placed, const std::vector<Twist>& u) const {
+    return states_[placed.joint].gamma(*placed.part, u[placed.bodies[kParent]], u[placed.bodies[kChild]]);
+  }
+  void subtract_reaction(const PlacedPart& placed, const Vec3& lam, std::vector<Twist>& impulse) const {
+    states_[placed.joint].subtract_reaction(*placed.part, lam, impulse[placed.bodies[kParent]],
+                                            impulse[placed.bodies[kChild]]);
+  }
 
  private:
   const System* system_;

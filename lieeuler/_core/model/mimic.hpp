@@ -1,4 +1,4 @@
-// Coordinates that follow others: the row of both, and the two rows of Newton's matrix in its place.
+// Coordinates that follow others: the row of both, (19.1) of docs/theory.md, and the two of (19.2) in its place.
 #pragma once
 
 #include <numbers>
@@ -13,7 +13,7 @@ namespace lieeuler {
 [[gnu::noinline, gnu::cold]] inline double gap(const Plan& plan, const PlacedMimic& mimic, const Constraints& joints,
                                                const std::vector<double>& angles) {
   const auto wrapped = [](double angle) { return std::remainder(angle, 2 * std::numbers::pi); };
-  const auto coordinate = [&](int k) { return joints[plan.parts[k].joint].position(plan.part(k))[0]; };
+  const auto coordinate = [&](int k) { return joints[plan.parts[k]].position(plan.part(k))[0]; };
   double leader = coordinate(mimic.leader);
   if (mimic.angle >= 0) leader = angles[mimic.angle] + wrapped(leader - angles[mimic.angle]);
   const double found = coordinate(mimic.follower) - mimic.ratio * leader - mimic.offset;
@@ -23,9 +23,7 @@ namespace lieeuler {
 // Its rate for the velocities u.
 inline double mimic_rate(const Plan& plan, const PlacedMimic& mimic, const Constraints& joints,
                          const std::vector<Twist>& u) {
-  const auto rate = [&](int k) {
-    return joints[plan.parts[k].joint].velocity(plan.part(k), u[plan.body(k, kParent)], u[plan.body(k, kChild)])[0];
-  };
+  const auto rate = [&](int k) { return joints.velocity(plan.parts[k], u)[0]; };
   return rate(mimic.follower) - mimic.ratio * rate(mimic.leader);
 }
 

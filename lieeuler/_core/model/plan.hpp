@@ -10,12 +10,6 @@
 
 namespace lieeuler {
 
-// A part of a joint. Parts are numbered through all joints.
-struct PlacedPart {
-  int joint, bodies[2];  // parent and child
-  const Part* part;
-};
-
 // A mimic by its parts.
 struct PlacedMimic : Mimic {
   int follower, leader;

@@ -134,7 +134,12 @@ struct Joint {
   bool follows = false;  // one of these is a follower, whose row is the last of the joint
 
   std::span<const Part> constraints() const { return {parts.data(), parts.size() - others}; }
-  std::span<const Part> others_of() const { return std::span(parts).last(others); }
+};
+
+// A part of a joint. Parts are numbered through all joints.
+struct PlacedPart {
+  int joint, bodies[2];  // parent and child
+  const Part* part;
 };
 
 // A spring-damper or a load. parent == number of bodies: the ground.

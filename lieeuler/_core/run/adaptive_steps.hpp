@@ -1,4 +1,5 @@
-// Runs an adaptive method from step to step: attempts the step it proposes and retries a shorter one when it fails.
+// Runs an adaptive method from step to step: attempts the step it proposes and retries a shorter one when it fails, up
+// to a singular position (docs/theory.md, section 8).
 #pragma once
 
 #include "run/watch.hpp"

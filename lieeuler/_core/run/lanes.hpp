@@ -1,4 +1,4 @@
-// Members of an ensemble, and how they share registers: what the methods with lanes have in common.
+// Members of an ensemble, and how they share registers (docs/theory.md, section 12): what methods with lanes share.
 #pragma once
 
 #include <string>

@@ -29,21 +29,18 @@ void raise(double& maximum, const Eigen::MatrixBase<Values>& values) {
 
 class Monitor {
  public:
-  Monitor(const Plan& plan, bool enabled) : plan_(plan), system_(plan.system), enabled_(enabled) {
-    for (size_t j = 0; j < system_.joints.size(); ++j)
-      if (system_.joints[j].others > 0) rotors_.push_back(static_cast<int>(j));
-  }
+  Monitor(const Plan& plan, bool enabled) : plan_(plan), system_(plan.system), enabled_(enabled) {}
 
   void start(const State& state, const Constraints& joints) {
     double kinetic;
-    start_energy_ = energy(state, kinetic);
+    start_energy_ = energy(state, joints, kinetic);
     if (enabled_) watch(state, joints);
   }
 
   void watch(const State& state, const Constraints& joints) {
     if (!enabled_) return;
     double kinetic;
-    raise(maxima.energy_error, std::abs(energy(state, kinetic) - start_energy_));
+    raise(maxima.energy_error, std::abs(energy(state, joints, kinetic) - start_energy_));
     raise(maxima.kinetic, kinetic);
     for (size_t j = 0; j < system_.joints.size(); ++j) {
       const Joint& joint = system_.joints[j];
@@ -66,7 +63,7 @@ class Monitor {
   Maxima maxima;
 
  private:
-  double energy(const State& state, double& kinetic) const {
+  double energy(const State& state, const Constraints& joints, double& kinetic) const {
     double potential = 0;
     kinetic = 0;
     for (int b = 0; b < system_.n(); ++b) {
@@ -76,7 +73,10 @@ class Monitor {
       kinetic += 0.5 * (body.mass * u.v.squaredNorm() + L.dot(body.inertia_inverse * L));
       potential -= body.mass * system_.gravity.dot(state.frames[b].x);
     }
-    for (int j : rotors_) kinetic += rotor_energy(j, state);
+    for (int k : plan_.rotors) {
+      const double rate = joints.velocity(plan_.parts[k], state.u)[0];
+      kinetic += 0.5 * rate * rate / plan_.part(k).compliance;
+    }
     for (size_t k = 0; k < system_.forces.size(); ++k)
       potential += ForceState(system_.forces[k], state.frames, state.u, state.angles[k]).potential();
     return kinetic + potential;
@@ -85,31 +85,14 @@ class Monitor {
   void watch(const PlacedMimic& mimic, const State& state, const Constraints& joints) {
     raise(maxima.position, std::abs(gap(plan_, mimic, joints, state.angles)));
     raise(maxima.velocity, std::abs(mimic_rate(plan_, mimic, joints, state.u)));
-    const auto gamma = [&](int k) {
-      return joints[plan_.parts[k].joint].gamma(plan_.part(k), state.u[plan_.body(k, kParent)],
-                                                state.u[plan_.body(k, kChild)])[0];
-    };
+    const auto gamma = [&](int k) { return joints.gamma(plan_.parts[k], state.u)[0]; };
     raise(maxima.acceleration, std::abs(mimic_rate(plan_, mimic, joints, state.a) + gamma(mimic.follower) -
                                         mimic.ratio * gamma(mimic.leader)));
-  }
-
-  double rotor_energy(int j, const State& state) const {
-    const Joint& joint = system_.joints[j];
-    JointState here;
-    here.update(joint, state.frames);
-    double kinetic = 0;
-    for (const Part& part : joint.others_of()) {
-      if (part.compliance == 0) continue;
-      const double rate = here.velocity(part, state.u[joint.parent], state.u[joint.child])[0];
-      kinetic += 0.5 * rate * rate / part.compliance;
-    }
-    return kinetic;
   }
 
   const Plan& plan_;
   const System& system_;
   bool enabled_;
-  std::vector<int> rotors_;  // indices of the joints with rotors
   double start_energy_ = 0;
 };
 

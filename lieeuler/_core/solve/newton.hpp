@@ -57,6 +57,10 @@ class Predictor {
   int newest_ = 0, count_ = 0;
 };
 
+inline constexpr double kEps = std::numeric_limits<double>::epsilon();
+inline constexpr double kFloor = 4 * kEps;    // a correction of this size is rounding
+inline constexpr double kNoise = 1e3 * kEps;  // below this, corrections that no longer shrink are rounding
+
 // Solves equations.residual(z) = 0 from the guess in z with the matrix at the guess (chord iteration), which is renewed
 // if the corrections shrink slowly. equations.at.correct measures a correction as h |du|, the change of the
 // configuration, because u itself has rounding errors of eps / h. `target` is the wanted error in that measure.
@@ -113,9 +117,6 @@ class Newton {
     return last <= kStalled ? Status::success : Status::newton_failed;
   }
 
-  static constexpr double kEps = std::numeric_limits<double>::epsilon();
-  static constexpr double kFloor = 4 * kEps;    // a correction of this size is rounding
-  static constexpr double kNoise = 1e3 * kEps;  // below this, corrections that no longer shrink are rounding
   // The same next to a singular position, where rounding is larger. By then every matrix is new, so that curvature
   // would leave only the square of a correction: one of this size that does not shrink is rounding.
   static constexpr double kStalled = 1e-9;

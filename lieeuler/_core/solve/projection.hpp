@@ -1,4 +1,5 @@
-// Projection of a state onto Phi = 0 and G u = 0, by the least change in the metric of the masses:
+// Projection of a state onto Phi = 0 and G u = 0, by the least change in the metric of the masses (docs/theory.md,
+// section 10):
 //
 //   q <- q * d,  M d + G^T mu = 0,  G d = -Phi      repeated with one matrix (simplified Newton)
 //   u <- M^-1 (M u - G^T nu),       G u = 0         at the new q
@@ -89,10 +90,7 @@ class Projection {
   double smallest_pivot() { return saddle_.smallest_pivot(); }
 
  private:
-  static constexpr double kEps = std::numeric_limits<double>::epsilon();
-  static constexpr double kFloor = 4 * kEps;    // a correction of this size is rounding
-  static constexpr double kNoise = 1e3 * kEps;  // below this, corrections that no longer shrink are rounding
-  static constexpr double kNoisyTerms = 8;      // rounding errors in a row of Phi: x, R s, differences and products
+  static constexpr double kNoisyTerms = 8;  // rounding errors in a row of Phi: x, R s, differences and products
   static constexpr int kMostIterations = 12;
 
   // Corrects positions and attitudes until Phi = 0 and attitudes are orthogonal, to rounding.
@@ -103,7 +101,7 @@ class Projection {
       saddle_.displace(joints_, state.angles, change_);
       double size = 0, sum = 0;
       for (int b = 0; b < system_.n(); ++b) {
-        size = std::max({size, change_[b].v.cwiseAbs().maxCoeff() / length, change_[b].w.cwiseAbs().maxCoeff()});
+        size = std::max(size, Scales{length}.rate_of(change_[b]));
         sum += change_[b].v.sum() + change_[b].w.sum();
       }
       if (!std::isfinite(sum)) return Status::non_finite;  // max() above would hide a NaN

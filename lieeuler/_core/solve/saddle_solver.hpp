@@ -68,7 +68,7 @@ class SaddleSolver {
   void displace(const Constraints& joints, const std::vector<double>& angles, std::vector<Twist>& d) {
     std::fill(d.begin(), d.end(), Twist{});
     each([&](auto& by) {
-      for (int k = 0; k < plan_.count(); ++k) rows_[k] = by.own(k, -at(joints, k).position(plan_.part(k)));
+      for (int k = 0; k < plan_.count(); ++k) rows_[k] = by.own(k, -joints[plan_.parts[k]].position(plan_.part(k)));
       for (int k : plan_.rotors) rows_[k].setZero();
       combine(plan_, rows_.data()->data());
       for (const PlacedMimic& mimic : plan_.mimics) rows_[mimic.follower][0] = -gap(plan_, mimic, joints, angles);
@@ -78,7 +78,7 @@ class SaddleSolver {
   // u <- u - M^-1 G^T mu with G u + dPhi/dt = 0
   void project(const Constraints& joints, std::vector<Twist>& u) {
     put_drift(joints);
-    for (int k : plan_.rotors) rows_[k][0] = rotor_rate(joints, k, u);
+    for (int k : plan_.rotors) rows_[k][0] = joints.velocity(plan_.parts[k], u)[0];
     each([&](auto& by) { by.correct(u, rows_, true); });
   }
   // From the momentum p, spins included: u = M^-1 (p - G^T mu) with G u + dPhi/dt = 0. Adds -G^T mu to `change`, which
@@ -93,9 +93,7 @@ class SaddleSolver {
       put_multipliers(by, mu);
     });
     std::copy_n(force_.begin(), system_.n(), u.begin());
-    for (int k = 0; k < plan_.count(); ++k)
-      at(joints, k).subtract_reaction(plan_.part(k), rows_[k], change[plan_.body(k, kParent)],
-                                      change[plan_.body(k, kChild)]);
+    for (int k = 0; k < plan_.count(); ++k) joints.subtract_reaction(plan_.parts[k], rows_[k], change);
   }
   // (a, lam) of the index-1 system: M a + G^T lam = f, G a + gamma = 0.
   void accelerate(const Constraints& joints, State& state) {
@@ -107,11 +105,6 @@ class SaddleSolver {
       put_multipliers(by, state.lam.data());
     });
     state.a[system_.n()] = Twist{};
-  }
-
-  // The rate of the rotor in part k at velocities u.
-  double rotor_rate(const Constraints& joints, int k, const std::vector<Twist>& u) const {
-    return at(joints, k).velocity(plan_.part(k), u[plan_.body(k, kParent)], u[plan_.body(k, kChild)])[0];
   }
 
   // Replaces the multipliers by those of least norm with the same effect.
@@ -130,12 +123,11 @@ class SaddleSolver {
     if (by == Elimination::small) return Any(std::in_place_type<SmallSchur>, plan);
     return Any(std::in_place_type<SparseSaddle>, plan, by == Elimination::independent);
   }
-  const JointState& at(const Constraints& joints, int k) const { return joints[plan_.parts[k].joint]; }
 
   // rows_ = -dPhi/dt, which is zero except for driven rows.
   void put_drift(const Constraints& joints) {
     std::fill(rows_.begin(), rows_.end(), Vec3::Zero());
-    for (int k : driven_) rows_[k] = -at(joints, k).drift(plan_.part(k));
+    for (int k : driven_) rows_[k] = -joints[plan_.parts[k]].drift(plan_.part(k));
   }
   // Copies multipliers from rows_, in the order of lam.
   template <class By>

@@ -1,6 +1,6 @@
-// The saddle point of any system by block elimination (solve/delassus.hpp), either with all rows and the null space of
-// redundant ones removed, or with independent rows only. If masses or moments differ too much for that, the whole
-// matrix is factored (solve/dense_saddle.hpp).
+// The saddle point of any system by block elimination (solve/delassus.hpp; docs/theory.md, section 8), either with all
+// rows and the null space of redundant ones removed, or with independent rows only. If masses or moments differ too
+// much for that, the whole matrix is factored (solve/dense_saddle.hpp).
 #pragma once
 
 #include <optional>
@@ -53,7 +53,7 @@ class SparseSaddle : public WorldRows {
         const int b = plan_.body(k, side);
         if (b == system_.n()) continue;
         const Body& body = system_.bodies[b];
-        const Rows G = joints[plan_.parts[k].joint].jacobian(plan_.part(k), side);
+        const Rows G = joints[plan_.parts[k]].jacobian(plan_.part(k), side);
         mobility += (G.v * G.v.transpose() / body.mass + G.w * body.inertia_inverse * G.w.transpose()).diagonal();
       }
       mobility[0] += plan_.part(k).compliance;
@@ -200,15 +200,13 @@ class SparseSaddle : public WorldRows {
         const Twist inertial = momentum(system_.bodies[b], y[b]);
         correction_[b] = {forces_[b].v - inertial.v, forces_[b].w - inertial.w};
       }
-      subtract_reactions(joints, rows, correction_);
+      for (int k = 0; k < plan_.count(); ++k) joints.subtract_reaction(plan_.parts[k], rows[k], correction_);
     }
     if (independent_) {
       rows_ = wanted_;
       delassus_->subtract_rates(flat(y), rows_.data()->data());
     }
-    for (int k = 0; !independent_ && k < plan_.count(); ++k)
-      rows_[k] = wanted_[k] - joints[plan_.parts[k].joint].velocity(plan_.part(k), y[plan_.body(k, kParent)],
-                                                                    y[plan_.body(k, kChild)]);
+    for (int k = 0; !independent_ && k < plan_.count(); ++k) rows_[k] = wanted_[k] - joints.velocity(plan_.parts[k], y);
     combine(plan_, rows_.data()->data());
     for (int k : plan_.rotors) rows_[k][0] += plan_.part(k).compliance * rows[k][0];
     solve_once(correction_, rows_);
@@ -242,8 +240,7 @@ class SparseSaddle : public WorldRows {
   // Corrects w so that G^T w = 0: solves M y + G^T m = G^T w, G y = 0 and replaces w by w - m.
   void cleanse(const Constraints& joints, std::vector<double>& w) {
     correction_.assign(system_.n() + 1, Twist{});
-    for (int k = 0; k < plan_.count(); ++k) rows_[k] = -load3(&w[3 * k]);
-    subtract_reactions(joints, rows_, correction_);
+    for (int k = 0; k < plan_.count(); ++k) joints.subtract_reaction(plan_.parts[k], -load3(&w[3 * k]), correction_);
     std::fill(rows_.begin(), rows_.end(), Vec3::Zero());
     solve_all(correction_, rows_, [](double*) {});
     for (int k = 0; k < plan_.count(); ++k) store(Vec3(load3(&w[3 * k]) - rows_[k]), &w[3 * k]);

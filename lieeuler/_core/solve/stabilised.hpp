@@ -23,6 +23,7 @@
 // well.
 #pragma once
 
+#include "model/scales.hpp"
 #include "solve/delassus.hpp"
 
 namespace lieeuler {
@@ -227,7 +228,7 @@ class StabilisedSolve {
     std::fill(balance_.begin(), balance_.end(), Twist{});
     for (int k = 0; k < plan_.count(); ++k) {
       const Joint& joint = plan_.joint(k);
-      state_of(k).subtract_reaction_change(plan_.part(k), (*before_)[plan_.parts[k].joint], load3(&correction_[3 * k]),
+      state_of(k).subtract_reaction_change(plan_.part(k), (*before_)[plan_.parts[k]], load3(&correction_[3 * k]),
                                            balance_[joint.parent], balance_[joint.child]);
     }
     for (int b = 0; b < system_.n(); ++b) {
@@ -260,7 +261,7 @@ class StabilisedSolve {
     double size = 0;
     for (int b = 0; b < system_.n(); ++b) {
       moved_[b] = load(&core_rhs_[6 * b]);
-      size = std::max({size, moved_[b].v.cwiseAbs().maxCoeff() / length, moved_[b].w.cwiseAbs().maxCoeff()});
+      size = std::max(size, Scales{length}.rate_of(moved_[b]));
     }
     return size;
   }
@@ -279,11 +280,9 @@ class StabilisedSolve {
     return true;
   }
 
-  const JointState& state_of(int k) const { return (*joints_)[plan_.parts[k].joint]; }
+  const JointState& state_of(int k) const { return (*joints_)[plan_.parts[k]]; }
   // The rows of one part applied to velocities.
-  Vec3 row_rate(int k, const std::vector<Twist>& u) const {
-    return state_of(k).velocity(plan_.part(k), u[plan_.body(k, kParent)], u[plan_.body(k, kChild)]);
-  }
+  Vec3 row_rate(int k, const std::vector<Twist>& u) const { return joints_->velocity(plan_.parts[k], u); }
 
   const Plan& plan_;
   const System& system_;

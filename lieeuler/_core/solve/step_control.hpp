@@ -1,4 +1,4 @@
-// Step size control from error estimates.
+// Step size control from error estimates (docs/theory.md, section 10).
 #pragma once
 
 #include <algorithm>

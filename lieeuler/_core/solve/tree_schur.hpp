@@ -1,6 +1,7 @@
-// The saddle point of a tree with its bodies eliminated beforehand: S mu = G y - c, S = G M^-1 G^T, with one block of S
-// per pair of parts on a body. M is constant. The rows of a spherical joint are written in the axes of its child, which
-// makes that body's part of S constant too. For small systems this is several times cheaper than the whole matrix.
+// The saddle point of a tree with its bodies eliminated beforehand (docs/theory.md, section 10): S mu = G y - c,
+// S = G M^-1 G^T, with one block of S per pair of parts on a body. M is constant. The rows of a spherical joint are
+// written in the axes of its child, which makes that body's part of S constant too. For small systems this is several
+// times cheaper than the whole matrix.
 #pragma once
 
 #include "model/joints.hpp"
@@ -69,7 +70,7 @@ class TreeSchur {
   Vec3 gamma(int k, const Constraints& joints, const std::vector<Twist>& u) const {
     const Joint& joint = plan_.joint(k);
     const Vec3 &w = u[joint.child].w, &w_parent = u[joint.parent].w;
-    if (!plan_.part(k).spherical) return joint_of(k, joints).gamma(plan_.part(k), u[joint.parent], u[joint.child]);
+    if (!plan_.part(k).spherical) return joints.gamma(plan_.parts[k], u);
     const Vec3 at_child = w.cross(w.cross(joint.child_anchor));
     if (joint.parent == system_.n()) return at_child;
     return at_child - times(turns_[k], w_parent.cross(w_parent.cross(joint.parent_anchor)));
@@ -119,8 +120,6 @@ class TreeSchur {
   }
 
  private:
-  const JointState& joint_of(int k, const Constraints& joints) const { return joints[plan_.parts[k].joint]; }
-
   BlockPlan eliminate_parts(const std::vector<std::vector<int>>& ends_on) const {
     const std::vector<std::vector<int>> parts_of = plan_.parts_of_joints();
     std::vector<int> order;
@@ -170,10 +169,10 @@ class TreeSchur {
   void assemble(const Constraints& joints) {
     lu_.set_zero();
     for (int k = 0; k < plan_.count(); ++k) {
-      axes_[k] = &joint_of(k, joints).attitude(kChild);
+      axes_[k] = &joints[plan_.parts[k]].attitude(kChild);
       for (int r = plan_.part(k).rows(); r < 3; ++r) diagonal_[k][(kColumn + 1) * r] = 1;
     }
-    for (End& end : ends_) update(end, joint_of(end.part, joints));
+    for (End& end : ends_) update(end, joints[plan_.parts[end.part]]);
     for (const Pair& pair : pairs_) {
       const End &a = ends_[pair.a], &b = ends_[pair.b];
       Mat3 block;

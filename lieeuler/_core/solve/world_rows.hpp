@@ -13,18 +13,10 @@ class WorldRows {
   static Vec3 own(int, const Vec3& rows) { return rows; }
   static Vec3 in_world(int, const Vec3& lam) { return lam; }
   Vec3 gamma(int k, const Constraints& joints, const std::vector<Twist>& u) const {
-    return joints[plan_.parts[k].joint].gamma(plan_.part(k), u[plan_.body(k, kParent)], u[plan_.body(k, kChild)]);
+    return joints.gamma(plan_.parts[k], u);
   }
 
  protected:
-  // target -= G^T values
-  void subtract_reactions(const Constraints& joints, const std::vector<Vec3>& values,
-                          std::vector<Twist>& target) const {
-    for (int k = 0; k < plan_.count(); ++k)
-      joints[plan_.parts[k].joint].subtract_reaction(plan_.part(k), values[k], target[plan_.body(k, kParent)],
-                                                     target[plan_.body(k, kChild)]);
-  }
-
   const Plan& plan_;
 };
 

@@ -25,7 +25,7 @@ void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 #include "methods/extrapolation.hpp"
 #include "methods/rkmk.hpp"
 #include "methods/taylor.hpp"
-#include "model/scales.hpp"
+#include "model/system.hpp"
 #include "run/loop.hpp"
 
 using namespace lieeuler;

@@ -7,7 +7,6 @@
 #include "methods/extrapolation.hpp"
 #include "methods/rkmk.hpp"
 #include "methods/turning.hpp"
-#include "run/adaptive.hpp"
 #include "run/loop.hpp"
 
 using namespace lieeuler;

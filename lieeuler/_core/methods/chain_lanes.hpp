@@ -3,7 +3,7 @@
 // methods/chain_lanes.cpp is compiled once for each set of instructions.
 #pragma once
 
-#include "methods/lane_state.hpp"
+#include "linalg/lanes.hpp"
 
 namespace lieeuler {
 

@@ -5,7 +5,7 @@
 #include <array>
 #include <optional>
 
-#include "model/scales.hpp"
+#include "model/system.hpp"
 #include "solve/projection.hpp"
 
 namespace lieeuler {
@@ -227,8 +227,8 @@ struct EulerStep {
   const Plan& plan;
   const System& system;
   const Level level;
-  const bool solves_velocities;
   bool index1_output;
+  const bool solves_velocities;
   bool owes_output = false;  // (a, lam) of the index-1 system; the saddle point is factored
   const bool second_order;   // whether the matrix holds second derivatives of the constraints
   const bool has_others;     // whether there are rows of slip, mimics or rotors

@@ -3,7 +3,7 @@
 // set of instructions.
 #pragma once
 
-#include "methods/lane_state.hpp"
+#include "linalg/lanes.hpp"
 
 namespace lieeuler {
 

@@ -12,7 +12,6 @@
 #include "python/building.hpp"
 #include "python/levels.hpp"
 #include "python/methods.hpp"
-#include "python/multipliers.hpp"
 #include "python/probes.hpp"
 #include "python/restoring.hpp"
 #include "python/running.hpp"

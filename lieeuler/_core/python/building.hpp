@@ -4,7 +4,7 @@
 #include <optional>
 #include <tuple>
 
-#include "model/scales.hpp"
+#include "model/system.hpp"
 #include "python/arrays.hpp"
 
 namespace lieeuler {

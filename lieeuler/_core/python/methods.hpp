@@ -4,8 +4,8 @@
 #include "methods/rkmk.hpp"
 #include "methods/turning.hpp"
 #include "python/arrays.hpp"
-#include "run/adaptive.hpp"
 #include "run/ensemble.hpp"
+#include "run/loop.hpp"
 
 namespace lieeuler {
 

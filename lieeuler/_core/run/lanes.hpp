@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "methods/lane_state.hpp"
+#include "linalg/lanes.hpp"
 #include "run/loop.hpp"
 #include "run/threads.hpp"
 

@@ -4,8 +4,8 @@
 
 #include "methods/taylor.hpp"
 #include "methods/taylor_lanes.hpp"
-#include "run/adaptive.hpp"
 #include "run/lanes.hpp"
+#include "run/loop.hpp"
 
 namespace lieeuler {
 

@@ -9,7 +9,7 @@
 #pragma once
 
 #include "model/mimic.hpp"
-#include "model/nodes.hpp"
+#include "model/plan.hpp"
 
 namespace lieeuler {
 

@@ -12,13 +12,276 @@
 //   Vec3 gamma(k, joints, u)              gamma of its rows
 #pragma once
 
+#include <optional>
 #include <variant>
 
+#include "model/system.hpp"
+#include "solve/delassus.hpp"
+#include "solve/dense_saddle.hpp"
+#include "solve/independent_rows.hpp"
 #include "solve/small_schur.hpp"
-#include "solve/sparse_saddle.hpp"
 #include "solve/tree_schur.hpp"
+#include "solve/world_rows.hpp"
 
 namespace lieeuler {
+
+// The saddle point of any system by block elimination (solve/delassus.hpp; docs/theory.md, section 8), either with all
+// rows and the null space of redundant ones removed, or with independent rows only. If masses or moments differ too
+// much for that, the whole matrix is factored (solve/dense_saddle.hpp).
+class SparseSaddle : public WorldRows {
+ public:
+  // independent: leaves out the rows of loops that depend on others.
+  SparseSaddle(const Plan& plan, bool independent)
+      : WorldRows(plan),
+        system_(plan.system),
+        delassus_(std::in_place, plan, independent),
+        thin_(plan.thin || plan.whole),
+        rows_(plan.count()) {
+    if (independent) independent_.emplace(plan);
+    if (plan.whole) dense_.emplace(plan);
+  }
+
+  Delassus& delassus() { return *delassus_; }
+
+  // Counts the redundant rows at this configuration. False if the rest is singular.
+  bool count_redundancy(const Constraints& joints, int& redundant) {
+    if (independent_) {
+      std::vector<char> dropped;
+      redundant = independent_->choose(joints, dropped);
+      return true;
+    }
+    if (dense_) {
+      redundant = dense_->redundancy(joints);
+      dense_->scale(joints);
+      return true;
+    }
+    constexpr double kTolerance = 1e-11;  // of pivots of order one, which go as squares of singular values of G
+    delassus_->assemble(joints);
+    return delassus_->lu().find_deficiency(kTolerance, redundant);
+  }
+  // 1 / sqrt of the diagonal of G M^-1 G^T, three values a part; it scales constraint rows to order one in any units.
+  std::vector<double> row_scales(const Constraints& joints) const {
+    std::vector<double> scales(3 * plan_.count(), 1.0);
+    for (int k = 0; k < plan_.count(); ++k) {
+      Vec3 mobility = Vec3::Zero();
+      for (Side side : kSides) {
+        const int b = plan_.body(k, side);
+        if (b == system_.n()) continue;
+        const Body& body = system_.bodies[b];
+        const Rows G = joints[plan_.parts[k]].jacobian(plan_.part(k), side);
+        mobility += (G.v * G.v.transpose() / body.mass + G.w * body.inertia_inverse * G.w.transpose()).diagonal();
+      }
+      mobility[0] += plan_.part(k).compliance;
+      for (int r = 0; r < plan_.part(k).rows(); ++r) scales[3 * k + r] = 1 / std::sqrt(mobility[r]);
+    }
+    for (const PlacedMimic& mimic : plan_.mimics) scales[3 * mimic.leader + 1] = 1 / scales[3 * mimic.leader];
+    return scales;
+  }
+
+  // Counts the redundant rows and expects that number from then on.
+  bool find_redundancy(const Constraints& joints) {
+    int redundant;
+    if (independent_) {
+      scales_ = row_scales(joints);
+      redundant_ = independent_->choose(joints, dropped_, true);
+      if (take_choice(joints) && regular()) return true;
+      independent_.reset();  // a row depends on several loops together
+      delassus_.emplace(plan_);
+    }
+    std::vector<double> scales = row_scales(joints);
+    scales.resize(delassus_->unknowns(), 1.0);
+    delassus_->lu().scale_tail(scales);
+    if (!count_redundancy(joints, redundant)) return false;
+    delassus_->lu().expect_deficiency(redundant);
+    redundant_ = redundant;
+    null_.assign(redundant, std::vector<double>(delassus_->unknowns(), 0.0));
+    return true;
+  }
+  int redundant() const { return redundant_; }
+  // Marks the rows left out by their places in lam; nullptr if none are.
+  const std::vector<char>* dropped() const { return independent_ ? &dropped_ : nullptr; }
+  // Near a singular position of a loop it is proportional to the square of the distance.
+  double smallest_pivot() {
+    return independent_ ? 1 / delassus_->largest_inverse(scales_) : delassus_->lu().smallest_tail_pivot();
+  }
+
+  bool factor(const Constraints& joints, bool on_constraints) {
+    factored_ = &joints;
+    delassus_->assemble(joints);
+    const bool regular = delassus_->lu().factor();
+    if (independent_) {
+      if (regular && !on_constraints) return true;
+      const double inverse = delassus_->largest_inverse(scales_);
+      if (regular && inverse < kWorse * inverse_at_choice_) {
+        inverse_at_choice_ = std::min(inverse_at_choice_, kWorse * inverse);  // it was chosen near a singular position
+        return true;
+      }
+      return independent_->choose(joints, dropped_) == redundant_ && take_choice(joints);
+    }
+    solves_dense_ = dense_ && dense_->factor(joints, redundant_);
+    if (!regular && !solves_dense_) return false;
+    find_null_space(joints);
+    return true;
+  }
+  // How many times independent rows have been chosen.
+  int choice() const { return choice_; }
+
+  // Removes the multiplier directions without effect, G^T w = 0, from three values a part: from residuals, where they
+  // are contradictions between redundant rows, and from multipliers, which become those of least norm.
+  void remove_null_space(double* values) const {
+    for (const std::vector<double>& w : null_) subtract_component(w, values);
+  }
+
+  // Replaces the multipliers of all rows by those of least norm with the same effect, at the joints factored last.
+  void make_least_norm(const Constraints& joints, std::vector<double>& lam) {
+    if (independent_) return independent_->make_least_norm(joints, lam);
+    for (const std::vector<double>& w : null_) {
+      double product = 0;
+      plan_.for_rows([&](int row, int place) { product += w[place] * lam[row]; });
+      plan_.for_rows([&](int row, int place) { lam[row] -= product * w[place]; });
+    }
+  }
+
+  // Solves M y + G^T lam = f, G y = rows; y and lam replace f and the rows of each part. Almost dependent rows and very
+  // different masses lose digits of the rows in the first pass, thin bodies also digits of the balance of forces; the
+  // residual is then solved for again. to_rounding: do so for redundant rows too.
+  void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
+    const bool again = plan_.graded || thin_ || !plan_.plain() || (to_rounding && (redundant_ > 0 || independent_));
+    if (again) wanted_ = rows;
+    if (thin_) forces_ = y;
+    solve_once(y, rows);
+    double last = std::numeric_limits<double>::infinity();
+    for (int pass = 0; again && pass < (thin_ ? kMostPasses : 1); ++pass) {
+      const double change = refine(y, rows);
+      if (!(change < kSlow * last)) break;
+      last = change;
+    }
+  }
+  // The same from velocities without multipliers, M^-1 f.
+  void correct(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
+    for (int b = 0; b < system_.n(); ++b) y[b] = momentum(system_.bodies[b], y[b]);
+    solve(y, rows, to_rounding);
+  }
+
+ private:
+  static constexpr double kWorse = 4;         // growth of the inverted pivots at which other rows are chosen
+  static constexpr double kDependent = 1e10;  // inverse of an eigenvalue that is rounding
+  static constexpr int kMostPasses = 8;       // each pass gains a digit or more if moments span eight decades
+  static constexpr double kSlow = 0.3;        // corrections that shrink less than this are rounding
+
+  bool take_choice(const Constraints& joints) {
+    ++choice_;
+    delassus_->drop(dropped_);
+    delassus_->assemble(joints);
+    if (!delassus_->lu().factor()) return false;
+    inverse_at_choice_ = delassus_->largest_inverse(scales_);
+    return true;
+  }
+  // Whether the rows chosen loop by loop are independent together, by a few steps of inverse iteration.
+  bool regular() {
+    std::vector<double> x(scales_.size());
+    std::vector<Twist> response(system_.n());
+    for (size_t i = 0; i < x.size(); ++i) x[i] = std::sin(1.0 + static_cast<double>(i));
+    for (int pass = 0; pass < 4; ++pass) {
+      double square = 0;
+      for (double value : x) square += value * value;
+      for (size_t i = 0; i < x.size(); ++i) x[i] /= std::sqrt(square) * scales_[i];
+      delassus_->solve_rows(x.data(), flat(response));
+      square = 0;
+      for (size_t i = 0; i < x.size(); ++i) x[i] /= scales_[i], square += x[i] * x[i];
+      if (!(square < kDependent * kDependent)) return false;
+    }
+    return true;
+  }
+  void solve_once(std::vector<Twist>& y, std::vector<Vec3>& rows) {
+    solve_all(y, rows, [this](double* values) { remove_null_space(values); });
+  }
+  // As Delassus::solve().
+  template <class Adjust>
+  void solve_all(std::vector<Twist>& y, std::vector<Vec3>& rows, Adjust adjust) {
+    double* const values = rows.data()->data();
+    if (!solves_dense_) return delassus_->solve(flat(y), values, adjust);
+    adjust(values);
+    dense_->solve(flat(y), values);
+    adjust(values);
+  }
+  // Adds the correction of the residual of the whole system to y and rows; returns its largest rate.
+  double refine(std::vector<Twist>& y, std::vector<Vec3>& rows) {
+    const Constraints& joints = *factored_;
+    y[system_.n()] = Twist{};
+    correction_.assign(system_.n() + 1, Twist{});
+    if (thin_) {
+      for (int b = 0; b < system_.n(); ++b) {
+        const Twist inertial = momentum(system_.bodies[b], y[b]);
+        correction_[b] = {forces_[b].v - inertial.v, forces_[b].w - inertial.w};
+      }
+      for (int k = 0; k < plan_.count(); ++k) joints.subtract_reaction(plan_.parts[k], rows[k], correction_);
+    }
+    if (independent_) {
+      rows_ = wanted_;
+      delassus_->subtract_rates(flat(y), rows_.data()->data());
+    }
+    for (int k = 0; !independent_ && k < plan_.count(); ++k) rows_[k] = wanted_[k] - joints.velocity(plan_.parts[k], y);
+    combine(plan_, rows_.data()->data());
+    for (int k : plan_.rotors) rows_[k][0] += plan_.part(k).compliance * rows[k][0];
+    solve_once(correction_, rows_);
+    const Scales scales{system_.length};
+    double change = 0;
+    for (int b = 0; b < system_.n(); ++b) {
+      y[b].v += correction_[b].v, y[b].w += correction_[b].w;
+      change = std::max(change, scales.rate_of(correction_[b]));
+    }
+    for (int k = 0; k < plan_.count(); ++k) rows[k] += rows_[k];
+    return change;
+  }
+
+  // Orthonormal vectors of multipliers w with G^T w = 0.
+  void find_null_space(const Constraints& joints) {
+    for (int k = 0; k < static_cast<int>(null_.size()); ++k) {
+      std::vector<double>& w = null_[k];
+      if (solves_dense_)
+        dense_->null_vector(k, w.data());
+      else
+        delassus_->lu().null_vector(k, w.data());
+      std::fill(w.begin() + 3 * plan_.count(), w.end(), 0.0);  // null vectors are zero for the hubs
+      cleanse(joints, w);
+      for (int pass = 0; pass < 2; ++pass)  // Gram and Schmidt, twice is enough
+        for (int i = 0; i < k; ++i) subtract_component(null_[i], w.data());
+      double square = 0;
+      for (double value : w) square += value * value;
+      for (double& value : w) value /= std::sqrt(square);
+    }
+  }
+  // Corrects w so that G^T w = 0: solves M y + G^T m = G^T w, G y = 0 and replaces w by w - m.
+  void cleanse(const Constraints& joints, std::vector<double>& w) {
+    correction_.assign(system_.n() + 1, Twist{});
+    for (int k = 0; k < plan_.count(); ++k) joints.subtract_reaction(plan_.parts[k], -load3(&w[3 * k]), correction_);
+    std::fill(rows_.begin(), rows_.end(), Vec3::Zero());
+    solve_all(correction_, rows_, [](double*) {});
+    for (int k = 0; k < plan_.count(); ++k) store(Vec3(load3(&w[3 * k]) - rows_[k]), &w[3 * k]);
+  }
+  void subtract_component(const std::vector<double>& w, double* values) const {
+    const size_t count = 3 * rows_.size();
+    double product = 0;
+    for (size_t i = 0; i < count; ++i) product += w[i] * values[i];
+    for (size_t i = 0; i < count; ++i) values[i] -= product * w[i];
+  }
+
+  const System& system_;
+  std::optional<Delassus> delassus_;
+  const bool thin_;
+  std::optional<IndependentRows> independent_;
+  std::optional<DenseSaddle> dense_;
+  bool solves_dense_ = false;  // at the joints factored last
+  std::vector<char> dropped_;
+  std::vector<double> scales_;  // of the rows, for the choice
+  double inverse_at_choice_ = 0;
+  int redundant_ = 0, choice_ = 0;
+  const Constraints* factored_ = nullptr;
+  std::vector<Vec3> rows_, wanted_;  // for refinement
+  std::vector<Twist> forces_, correction_;
+  std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, three values a part
+};
 
 // A method that fails with a scaled pivot below this is within about 1e-3 of a singular position.
 inline constexpr double kNearlySingular = 1e-6;

@@ -23,7 +23,7 @@
 // well.
 #pragma once
 
-#include "model/scales.hpp"
+#include "model/system.hpp"
 #include "solve/delassus.hpp"
 
 namespace lieeuler {

@@ -52,6 +52,14 @@ def test_what_only_guards_against_cheats_is_named_where_it_fails(kind, status):
     assert shown.kind == (kind if status == "fail" else "energy")
 
 
+@pytest.mark.parametrize(("status", "first"), [("fail", "position"), ("ok", "energy")])
+def test_a_figure_without_a_finite_size_is_named_first_where_it_fails_alone(status, first):
+    """Within bounds it says nothing; beyond them nothing is farther."""
+    shown = verdict.worst([found("energy", status, 5.0), found("position", status, np.inf)])
+    assert shown is not None
+    assert shown.kind == first
+
+
 @pytest.mark.parametrize(("lack", "first"), [(1.05, "order position"), (0.95, "energy")])
 def test_one_order_too_little_weighs_as_ten_times_a_bound(lack, first):
     shown = verdict.worst([found("energy", "fail", 20.0), found("order position", "fail", 3.0, 3.0 + lack)])

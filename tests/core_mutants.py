@@ -107,6 +107,13 @@ MUTANTS = (
 TESTS = ("constraints", "so3", "oracle", "methods", "taylor", "rkmk", "driven", "rolling", "mimic", "armature",
          "generalized_alpha", "redundant", "projection", "seulex", "joint_tree", "spin_free", "free_bodies",
          "compositions", "correction", "integrate")
+FIRST = {"so3": "so3", "mimic": "mimic", "body_chart": "rkmk", "euler_lagrange": "oracle", "euler_hamilton": "oracle",
+         "generalized_alpha": "generalized_alpha", "rkmk": "rkmk", "joint_chart": "joint_tree",
+         "motion_series": "taylor", "term_series": "taylor", "contact_series": "rolling", "turning": "taylor",
+         "extrapolation": "seulex", "saddle_solver": "driven", "stabilised": "methods", "tree_schur": "rkmk",
+         "small_schur": "taylor", "independent_rows": "redundant", "free_bodies": "free_bodies",
+         "compensated": "compositions"}
+"""The test to begin with, by the file of a mutant."""
 SWITCH = """// Which wrong equation counts.
 #pragma once
 #include <cstdlib>
@@ -142,7 +149,8 @@ def build(folder: Path) -> None:
 
 def notices(folder: Path, number: int) -> str | None:
     """The first test file that fails with this mutant, -1: without any."""
-    for name in TESTS:
+    first = FIRST.get(Path(MUTANTS[number][0]).stem) if number >= 0 else None
+    for name in sorted(TESTS, key=lambda each: each != first):
         command = [ROOT / "tools" / "with_kernel", folder, "-x", "-q", "-m", "not slow",
                    f"tests/lieeuler/test_{name}.py"]
         try:

@@ -33,7 +33,7 @@ MUTANTS = (
      "turned(side, side == kChild ? w.cross(s) : s.cross(w))", Matrix),
     ("model/joints.hpp", "2 * arm_a.dot(arm_b)", "arm_a.dot(arm_b)", "double"),
     ("model/joints.hpp", "ar * bc + br * ac", "ar * bc - br * ac", "double"),
-    ("model/joints.hpp", "hat(w) * hat(s)", "hat(s) * hat(w)", Matrix),
+    ("model/joints.hpp", "hat_product(w, s)", "hat_product(s, w)", Matrix),
     ("model/axis_rows.hpp", "row.own.cross(turn.cross(row.other)) + row.other.cross(row.own.cross(w))",
      "row.own.cross(turn.cross(row.other)) - row.other.cross(row.own.cross(w))", Vector),
     ("model/axis_rows.hpp", "pull.dot(row.own)", "0", "double"),

@@ -315,10 +315,16 @@ class LagrangeEquations {
       const Rows N = joint.velocity_slope(part, side, at.state.u[i], at.state.u[j], false);
       return {slope_time() * N.v, slope_time() * N.w * T};
     }
+    const double feedback = 2 * gains_.alpha + at.h * gains_.beta * gains_.beta;
     auto change = [&](int b) { return Twist{at.state.u[b].v - at.start.u[b].v, at.state.u[b].w - at.start.u[b].w}; };
+    if (part.spherical) {  // only the body's own turn changes its side
+      const int b = side == kChild ? j : i;
+      const Mat3 N = joint.anchor_rate_slope(side, at.state.u[b].w - at.start.u[b].w) +
+                     joint.anchor_second_slope(side, at.state.u[b].w);
+      return {at.h * (feedback * G.v), at.h * (N + feedback * G.w)};
+    }
     const Rows first = joint.velocity_slope(part, side, change(i), change(j), false);  // d(G h a)/dq
     const Rows second = joint.velocity_slope(part, side, at.state.u[i], at.state.u[j], true);
-    const double feedback = 2 * gains_.alpha + at.h * gains_.beta * gains_.beta;
     return {at.h * (first.v + second.v + feedback * G.v), at.h * (first.w + second.w + feedback * G.w)};
   }
 

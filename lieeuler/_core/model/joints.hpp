@@ -151,8 +151,7 @@ class JointState {
     const Vec3& w = side == kChild ? child.w : parent.w;
     Rows N;
     if (part.spherical) {
-      N.w = both_orders ? Mat3((side == kChild ? 1. : -1.) * R * arm_slope(*anchor_[side], w, true))
-                        : anchor_rate_slope(side, w);
+      N.w = both_orders ? anchor_second_slope(side, w) : anchor_rate_slope(side, w);
       return N;
     }
     if (part.turn) return N;
@@ -197,6 +196,12 @@ class JointState {
   Mat3 anchor_rate_slope(Side side, const Vec3& w) const {
     const Vec3& s = *anchor_[side];
     return turned(side, side == kChild ? s.cross(w) : w.cross(s));
+  }
+
+  // That slope with both orders (velocity_slope).
+  Mat3 anchor_second_slope(Side side, const Vec3& w) const {
+    const Mat3 slope = frame_[side]->R * arm_slope(*anchor_[side], w, true);
+    return side == kChild ? slope : Mat3(-slope);
   }
 
   // anchor_rate_slope times a direction d.
@@ -361,7 +366,7 @@ class JointState {
   // d x (w x s) as a matrix on d; with both orders w x (d x s) is added.
   static Mat3 arm_slope(const Vec3& s, const Vec3& w, bool both_orders) {
     Mat3 slope = hat(s.cross(w));
-    if (both_orders) slope -= hat(w) * hat(s);
+    if (both_orders) slope -= hat_product(w, s);
     return slope;
   }
 

@@ -26,6 +26,13 @@ using Vec3 = Eigen::Vector3d;
 using Mat3 = Eigen::Matrix3d;
 
 inline Mat3 hat(const Vec3& a) { return Mat3{{0, -a.z(), a.y()}, {a.z(), 0, -a.x()}, {-a.y(), a.x(), 0}}; }
+// hat(a) hat(b), written out.
+inline Mat3 hat_product(const Vec3& a, const Vec3& b) {
+  Mat3 m = b * a.transpose();
+  const double x = m(0, 0), y = m(1, 1), z = m(2, 2);
+  m(0, 0) = -(y + z), m(1, 1) = -(x + z), m(2, 2) = -(x + y);
+  return m;
+}
 
 // m x and m^T x, written out: half the instructions of the general product.
 EIGEN_ALWAYS_INLINE Vec3 times(const Mat3& m, const Vec3& x) {

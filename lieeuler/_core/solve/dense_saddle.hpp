@@ -87,21 +87,18 @@ class DenseSaddle {
         put(6 * b + i, 6 * b + i, system_.bodies[b].mass);
         for (int j = 0; j < 3; ++j) put(6 * b + 3 + i, 6 * b + 3 + j, system_.bodies[b].inertia(i, j));
       }
-    for (size_t j = 0; j < system_.joints.size(); ++j) {
-      const Joint& joint = system_.joints[j];
-      for (const Part& part : joint.parts)
-        for (Side side : kSides) {
-          const int b = side == kChild ? joint.child : joint.parent;
-          if (b == n) continue;
-          const Rows G = joints[static_cast<int>(j)].jacobian(part, side);
-          for (int r = 0; r < part.rows(); ++r)
-            for (int i = 0; i < 3; ++i) {
-              const int row = 6 * n + part.row + r;
-              put(row, 6 * b + i, G.v(r, i)), put(6 * b + i, row, G.v(r, i));
-              put(row, 6 * b + 3 + i, G.w(r, i)), put(6 * b + 3 + i, row, G.w(r, i));
-            }
-        }
-    }
+    for (const PlacedPart& placed : plan_.parts)
+      for (Side side : kSides) {
+        const int b = placed.bodies[side];
+        if (b == n) continue;
+        const Rows G = joints[placed].jacobian(*placed.part, side);
+        for (int r = 0; r < placed.part->rows(); ++r)
+          for (int i = 0; i < 3; ++i) {
+            const int row = 6 * n + placed.part->row + r;
+            put(row, 6 * b + i, G.v(r, i)), put(6 * b + i, row, G.v(r, i));
+            put(row, 6 * b + 3 + i, G.w(r, i)), put(6 * b + 3 + i, row, G.w(r, i));
+          }
+      }
   }
   void put(int i, int j, double value) { matrix_(i, j) += scales_[i] * scales_[j] * value; }
 

@@ -28,7 +28,7 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli.app import app
-from crosscheck.history.store import open_store, run_from_document, save
+from crosscheck.history.runs import open_store, run_from_document, save
 from crosscheck.judge import overrides
 from crosscheck.report import schema
 from crosscheck.sweeps import plan

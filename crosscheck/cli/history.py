@@ -14,7 +14,7 @@ import typer
 from crosscheck.cli.console import console, figures, key, print_table, say, words
 from crosscheck.errors import ArgumentError, counted, unknown
 from crosscheck.history import changes
-from crosscheck.history import store as stored
+from crosscheck.history import runs as stored
 from crosscheck.history.overview import write_history, write_trend
 from crosscheck.report.schema import read_document
 

@@ -103,7 +103,7 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
 
 
 def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str | None,
-             options: dict[str, Any]) -> Subject:
+             options: dict[str, object]) -> Subject:
     adapter = adapters.get(engine)
     chosen = best_method(adapter, scene) if method is None else method
     if chosen not in adapter.methods:

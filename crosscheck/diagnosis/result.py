@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 EXIT_CODES = {"agrees": 0, "named": 1, "unknown": 2}
 
@@ -83,6 +82,6 @@ class Explanation:
         """Names of the causes, sorted."""
         return tuple(sorted({cause.name for cause in self.causes}))
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, object]:
         """As values that JSON knows."""
         return dataclasses.asdict(self) | {"exit_code": self.exit_code}

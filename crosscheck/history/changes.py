@@ -11,8 +11,8 @@ from typing import Any
 from msgspec.structs import replace
 
 from crosscheck.document import Change
-from crosscheck.history.store.figures import SPEED, Figure
-from crosscheck.history.store.runs import CellKey, StoredResult, StoredRun, Usual
+from crosscheck.history.figures import SPEED, Figure
+from crosscheck.history.runs import CellKey, StoredResult, StoredRun, Usual
 from crosscheck.verification.trust import NOISE_DEVIATIONS, NOISE_RATIO
 
 KINDS = ("run", "outcome", "accuracy", "speed", "missing", "version", "truth", "scene", "settings", "new", "machine")

@@ -22,10 +22,9 @@ from msgspec.structs import replace
 
 from crosscheck.document import AS_PLANNED, Asked, Change, Document
 from crosscheck.errors import ArgumentError, counted, writing
-from crosscheck.history import store
+from crosscheck.history import runs as store
 from crosscheck.history.changes import compare
-from crosscheck.history.store import StoredRun
-from crosscheck.history.store.figures import SPEED
+from crosscheck.history.figures import SPEED
 from crosscheck.jobs.drive import Stages
 from crosscheck.jobs.table import Session, Table
 from crosscheck.judge.plan import profile
@@ -93,7 +92,7 @@ def nightly(out: Path, wanted: Wanted, where: str | Path | None = None, keep: in
     ----------
     out : folder of the nights; it is made if it does not exist
     wanted : profile, scenes, engines and other options
-    where : the store, as in `history.store.open_store`; None: CROSSCHECK_STORE, or history.sqlite next to `out`
+    where : the store, as in `history.runs.open_store`; None: CROSSCHECK_STORE, or history.sqlite next to `out`
     keep : number of finished runs whose reports are kept; the store keeps all runs
     progress : called as in `crosscheck.verification.job.verify`
 
@@ -276,7 +275,7 @@ VERDICTS = {0: "good", 1: "look at this", 2: "NOT ALL COULD BE JUDGED"}
 """Verdict by exit code."""
 
 
-def summary(document: Document, name: str, before: StoredRun | None, exit_code: int, page: Path) -> str:
+def summary(document: Document, name: str, before: store.StoredRun | None, exit_code: int, page: Path) -> str:
     """The summary in about twenty lines. The first line is the `headline`."""
     meta, changes = document.meta, document.changes or []
     findings = [change for change in changes if change.bad]

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 
 from crosscheck.errors import ArgumentError, writing
 from crosscheck.history.changes import change_points, heights, scaled, spans_decades
-from crosscheck.history.store import StoredRun
-from crosscheck.history.store.figures import SPEED, Figure
-from crosscheck.history.store.runs import EMPTY, CellKey, recent
-from crosscheck.history.store.schema import tables
+from crosscheck.history.figures import SPEED, Figure
+from crosscheck.history.runs import EMPTY, CellKey, StoredRun, recent
+from crosscheck.history.schema import tables
 from crosscheck.report.overview import SEVERITY
 from crosscheck.report.standalone import one_file, write_page
 

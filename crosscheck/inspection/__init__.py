@@ -35,12 +35,12 @@ RANDOM_STATES = 3
 
 
 @overload
-def inspect(scene: Scene, engines: Sequence[Any] | None = None, form: str | None = None, count: int = RANDOM_STATES,
+def inspect(scene: Scene, engines: Sequence[object] | None = None, form: str | None = None, count: int = RANDOM_STATES,
             seed: int = 0) -> Inspection: ...
 
 
 @overload
-def inspect(scene: str | os.PathLike[str], engines: Sequence[Any] | None = None, form: str | None = None,
+def inspect(scene: str | os.PathLike[str], engines: Sequence[object] | None = None, form: str | None = None,
             count: int = RANDOM_STATES, seed: int = 0,
             against: str | os.PathLike[str] | None = None) -> Inspection | native.NativeInspection | Diff: ...
 

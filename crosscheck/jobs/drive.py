@@ -13,19 +13,16 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Literal, Self, cast
 
 from crosscheck.errors import FAILED, CrosscheckError
-from crosscheck.jobs.workers.crew import Crew, isolated
+from crosscheck.jobs.workers.crew import Crew, Result, Task, isolated
 from crosscheck.jobs.workers.process import Crash, Limits
 
 if TYPE_CHECKING:
     from crosscheck.jobs.table import Session
 
 __all__ = ["Crash", "Limits", "Place", "Stages", "drive", "run_tasks"]
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 TRIES = 5
 """How often a task is tried whose process was killed from outside."""

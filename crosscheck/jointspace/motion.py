@@ -119,7 +119,7 @@ class TreeSpace:
         """The bodies at the start."""
         return self.bodies(np.zeros(self.size), self.speeds)
 
-    def _springs(self, change: np.ndarray) -> list[Any]:
+    def _springs(self, change: np.ndarray) -> list[object]:
         """Changes of the angles of springs in joints that close loops: their rates, with changes for speeds."""
         tree, state = self.equations.tree, [*self.equations.initial.tolist()]
         for link in self.links:

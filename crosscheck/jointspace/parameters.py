@@ -38,7 +38,7 @@ def value_of(scene: Scene, path: str) -> float:
     return float(node)
 
 
-def _parts(node: object) -> dict[str, Any]:
+def _parts(node: object) -> dict[str, object]:
     """What there is below a part of a scene; members of a tuple by their names, and by their numbers."""
     if isinstance(node, tuple | np.ndarray):
         return {getattr(each, "name", None) or str(k): each for k, each in enumerate(node)} | {

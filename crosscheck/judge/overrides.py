@@ -6,7 +6,6 @@ import math
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from msgspec.structs import replace
 
@@ -44,7 +43,7 @@ def read(path: str | os.PathLike[str] | None, options: Sequence[str] = (), senso
     return tuple((name, value, why) for name, (value, why) in bounds.items())
 
 
-def _table(path: str | os.PathLike[str]) -> dict[str, Any]:
+def _table(path: str | os.PathLike[str]) -> dict[str, object]:
     try:
         with open(path, "rb") as stream:
             return tomllib.load(stream)

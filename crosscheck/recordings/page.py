@@ -39,7 +39,7 @@ def write_page(verdict: Verdict, folder: Path) -> Path:
                    drawn=_drawn(verdict, seen))
 
 
-def _curves(verdict: Verdict, seen: Differences) -> dict[str, Any]:
+def _curves(verdict: Verdict, seen: Differences) -> dict[str, object]:
     """Curves for Plotly: errors, defects, and recorded beside true values."""
     rows = np.unique(np.linspace(0, len(seen.t) - 1, POINTS).astype(int))
     t = _plain(seen.recording.t[rows])
@@ -72,7 +72,7 @@ def _drawn(verdict: Verdict, seen: Differences) -> dict[str, Any] | None:
     return {"t": _plain(seen.t[rows]), "drawing": msgspec.to_builtins(drawing(scene)), "actors": actors}
 
 
-def _plain(values: np.ndarray) -> Any:
+def _plain(values: np.ndarray) -> object:
     """Numbers with six digits, None for those that are not finite."""
     if values.ndim > 1:
         return [_plain(row) for row in values]

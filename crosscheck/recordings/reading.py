@@ -369,7 +369,7 @@ def _of_frame(frame: Any) -> dict[str, np.ndarray]:
     return {str(name): frame[name].to_numpy() for name in frame}
 
 
-def _of_arrays(arrays: Mapping[str, Any], scene: Scene, where: str) -> dict[str, np.ndarray]:
+def _of_arrays(arrays: Mapping[str, object], scene: Scene, where: str) -> dict[str, np.ndarray]:
     """Columns of arrays: (T,) as it is; (T, k) as name[0] ...; x, v, w (T, n, 3), q and R of all bodies by body."""
     columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():

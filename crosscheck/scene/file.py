@@ -10,7 +10,6 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from crosscheck.errors import ArgumentError, SceneError
 from crosscheck.scene.building import printable
@@ -167,7 +166,7 @@ def _read(path: Path) -> Content:
     return data
 
 
-def _distinct(pairs: list[tuple[str, Any]]) -> Content:
+def _distinct(pairs: list[tuple[str, object]]) -> Content:
     """A JSON object as a mapping; raises if a key occurs twice, which TOML refuses too."""
     table = dict(pairs)
     if len(table) < len(pairs):

@@ -47,7 +47,7 @@ def _frozen(values: object, shape: tuple[int, ...]) -> np.ndarray:
 class _Record:
     """Base of the frozen records of a scene. Copies and pickles are made from the fields, which freezes them again."""
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         values = (getattr(self, field.name) for field in dataclasses.fields(self))  # type: ignore[arg-type]
         return type(self), tuple(dict(value) if isinstance(value, Mapping) else value for value in values)
 

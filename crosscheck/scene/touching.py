@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-from typing import Any
 
 import numpy as np
 
@@ -39,7 +38,7 @@ class Touching:
         spec = mujoco.MjSpec()
         for shape in self._shapes:
             size = np.pad(np.array(shape.size), (0, 3 - len(shape.size))) if shape.size else np.ones(3)
-            geom: dict[str, Any] = {"type": getattr(mujoco.mjtGeom, f"mjGEOM_{shape.type.upper()}"), "size": size}
+            geom: dict[str, object] = {"type": getattr(mujoco.mjtGeom, f"mjGEOM_{shape.type.upper()}"), "size": size}
             if shape.type == "mesh":
                 spec.add_mesh(name=shape.name, uservert=np.array(shape.points).ravel(),
                               inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)

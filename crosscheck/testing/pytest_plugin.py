@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MARKER = ("crosscheck(scene=, engine=, method=, step=, rtol=, **options): default arguments of crosscheck_run and "
           "crosscheck_truth in this test; without an engine the test runs once per engine")
 
-GIVEN: pytest.StashKey[dict[str, Any] | None] = pytest.StashKey()
+GIVEN: pytest.StashKey[dict[str, object] | None] = pytest.StashKey()
 """The keywords of the running test's marker, with its engine; None without a marker."""
 
 OPEN: pytest.StashKey[str | None] = pytest.StashKey()

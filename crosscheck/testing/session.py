@@ -31,11 +31,11 @@ class Session:
     given : returns the keywords of the running test's marker, None without a marker
     """
 
-    def __init__(self, profile: str, given: Callable[[], Mapping[str, Any] | None]) -> None:
+    def __init__(self, profile: str, given: Callable[[], Mapping[str, object] | None]) -> None:
         self._whole, self._given = profile_called(profile).whole, given
         self._runs: dict[tuple[object, ...], Trajectory] = {}
         self._truths: dict[str, Reference] = {}
-        self._asked: dict[int, tuple[Trajectory, dict[str, Any]]] = {}  # trajectory and options by its identity
+        self._asked: dict[int, tuple[Trajectory, dict[str, object]]] = {}  # trajectory and options by its identity
 
     def run(self, scene: Any = None, engine: Any = None, method: Any = None, **options: Any) -> Trajectory:
         """A trajectory; see the fixture `crosscheck_run`."""

@@ -9,7 +9,7 @@ import pandas as pd  # noqa: TID253 - a test module
 from crosscheck.document import Origin
 from crosscheck.files import plain
 from crosscheck.history.overview import write_history, write_trend
-from crosscheck.history.store import open_store, run_from_document, save, series
+from crosscheck.history.runs import open_store, run_from_document, save, series
 from crosscheck.report.standalone import write_page
 from crosscheck.running import provenance
 from crosscheck.studies.chaos import ChaosAsk, ChaosStudy, Comparison

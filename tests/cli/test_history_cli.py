@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 from crosscheck.cli.app import app, main
 from crosscheck.errors import ArgumentError
-from crosscheck.history.store import load, open_store, run_from_document, save
+from crosscheck.history.runs import load, open_store, run_from_document, save
 from tests.history.store.documents import document, record
 
 NAMES = [f"2026-11-{day:02d}T02-00-00Z-00ff" for day in range(1, 7)]

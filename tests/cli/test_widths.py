@@ -23,7 +23,7 @@ from crosscheck.cli import app, runs, study, verify
 from crosscheck.document import Advice, Finding
 from crosscheck.history import nightly
 from crosscheck.history.nightly import summary
-from crosscheck.history.store import open_store, run_from_document, save
+from crosscheck.history.runs import open_store, run_from_document, save
 from crosscheck.sweeps import job
 from crosscheck.verification import trust
 from tests.browser import pages_making

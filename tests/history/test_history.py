@@ -5,9 +5,9 @@ import pytest
 
 from crosscheck.document import Order
 from crosscheck.history.changes import change_points, compare, machine_factor, sparkline
+from crosscheck.history.figures import Figure
 from crosscheck.history.overview import write_trend
-from crosscheck.history.store import Usual, run_from_document
-from crosscheck.history.store.figures import Figure
+from crosscheck.history.runs import Usual, run_from_document
 from tests.history.store.documents import document, record
 
 

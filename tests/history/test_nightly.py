@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError
 from crosscheck.history import nightly
-from crosscheck.history.store import open_store, recent
+from crosscheck.history.runs import open_store, recent
 from crosscheck.jobs import table
 from tests import ROOT
 from tests.commands import crosscheck

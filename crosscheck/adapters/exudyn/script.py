@@ -129,7 +129,7 @@ class _Recorder:
         self.bodies: list[str] = []
         self.counts: dict[str, int] = {}
 
-    def __getattr__(self, call: str) -> Any:
+    def __getattr__(self, call: str) -> object:
         if not call.startswith("Add"):
             raise AttributeError(call)
         kind = call.removeprefix("Add").lower()

@@ -12,12 +12,12 @@ import pytest
 import sqlalchemy
 
 from crosscheck.errors import ArgumentError
-from crosscheck.history.store import (
+from crosscheck.history import schema
+from crosscheck.history.runs import (
     Usual,
     baseline,
     find,
     load,
-    migrations,
     open_store,
     recent,
     run_from_document,
@@ -26,8 +26,7 @@ from crosscheck.history.store import (
     set_good,
     usual,
 )
-from crosscheck.history.store.migrations import VERSION
-from crosscheck.history.store.schema import tables
+from crosscheck.history.schema import VERSION, tables
 from tests.history.store.documents import document, many, record
 
 CELL = ("single_pendulum", "mujoco", "RK4", "", False)
@@ -112,7 +111,7 @@ def old_store(url):
     plain = url.replace("postgresql://", "postgresql+psycopg://")
     engine = sqlalchemy.create_engine(plain)
     with engine.begin() as connection:
-        migrations.step(connection, 1)
+        schema.step(connection, 1)
         for statement in (
                 "INSERT INTO schema_version VALUES (1, '2026-01-01')",
                 "INSERT INTO runs VALUES (1, 'old', '2026-01-01T02:00:00+00:00', 'full', '[]', 'crosscheck', 5.0, 0)",
@@ -167,7 +166,7 @@ def test_a_killed_migration_leaves_the_old_schema(url, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(migrations, "step", half)
+        patch.setattr(schema, "step", half)
         with pytest.raises(KeyboardInterrupt):
             open_store(url)
     assert load(open_store(url), "old").results[CELL].figures["position error"].value == 1.5e-7

@@ -3,7 +3,7 @@
 import pytest
 
 from crosscheck.errors import ArgumentError
-from crosscheck.history.store import open_store
+from crosscheck.history.runs import open_store
 
 SECRET = "s3cret"
 URLS = {

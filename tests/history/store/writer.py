@@ -2,7 +2,7 @@
 
 import sys
 
-from crosscheck.history.store import open_store, run_from_document, save
+from crosscheck.history.runs import open_store, run_from_document, save
 from tests.history.store.documents import document, many
 
 

@@ -1,16 +1,22 @@
-"""Write runs to a store and read them."""
+"""The history of runs in a database, an SQLite file by default, or a PostgreSQL server: write runs and read them.
+
+It keeps every run for good, in tables that users query (docs/nightly.md); rows of `crosscheck.jobs.table` are a cache.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import statistics
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from crosscheck.document import Document
 from crosscheck.errors import ArgumentError, unknown
-from crosscheck.history.store.figures import Figure, figures
-from crosscheck.history.store.schema import tables
+from crosscheck.history.figures import Figure, figures
+from crosscheck.history.schema import migrate, tables
+from crosscheck.jobs.database import database
 from crosscheck.verification.speed import spread
 
 if TYPE_CHECKING:
@@ -21,6 +27,9 @@ CellKey = tuple[str, str, str, str, bool]
 
 EMPTY = ("the store has no run yet: `crosscheck nightly` makes one, `crosscheck history add reports/latest` takes in "
          "one of `crosscheck verify`")
+
+DEFAULT = Path("reports/history.sqlite")
+"""The store if none is named, relative to the current folder."""
 
 KEY = ("scene", "engine", "method", "form", "practical")
 """Columns of a `CellKey`."""
@@ -67,6 +76,15 @@ class StoredRun:
     environment: Environment
     versions: dict[str, dict[str, str]]  # "engine" and "package": version by name
     results: dict[CellKey, StoredResult] = dataclasses.field(default_factory=dict)
+
+
+def open_store(where: str | Path | None = None) -> Engine:
+    """Open the store at `where`. If needed, it is made, or updated to the newest schema.
+
+    `where` is as in `crosscheck.jobs.database.database`; None: the environment variable CROSSCHECK_STORE, or else
+    `DEFAULT`. Raises `ArgumentError` if it cannot be used or is not a store of crosscheck.
+    """
+    return database(where or os.environ.get("CROSSCHECK_STORE") or DEFAULT, "--store", migrate)
 
 
 def run_from_document(name: str, document: Document, good: bool = False) -> StoredRun:

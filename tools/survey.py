@@ -5,8 +5,8 @@
 A line a file, then a table. "whole" is as it is, with monitors and actuators; "free" is with a free base, "balance"
 with inertias replaced, "root" a part of it, "within" with files of the whole folder, as messages offer it; "bare" is
 with `drop=True`. Of each the accelerations at three seeded states are within 1e-8 of those of MuJoCo, or differ, by
-what is named. Parts that only stand in other files, and XML of other kinds, are not counted. An SDF file is read by the
-engines that take it; with `--native` all that are installed read each file that came in by themselves, too.
+what is named. Parts that only stand in other files, and XML of other kinds, are not counted. SDF and USD are read by
+the engines that take them; with `--native` all that are installed read each file that came in by themselves, too.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def outcome(path: Path, folder: Path) -> tuple[str, list[str]]:
             read = inspect(path)
         except CrosscheckError as error:
             return f"{path.suffix.lower()} not read", said(error, path)
-        return ".sdf read by " + " and ".join(native.engine for native in read.native), [
+        return f"{path.suffix.lower()} read by {' and '.join(native.engine for native in read.native)}", [
             *map(str, read.differences), *(f"{name}: {words}" for name, words in read.refused.items())]
     options: dict[str, Any] = {}
     first: list[str] = []

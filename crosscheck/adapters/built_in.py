@@ -40,7 +40,7 @@ ENTRIES = {
     "mjx": Entry("crosscheck.adapters.mjx", "MJX", None, "mujoco-mjx mujoco", PINNED["mjx"]),
     "mjx-single": Entry("crosscheck.adapters.mjx", "MJXSingle", None, "mujoco-mjx mujoco", PINNED["mjx-single"]),
     "pybullet": Entry("crosscheck.adapters.pybullet", "PyBullet", None, "pybullet", PINNED["pybullet"]),
-    "newton": Entry("crosscheck.adapters.newton", "Newton", None, "newton[sim]", PINNED["newton"]),
+    "newton": Entry("crosscheck.adapters.newton", "Newton", None, "newton[sim,importers]", PINNED["newton"]),
     "sapien": Entry("crosscheck.adapters.sapien", "Sapien", None, "sapien", PINNED["sapien"]),
     "warp": Entry("crosscheck.adapters.warp", "Warp", None, "mujoco-warp mujoco", PINNED["warp"]),
 }

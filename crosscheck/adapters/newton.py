@@ -10,7 +10,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import tempfile
+import warnings
 from collections.abc import Callable
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -21,9 +24,12 @@ from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE
 from crosscheck.adapters.common.links import shortest_rotation
+from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
 from crosscheck.document.known import ORDERS, STATE, Known
+from crosscheck.errors import EngineError, foreign
 from crosscheck.files import aside
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.models import source
 
 FORMS = {"Featherstone": "tree", "MuJoCoEuler": "tree", "MuJoCoImplicitfast": "tree", "MuJoCoRK4": "tree",
          "XPBD": "maximal", "SemiImplicit": "maximal"}
@@ -37,6 +43,9 @@ of MuJoCo are soft rows whose stiffness hangs on the inertia."""
 
 XYZW = (1, 2, 3, 0)
 """Places of Newton's quaternion entries x, y, z, w in ours."""
+
+SINGLE, UNLIMITED = 3e-5, 1e9
+"""Relative bound on what Newton reads, in single precision, and from where on a limit is none."""
 
 ROTATED = ("Newton keeps the angular velocity of a ball in axes of the parent, MuJoCo Warp in those of the body. Every "
            "step turns it there and back by quaternions that single precision leaves longer than one, by 4e-8 on "
@@ -90,6 +99,7 @@ class Newton(Engine):
     known_defects = KNOWN
     eps = 2.0**-23
     pace = 4
+    reads = (".urdf", ".xml", ".usd", ".usda", ".usdc")
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All three by joint coordinates, none by free bodies."""
@@ -149,6 +159,84 @@ class Newton(Engine):
         if raw.form == "maximal":
             raw.stats["softness"] = spec.softness or "tight"
         return raw
+
+
+    def native(self, path: str, states: JointStates) -> Native:
+        """The model that Newton makes of a model file by itself; for USD it needs its extra `importers`."""
+        warp = silent_warp()
+        with aside(1, 2), warp.ScopedDevice("cpu"), warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
+            warnings.simplefilter("ignore")  # of meshes and of what its importers do not take
+            import newton
+
+            builder, add = newton.ModelBuilder(), "usd"
+            if not Path(path).suffix.lower().startswith(".usd"):
+                model = source.bare(Path(path))
+                add = "urdf" if model.is_urdf else "mjcf"
+            if add == "urdf":  # without its shapes, whose meshes may be anywhere
+                path = f"{folder}/model.urdf"
+                Path(path).write_text(model.text)
+            with foreign(lambda error: EngineError(f"Newton cannot read it: {' '.join(str(error).split())}")):
+                getattr(builder, f"add_{add}")(path)
+            return loaded(warp, newton, builder, states)
+
+
+def loaded(warp: Any, newton: Any, builder: Any, states: JointStates) -> Native:
+    """What stands in a `newton.ModelBuilder`, in single precision."""
+    kinds = {newton.JointType.REVOLUTE: "revolute", newton.JointType.PRISMATIC: "prismatic"}
+    names, joints = ([label.rpartition("/")[2] for label in labels]
+                     for labels in (builder.body_label, builder.joint_label))
+    held = dict(zip(builder.joint_child, range(len(joints)), strict=False))
+    for j, kind in enumerate(builder.joint_type):
+        if held[builder.joint_child[j]] != j:
+            raise EngineError(f"joint {joints[j]!r} closes a loop, which is not compared")
+        if kind not in (*kinds, newton.JointType.FIXED, newton.JointType.FREE):
+            raise EngineError(f"joint {joints[j]!r} has several coordinates, which is not compared")
+    model = builder.finalize(device="cpu")
+    state, q, v = model.state(), model.joint_q.numpy(), model.joint_qd.numpy()
+    moving = {joints[j]: (builder.joint_q_start[j], builder.joint_qd_start[j])
+              for j, kind in enumerate(builder.joint_type) if kind in kinds}
+    columns, rows = {name: k for k, name in enumerate(moving)}, [row for _, row in moving.values()]
+
+    def placed(position: Any, velocity: Any) -> None:
+        q[[at for at, _ in moving.values()]], v[rows] = position, velocity
+        state.joint_q.assign(q), state.joint_qd.assign(v)
+        newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+
+    placed(0.0, 0.0)
+    poses = {-1: (np.zeros(3), np.eye(3))} | {k: _pose(pose) for k, pose in enumerate(state.body_q.numpy())}
+    parts: dict[str, Part] = {}
+    for k in sorted(range(len(names)), key=lambda k: held.get(k, -1)):  # joints come parents first
+        (x, R), mass = poses[k], float(builder.body_mass[k])
+        j = held.get(k, -1)  # -1: on no joint, it is free
+        kind, parent = (builder.joint_type[j], builder.joint_parent[j]) if j >= 0 else (newton.JointType.FREE, -1)
+        more: dict[str, Any] = {"free": kind == newton.JointType.FREE}
+        if kind in kinds:
+            (outer, turned), (anchor, axes), dof = poses[parent], _pose(builder.joint_X_p[j]), builder.joint_qd_start[j]
+            ends = float(builder.joint_limit_lower[dof]), float(builder.joint_limit_upper[dof])
+            more = {"joint": joints[j], "anchor": outer + turned @ anchor, "kind": kinds[kind],
+                    "axis": turned @ axes @ np.array(builder.joint_axis[dof], dtype=float),
+                    "damping": float(builder.joint_damping[dof]), "armature": float(builder.joint_armature[dof]),
+                    "limits": ends if max(map(abs, ends)) < UNLIMITED else None}
+        inertia = np.array(builder.body_inertia[k], dtype=float).reshape(3, 3)
+        parts[names[k]] = Part(names[parent] if parent >= 0 else "", mass,
+                               x + R @ np.array(builder.body_com[k], dtype=float), R @ inertia @ R.T, R, **more)
+
+    def terms(position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        placed(position, velocity)
+        M = newton.eval_mass_matrix(model, state).numpy()[0].astype(float)
+        found = {key: warp.zeros_like(model.joint_qd) for key in ("gravity_force", "coriolis_force")}
+        newton.eval_inverse_dynamics_passive(model, state, **found)
+        return M[np.ix_(rows, rows)], np.sum([each.numpy()[rows] for each in found.values()], axis=0, dtype=float)
+
+    gravity = np.array(model.gravity.numpy(), dtype=float).reshape(-1, 3)[0]
+    read = dataclasses.replace(assembled("newton", parts, gravity), tolerance=SINGLE)
+    return moved(read, states, columns, "eval_inverse_dynamics_passive", terms)
+
+
+def _pose(transform: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Position and attitude of a transform of Warp."""
+    values = np.array(transform, dtype=float)
+    return values[:3], rotation_from_quaternion(values[[6, 3, 4, 5]])
 
 
 def recorded(warp: Any, step: Callable[[], None]) -> Callable[[], None]:

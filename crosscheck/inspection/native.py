@@ -7,11 +7,12 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from crosscheck import adapters
-from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
+from crosscheck.adapters.common.native import TOLERANCE, Hinge, JointStates, Link, Native
 from crosscheck.errors import CrosscheckError, SceneError
 from crosscheck.scene import assembly
 from crosscheck.scene.armature import rotors
@@ -31,10 +32,6 @@ COMPARED = {"masses": ("mass", "link"), "inertias": ("inertia", "link"), "centre
             "mass matrix": ("mass matrix", "armature"), "bias forces": ("bias",),
             "accelerations": ("acceleration", "damping", "mass matrix", "armature", "bias", "gravity", "mimic")}
 """What is compared, in words, with the quantities of the differences in it."""
-
-
-TOLERANCE = 1e-7
-"""Relative bound on a difference. It is small, because both parsers read the same digits of the file."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,14 +106,16 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     neither crosscheck nor an engine can read the file.
     """
     source = Path(path)
-    model = sources.read(source, sdf=True)
+    usd = source.suffix.lower().startswith(".usd")
+    model = sources.Source(source, Element("usd"), source.parent) if usd else sources.read(source, sdf=True)
     outside = [name for _, name, target in sources.files(model) if target is None]
     scene, no_scene = None, None
     try:
-        scene = import_model(path, drop=True)
+        scene = import_model(path, drop=True)  # which says that it reads no USD and no SDF
     except SceneError as error:
         no_scene = error
     sdf = model.root.tag == "sdf"
+    alone = sdf or usd  # read by engines only
     starts = {joint.name: (joint.start or (0.0,))[0] for joint in (scene.joints if scene else ())
               if joint.kind.positions == 1}
     if sdf:
@@ -130,7 +129,7 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     ending = source.suffix.lower()
     # as in studies, engines apart are asked where they are named, or where no other reads the file
     readers = [name for name in adapters.names() if ending in adapters.get(name).reads
-               and (sdf or not adapters.has_own_environment(name))]
+               and (alone or not adapters.has_own_environment(name))]
     for name in readers if engines is None else engines:
         try:
             adapters.get(name)  # raises if there is none
@@ -146,7 +145,7 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
             refused[name] = str(error)
     if no_scene is not None and not natives:
         raise SceneError(f"{source}: no engine reads it: " + "; ".join(
-            f"{name}: {words}" for name, words in refused.items())) if sdf and refused else no_scene
+            f"{name}: {words}" for name, words in refused.items())) if alone and refused else no_scene
     neutral = _neutral(scene, states) if scene else natives[0]
     said: dict[str, tuple[float, float]] = {}  # the limits of the first that has them; a scene may have left them out
     for name, joint in [each for native in natives for each in native.joints.items()]:
@@ -275,12 +274,14 @@ def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> I
     def told(quantity: str, place: str, words: str) -> Difference:
         return Difference(native.engine, quantity, place, words)
 
-    if not _close(neutral.gravity, native.gravity, 10.0):
+    most = native.tolerance
+    if not _close(neutral.gravity, native.gravity, 10.0, most):
         yield told("gravity", "", f"gravity is {native.gravity.tolist()}, the scene has {neutral.gravity.tolist()}")
     ratios = [native.links[name].mass / link.mass for name, link in neutral.links.items()
               if name in native.links and link.mass]
-    factor = ratios[0] if len(ratios) > 1 and _close(np.array(ratios), np.full(len(ratios), ratios[0]), 1.0) else 1.0
-    if abs(factor - 1) > TOLERANCE:
+    alike = len(ratios) > 1 and _close(np.array(ratios), np.full(len(ratios), ratios[0]), 1.0, most)
+    factor = ratios[0] if alike else 1.0
+    if abs(factor - 1) > most:
         yield told("mass", "", f"masses of all links times {factor:.6g}")
     for name, link in neutral.links.items():
         link = Link(factor * link.mass, factor * link.inertia)
@@ -288,11 +289,11 @@ def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> I
         if other is None:
             yield told("link", name, f"link {name} is not in its model")
             continue
-        yield from _link(name, link, other, invented, told)
+        yield from _link(name, link, other, invented, told, most)
     for name in native.links.keys() - neutral.links.keys():
         origin = "from collision geometry" if invented else "otherwise"
         yield told("link", name, f"link {name} is a body of its own, {native.links[name].mass:g} kg, made {origin}")
-    off = _shifted_centres(neutral, native)
+    off = _shifted_centres(neutral, native, most)
     for name, gap in off.items():
         yield told("centre of mass", name, f"centre of mass of link {name} is shifted by {_shown(gap)} m")
     for name, joint in neutral.joints.items():
@@ -300,17 +301,18 @@ def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> I
         if theirs is None:
             yield told("joint", name, f"joint {name} is not in its model")
         else:
-            yield from _joint(name, joint, theirs, off, told)
+            yield from _joint(name, joint, theirs, off, told, most)
     yield from _dynamics(neutral, native, told)
 
 
-def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], told: Told) -> Iterator[Difference]:
-    if abs(theirs.mass - ours.mass) > TOLERANCE * ours.mass:
+def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], told: Told,
+          most: float) -> Iterator[Difference]:
+    if abs(theirs.mass - ours.mass) > most * ours.mass:
         why = " made from collision geometry" if invented else f" times {theirs.mass / ours.mass:.6g}"
         yield told("mass", name, f"mass of link {name}{why}: {theirs.mass:g} kg in place of {ours.mass:g} kg")
-    if not _close(ours.inertia, theirs.inertia, float(np.abs(ours.inertia).max())):
+    if not _close(ours.inertia, theirs.inertia, float(np.abs(ours.inertia).max()), most):
         moments = np.linalg.eigvalsh(ours.inertia), np.linalg.eigvalsh(theirs.inertia)
-        if _close(*moments, float(moments[0].max())):
+        if _close(*moments, float(moments[0].max()), most):
             yield told("inertia", name, f"inertial rotation of {name} lost or turned: the principal moments are right, "
                        "their axes are not")
         else:
@@ -318,7 +320,7 @@ def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], told: T
                        f"{_shown(moments[0])} kg m^2")
 
 
-def _shifted_centres(neutral: Native, native: Native) -> dict[str, np.ndarray]:
+def _shifted_centres(neutral: Native, native: Native, most: float) -> dict[str, np.ndarray]:
     """Shifts (m) of mass centres. A link has one if all anchors on it shift alike, and those of its neighbours do not.
     """
     gaps: dict[str, list[np.ndarray]] = {}
@@ -328,14 +330,15 @@ def _shifted_centres(neutral: Native, native: Native) -> dict[str, np.ndarray]:
             return {}
         ends = {ours.parent: theirs.parent_anchor - ours.parent_anchor,
                 ours.child: theirs.child_anchor - ours.child_anchor}
-        alone = sum(np.abs(gap).max() > TOLERANCE for gap in ends.values()) == 1
+        alone = sum(np.abs(gap).max() > most for gap in ends.values()) == 1
         for link, gap in ends.items():
             gaps.setdefault(link, []).append(gap if alone else np.full(3, np.nan))
     return {link: -each[0] for link, each in gaps.items() if link in neutral.links
-            and np.abs(each[0]).max() > TOLERANCE and _close(np.array([each[0]] * len(each)), np.array(each), 1.0)}
+            and np.abs(each[0]).max() > most and _close(np.array([each[0]] * len(each)), np.array(each), 1.0, most)}
 
 
-def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray], told: Told) -> Iterator[Difference]:
+def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray], told: Told,
+           most: float) -> Iterator[Difference]:
     if ours.kind != theirs.kind:
         yield told("type", name, f"joint {name} is {theirs.kind} in place of {ours.kind}")
     if ours.parent != theirs.parent or ours.child != theirs.child:
@@ -343,30 +346,30 @@ def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray],
                    f"{ours.child}")
         return
     cosine = float(ours.axis @ theirs.axis)
-    if cosine < -1 + TOLERANCE:
+    if cosine < -1 + most:
         yield told("axis", name, f"axis of joint {name} is flipped")
-    elif cosine < 1 - TOLERANCE:
+    elif cosine < 1 - most:
         yield told("axis", name, f"axis of joint {name} is turned by {np.degrees(np.arccos(cosine)):.4g} deg")
     turn = theirs.attitude.T @ ours.attitude
     angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
-    if np.abs(turn - np.eye(3)).max() > TOLERANCE:
+    if np.abs(turn - np.eye(3)).max() > most:
         yield told("frame", name, f"frame of joint {name} is turned by {np.degrees(angle):.4g} deg"
                    + _degrees(ours.attitude, theirs.attitude))
     for end in ("parent", "child"):
         gap, link = getattr(theirs, f"{end}_anchor") - getattr(ours, f"{end}_anchor"), getattr(ours, end)
-        if link not in off and np.abs(gap).max() > TOLERANCE * max(1.0, float(np.abs(ours.parent_anchor).max())):
+        if link not in off and np.abs(gap).max() > most * max(1.0, float(np.abs(ours.parent_anchor).max())):
             yield told("frame", name, f"frame of joint {name} is shifted by {_shown(gap)} m against the "
                        + ("ground" if link == "ground" else f"centre of mass of {link}"))
     sprung = ("rest_position",) if ours.stiffness and theirs.stiffness else ()
     if ours.mimic != theirs.mimic:
         yield told("mimic", name, f"joint {name} follows " + (
             f"{theirs.mimic or 'no other joint'} in place of {ours.mimic or 'none'}"))
-    if ours.limits and theirs.limits and not _close(np.array(ours.limits), np.array(theirs.limits), 1.0):
+    if ours.limits and theirs.limits and not _close(np.array(ours.limits), np.array(theirs.limits), 1.0, most):
         yield told("limits", name, f"limits of joint {name} are {_shown(np.array(theirs.limits))}, not "
                    f"{_shown(np.array(ours.limits))}")
     for key in ("damping", "armature", "stiffness", *sprung):
         value, goal = getattr(theirs, key), getattr(ours, key)
-        if abs(value - goal) > TOLERANCE * max(abs(goal), abs(value)):
+        if abs(value - goal) > most * max(abs(goal), abs(value)):
             wrong = "missing" if value == 0 else f"is {value:g}, not {goal:g}"
             yield told(key, name, f"{key.replace('_', ' ')} of joint {name} {wrong}")
 
@@ -391,8 +394,8 @@ def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Differenc
     assert native.bias is not None
     assert neutral.acceleration is not None
     assert native.acceleration is not None
-    gap = native.mass_matrix - neutral.mass_matrix
-    if not _close(native.mass_matrix, neutral.mass_matrix, float(np.abs(neutral.mass_matrix).max())):
+    gap, most = native.mass_matrix - neutral.mass_matrix, native.tolerance
+    if not _close(native.mass_matrix, neutral.mass_matrix, float(np.abs(neutral.mass_matrix).max()), most):
         armature = np.array([neutral.joints[name].armature for name in neutral.order])
         if armature.any() and np.allclose(gap, -np.diag(armature), atol=1e-9 * float(armature.max())):
             for name in np.array(neutral.order)[armature > 0]:
@@ -401,7 +404,7 @@ def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Differenc
             name = neutral.order[int(np.unravel_index(int(np.abs(gap).argmax()), gap.shape)[1])]
             yield told("mass matrix", name, f"mass matrix of joint {name} is off by {np.abs(gap).max():.3g}")
     scale = max(1e-9, float(np.abs(neutral.bias).max()))
-    if not _close(native.bias, neutral.bias, scale):
+    if not _close(native.bias, neutral.bias, scale, most):
         worst = int(np.abs(native.bias - neutral.bias).max(axis=0).argmax())
         yield told("bias", neutral.order[worst], f"bias force of joint {neutral.order[worst]} is off by "
                    f"{np.abs(native.bias - neutral.bias).max():.3g}")
@@ -411,18 +414,18 @@ def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Differenc
     scale = max(scale, float(np.abs(ours).max()))
     geared = {each for one in (neutral, native) for name, joint in one.joints.items() if joint.mimic
               for each in (name, joint.mimic)}  # their efforts contain the constraint force
-    for index in np.flatnonzero(np.abs(theirs - ours).max(axis=0) > 10 * TOLERANCE * scale):
+    for index in np.flatnonzero(np.abs(theirs - ours).max(axis=0) > 10 * most * scale):
         name = neutral.order[int(index)]
         gap = float(np.abs(theirs - ours)[:, index].max())
-        if native.joints[name].damping and np.abs(theirs[:, index]).max() <= 10 * TOLERANCE * scale:
+        if native.joints[name].damping and np.abs(theirs[:, index]).max() <= 10 * most * scale:
             yield told("damping", name, f"damping of joint {name} is stored but not applied by {native.solver}")
         elif name not in geared:
             yield told("acceleration", name, f"acceleration of joint {name} by {native.solver} differs by an effort of "
                        f"{gap:.3g}")
 
 
-def _close(one: np.ndarray, other: np.ndarray, scale: float) -> bool:
-    return one.shape == other.shape and bool(np.abs(one - other).max(initial=0.0) <= TOLERANCE * max(scale, 1e-12))
+def _close(one: np.ndarray, other: np.ndarray, scale: float, most: float) -> bool:
+    return one.shape == other.shape and bool(np.abs(one - other).max(initial=0.0) <= most * max(scale, 1e-12))
 
 
 def _shown(values: np.ndarray) -> str:

@@ -1,5 +1,6 @@
 """The native check: seeded mistakes in model files are named, and a file without one is not accused."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -410,3 +411,76 @@ def test_a_single_link_without_joints_is_read(tmp_path):
     found = crosscheck.inspect(path, ["mujoco", "pinocchio"])
     assert len(found.native) == 2
     assert "--base free" in found.no_scene
+
+
+USD = """#usda 1.0
+(
+    defaultPrim = "swing"
+    metersPerUnit = 1
+    upAxis = "Z"
+)
+def Xform "swing" (
+    prepend apiSchemas = ["PhysicsArticulationRootAPI"]
+) {
+    def Xform "rod" (
+        prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]
+    ) {
+        float physics:mass = 2
+        point3f physics:centerOfMass = (0, 0, -0.5)
+        float3 physics:diagonalInertia = (0.1, 0.1, 0.05)
+        quatf physics:principalAxes = (1, 0, 0, 0)
+    }
+    def PhysicsRevoluteJoint "hinge" {
+        uniform token physics:axis = "Y"
+        rel physics:body1 = </swing/rod>
+        float physics:lowerLimit = -57.29577951308232
+        float physics:upperLimit = 114.59155902616465
+    }
+}
+"""
+
+
+def newton_or_skip():
+    if "newton" not in adapters.names():
+        pytest.skip("the environment of newton is not made")
+
+
+def test_a_usd_file_is_read_by_newton_and_by_nobody_else(tmp_path):
+    (path := tmp_path / "swing.usda").write_text(USD)
+    with pytest.raises(crosscheck.SceneError, match="only read by engines, for `crosscheck inspect`; convert it"):
+        crosscheck.import_model(path)
+    newton_or_skip()
+    try:
+        read = crosscheck.inspect(path, ["newton"]).native[0]
+    except crosscheck.SceneError as error:
+        if "newton[importers]" not in str(error):
+            raise
+        pytest.skip("the environment of newton is from before its importers were asked for")
+    hinge, rod = read.joints["hinge"], read.links["rod"]
+    assert rod.mass == pytest.approx(2.0)
+    np.testing.assert_allclose(rod.inertia, np.diag([0.1, 0.1, 0.05]), atol=1e-7)
+    np.testing.assert_allclose(hinge.child_anchor, [0, 0, 0.5], atol=1e-7)
+    np.testing.assert_allclose(hinge.axis, [0, 1, 0], atol=1e-7)
+    np.testing.assert_allclose(hinge.limits, [-1, 2], rtol=1e-6)
+
+
+def test_newton_reads_a_robot_as_the_scene_has_it_in_single_precision(tmp_path):
+    newton_or_skip()
+    (path := tmp_path / "arm.urdf").write_text(PLAIN)
+    found = crosscheck.inspect(path, ["newton"])
+    assert found.agree, [str(each) for each in found.differences]
+    assert found.native[0].acceleration is not None
+
+
+@pytest.mark.parametrize(("tolerance", "named"), [(native.TOLERANCE, {"mass", "axis"}), (3e-5, set())])
+def test_a_reader_in_single_precision_is_not_accused_of_its_roundings(tmp_path, tolerance, named):
+    (path := tmp_path / "arm.urdf").write_text(PLAIN)
+    exact = crosscheck.inspect(path, ["pinocchio"]).native[0]
+    first, *_ = exact.links
+    hinge = next(name for name, joint in exact.joints.items())
+    turned = exact.joints[hinge].axis + 8e-4 * np.array([1.0, 0.0, 0.0])
+    rough = dataclasses.replace(
+        exact, tolerance=tolerance, links=exact.links | {first: dataclasses.replace(
+            exact.links[first], mass=exact.links[first].mass * (1 + 1e-5))},
+        joints=exact.joints | {hinge: dataclasses.replace(exact.joints[hinge], axis=turned / np.linalg.norm(turned))})
+    assert {each.quantity for each in native._differences(exact, rough, frozenset())} == named

@@ -7,6 +7,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+TOLERANCE = 1e-7
+"""Relative bound on a difference. It is small, because parsers read the same digits of the file."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Link:
@@ -49,6 +52,7 @@ class Native:
     acceleration: np.ndarray | None = None  # (K, nv)
     solver: str = ""  # the engine's function for the accelerations
     refusal: str = ""  # the engine's error for the file itself, if it could be read only without its meshes
+    tolerance: float = TOLERANCE  # relative, of a difference that counts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,6 +71,7 @@ class Part:
     damping: float = 0.0
     limits: tuple[float, float] | None = None
     free: bool = False  # whether it floats
+    armature: float = 0.0
 
 
 def assembled(engine: str, parts: Mapping[str, Part], gravity: np.ndarray) -> Native:
@@ -97,7 +102,7 @@ def assembled(engine: str, parts: Mapping[str, Part], gravity: np.ndarray) -> Na
         outer = frames[parent]
         joints[part.joint] = Hinge(parent, name, outer.T @ (part.anchor - centres[parent]),
                                    frame.T @ (part.anchor - centres[name]), frame.T @ part.axis, outer.T @ frame,
-                                   part.kind, part.damping, limits=part.limits)
+                                   part.kind, part.damping, part.armature, limits=part.limits)
     return Native(engine, links, joints, gravity)
 
 

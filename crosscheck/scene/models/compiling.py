@@ -30,6 +30,9 @@ APART = frozenset(("sensor", "contact", "equality", "tendon", "actuator", "defor
                    "composite", "plugin", "extension"))
 """Elements that may be left out, or any in them, and named."""
 
+SPARE = {"repeated name": "name", "in ball joint": "range"}
+"""Attributes that may be left out, and named, where MuJoCo refuses their element with these words."""
+
 LEAST_INERTIA = 1e-15
 """mjMINVAL: MuJoCo takes no smaller mass or inertia of what moves."""
 
@@ -103,9 +106,11 @@ def _without(model: Source, words: str) -> str:
     if line is None or not 0 < int(line[1]) <= len(nodes) or any(node.tag == "model" for node in nodes):
         return ""  # it may be the line of a model in the model
     node = nodes[int(line[1]) - 1]
-    attribute = re.search(r"unrecognized attribute: '([^']+)'", words)
-    if attribute is not None and node.attrib.pop(attribute[1], None) is not None:
-        return f"the attribute {attribute[1]} of {source.label(node)}"
+    unknown = re.search(r"unrecognized attribute: '([^']+)'", words)
+    attribute = unknown[1] if unknown else next((each for said, each in SPARE.items() if said in words), "")
+    label = source.label(node)
+    if node.attrib.pop(attribute, None) is not None:
+        return f"the attribute {attribute} of {label}"
     above = [node, *_above(model, node)]
     if node.tag == "mesh" and node.get("file") and above[1].tag == "asset":
         _strip(model, {node.get("name") or Path(node.get("file", "")).stem: "which MuJoCo refuses"})

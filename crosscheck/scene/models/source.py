@@ -147,7 +147,7 @@ def read(path: Path, sdf: bool = False, within: str | os.PathLike[str] | None = 
         raise SceneError(f"{path}: a xacro file is a program that writes a URDF; run it first (xacro {path.name} > "
                          f"{path.stem}.urdf) and give the URDF")
     if path.suffix.lower().startswith(".usd"):
-        raise SceneError(f"{path}: USD is not read; export the model as URDF or MJCF and give that")
+        raise SceneError(f"{path}: a USD file is only read by engines, for `crosscheck inspect`; convert it to URDF")
     root = _parsed(path)
     _check_size(path, root)
     _check_reserved(path, root)

@@ -19,6 +19,7 @@ class Entry:
     needs: str | None = None  # the module of an optional engine, from the extras [drake] and [dart]
     package: str = ""  # packages for a chosen version, as in "mujoco==3.3.7"; "" if none can be chosen
     version: str = ""  # of an engine that has an environment of its own; "" if it shares this one
+    beside: str = ""  # further packages there, of any version
 
     def importable(self) -> bool:
         """Whether the engine is not optional, or is installed here."""
@@ -40,7 +41,8 @@ ENTRIES = {
     "mjx": Entry("crosscheck.adapters.mjx", "MJX", None, "mujoco-mjx mujoco", PINNED["mjx"]),
     "mjx-single": Entry("crosscheck.adapters.mjx", "MJXSingle", None, "mujoco-mjx mujoco", PINNED["mjx-single"]),
     "pybullet": Entry("crosscheck.adapters.pybullet", "PyBullet", None, "pybullet", PINNED["pybullet"]),
-    "newton": Entry("crosscheck.adapters.newton", "Newton", None, "newton[sim,importers]", PINNED["newton"]),
+    "newton": Entry("crosscheck.adapters.newton", "Newton", None, "newton[sim]", PINNED["newton"],
+                    "usd-core newton-usd-schemas"),
     "sapien": Entry("crosscheck.adapters.sapien", "Sapien", None, "sapien", PINNED["sapien"]),
     "warp": Entry("crosscheck.adapters.warp", "Warp", None, "mujoco-warp mujoco", PINNED["warp"]),
 }

@@ -24,6 +24,9 @@ class Dart(open_tree.OpenTree):
     methods = ("SemiImplicitEuler",)
     package = "dartpy"
     laws = ("dry_friction", "limits", "servo")
+    joints = (*open_tree.JOINTS, "universal", "planar")
+    forces = ("torsional_spring",)
+    floating = True
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why DART cannot run this here, or None."""
@@ -70,6 +73,15 @@ class Model:
             if link.type in ("revolute", "prismatic"):
                 joint.setAxis(link.parts[0].axis)
                 joint.setPositions(q)
+            if link.type == "universal":
+                joint.setAxis1(link.parts[0].axis), joint.setAxis2(link.parts[1].axis)
+                joint.setPositions(q)
+            if link.type == "planar":
+                joint.setArbitraryPlane(link.parts[0].axis, link.parts[1].axis)
+                joint.setPositions(q)
+            if link.type == "free":  # its coordinates are zero at the start, its velocities in the axes of the body
+                joint.setTransformFromParentBodyNode(_pose(scene.R0[link.body], scene.x0[link.body]))
+                v = np.concatenate([scene.w0[link.body], scene.R0[link.body].T @ scene.v0[link.body]])
             if link.dofs:
                 joint.setVelocities(v)  # those of a ball in the outer body's axes; its rotation starts at zero
             self.bodies[link.body] = body
@@ -80,6 +92,9 @@ class Model:
         create = {"spherical": self.skeleton.createBallJointAndBodyNodePair,
                   "revolute": self.skeleton.createRevoluteJointAndBodyNodePair,
                   "prismatic": self.skeleton.createPrismaticJointAndBodyNodePair,
+                  "universal": self.skeleton.createUniversalJointAndBodyNodePair,
+                  "planar": self.skeleton.createPlanarJointAndBodyNodePair,
+                  "free": self.skeleton.createFreeJointAndBodyNodePair,
                   "fixed": self.skeleton.createWeldJointAndBodyNodePair}[link.type]
         joint, body = create() if link.parent == GROUND else create(self.bodies[link.parent])
         return joint, body
@@ -104,7 +119,10 @@ class Model:
 
 
 def _give_laws(scene: Scene, link: tree.Link, joint: Any) -> None:
-    """Dry friction and limits, which are rows of DART's steps, and servos as springs in joints."""
+    """Dry friction and limits, which are rows of DART's steps, and springs and servos as springs in joints."""
+    if link.type == "revolute":
+        stiffness, rest, damping = open_tree.sprung(scene, link)
+        joint.setSpringStiffness(0, stiffness), joint.setRestPosition(0, rest), joint.setDampingCoefficient(0, damping)
     _, sign, zero = tree.coordinate(scene, link)
     law = next(each for each in scene.joints if each.name == link.joint)
     for friction in filter(None, law.dry_friction):

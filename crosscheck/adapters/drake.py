@@ -50,6 +50,9 @@ class Drake(open_tree.OpenTree):
     orders = MappingProxyType(FIXED)
     package = "drake"
     laws = LAWS
+    joints = (*open_tree.JOINTS, "universal", "planar")
+    forces = ("torsional_spring",)
+    floating = True
     reads = (".urdf", ".sdf", ".world")
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
@@ -134,17 +137,31 @@ class Model:
 
         self.plant = MultibodyPlant(0.0)
         self.bodies = [self.plant.AddRigidBody(str(index), _inertia(body)) for index, body in enumerate(scene.bodies)]
-        self.joints = [(link, self._joint(scene, link)) for link in tree.links(scene)]
+        links = tree.links(scene)
+        self.joints = [(link, self._joint(scene, link)) for link in links if link.type != "free"]
+        self.floating = [link.body for link in links if link.type == "free"]
         self.plant.mutable_gravity_field().set_gravity_vector(scene.gravity)
         self.plant.Finalize()
         self.bench = self.plant.CreateDefaultContext()
 
     def _joint(self, scene: Scene, link: tree.Link) -> Any:
         from pydrake.math import RigidTransform, RotationMatrix
-        from pydrake.multibody.tree import BallRpyJoint, FixedOffsetFrame, PrismaticJoint, RevoluteJoint, WeldJoint
+        from pydrake.multibody.tree import (
+            BallRpyJoint,
+            FixedOffsetFrame,
+            PlanarJoint,
+            PrismaticJoint,
+            RevoluteJoint,
+            RevoluteSpring,
+            UniversalJoint,
+            WeldJoint,
+        )
 
         parent = self.plant.world_body() if link.parent == GROUND else self.bodies[link.parent]
         axes = _pitch_axes(scene, link) if link.type == "spherical" else np.eye(3)
+        if link.type in ("universal", "planar"):  # along the first two axes, in this order
+            first, second = (part.axis for part in link.parts[:2])
+            axes = np.stack([first, second, np.cross(first, second)], axis=1)
         outer = RigidTransform(RotationMatrix(open_tree.zero_attitude(scene, link) @ axes), link.parent_anchor)
         inner = RigidTransform(RotationMatrix(axes), link.child_anchor)
         frames = [self.plant.AddFrame(FixedOffsetFrame(f"{side} of {link.body}", body.body_frame(), pose))
@@ -154,7 +171,16 @@ class Model:
             case "spherical":
                 joint: Any = BallRpyJoint(name, *frames)
             case "revolute":
-                joint = RevoluteJoint(name, *frames, axis=link.parts[0].axis)
+                stiffness, rest, damping = open_tree.sprung(scene, link)
+                joint = RevoluteJoint(name, *frames, axis=link.parts[0].axis, damping=damping)
+                made = self.plant.AddJoint(joint)
+                if stiffness:
+                    self.plant.AddForceElement(RevoluteSpring(made, rest, stiffness))
+                return made
+            case "universal":
+                joint = UniversalJoint(name, *frames)
+            case "planar":
+                joint = PlanarJoint(name, *frames)
             case "prismatic":
                 joint = PrismaticJoint(name, *frames, axis=link.parts[0].axis)
             case _:
@@ -163,6 +189,14 @@ class Model:
 
     def start(self, scene: Scene, context: object) -> None:
         """Set the scene's initial state in a context."""
+        from pydrake.math import RigidTransform, RotationMatrix
+        from pydrake.multibody.math import SpatialVelocity
+
+        for k in self.floating:
+            pose = RigidTransform(RotationMatrix(scene.R0[k]), scene.x0[k])
+            self.plant.SetFreeBodyPose(context, self.bodies[k], pose)
+            self.plant.SetFreeBodySpatialVelocity(context, self.bodies[k],
+                                                  SpatialVelocity(scene.R0[k] @ scene.w0[k], scene.v0[k]))
         for link, joint in self.joints:
             q, v = tree.initial_coordinates(scene, link)
             match link.type:
@@ -173,6 +207,11 @@ class Model:
                     joint.set_angle(context, q[0]), joint.set_angular_rate(context, v[0])
                 case "prismatic":
                     joint.set_translation(context, q[0]), joint.set_translation_rate(context, v[0])
+                case "universal":
+                    joint.set_angles(context, q), joint.set_angular_rates(context, v)
+                case "planar":
+                    joint.set_pose(context, q[:2], q[2])
+                    joint.set_translational_velocity(context, v[:2]), joint.set_angular_velocity(context, v[2])
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         """Set joint positions and velocities in the evaluation context."""

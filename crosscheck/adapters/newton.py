@@ -162,7 +162,7 @@ class Newton(Engine):
 
 
     def native(self, path: str, states: JointStates) -> Native:
-        """The model that Newton makes of a model file by itself; for USD it needs its extra `importers`."""
+        """The model that Newton makes of a model file by itself; for USD it needs pxr and Newton's schemas."""
         warp = silent_warp()
         with aside(1, 2), warp.ScopedDevice("cpu"), warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
             warnings.simplefilter("ignore")  # of meshes and of what its importers do not take

@@ -63,8 +63,11 @@ class Link:
         return sum(part.dofs for part in self.parts)
 
 
-def obstacle(scene: Scene, types: Iterable[str], forces: Iterable[str] = ()) -> str | None:
-    """Why `scene` is not an open tree of joints and forces of these types, or None if it is one."""
+def obstacle(scene: Scene, types: Iterable[str], forces: Iterable[str] = (), floating: bool = False) -> str | None:
+    """Why `scene` is not an open tree of joints and forces of these types, or None if it is one.
+
+    If `floating`, bodies may hang on no joint.
+    """
     types, forces = tuple(types), tuple(forces)
     for force in scene.forces:
         if force.type not in forces:
@@ -73,6 +76,8 @@ def obstacle(scene: Scene, types: Iterable[str], forces: Iterable[str] = ()) -> 
     for joint in scene.joints:
         if joint.type not in types:
             return f"joint {joint.name!r}: type {joint.type} is not built; this form has {', '.join(types)}"
+    if floating and not spanning_tree(scene)[1]:
+        return None
     if not is_open_tree(scene):
         return "the joints do not form an open tree rooted in the ground (a loop, or a body that hangs on no joint)"
     return None
@@ -85,10 +90,12 @@ def is_open_tree(scene: Scene) -> bool:
 
 
 def links(scene: Scene) -> tuple[Link, ...]:
-    """The links of an open tree rooted in the ground, parents before children."""
-    if not is_open_tree(scene):
+    """The links of an open tree, parents before children; bodies without a joint have free ones."""
+    branches, closing = spanning_tree(scene)
+    if closing:
         raise ValueError(f"scene {scene.name!r} is no open tree")
-    return tuple(link(scene, branch.joint, branch.outward) for branch in spanning_tree(scene)[0] if branch.joint)
+    return tuple(link(scene, branch.joint, branch.outward) if branch.joint else free(branch.body)
+                 for branch in branches)
 
 
 def unfold(scene: Scene, always_cut: tuple[str, ...] = ()) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:

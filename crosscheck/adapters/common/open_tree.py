@@ -13,6 +13,7 @@ from crosscheck.adapters.common.links import relative_attitude
 from crosscheck.adapters.common.stepping import Convert
 from crosscheck.scene.functions import at
 from crosscheck.scene.laws import Servo
+from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
 
@@ -23,17 +24,22 @@ BodyState = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np
 """x, R, v, w, a, alpha of a body at its centre of mass, all vectors in world axes."""
 
 
-def unsupported(scene: Scene, spec: RunSpec, laws: str | tuple[str, ...]) -> str | None:
+def unsupported(scene: Scene, spec: RunSpec, laws: str | tuple[str, ...], joints: tuple[str, ...] = JOINTS,
+                forces: tuple[str, ...] = (), floating: bool = False) -> str | None:
     """Why such an adapter cannot run a scene in the given form, or None if it can.
 
-    `laws`: the elements of force laws of joints that it has, or why it has none.
+    Parameters
+    ----------
+    laws : the elements of force laws of joints that it has, or why it has none
+    joints, forces : types that it builds
+    floating : whether bodies may hang on no joint
     """
     if spec.form not in (None, "tree"):
         return f"form {spec.form} is not built into this adapter; it has tree"
     known, why = ((), laws) if isinstance(laws, str) else (laws, "")
     reason = scene.beyond(known)
-    return f"{reason}: {why}" if reason and why and scene.has_laws else reason or tree.obstacle(scene, JOINTS, (
-        "servo",) if "servo" in known else ())
+    return f"{reason}: {why}" if reason and why and scene.has_laws else reason or tree.obstacle(
+        scene, joints, (*forces, *(("servo",) if "servo" in known else ())), floating)
 
 
 def bouncing(scene: Scene) -> str | None:
@@ -69,7 +75,10 @@ class OpenTree(Engine):
     """An engine of joint coordinates alone, form `tree`."""
 
     forms = ("tree",)
-    laws: str | tuple[str, ...] = ()  # as in `unsupported`
+    laws: str | tuple[str, ...] = ()  # as in `unsupported`, like the next three
+    joints: tuple[str, ...] = JOINTS
+    forces: tuple[str, ...] = ()
+    floating = False
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All three, by joint coordinates."""
@@ -77,7 +86,21 @@ class OpenTree(Engine):
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why the engine cannot run a scene in the given form, or None if it can."""
-        return unsupported(scene, spec, self.laws)
+        return unsupported(scene, spec, self.laws, self.joints, self.forces, self.floating)
+
+
+def sprung(scene: Scene, link: tree.Link) -> tuple[float, float, float]:
+    """(stiffness, rest position, damping) of all torsional springs about a hinge, in its coordinate as a link."""
+    springs = [force.parameters for force in scene.forces if force.type == "torsional_spring"
+               and force.joint == link.joint]
+    if not springs:
+        return 0.0, 0.0, 0.0
+    sign = 1.0 if link.outward else -1.0
+    zero = float(torsion_angles(scene, scene.R0[None])[link.joint][0]) - sign * float(
+        tree.initial_coordinates(scene, link)[0][0])
+    stiffness, damping = (sum(float(each[key]) for each in springs) for key in ("stiffness", "damping"))
+    moment = sum(float(each["stiffness"]) * (float(each["rest_angle"]) - zero) for each in springs)
+    return stiffness, sign * moment / stiffness if stiffness else 0.0, damping
 
 
 def zero_attitude(scene: Scene, link: tree.Link) -> np.ndarray:

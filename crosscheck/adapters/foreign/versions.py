@@ -153,7 +153,8 @@ def _make(engine: str, version: str, place: Path, needed: Sequence[str]) -> None
     wanted = [f"{package}=={version}" for package in PACKAGES[engine]]
     python = place / "bin" / "python"
     # Only wheels: compiling an engine takes an hour, or needs tools that are not installed.
-    packages = ["--quiet", "--only-binary", ":all:", *wanted, *needed]
+    packages = ["--quiet", "--only-binary", ":all:", *wanted, *needed,
+                *built_in.ENTRIES[engine].beside.split()]
     if uv := shutil.which("uv"):
         steps = [[uv, "venv", "--quiet", "--python", sys.executable, str(place)],
                  [uv, "pip", "install", "--python", str(python), *packages]]

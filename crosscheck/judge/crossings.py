@@ -99,16 +99,16 @@ def near_impacts(scene: Scene, truth: Reference, position: float, step: float) -
     There a velocity may be that before the impact or that after it.
     """
     near = np.zeros(len(truth.t), bool)
-    rigid = {joint.name for joint in scene.joints if any(each is not None and each.rigid for each in joint.limits)}
+    rigid = {joint.name: 1.0 if joint.type == "prismatic" else min(max(np.linalg.norm(joint.child_anchor), 1e-3), 1.0)
+             for joint in scene.joints if any(each is not None and each.rigid for each in joint.limits)}
     hits = [(t, name) for t, name, what in truth.events if name in rigid and what.startswith("hits")]
     if not hits:
         return near
     rates = {name: np.abs(each.velocity.reshape(len(truth.t), -1)).max(axis=1)
              for name, each in histories(scene, truth.states).items() if name in rigid}
-    length = max([float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.name in rigid] + [1e-3])
     for t, name in hits:
         after = min(int(np.searchsorted(truth.t, t)), len(near) - 1)
-        speed = rates[name][max(after - 1, 0):after + 1].max() * min(1.0, length)
+        speed = rates[name][max(after - 1, 0):after + 1].max() * rigid[name]
         near |= np.abs(truth.t - t) <= STEPS * (step + position / speed if speed else np.inf)
     return near
 

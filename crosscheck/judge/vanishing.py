@@ -166,17 +166,20 @@ def shares(runs: Sequence[Defects], order: int) -> list[np.ndarray]:
               run.flow.begin.w - fine.begin.w] for run in runs]  # where the intervals begin
     length, rate = runs[0].scale.length, fine.rate[:, None]
 
-    def size(parts: list[np.ndarray]) -> np.ndarray:
-        return np.asarray(np.max([np.linalg.norm(part, axis=-1) / unit for part, unit in
-                                  zip(parts, (length, 1.0, length * rate, rate), strict=True)], axis=(0, 2)))
-
     # A stiff spring that hardly swings has a small leading term, which changes by itself with what it swings.
-    with np.errstate(divide="ignore", invalid="ignore"):  # of what is at rest, all of this is zero
+    with np.errstate(divide="ignore", invalid="ignore"):
         stiff = np.fmax(1.0, fine.spring ** (order + 1) / fine.sizes[order + 1])
-        first = [np.nan_to_num((order + 2) * stiff * size(parts), nan=0.0) for parts in apart]
+
+    def size(parts: list[np.ndarray]) -> np.ndarray:
+        with np.errstate(divide="ignore", invalid="ignore"):  # of what is at rest, all of this is zero
+            sizes = np.max([np.linalg.norm(part, axis=-1) / unit for part, unit in
+                            zip(parts, (length, 1.0, length * rate, rate), strict=True)], axis=(0, 2))
+            return np.asarray(np.nan_to_num((order + 2) * stiff * sizes, nan=0.0))
+
+    first = [size(parts) for parts in apart]
     if len(runs) == 2:
         return [np.minimum(1.0, share) for share in first]
     h = [run.claim.step or 1.0 for run in runs]
     ratio = (h[2] - h[0]) / (h[1] - h[0])
-    bent = (order + 2) * stiff * size([coarse - ratio * middle for middle, coarse in zip(*apart[1:], strict=True)])
+    bent = size([coarse - ratio * middle for middle, coarse in zip(*apart[1:], strict=True)])
     return [np.minimum(1.0, share**2 + (bent if share.any() else 0.0)) for share in first]

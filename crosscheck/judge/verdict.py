@@ -144,11 +144,12 @@ def judge_invariants(scene: Scene, traj: Trace, truth: Reference, bounds: Bounds
     keep &= True if bounds.near is None else ~bounds.near
     exact_energy = mechanics.energy(scene, truth.states)
     exact_momentum = mechanics.momentum_vertical(scene, truth.states)
-    energy = np.abs(traj.energy - exact_energy)[keep].max() / tolerances.scales(scene, truth).kinetic
-    momentum = np.abs(traj.momentum_vertical - exact_momentum)[keep].max()
+    energy = np.abs(traj.energy - exact_energy)[keep].max(initial=0.0) / tolerances.scales(scene, truth).kinetic
+    momentum = np.abs(traj.momentum_vertical - exact_momentum)[keep].max(initial=0.0)
+    none = not keep.any()
     most, turn = (rule(scene, truth, bounds.invariants) for rule in (tolerances.energy, tolerances.momentum))
-    return [_judged("energy", energy, most, "1", where, "energy" in bounds.empty),
-            _judged("momentum", momentum, turn, "kg m^2/s", where, "momentum" in bounds.empty)]
+    return [_judged("energy", energy, most, "1", where, none or "energy" in bounds.empty),
+            _judged("momentum", momentum, turn, "kg m^2/s", where, none or "momentum" in bounds.empty)]
 
 
 def judge_practical(scene: Scene, traj: Trace, truth: Reference) -> Finding:

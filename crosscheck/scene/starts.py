@@ -55,7 +55,7 @@ def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: in
     turned = {joint: math.tau * round(float(angle[-1]) / math.tau) for joint, angle in angles.items()}
     forces = []
     for force in begun.forces:
-        if angle := turned.get(force.joint or ""):
+        if "rest_angle" in force.parameters and (angle := turned.get(force.joint or "")):
             rest = force.parameters["rest_angle"]
             rest = rest.plus(-angle) if isinstance(rest, TimeFunction) else rest - angle
             force = dataclasses.replace(force, parameters={**force.parameters, "rest_angle": rest})

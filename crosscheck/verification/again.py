@@ -273,7 +273,8 @@ class Asked:
         counts = [count // 2, count // 4] if count >= 4 else [2 * count, 4 * count]
         interval = float(traj.t[1] - traj.t[0])
         made = self.whole if whole else self.parts
-        answers = (made(interval / each) for each in counts[:2 if run.documented_order == 1 else 1])
+        answers = (made(steps_per_sample(self.scene, interval / each)[1])
+                   for each in counts[:2 if run.documented_order == 1 else 1])
         return [each for each in answers if not isinstance(each, str)]
 
     def repeat(self, length: float, turned: bool = True) -> Answer | str:

@@ -12,6 +12,7 @@ from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec, StandIn
 from crosscheck.document import Record
 from crosscheck.verification.cell import judge_run
+from tests import law_engines
 from tests.adapters.test_laws import pendulum as hinge_pendulum
 from tests.fake_engine import install
 from tests.law_mistakes import MISTAKES, SCENES, Wrong
@@ -23,7 +24,7 @@ ORDERS = {1: 5e-4, 2: 1e-3, 4: 5e-3, 6: 1e-2, 8: 1e-2}
 @functools.cache
 def scene(name):
     with tempfile.TemporaryDirectory() as folder:
-        return SCENES[name](pathlib.Path(folder)).replace(name=name)
+        return {**SCENES, **law_engines.SCENES}[name](pathlib.Path(folder)).replace(name=name)
 
 
 def judged(given, engine, method):
@@ -118,3 +119,18 @@ OTHERS = [("pinocchio", name, method) for name in ("saturated", "motor", "follow
 @pytest.mark.parametrize(("engine", "name", "method"), OTHERS)
 def test_other_right_engines_are_accused_of_nothing(engine, name, method):
     assert not accused(judged(scene(name), adapters.get(engine), method))
+
+
+@pytest.mark.parametrize("name", [
+    "drop", "encoder", "turns", *(pytest.param(name, marks=pytest.mark.slow) for name in ("carriage", "corner"))])
+def test_an_engine_of_its_own_code_is_accused_of_nothing(monkeypatch, name):
+    """Samples of a servo between output times, more than half a turn, and impacts near all of these."""
+    assert not accused(judged(scene(name), install(monkeypatch, law_engines.Impulses()), "Plain"))
+
+
+@pytest.mark.parametrize("what", [pytest.param(what, marks=() if what in (
+    "a rate from two samples", "friction that grows with the rate") else pytest.mark.slow)
+    for what in law_engines.MISTAKES])
+def test_a_mistake_in_its_code_fails(monkeypatch, what):
+    engine = install(monkeypatch, law_engines.Impulses(what))
+    assert judged(scene(law_engines.MISTAKES[what]), engine, "Plain").outcome == "fail"

@@ -9,7 +9,9 @@ All are compiled into one kernel, in a copy of its sources; the environment says
 from __future__ import annotations
 
 import argparse
+import functools
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -114,6 +116,8 @@ FIRST = {"so3": "so3", "mimic": "mimic", "body_chart": "rkmk", "euler_lagrange":
          "small_schur": "taylor", "independent_rows": "redundant", "free_bodies": "free_bodies",
          "compensated": "compositions"}
 """The test to begin with, by the file of a mutant."""
+SECONDS = 300
+"""Computing (s) of a test file after which it counts as failed: it runs on."""
 SWITCH = """// Which wrong equation counts.
 #pragma once
 #include <cstdlib>
@@ -147,16 +151,26 @@ def build(folder: Path) -> None:
         subprocess.run(["cmake", *command], check=True, stdout=subprocess.DEVNULL, env={**os.environ, "PATH": path})
 
 
+@functools.cache
+def fails(folder: Path, name: str, number: int) -> bool:
+    """Whether a test file fails with this mutant, -1: without any."""
+    command = [ROOT / "tools" / "with_kernel", folder, "-x", "-q", "-m", "not slow", f"tests/lieeuler/test_{name}.py"]
+    try:
+        subprocess.run(command, capture_output=True, check=True,
+                       preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS)),
+                       env={**os.environ, "CORE_MUTANT": str(number), "PY": sys.executable})
+    except subprocess.CalledProcessError:  # it fails, or runs on for ever
+        return True
+    return False
+
+
 def notices(folder: Path, number: int) -> str | None:
-    """The first test file that fails with this mutant, -1: without any."""
-    first = FIRST.get(Path(MUTANTS[number][0]).stem) if number >= 0 else None
+    """The first test file that fails with this mutant and passes without."""
+    first = FIRST.get(Path(MUTANTS[number][0]).stem)
     for name in sorted(TESTS, key=lambda each: each != first):
-        command = [ROOT / "tools" / "with_kernel", folder, "-x", "-q", "-m", "not slow",
-                   f"tests/lieeuler/test_{name}.py"]
-        try:
-            subprocess.run(command, capture_output=True, check=True, timeout=600,
-                           env={**os.environ, "CORE_MUTANT": str(number), "PY": sys.executable})
-        except subprocess.SubprocessError:  # it runs on for ever, or fails
+        if fails(folder, name, -1):
+            sys.exit(f"test_{name} fails without any mutant")
+        if fails(folder, name, number):
             return name
     return None
 
@@ -172,8 +186,6 @@ def main() -> int:
         if not any(folder.glob("_kernel.*")):
             folder.mkdir(exist_ok=True)
             build(folder)
-        if failed := notices(folder, -1):
-            sys.exit(f"test_{failed} fails without any mutant")
         alive = 0
         for number in options.only:
             killer = notices(folder, number)

@@ -47,6 +47,11 @@ GEOM = ('<body name="g"><joint axis="1 2 0"/><geom type="capsule" fromto="0 0 0 
         "</body>")
 
 RIGHT = {
+    "an axis and an angle": mjcf(b=' axisangle="1 2 0 30"'),
+    "two axes that are not quite normal": mjcf(b=' xyaxes="1 .1 0 0 1 .3"'),
+    "a shape along an axis": mjcf(world='<body name="g"><joint axis="1 2 0"/><geom type="cylinder" zaxis="1 1 2" '
+                                  'size=".1 .3" pos="0 .1 .2" contype="0" conaffinity="0"/></body>'),
+    "a damping ratio of a servo": mjcf(rest='<actuator><position joint="j" kp="5" dampratio=".7"/></actuator>'),
     "a default class": mjcf('<default><default class="x"><joint damping=".4"/></default></default>', j=' class="x"'),
     "a childclass": mjcf('<default><default class="x"><joint armature=".4"/></default></default>', b=' childclass="x"'),
     "nested frames": mjcf(world='<frame euler="10 20 30" pos="1 0 0"><frame quat="1 .5 0 0"><body name="f">'
@@ -124,6 +129,8 @@ NAMED = {
     "a yielding spring": (mjcf(j=' stiffness="5" springyield=".1"'), "springyield of <joint> 'j' (line 1)"),
     "a nonlinear spring": (mjcf(j=' stiffness="5 2"'), "nonlinear stiffness of joint 'j'"),
     "sleep": (mjcf('<option><flag sleep="enable"/></option>'), "sleep of <flag>"),
+    "drag of an ellipsoid": (mjcf('<option viscosity=".1"/>', a='<geom type="ellipsoid" size=".1 .2 .3" mass="0" '
+                                  'contype="0" fluidshape="ellipsoid"/>'), "drag of the medium"),
     "wind": (mjcf('<option wind="1 0 0" density="1.2"/>'), "drag of the medium"),
     "a mesh that is missing": (mjcf('<compiler inertiafromgeom="true"/><asset><mesh name="m" file="no.stl"/></asset>',
                                     a='<geom type="mesh" mesh="m"/><geom size=".1" contype="0"/>'), "no.stl"),
@@ -260,11 +267,12 @@ def test_what_says_nothing_about_the_motion_changes_nothing(name, tmp_path):
     assert scenes[1].left_out == ()
 
 
-def test_an_attribute_that_no_reader_takes_is_named_and_no_refusal(tmp_path):
+@pytest.mark.parametrize("attribute", ["K", "mu_viscous"])
+def test_an_attribute_that_no_reader_takes_is_named_and_no_refusal(tmp_path, attribute):
     path = tmp_path / "robot.urdf"
-    path.write_text(urdf(('damping="2"', 'damping="2" K="7000"')))
+    path.write_text(urdf(('damping="2"', f'damping="2" {attribute}="7000"')))
     scene = crosscheck.import_model(path)
-    assert scene.left_out == ("the attribute K of <dynamics> (line 19)",)
+    assert scene.left_out == (f"the attribute {attribute} of <dynamics> (line 19)",)
     assert scene.joints[-1].damping == (2.0,)
 
 

@@ -18,7 +18,7 @@ _UNREADABLE = re.compile("[\\x00-\\x08\\x0b\\x0c\\x0e-\\x1f\\x7f-\\x9f\\ud800-\\
 
 def readable(text: str) -> str:
     """The text with escapes for control characters and lone surrogates, which XML and databases refuse."""
-    return _UNREADABLE.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    return _UNREADABLE.sub(lambda sign: sign[0].encode("unicode_escape").decode(), text)
 
 
 def finite(value: object) -> Any:

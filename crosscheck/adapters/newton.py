@@ -291,16 +291,16 @@ def build(scene: Scene) -> Any:
 def _laws(scene: Scene, link: tree.Link) -> dict[str, float]:
     """What a hinge or slide has of dry friction, soft limits and servos, as Newton names it."""
     _, sign, zero = tree.coordinate(scene, link)
-    law, found = next(each for each in scene.joints if each.name == link.joint), dict[str, float]()
+    law, gains = next(each for each in scene.joints if each.name == link.joint), dict[str, float]()
     for friction in filter(None, law.dry_friction):
-        found["friction"] = friction.sliding
+        gains["friction"] = friction.sliding
     for limits in filter(None, law.limits):
-        found |= dict(zip(("limit_lower", "limit_upper"), tree.ends(limits, sign, zero, 1e9), strict=True))
-        found |= {"limit_ke": limits.stiffness or 0.0, "limit_kd": limits.damping}
+        gains |= dict(zip(("limit_lower", "limit_upper"), tree.ends(limits, sign, zero, 1e9), strict=True))
+        gains |= {"limit_ke": limits.stiffness or 0.0, "limit_kd": limits.damping}
     for servo in (servo for name, servo in scene.servos.values() if name == link.joint):
-        found |= {"target_ke": servo.proportional, "target_kd": servo.derivative,
+        gains |= {"target_ke": servo.proportional, "target_kd": servo.derivative,
                   "target_q": open_tree.rest(servo, sign, zero)}
-    return found
+    return gains
 
 
 XPBD = {"iterations": 8, "joint_linear_relaxation": 0.4, "joint_angular_relaxation": 0.4}

@@ -107,10 +107,10 @@ def write_derivatives(folder: Path, scene: Scene, exact: Derivatives, verdicts: 
                      if "inverseFD@" in row["source"]])
 
 
-def write_laws(folder: Path, scene: Scene, found: Sequence[LawAnswers], refused: Sequence[str]) -> Path:
+def write_laws(folder: Path, scene: Scene, answers: Sequence[LawAnswers], refused: Sequence[str]) -> Path:
     """The page of the three answers: a row for each engine and setting, and the distances over the step."""
     rows: list[dict[str, Any]] = []
-    for each in found:
+    for each in answers:
         name = each.title.partition(", ")[2]
         rows.append({"name": name, "way": each.way, "limit": each.limit, "apart": each.apart})
         if each.nearest is not None:

@@ -331,20 +331,20 @@ def law(
     Exit code, the largest of all engines: 0: to the scene's law; 1: to another one, or not at all; 2: it could not be
     done, truth is missing, or the steps cannot tell the laws apart.
     """
-    asked, found, refused = options.loaded(scene, drop, keyframe), list[LawAnswers](), list[str]()
+    asked, answers, refused = options.loaded(scene, drop, keyframe), list[LawAnswers](), list[str]()
     for name in engine:
         try:
-            found.append(which_law(asked, name, method, step, softness))
+            answers.append(which_law(asked, name, method, step, softness))
         except Unsupported as error:
             if len(engine) == 1:
                 raise
             refused.append(f"{name}: {error}")
-    for line in "\n".join([*map(str, found), *refused]).splitlines():
+    for line in "\n".join([*map(str, answers), *refused]).splitlines():
         say(line)
     if out is not None:
-        print(f"page: {write_laws(out, asked, found, refused)}", file=sys.stderr)
-    undecided = refused or any(each.without or each.limit == "undecided" for each in found)
-    raise typer.Exit(2 if undecided else int(any(each.limit not in ("the scene's", "both") for each in found)))
+        print(f"page: {write_laws(out, asked, answers, refused)}", file=sys.stderr)
+    undecided = refused or any(each.without or each.limit == "undecided" for each in answers)
+    raise typer.Exit(2 if undecided else int(any(each.limit not in ("the scene's", "both") for each in answers)))
 
 
 def advise(

@@ -49,18 +49,18 @@ def start(entry: str, joint: JointEntry, joints: Sequence[JointEntry],
         position, velocity = start(entry, leader, joints, duration)
         return (None if position is None else (follows.ratio * position[0] + follows.offset,),
                 None if velocity is None else (follows.ratio * velocity[0],))
-    found: list[tuple[float, ...] | None] = []
+    given_start: list[tuple[float, ...] | None] = []
     for key, given in (("position", joint.position), ("velocity", joint.velocity)):
         if given is None:
-            found.append(None)
+            given_start.append(None)
             continue
         count = joint.kind.positions
         if count == 4 and key == "velocity":
             count = 3
         if count == 0:
             raise EntryError(f"{entry}: {key}", f"a {joint.type} joint has no coordinate", "remove it")
-        found.append(_many(f"{entry}: {key}", given, count))
-    position, velocity = found
+        given_start.append(_many(f"{entry}: {key}", given, count))
+    position, velocity = given_start
     if position is not None and len(position) == 4 and not any(position):
         raise EntryError(f"{entry}: position", "all its numbers are zero", "write a quaternion w, x, y, z")
     return position, velocity
@@ -124,14 +124,14 @@ def drive(entry: str, joint: JointEntry, duration: float) -> functions.TimeFunct
     if isinstance(joint.drive, HoldEntry | LinearEntry):
         raise EntryError(f"{entry}: drive", "the rate of a driven joint cannot jump", "write a polynomial, sine or "
                          "spline")
-    found: functions.TimeFunction = function(f"{entry}: drive", joint.drive, duration)
-    return found
+    prescribed: functions.TimeFunction = function(f"{entry}: drive", joint.drive, duration)
+    return prescribed
 
 
 def dry_friction(entry: str, joint: JointEntry) -> tuple[DryFriction | None, ...]:
     """The dry friction of each coordinate; empty if the file has none."""
     given = _of_coordinates(entry, joint, "dry_friction")
-    found = []
+    laws = []
     for place, each in given:
         sliding, static = (each.sliding, each.static) if isinstance(each, DryFrictionEntry) else (each, None)
         static = sliding if static is None else static
@@ -139,16 +139,16 @@ def dry_friction(entry: str, joint: JointEntry) -> tuple[DryFriction | None, ...
         if static < sliding:
             raise EntryError(place, f"static {static:g} is below sliding {sliding:g}",
                              "write a static value that is not smaller")
-        found.append(DryFriction(sliding, static) if static else None)
-    return tuple(found) if any(found) else ()
+        laws.append(DryFriction(sliding, static) if static else None)
+    return tuple(laws) if any(laws) else ()
 
 
 def limits(entry: str, joint: JointEntry) -> tuple[Limits | None, ...]:
     """The range of each coordinate; empty if the file has none."""
-    found: list[Limits | None] = []
+    laws: list[Limits | None] = []
     for place, each in _of_coordinates(entry, joint, "limits"):
         if each == LimitsEntry() and isinstance(joint.limits, list):
-            found.append(None)
+            laws.append(None)
             continue
         lower, upper = range_of(place, each.lower, each.upper)
         soft = each.stiffness is not None or each.damping is not None
@@ -163,8 +163,8 @@ def limits(entry: str, joint: JointEntry) -> tuple[Limits | None, ...]:
         if not 0.0 <= (each.restitution or 0.0) <= 1.0:
             raise EntryError(f"{place}: restitution", f"{each.restitution:g} is not between 0 and 1",
                              "write a number from 0 to 1")
-        found.append(Limits(lower, upper, each.restitution or 0.0, each.stiffness, each.damping or 0.0))
-    return tuple(found) if any(found) else ()
+        laws.append(Limits(lower, upper, each.restitution or 0.0, each.stiffness, each.damping or 0.0))
+    return tuple(laws) if any(laws) else ()
 
 
 def range_of(entry: str, lower: float | None, upper: float | None) -> tuple[float, float]:
@@ -232,7 +232,7 @@ def with_forces(scene: Scene) -> Scene:
 
 def _forces(scene: Scene, joint: Joint, position: np.ndarray, velocity: np.ndarray) -> list[Force]:
     """The springs and dampers of a joint with these coordinates and rates at the start."""
-    found = []
+    forces = []
     words = joint.kind.coordinates
     for k, word in enumerate(words):
         stiffness, damping, rest = ((values or (0.0,) * len(words))[k]
@@ -252,5 +252,5 @@ def _forces(scene: Scene, joint: Joint, position: np.ndarray, velocity: np.ndarr
                 "parent_point": tuple((joint.parent_anchor - back * joint.parent_axis).tolist()),
                 "child_point": tuple(joint.child_anchor.tolist()), "stiffness": stiffness,
                 "free_length": back + rest, "damping": damping}, joint.name)
-        found.append(force)
-    return found
+        forces.append(force)
+    return forces

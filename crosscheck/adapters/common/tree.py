@@ -182,13 +182,13 @@ def forward(chain: Sequence[Link], motions: Sequence[Motion], t: np.ndarray, acc
 
 
 def _turn(R: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    found: np.ndarray = np.einsum("tij,tj->ti", R, vector)
-    return found
+    turned: np.ndarray = np.einsum("tij,tj->ti", R, vector)
+    return turned
 
 
 def _turn_back(R: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    found: np.ndarray = np.einsum("tji,tj->ti", R, vector)
-    return found
+    turned: np.ndarray = np.einsum("tji,tj->ti", R, vector)
+    return turned
 
 
 def _parent(states: States, link: Link) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

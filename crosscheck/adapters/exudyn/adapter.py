@@ -161,15 +161,15 @@ class Exudyn(Engine):
             build = functools.partial(models.maximal if form == "maximal" else models.pivot, scene, stats["node"])
         every = 1 if spec.monitor else per
         linear = self.linear_solver(scene, spec, form)
-        found = solve(build, spec.method, scene.duration, per * (scene.samples - 1), every, linear)
-        model, t, data = found.model, found.t, found.data
+        solved = solve(build, spec.method, scene.duration, per * (scene.samples - 1), every, linear)
+        model, t, data = solved.model, solved.t, solved.data
         if "cardan_order" in stats:
             middle = kinematic_tree.middle_angles(scene)
             stats["gimbal_clearance"] = float(np.abs(np.cos(data[0][:, middle])).min())
         if spec.method in IMPLICIT:
-            stats["newton_tolerance"] = found.tolerance
-            stats["newton_iterations"] = int(found.solver.it.newtonStepsCount)
-            stats["factorizations"] = int(found.solver.it.newtonJacobiCount)
+            stats["newton_tolerance"] = solved.tolerance
+            stats["newton_iterations"] = int(solved.solver.it.newtonStepsCount)
+            stats["factorizations"] = int(solved.solver.it.newtonJacobiCount)
         picked = slice(None, None, per // every)
         states = model.convert(scene.t, [part[picked] for part in data])
         if spec.method in IMPLICIT:
@@ -177,12 +177,12 @@ class Exudyn(Engine):
             a, alpha = np.asarray(states.a), np.asarray(states.alpha)
             forces = max(np.abs(scene.masses[:, None] * a).max(),
                          np.abs(np.einsum("ikl,til->tik", scene.inertias, alpha)).max())
-            stats["newton_left"] = found.tolerance * (1.0 + float(forces))
+            stats["newton_left"] = solved.tolerance * (1.0 + float(forces))
         else:
             _drop_unknown_accelerations(states, every)
         maxima = _maxima(scene, model, t, data) if spec.monitor else None
         happened = events(scene, model.convert(t, data)) if spec.monitor else ()
-        return RawRun(states, found.wall_time, per * (scene.samples - 1), h, stats=stats, maxima=maxima, form=form,
+        return RawRun(states, solved.wall_time, per * (scene.samples - 1), h, stats=stats, maxima=maxima, form=form,
                       events=happened)
 
 
@@ -231,9 +231,9 @@ def _unrolled(scene: Scene, form: str) -> str | None:
 
 def _by_coordinates(scene: Scene) -> set[str]:
     """Joints with armature or laws, that follow or that lead: rigid bodies on joints have no coordinates for it."""
-    found = {joint.name for joint in scene.joints if any((*joint.armature, *joint.dry_friction, *joint.limits))
+    named = {joint.name for joint in scene.joints if any((*joint.armature, *joint.dry_friction, *joint.limits))
              or joint.mimic is not None} | {name for name, _ in scene.servos.values()}
-    return found | {joint.mimic.joint for joint in scene.joints if joint.mimic is not None}
+    return named | {joint.mimic.joint for joint in scene.joints if joint.mimic is not None}
 
 
 def _turns_about_ground(scene: Scene) -> bool:
@@ -268,8 +268,8 @@ def cardan_order(scene: Scene) -> str:
                     else np.swapaxes(states.R[:, link.parent], 1, 2) @ states.R[:, link.body]
                     for link in kinematic_tree.balls(scene)]
         attitudes = Rotation.from_matrix(np.concatenate(relative))
-        clearance = {found: np.abs(np.cos(attitudes.as_euler(found, suppress_warnings=True)[:, 1])).min()
-                     for found in map("".join, itertools.permutations(PREFERRED_ORDER))}
+        clearance = {axes: np.abs(np.cos(attitudes.as_euler(axes, suppress_warnings=True)[:, 1])).min()
+                     for axes in map("".join, itertools.permutations(PREFERRED_ORDER))}
         if not clearance[PREFERRED_ORDER] > CLEARANCE:
             order = max(clearance, key=clearance.__getitem__)
     _ORDERS[scene.hash] = order

@@ -44,14 +44,14 @@ class Place:
 
 def places(scene: Scene, carried: tuple[tree.Link, ...]) -> dict[tuple[str, int], Place]:
     """The places of the coordinates of hinges, slides and cylinders, by the joint's name and their number in it."""
-    found, first = {}, 0
+    placed, first = {}, 0
     for link in carried:
         if link.type in ("revolute", "prismatic", "cylindrical"):
             for k in range(link.dofs):
                 part, sign, zero = tree.coordinate(scene, link, k)
-                found[link.joint, k] = Place(first + part, sign, zero)
+                placed[link.joint, k] = Place(first + part, sign, zero)
         first += link.dofs
-    return found
+    return placed
 
 
 def add(scene: Scene, system: Any, node: Any, at: dict[tuple[str, int], Place], h: float) -> None:

@@ -278,19 +278,19 @@ def _coordinates(scene: Scene, branch: Branch) -> list[tuple[str, np.ndarray, np
     if not branch.outward and kind.axes == "parent":  # the ball comes first, about the inner body's point
         at, attitude = relative_pose(scene, branch.parent, body)
         point = attitude.T @ (anchors[branch.parent] - at)
-    found = []
+    parts = []
     for word in kind.motion:
         if word == "ball":
-            found.append(("mjJNT_BALL", point, np.zeros(3)))
+            parts.append(("mjJNT_BALL", point, np.zeros(3)))
         elif word.startswith("slide"):
             along = in_body(scene, joint.parent, body, slide_direction(word, joint.parent_axis))
-            found.append(("mjJNT_SLIDE", point, along))
+            parts.append(("mjJNT_SLIDE", point, along))
         else:
             ends = (joint.child, joint.child_axis) if word == "turn child" else (joint.parent, joint.parent_axis)
             axis = in_body(scene, ends[0], body, ends[1])
             # the angle of the scene is that of the child relative to the parent
-            found.append(("mjJNT_HINGE", point, -axis if word == "turn" and not branch.outward else axis))
-    return found if branch.outward or kind.axes == "parallel" else [*found[-1:], *found[:-1]]
+            parts.append(("mjJNT_HINGE", point, -axis if word == "turn" and not branch.outward else axis))
+    return parts if branch.outward or kind.axes == "parallel" else [*parts[-1:], *parts[:-1]]
 
 
 class _Constraints:
@@ -410,9 +410,9 @@ def _add_actuator(spec: Any, index: int, force: Force, **options: Any) -> Any:
 
 def uncut(servo: Servo, t: float) -> float:
     """What a servo wants at position and rate zero: the control of an actuator with its gains."""
-    found: float = (servo.proportional * at(servo.target, t) + servo.derivative * at(servo.target_velocity, t)
+    effort: float = (servo.proportional * at(servo.target, t) + servo.derivative * at(servo.target_velocity, t)
                     + at(servo.feedforward, t))
-    return found
+    return effort
 
 
 def controls(scene: Scene) -> Callable[[Any, Any], None] | None:

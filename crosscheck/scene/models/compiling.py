@@ -128,10 +128,10 @@ def _without(model: Source, words: str) -> str:
 def _above(model: Source, node: Element) -> list[Element]:
     """The elements that an element is in, the innermost first."""
     parents = {child: parent for parent in model.root.iter() for child in parent}
-    found = [node]
-    while found[-1] in parents:
-        found.append(parents[found[-1]])
-    return found[1:]
+    above = [node]
+    while above[-1] in parents:
+        above.append(parents[above[-1]])
+    return above[1:]
 
 
 def _check_finite(model: Source, m: Any) -> None:

@@ -67,12 +67,12 @@ def off(reading: Reading, flag: str) -> bool:
 
 def find(reading: Reading, joints: list[Table], wants: Wants) -> Laws:
     """The laws; adds keys to `joints`, what a scene cannot hold to `reading.lost`, what is dropped to `.noted`."""
-    found, places = Laws(), _places(reading, joints)
+    laws, places = Laws(), _places(reading, joints)
     _friction(reading, places, wants)
-    _limits(reading, places, wants, found)
-    _actuators(reading, places, wants, found)
-    _contacts(reading, wants, found)
-    return found
+    _limits(reading, places, wants, laws)
+    _actuators(reading, places, wants, laws)
+    _contacts(reading, wants, laws)
+    return laws
 
 
 def label(reading: Reading, j: int) -> str:
@@ -88,19 +88,19 @@ def body_label(m: Any, body: int) -> str:
 def _places(reading: Reading, joints: list[Table]) -> dict[int, tuple[Table, int, float]]:
     """(table, index of the coordinate, its sign) of each joint of the model that is a coordinate of a scene's joint."""
     m, by_child = reading.model, {table["child"]: table for table in joints}
-    found: dict[int, tuple[Table, int, float]] = {j: (table, 0, 1.0) for j, table in reading.chained.items()}
+    places: dict[int, tuple[Table, int, float]] = {j: (table, 0, 1.0) for j, table in reading.chained.items()}
     for group, body in reading.bodies.items():
         table = by_child.get(body.name)
         ids = range(int(m.body_jntadr[group]), int(m.body_jntadr[group]) + int(m.body_jntnum[group]))
-        if ids and ids[0] in found:
+        if ids and ids[0] in places:
             continue
         if table is None or not JOINT_TYPES[table["type"]].is_elastic:
             continue
         for j in ids:
             k = int(len(ids) == 2 and m.jnt_type[j] == 2)  # the slide of a cylindrical joint comes second
             along = reading.direction(group, reading.data.xaxis[j])
-            found[j] = table, k, 1.0 if np.dot(along, table["child_axis"]) > 0 else -1.0
-    return found
+            places[j] = table, k, 1.0 if np.dot(along, table["child_axis"]) > 0 else -1.0
+    return places
 
 
 def _given(table: Table, key: str, k: int, value: Any, other: Any) -> None:
@@ -127,7 +127,7 @@ def _friction(reading: Reading, places: dict[int, tuple[Table, int, float]], wan
             _given(table, "dry_friction", k, float(m.dof_frictionloss[m.jnt_dofadr[j]]), 0.0)
 
 
-def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants, found: Laws) -> None:
+def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants, laws: Laws) -> None:
     m, d = reading.model, reading.data
     if off(reading, "LIMIT") or off(reading, "CONSTRAINT"):
         return
@@ -151,10 +151,10 @@ def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants
         if wants.limits == "keep":
             _given(table, "limits", k, ends, {})
         else:
-            found.monitors.append({"type": "range", "joint": table["name"], **ends})
+            laws.monitors.append({"type": "range", "joint": table["name"], **ends})
 
 
-def _actuators(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants, found: Laws) -> None:
+def _actuators(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants, laws: Laws) -> None:
     """Actuators as servos. A motor with no control does nothing and is listed as such."""
     m = reading.model
     on: dict[int, list[str]] = {}
@@ -173,14 +173,14 @@ def _actuators(reading: Reading, places: dict[int, tuple[Table, int, float]], wa
             if control is not None or acts(reading, a):
                 reading.lost.append(words)
         elif not servo.keys() - {"type", "joint", "effort_limit"} and not acts(reading, a):
-            found.idle.append(which)
+            laws.idle.append(which)
         else:
             on.setdefault(joint, []).append(words)
-            found.forces.append(servo)
+            laws.forces.append(servo)
     for j in range(m.njnt):
         if m.nactuator and m.jnt_actfrclimited[j] and (j in on or not m.jnt_actfrcrange[j, 0] <= 0 <= m.jnt_actfrcrange[
                 j, 1]):
-            _clamp(reading, j, places.get(j), found, len(on.get(j, ())))
+            _clamp(reading, j, places.get(j), laws, len(on.get(j, ())))
 
 
 def acts(reading: Reading, a: int) -> bool:
@@ -253,13 +253,13 @@ def _servo(reading: Reading, a: int, place: tuple[Table, int, float] | None, con
     return made
 
 
-def _clamp(reading: Reading, j: int, place: tuple[Table, int, float] | None, found: Laws, count: int) -> None:
+def _clamp(reading: Reading, j: int, place: tuple[Table, int, float] | None, laws: Laws, count: int) -> None:
     """Cut what a single servo gives to the range of the actuator force on its joint; otherwise that is lost."""
     m = reading.model
     if count != 1 or place is None:
         reading.lost.append(f"range of the actuator force on joint {label(reading, j)!r}")
         return
-    servo = next(force for force in found.forces if force["joint"] == place[0]["name"])
+    servo = next(force for force in laws.forces if force["joint"] == place[0]["name"])
     lower, upper = sorted(place[2] * m.jnt_actfrcrange[j])
     first, last = servo.get("effort_limit", [-np.inf, np.inf])
     ends = [float(np.clip(first, lower, upper)), float(np.clip(last, lower, upper))]
@@ -276,7 +276,7 @@ def joint_of(m: Any, a: int) -> int:
 
 def controlled(m: Any, d: Any, wants: Wants) -> Wants:
     """The same with controls by the numbers of their actuators, for which `d` has their values at the start."""
-    found = {}
+    controls = {}
     for name, control in wants.controls.items():
         named = [a for a in range(m.nactuator) if m.actuator(a).name == name] or [
             a for a in range(m.nactuator) if joint_of(m, a) >= 0 and m.jnt(joint_of(m, a)).name == name]
@@ -284,9 +284,9 @@ def controlled(m: Any, d: Any, wants: Wants) -> Wants:
             known = [m.actuator(a).name for a in range(m.nactuator) if m.actuator(a).name]
             raise ArgumentError(unknown("controls", name, known) if known else
                                 f"controls: no actuator is named {name!r}, nor its joint")
-        found[named[0]] = control
+        controls[named[0]] = control
         d.ctrl[int(m.actuator_ctrladr[named[0]])] = at_start(name, control)
-    return dataclasses.replace(wants, controls=found)
+    return dataclasses.replace(wants, controls=controls)
 
 
 def at_start(name: str, control: Any) -> float:
@@ -351,7 +351,7 @@ def colliding(reading: Reading) -> list[tuple[int, int, float]]:
     groups = weld[bodies]
     excluded = {(int(code) >> 16, int(code) & 0xFFFF) for code in m.exclude_signature}
     excluded |= {pair[::-1] for pair in excluded}
-    found: dict[tuple[int, int], float] = {}
+    margins: dict[tuple[int, int], float] = {}
     some = np.flatnonzero((types != 0) | (affinities != 0))
     for i, a in enumerate(some.tolist()):
         others = some[i + 1:]
@@ -359,14 +359,14 @@ def colliding(reading: Reading) -> list[tuple[int, int, float]]:
         meet = (own != theirs) & ((types[a] & affinities[others]) | (types[others] & affinities[a]) != 0)
         if not off(reading, "FILTERPARENT"):
             meet &= (own == 0) | (theirs == 0) | ((own != parents[theirs]) & (theirs != parents[own]))
-        found |= {(a, b): float(m.geom_margin[a] + m.geom_margin[b]) for b in others[meet].tolist()
+        margins |= {(a, b): float(m.geom_margin[a] + m.geom_margin[b]) for b in others[meet].tolist()
                   if (int(bodies[a]), int(bodies[b])) not in excluded}
     for a, b, margin in zip(m.pair_geom1.tolist(), m.pair_geom2.tolist(), m.pair_margin.tolist(), strict=True):
-        found[min(a, b), max(a, b)] = float(margin)
-    return [(a, b, margin) for (a, b), margin in found.items()]
+        margins[min(a, b), max(a, b)] = float(margin)
+    return [(a, b, margin) for (a, b), margin in margins.items()]
 
 
-def _contacts(reading: Reading, wants: Wants, found: Laws) -> None:
+def _contacts(reading: Reading, wants: Wants, laws: Laws) -> None:
     """Shapes and monitors for the pairs that may collide; those that touch at the start are lost."""
     import mujoco
 
@@ -393,8 +393,8 @@ def _contacts(reading: Reading, wants: Wants, found: Laws) -> None:
             continue
         shapes |= {g: shape for g, shape in zip((a, b), made, strict=True) if shape is not None}
         watched.append((a, b, margin))
-    found.shapes += distinct(list(shapes.values()))
-    found.monitors += [{"type": "touch", "shapes": [shapes[a]["name"], shapes[b]["name"]], "margin": margin}
+    laws.shapes += distinct(list(shapes.values()))
+    laws.monitors += [{"type": "touch", "shapes": [shapes[a]["name"], shapes[b]["name"]], "margin": margin}
                        for a, b, margin in watched]
 
 

@@ -263,8 +263,8 @@ def _inside(m: Any, q: np.ndarray) -> list[str]:
 
 def follow(model: Source, m: Any, q: np.ndarray, v: np.ndarray) -> None:
     """Put joints that follow others where those put them, in place."""
-    found = followers(model, m)
-    for follower, leader, ratio, offset in found * len(found):  # as often as one may lead the next
+    couples = followers(model, m)
+    for follower, leader, ratio, offset in couples * len(couples):  # as often as one may lead the next
         q[m.jnt_qposadr[follower]] = ratio * q[m.jnt_qposadr[leader]] + offset
         v[m.jnt_dofadr[follower]] = ratio * v[m.jnt_dofadr[leader]]
 
@@ -280,10 +280,10 @@ def followers(model: Source, m: Any) -> list[tuple[int, int, float, float]]:
 
 def _mimics(model: Source) -> list[tuple[str, Table]]:
     """Moving joints of a URDF that follow others, and whom; MuJoCo does not read it."""
-    found = ((joint.get("name", ""), joint.find("mimic")) for joint in model.root.findall("joint")
+    joints = ((joint.get("name", ""), joint.find("mimic")) for joint in model.root.findall("joint")
              if joint.get("type") != "fixed")
     return [(name, {"joint": mimic.get("joint", ""), "ratio": float(mimic.get("multiplier", 1.0)),
-                    "offset": float(mimic.get("offset", 0.0))}) for name, mimic in found if mimic is not None]
+                    "offset": float(mimic.get("offset", 0.0))}) for name, mimic in joints if mimic is not None]
 
 
 def _name(model: Source) -> str:

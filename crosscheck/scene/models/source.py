@@ -243,10 +243,10 @@ def _check_reserved(path: Path, root: Element) -> None:
 
 def _copies(element: Element) -> int:
     """How often MuJoCo repeats the content of an element."""
-    found = 1
+    count = 1
     for word in element.get("count", "").split() if element.tag in ("replicate", "composite", "flexcomp") else ():
-        found *= int(word[:10]) if word.isdecimal() else 1  # a number of ten digits is too large anyway
-    return found
+        count *= int(word[:10]) if word.isdecimal() else 1  # a number of ten digits is too large anyway
+    return count
 
 
 def bare(path: Path, sdf: bool = False) -> Source:

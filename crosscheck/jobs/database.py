@@ -105,7 +105,7 @@ def _sqlite(url: URL, option: str) -> Engine:
     engine = sqlalchemy.create_engine(url, connect_args={"timeout": PATIENCE})
 
     @sqlalchemy.event.listens_for(engine, "connect")
-    def settings(connection: Any, _: Any) -> None:
+    def settings(connection: Any, _: object) -> None:
         # Otherwise the driver begins transactions itself, and so late that two writers may fail instead of waiting.
         connection.isolation_level = None
         connection.execute("PRAGMA foreign_keys = ON")

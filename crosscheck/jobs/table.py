@@ -268,7 +268,7 @@ def _prepare(engine: sql.Engine) -> None:
         _METADATA.create_all(connection)
 
 
-def _fast(connection: Any, _: Any) -> None:
+def _fast(connection: Any, _: object) -> None:
     """Use a write-ahead log, where the disk can: readers never wait, and a write is one append."""
     if connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] == "wal":
         connection.execute("PRAGMA synchronous = NORMAL")  # a kill loses nothing, a power cut the last rows

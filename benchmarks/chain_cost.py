@@ -4,7 +4,7 @@ Run with `python -m benchmarks.chain_cost`; `--json` prints the figures for a pr
 --methods DAE1L_LSE taylor` takes other chains and methods.
 
 Wall time: stepping alone (`wall_time`), samples = 2, no monitor, all contenders of a size in turn in one process,
-medians over the rounds. With valgrind also the instructions of one Newton iteration, counted by callgrind on
+least of the rounds. With valgrind also the instructions of one Newton iteration, counted by callgrind on
 tests/core/chain_driver.cpp (totals of a long run less those of a short one): these do not depend on the load of the
 machine. Exponents are fitted over sizes from 16 up.
 """
@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import statistics
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -38,7 +37,7 @@ FEWEST = 200  # steps of a run, over which the cost of its start, planning inclu
 
 
 def wall_times(n: int, rounds: int, methods: Sequence[str]) -> dict[str, float]:
-    """Microseconds per step by contender, medians of interleaved rounds; adaptive methods at RTOL."""
+    """Microseconds per step by contender, least of interleaved rounds; adaptive methods at RTOL."""
     scene = driver.chain(n)
     steps = max(FEWEST, 20000 // n)
     problem, few = build_problem(scene), max(FEWEST // 10, steps // 10)
@@ -53,7 +52,7 @@ def wall_times(n: int, rounds: int, methods: Sequence[str]) -> dict[str, float]:
             brief = scene.replace(duration=few * STEP, samples=2)
             raw = adapters.get(engine).run(brief, RunSpec(method, step=STEP, monitor=False))
             times.setdefault(f"{engine} {method}", []).append(1e6 * raw.wall_time / raw.steps)
-    return {name: statistics.median(values) for name, values in times.items()}
+    return {name: min(values) for name, values in times.items()}  # whatever else runs on the machine only adds to it
 
 
 def instructions(sizes: Sequence[int], methods: Sequence[str]) -> dict[str, list[float]]:

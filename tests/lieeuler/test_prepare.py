@@ -47,7 +47,7 @@ def test_solutions_are_those_of_integrate(name, method, monitor):
     assert_equal(second, run())
 
 
-@pytest.mark.parametrize("method", ["DAE1L_LSE", "rattle4", "rkmk853", "taylor"])
+@pytest.mark.parametrize("method", ["DAE1L_LSE", "rattle4", "rkmk4", "rkmk853", "taylor"])
 @pytest.mark.parametrize("name", SCENES[:-1])
 def test_from_another_state(name, method):
     problem = problem_of(name)

@@ -39,6 +39,8 @@ class BodyChart {
     return projection_.settle(state, length, counters);
   }
 
+  static void renew() {}
+
   bool configure(const double* y, const State& base, State& state, double* out) const {
     for (int b = 0; b < system_.n(); ++b, y += 12, out += 12) {
       const Vec3 v = base.u[b].v + load3(y + 6), w = base.u[b].w + load3(y + 9);

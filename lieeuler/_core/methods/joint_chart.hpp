@@ -78,6 +78,8 @@ class JointChart {
     return settle(point, length, counters);
   }
 
+  void renew() { started_ = false; }
+
   bool configure(const double* y, const Point& base, Point& point, double* out) {
     for (size_t i = 0; i < links_.size(); ++i, y += 12, out += 12) {
       Link& link = links_[i];

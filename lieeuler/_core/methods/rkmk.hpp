@@ -35,6 +35,7 @@ inline std::vector<Terms> sparse(const std::vector<std::vector<double>>& rows) {
 //   Point                                a state, with what the chart knows of it
 //   Point make(), int blocks()           how many times twelve numbers y has: positions, angles and their rates
 //   Status start(const State&, Point&, double slowest, Counters&)
+//   void renew()                         before another run
 //   bool configure(const double* y, const Point& base, Point&, double* out)
 //                                        the point y about `base`, and the derivatives of its positions and angles;
 //                                        false outside of the chart
@@ -75,6 +76,8 @@ class MuntheKaas {
     scales_ = Scales::of(system_, state, slowest_);
     return chart_.start(state, state_, scales_.length, counters);
   }
+
+  void renew() { chart_.renew(); }
 
   Status attempt(double h, Counters& counters) {
     h_ = h;

@@ -22,6 +22,7 @@ class SeriesStepper {
   }
   double time() const { return time_; }
   double previous_time() const { return previous_time_; }
+  static void renew() {}
 
  protected:
   // use_pins: bodies turn about their pins on the ground (ReferencePoints).
@@ -105,15 +106,15 @@ class TaylorStepper : public SeriesStepper {
         projection_(plan),
         conserves_(conserves),
         free_(plan.system, conserves),
-        saddle_(plan, plan.expands_by),
+        saddle_(plan.expands_by == plan.projects_by ? projection_.saddle() : own_.emplace(plan, plan.expands_by)),
         series_(plan, points_) {}
 
   Status start(const State& initial, double t, double t_end, double rtol) {
     begin(initial, t, t_end, rtol);
-    projected_ = false;
+    projected_ = true;
     if (const Status status = projection_.start(state_); status != Status::success) return status;
     free_.start(state_);
-    if (!saddle_.find_redundancy(projection_.joints())) return Status::singular_matrix;
+    if (own_ && !own_->find_redundancy(projection_.joints())) return Status::singular_matrix;
     return factor();
   }
 
@@ -182,6 +183,7 @@ class TaylorStepper : public SeriesStepper {
     return factor();
   }
   Status factor() {
+    if (projected_ && !own_) return Status::success;
     if (tree_.complete) projection_.move_to(state_);
     return saddle_.factor(projection_.joints()) ? Status::success : Status::singular_matrix;
   }
@@ -217,7 +219,8 @@ class TaylorStepper : public SeriesStepper {
   Projection projection_;
   const bool conserves_;
   FreeBodies free_;
-  SaddleSolver saddle_;
+  std::optional<SaddleSolver> own_;
+  SaddleSolver& saddle_;  // of the series: own_, or that of projection_ if it is the same
   MotionSeries series_;
   Scales scales_;
   bool projected_ = false;  // its matrix is factored at the state

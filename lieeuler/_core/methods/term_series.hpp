@@ -85,19 +85,25 @@ class CarriedSeries {
 
   CarriedSeries(const Joint& joint, Carrier carrier, const Vec3& local, const ReferencePoints& points)
       : value(kMostOrder + 3), carrier_(carrier) {
+    const int on = carrier == Carrier::child_axis ? joint.child : joint.parent;
+    constant_ = carrier != Carrier::difference && on == points.ground();
     if (carrier == Carrier::difference)
       ends_[kParent] = {joint.parent, points.local(joint.parent, joint.parent_anchor)},
       ends_[kChild] = {joint.child, points.local(joint.child, joint.child_anchor)};
     else
-      ends_[kChild] = {carrier == Carrier::child_axis ? joint.child : joint.parent, local};
+      ends_[kChild] = {on, local};
   }
+  // An axis of the ground, of which only order zero is not zero.
+  bool constant() const { return constant_; }
   bool same_as(const CarriedSeries& other) const {
     for (Side side : kSides)
       if (ends_[side].body != other.ends_[side].body || ends_[side].local != other.ends_[side].local) return false;
     return (carrier_ == Carrier::difference) == (other.carrier_ == Carrier::difference);
   }
 
+  template <bool wide>
   void extend(const BodySeries& bodies, int k) {
+    if (constant_ && k > 0) return;
     const End &child = ends_[kChild], &parent = ends_[kParent];
     Quad sum = times(bodies.R[child.body][k], child.local);
     if (carrier_ == Carrier::difference) {
@@ -105,9 +111,10 @@ class CarriedSeries {
       for (int i = 0; i < 2; ++i)
         sum.part[i] += bodies.x[child.body][k].part[i] - bodies.x[parent.body][k].part[i] - back.part[i];
     }
-    value[k] = sum;
+    put<wide>(value[k], sum);
   }
   // Order k + 2 without the accelerations of order k, which are not known yet.
+  template <bool wide>
   void guess(const std::vector<Columns>& turned, int k) {
     const End &child = ends_[kChild], &parent = ends_[kParent];
     Quad sum = times(turned[child.body], child.local);
@@ -116,7 +123,8 @@ class CarriedSeries {
       for (int i = 0; i < 2; ++i) sum.part[i] -= back.part[i];
     }
     const Pair shrink = both(1.0 / (k + 2));
-    for (int i = 0; i < 2; ++i) value[k + 2].part[i] = shrink * sum.part[i];
+    for (Pair& part : sum.part) part *= shrink;
+    put<wide>(value[k + 2], sum);
   }
 
  private:
@@ -125,6 +133,7 @@ class CarriedSeries {
     Vec3 local = Vec3::Zero();
   };
   Carrier carrier_;
+  bool constant_ = false;
   End ends_[2];
 };
 
@@ -165,21 +174,29 @@ class PartSeries {
         lam(kMostOrder + 3) {}
 
   // Order k of the reactions without lam_k.
+  template <bool wide>
   void begin(const std::vector<CarriedSeries>& carried, int k) {
     for (ReactionSeries& reaction : reactions) {
-      reaction.value[k] = {};
-      for (const ReactionSeries::Term& term : reaction.terms)
-        add_scaled(reaction.value[k], term.scale, component(term.row), carried[term.other].value.data(), k, k);
+      Quad total{};
+      for (const ReactionSeries::Term& term : reaction.terms) {
+        const CarriedSeries& other = carried[term.other];
+        if (!other.constant()) add_scaled<wide>(total, term.scale, component(term.row), other.value.data(), k, k);
+      }
+      put<wide>(reaction.value[k], total);
     }
   }
+  template <bool wide>
   void finish(const std::vector<CarriedSeries>& carried, int k, const Vec3& multipliers) {
     lam[k] = quad(multipliers);
-    for (ReactionSeries& reaction : reactions)
+    for (ReactionSeries& reaction : reactions) {
+      Quad total = reaction.value[k];
       for (const ReactionSeries::Term& term : reaction.terms) {
         const Pair factor = both(term.scale * multipliers[term.row]);
         const Quad& other = carried[term.other].value[0];
-        for (int i = 0; i < 2; ++i) reaction.value[k].part[i] += factor * other.part[i];
+        for (int i = 0; i < 2; ++i) total.part[i] += factor * other.part[i];
       }
+      put<wide>(reaction.value[k], total);
+    }
   }
 
  private:
@@ -200,26 +217,29 @@ class SpringSeries {
   void start() { known_ = 0; }
 
   // Order k of the force; false if the length is zero, where the force has no series.
+  template <bool wide>
   bool extend(const Quad* d, int k) {
     double& ratio = ratio_[4 * k];
     if (spring->rest == 0 && spring->damping == 0) {
       ratio = k == 0 ? spring->stiffness : 0;  // linear in d: smooth through length zero
     } else {
       for (; known_ <= k + 1; ++known_)
-        if (!extend_length(d, known_)) return false;
+        if (!extend_length<wide>(d, known_)) return false;
       ratio =
           spring->stiffness * (length_[k] - (k == 0 ? spring->rest : 0)) + spring->damping * (k + 1) * length_[k + 1];
       for (int j = 1; j <= k; ++j) ratio -= length_[j] * ratio_[4 * (k - j)];
       ratio /= length_[0];
     }
-    force[k] = {};
-    add_scaled(force[k], 1, ratio_.data(), d, k + 1, k);
+    Quad total{};
+    add_scaled<wide>(total, 1, ratio_.data(), d, k + 1, k);
+    put<wide>(force[k], total);
     return true;
   }
 
  private:
+  template <bool wide>
   bool extend_length(const Quad* d, int k) {
-    double square = dot(d, d, k);
+    double square = dot<wide>(d, d, k);
     if (k == 0) {
       length_[0] = std::sqrt(square);
       return length_[0] > 0;
@@ -278,9 +298,11 @@ class DriveSeries {
     for (size_t k = 0; k < plain_.size(); ++k) drive_[4 * k] = plain_[k];
   }
   double operator[](int k) const { return plain_[k]; }
+  template <bool wide>
   void extend(const Quad* axis, int k) {
-    force[k] = {};
-    add_scaled(force[k], -1, drive_.data(), axis, k + 1, k);
+    Quad total{};
+    add_scaled<wide>(total, -1, drive_.data(), axis, k + 1, k);
+    put<wide>(force[k], total);
   }
 
  private:

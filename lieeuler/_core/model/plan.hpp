@@ -2,6 +2,8 @@
 // elimination suits the system, and the symbolic factorizations.
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <memory>
 #include <mutex>
 
@@ -72,6 +74,7 @@ class Plan {
   const bool whole;        // masses or moments differ so much that only the whole matrix keeps its digits
   const bool independent;  // loops are solved with independent rows
   const Elimination projects_by, expands_by;  // for projections, for series
+  const std::uint64_t serial = ++made_;       // tells it from others that had its address
   bool turns_about_pins = false;  // the maker of the system knows that every body only turns about the third axis
 
   // Every row is a constraint of the two bodies of its joint.
@@ -113,6 +116,7 @@ class Plan {
   }
 
  private:
+  static inline std::atomic<std::uint64_t> made_ = 0;
   static std::vector<PlacedPart> number_parts(const System& system) {
     std::vector<PlacedPart> all;
     for (int j = 0; j < static_cast<int>(system.joints.size()); ++j)

@@ -21,6 +21,7 @@ class ReferencePoints {
         joint_[hinge.body] = hinge.joint;
   }
 
+  int ground() const { return system_->n(); }
   bool pinned(int body) const { return joint_[body] != kNone; }
   // Whether this part is a pin, and so needs no rows.
   bool holds(const PlacedPart& placed) const {

@@ -45,6 +45,12 @@ class AdaptiveSteps {
     return method_.start(initial, rtol, 1 / (t_end - t), at_start_);
   }
 
+  void renew()
+    requires requires(Method m) { m.renew(); }
+  {
+    method_.renew();
+  }
+
   Status step(Counters& counters, Watch& watch) {
     std::exchange(at_start_, Counters{}).add_to(counters);
     for (;;) {

@@ -7,7 +7,6 @@
 
 #include <Eigen/Dense>
 #include <cstring>
-#include <numeric>
 
 #include "model/joints.hpp"
 #include "model/plan.hpp"
@@ -115,20 +114,23 @@ class IndependentRows {
     const Eigen::VectorXd lengths = A.colwise().norm();
     A = A * lengths.cwiseInverse().asDiagonal();
     Eigen::MatrixXd basis(A.rows(), A.cols()), rest = A;
+    Eigen::MatrixXd triangle = Eigen::MatrixXd::Zero(A.cols(), A.cols());  // the rows kept by the basis
+    std::vector<Eigen::Index> kept, open;
     Eigen::Index rank = 0;
     const auto accept = [&](Eigen::Index c) {  // Gram and Schmidt, twice is enough
       for (int pass = 0; pass < 2; ++pass)
         rest.col(c) -= basis.leftCols(rank) * (basis.leftCols(rank).transpose() * rest.col(c));
       const double length = rest.col(c).norm();
       if (!(length > kDependent)) return false;
+      triangle.col(rank).head(rank) = basis.leftCols(rank).transpose() * A.col(c);
+      triangle(rank, rank) = length;
       basis.col(rank++) = rest.col(c) / length;
+      kept.push_back(c);
       return true;
     };
     for (Eigen::Index c = 0; c < known; ++c) accept(c);
     auto closing = rest.rightCols(A.cols() - known);
     closing -= basis.leftCols(rank) * (basis.leftCols(rank).transpose() * closing);
-    std::vector<Eigen::Index> kept(known), open;
-    std::iota(kept.begin(), kept.end(), 0);
     for (Eigen::Index c = known; c < A.cols(); ++c) open.push_back(c);
     while (!open.empty()) {  // always accept the row that is farthest from the span of the others
       const auto furthest = std::max_element(open.begin(), open.end(), [&](Eigen::Index a, Eigen::Index b) {
@@ -136,17 +138,13 @@ class IndependentRows {
       });
       if (!accept(*furthest)) break;
       closing -= basis.col(rank - 1) * (basis.col(rank - 1).transpose() * closing);
-      kept.push_back(*furthest), open.erase(furthest);
+      open.erase(furthest);
     }
     for (Eigen::Index c : open) choice.dropped.push_back(rows[c]);
     if (open.empty() || !with_null) return choice;
-    Eigen::MatrixXd independent(A.rows(), static_cast<Eigen::Index>(kept.size()));
-    for (size_t k = 0; k < kept.size(); ++k) independent.col(static_cast<Eigen::Index>(k)) = A.col(kept[k]);
-    Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> solver;
-    solver.setThreshold(kDependent);
-    solver.compute(independent);
     for (Eigen::Index c : open) {
-      const Eigen::VectorXd weights = solver.solve(A.col(c));
+      Eigen::VectorXd weights = basis.leftCols(rank).transpose() * A.col(c);
+      triangle.topLeftCorner(rank, rank).triangularView<Eigen::Upper>().solveInPlace(weights);
       Sparse found{{rows[c], 1.0}};
       for (size_t k = 0; k < kept.size(); ++k)
         found.push_back({rows[kept[k]], -weights[static_cast<Eigen::Index>(k)] * lengths[c] / lengths[kept[k]]});

@@ -85,6 +85,7 @@ class Projection {
   }
 
   const Constraints& joints() const { return joints_; }
+  SaddleSolver& saddle() { return saddle_; }
   int redundant_rows() const { return saddle_.redundant(); }
   // That of the joints that close loops; it goes to zero at a singular position.
   double smallest_pivot() { return saddle_.smallest_pivot(); }

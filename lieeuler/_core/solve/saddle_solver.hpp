@@ -36,6 +36,7 @@ class SparseSaddle : public WorldRows {
         system_(plan.system),
         delassus_(std::in_place, plan, independent),
         thin_(plan.thin || plan.whole),
+        leaves_out_(independent),
         rows_(plan.count()) {
     if (independent) independent_.emplace(plan);
     if (plan.whole) dense_.emplace(plan);
@@ -81,6 +82,7 @@ class SparseSaddle : public WorldRows {
   // Counts the redundant rows and expects that number from then on.
   bool find_redundancy(const Constraints& joints) {
     int redundant;
+    if (leaves_out_ && !independent_) independent_.emplace(plan_), delassus_.emplace(plan_, true);
     if (independent_) {
       scales_ = row_scales(joints);
       redundant_ = independent_->choose(joints, dropped_, true);
@@ -144,9 +146,9 @@ class SparseSaddle : public WorldRows {
 
   // Solves M y + G^T lam = f, G y = rows; y and lam replace f and the rows of each part. Almost dependent rows and very
   // different masses lose digits of the rows in the first pass, thin bodies also digits of the balance of forces; the
-  // residual is then solved for again. to_rounding: do so for redundant rows too.
+  // residual is then solved for again. to_rounding: do so for redundant rows, rotors and mimics too.
   void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
-    const bool again = plan_.graded || thin_ || !plan_.plain() || (to_rounding && (redundant_ > 0 || independent_));
+    const bool again = plan_.graded || thin_ || (to_rounding && (redundant_ > 0 || independent_ || !plan_.plain()));
     if (again) wanted_ = rows;
     if (thin_) forces_ = y;
     solve_once(y, rows);
@@ -269,7 +271,7 @@ class SparseSaddle : public WorldRows {
 
   const System& system_;
   std::optional<Delassus> delassus_;
-  const bool thin_;
+  const bool thin_, leaves_out_;
   std::optional<IndependentRows> independent_;
   std::optional<DenseSaddle> dense_;
   bool solves_dense_ = false;  // at the joints factored last

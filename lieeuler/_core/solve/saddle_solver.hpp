@@ -146,9 +146,10 @@ class SparseSaddle : public WorldRows {
 
   // Solves M y + G^T lam = f, G y = rows; y and lam replace f and the rows of each part. Almost dependent rows and very
   // different masses lose digits of the rows in the first pass, thin bodies also digits of the balance of forces; the
-  // residual is then solved for again. to_rounding: do so for redundant rows, rotors and mimics too.
+  // residual is then solved for again. to_rounding: do so for redundant rows and mimics too.
   void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
-    const bool again = plan_.graded || thin_ || (to_rounding && (redundant_ > 0 || independent_ || !plan_.plain()));
+    const bool always = plan_.graded || thin_ || !plan_.rotors.empty();
+    const bool again = always || (to_rounding && (redundant_ > 0 || independent_ || !plan_.mimics.empty()));
     if (again) wanted_ = rows;
     if (thin_) forces_ = y;
     solve_once(y, rows);

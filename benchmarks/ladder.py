@@ -53,8 +53,7 @@ def ladder(loops: int) -> lieeuler.Problem:
 
 
 def us_per_step(problem: lieeuler.Problem, method: str, steps: int, rounds: int) -> float:
-    """Wall time of a step, less what the start of a run costs; from the least of all rounds, since whatever else runs on
-    the machine only adds to it."""
+    """Wall time of a step, less what the start of a run costs; the least of all rounds, since other work only adds."""
     def run(count: int) -> tuple[float, int]:
         control = {"rtol": RTOL} if method == "taylor" else {"step": STEP}
         run = lieeuler.prepare(problem, method, t_eval=[0, count * STEP], monitor=False, **control)

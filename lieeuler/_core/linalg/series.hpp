@@ -58,7 +58,7 @@ template <class To, class From>
 template <bool wide>
 [[gnu::always_inline]] inline void put(Quad& to, const Quad& from) {
   if constexpr (wide)
-    copy(to, Four(__builtin_shufflevector(from.part[0], from.part[1], 0, 1, 2, 3)));
+    copy(to, Four{from.part[0][0], from.part[0][1], from.part[1][0], from.part[1][1]});
   else
     to = from;
 }

@@ -423,9 +423,11 @@ class Energetic(Rotations):
     """Velocities are scaled after every step so that the energy stays; for scenes that conserve it."""
 
     def run(self, scene, spec):
-        """The energy to keep is that of the start."""
-        self.kept = mechanics.energy(scene, States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None],
-                                                   scene.w0[None]))[0]
+        """The energy to keep is that of the start. What counts as rest may not depend on where the world begins."""
+        start = States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+        self.kept = mechanics.energy(scene, start)[0]
+        weight = sum(body.mass for body in scene.bodies) * np.linalg.norm(scene.gravity)
+        self.rest = 1e-3 * (weight * 1.0 + mechanics.kinetic_energy(scene, start)[0])  # J, of a fall by a metre
         return super().run(scene, spec)
 
     def after(self, scene, state):
@@ -433,7 +435,7 @@ class Energetic(Rotations):
         here = States(np.zeros(1), x, R, v, w)
         moving = mechanics.kinetic_energy(scene, here)[0]
         wanted = moving + self.kept - mechanics.energy(scene, here)[0]
-        factor = np.sqrt(max(wanted, 0.0) / moving) if moving > 1e-3 * abs(self.kept) else 1.0
+        factor = np.sqrt(max(wanted, 0.0) / moving) if moving > self.rest else 1.0
         return [x, R, factor * v, factor * w]
 
 

@@ -49,7 +49,7 @@ class Monitors:
         """The first monitor that fires within a step, from states and times at times after its start."""
         fired = []
         if self.watched:
-            crossing = first_crossing(lambda tau: self._values(mode, times(tau), states(tau)), length, fresh=False)
+            crossing = first_crossing(lambda tau: self._values(mode, times(tau), states(tau)), length)
             if crossing is not None:
                 monitor = self.watched[crossing.labels[0][0]]
                 whose = monitor.joint if monitor.type == "range" else monitor.name

@@ -50,21 +50,24 @@ class Crossing:
     graze: bool = False
 
 
-def first_crossing(surfaces: Callable[[np.ndarray], Values], length: float, fresh: bool) -> Crossing | None:
+def first_crossing(surfaces: Callable[[np.ndarray], Values], length: float, instant: float = 0.0) -> Crossing | None:
     """Where the first surfaces fall to zero within a step of this length; None if none does.
 
-    `surfaces` gives values at times (s) after the start of the step. `fresh`: the step begins at an event, so that some
-    surfaces may begin at zero; they are divided by the power of the time with which they leave it.
+    `surfaces` gives values at times (s) after the start of the step. With an `instant` (s) the step begins at an event,
+    so that some surfaces may begin at zero; they are divided by the power of the time with which they leave it. What a
+    surface leaves in less than an instant is rounding: in a short step it may be more than ZERO of the surface's size.
     """
     at_nodes = surfaces(length * NODE_PLACES)
-    early = surfaces(length * EARLY) if fresh else {}
+    early = surfaces(length * EARLY) if instant else {}
     roots: list[tuple[float, Label, bool]] = []
     for label, values in at_nodes.items():
         size = float(np.abs(values).max())
         if size == 0.0:
             continue
-        if abs(values[0]) <= ZERO * size and fresh:
-            values = _left_zero(values, early[label])
+        if instant:
+            left = abs(early[label][0] - values[0]) * instant / (EARLY[0] * length)
+            if abs(values[0]) <= max(ZERO * size, left):
+                values = _left_zero(values, early[label])
         if values[0] < 0.0:
             roots.append((0.0, label, False))
             continue

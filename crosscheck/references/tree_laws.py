@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 AT_ONCE = 30
 """Most events at one instant."""
+INSTANT = 2.0**-52
+"""Pieces shorter than this part of the time, or of one second, are no motion: the time has no more digits."""
 SHORT = 1e-12
 """Of the time, 1 s at least: what is due within it of the end of a motion is due after it."""
 
@@ -302,6 +304,7 @@ class LawfulTaylor(Taylor):
         state, horizon, cause, fresh, stalled = end.state, end.horizon, end.cause, True, 0
         longest, last = LONGEST, max([event[0] for event in events], default=0.0)
         while time[0] < until:
+            instant = INSTANT * max(1.0, time[0])
             self.numbers = self.table(mode)
             self._set_pieces(time[0])
             integrator.dtime = time
@@ -311,7 +314,7 @@ class LawfulTaylor(Taylor):
             self._step(min(time[0] + longest, scheduled, until if exactly else math.inf))
             length, series = integrator.last_h, integrator.tc.copy()
             surfaces = functools.partial(self._on_step, mode, time, series, np.nextafter(scheduled, 0.0))
-            crossing = first_crossing(surfaces, length, fresh) if self.laws else None
+            crossing = first_crossing(surfaces, length, instant if fresh else 0.0) if self.laws else None
             if crossing is not None and crossing.graze:
                 if time[0] + crossing.after < horizon:
                     horizon, cause = time[0] + crossing.after, self._grazed(crossing.labels[0])
@@ -337,7 +340,7 @@ class LawfulTaylor(Taylor):
                     horizon = piece.start + fired.after
                     cause = f"{fired.what} at {horizon:.4f} s".replace(" 0.", " .")
                     events += [(horizon, fired.name, "touches")] if fired.touches else []
-            stalled = 0 if piece.length > 0.0 else stalled + 1
+            stalled = 0 if piece.length > instant else stalled + 1
             if stalled > AT_ONCE:
                 raise TruthError(f"{SOURCE}: {self.scene.name!r} at t = {time[0]:.6g} s: its modes have no end")
             if piece.length > 0.0:

@@ -8,6 +8,7 @@ import pytest
 from crosscheck.errors import Unsupported
 from crosscheck.references import TruthError, compute
 from crosscheck.references.dense_output import Truth
+from crosscheck.references.pieces import first_crossing
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree_laws import LawfulTaylor
 from crosscheck.references.world_laws import LawfulMaximal
@@ -287,3 +288,15 @@ def test_what_is_not_unique_is_refused(tmp_path):
 
 def test_smooth_scenes_take_the_smooth_formulation():
     assert type(Truth(load_scene("hinge_pendulum")).series) is Taylor
+
+
+@pytest.mark.parametrize(("begins", "crosses"), [(-1e-16, False), (-1e-12, True)], ids=["rounding", "behind"])
+def test_a_short_step_that_begins_at_an_event(begins, crosses):
+    """What a surface leaves within one digit of the time is rounding, however small the surface is in a short step."""
+    length, instant = 1e-6, 2.0**-52
+    found = first_crossing(lambda tau: {("stop", "side"): begins + 3.0 * tau}, length, instant)
+    assert (found is not None and found.after == 0.0) == crosses
+
+
+def test_a_step_that_begins_at_no_event_forgives_nothing():
+    assert first_crossing(lambda tau: {("stop", "side"): -1e-16 + 3.0 * tau}, 1e-6).after == 0.0

@@ -127,31 +127,35 @@ class Newton(Engine):
         with warp.ScopedDevice("cpu"):
             import newton
 
-            model = build(scene)
+            model, order = build(scene), _order(scene)
             solver = _solver(scene, model, spec, h)
             now, then = model.state(), model.state()
-            now.body_q.assign(_poses(scene))
+            now.body_q.assign(_poses(scene)[order])
             # of the mass centres, in world axes
-            now.body_qd.assign(np.concatenate([scene.v0, np.einsum("nij,nj->ni", scene.R0, scene.w0)], axis=1))
+            now.body_qd.assign(np.concatenate([scene.v0, np.einsum("nij,nj->ni", scene.R0, scene.w0)], axis=1)[order])
             newton.eval_ik(model, now, now.joint_q, now.joint_qd)
-            start = now.body_q.numpy().astype(float).ravel(), now.body_qd.numpy().astype(float).ravel()
-            control = model.control()
+            control, back = model.control(), np.argsort(order)
+
+            def state() -> tuple[np.ndarray, np.ndarray]:
+                return tuple(each.numpy()[back].astype(float).ravel() for each in (now.body_q, now.body_qd))
+
+            start = state()
 
             def step(source: Any, target: Any) -> None:
                 source.clear_forces()
                 solver.step(source, target, control, None, h)
 
             step(model.state(), then)  # compile before the clock runs; a step may change its input
-            forth, back = (recorded(warp, functools.partial(step, *pair)) for pair in ((now, then), (then, now)))
+            forth, other = (recorded(warp, functools.partial(step, *pair)) for pair in ((now, then), (then, now)))
 
             def advance(count: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
-                nonlocal now, then, forth, back
+                nonlocal now, then, forth, other
                 q, v = np.empty((count // stride, 7 * scene.n)), np.empty((count // stride, 6 * scene.n))
                 for row in range(len(q)):
                     for _ in range(stride):
                         forth()
-                        now, then, forth, back = then, now, back, forth
-                    q[row], v[row] = now.body_q.numpy().ravel(), now.body_qd.numpy().ravel()
+                        now, then, forth, other = then, now, other, forth
+                    q[row], v[row] = state()
                 return q, v
 
             raw = stepping.march(scene, spec, start, advance, open_tree.of_poses(scene), lambda t, q, v: v)
@@ -269,7 +273,9 @@ def build(scene: Scene) -> Any:
 
     builder = newton.ModelBuilder(gravity=tuple(scene.gravity))
     builder.balance_inertia = False
-    for body, pose in zip(scene.bodies, _poses(scene), strict=True):
+    poses, order = _poses(scene), _order(scene)
+    place = {body: k for k, body in enumerate(order)} | {GROUND: -1}
+    for body, pose in ((scene.bodies[k], poses[k]) for k in order):
         builder.add_link(xform=warp.transform(*pose), mass=body.mass, inertia=warp.mat33(*body.inertia.ravel()),
                          label=body.name)
     joints = []
@@ -283,7 +289,7 @@ def build(scene: Scene) -> Any:
         if axial:
             ends |= {"axis": warp.vec3(1.0, 0.0, 0.0), **_laws(scene, link)}
         add = getattr(builder, "add_joint_ball" if link.type == "spherical" else f"add_joint_{link.type}")
-        joints.append(add(-1 if link.parent == GROUND else link.parent, link.body, **ends))
+        joints.append(add(place[link.parent], place[link.body], **ends))
     builder.add_articulation(joints)
     return builder.finalize(device="cpu")
 
@@ -337,6 +343,11 @@ def _mobility(scene: Scene, joint: Joint) -> float:
             lever = max(float(anchor @ anchor), 0.0 if joint.type == "spherical" else 1.0)
             total += 1.0 / scene.masses[body] + lever / float(np.linalg.eigvalsh(scene.inertias[body])[0])
     return total
+
+
+def _order(scene: Scene) -> list[int]:
+    """Bodies in the order of their joints: Featherstone's mass matrix takes a joint's number for that of its body."""
+    return [link.body for link in tree.links(scene)]
 
 
 def _poses(scene: Scene) -> np.ndarray:

@@ -39,11 +39,13 @@ class Judged:
 NOTHING = "the motion, or a spring, is too fast for the output times, or closed loops are next to a singular position"
 
 
-def judge_intervals(scene: Scene, traj: Trace, runs: Sequence[Defects]) -> tuple[list[Finding], Judged]:
+def judge_intervals(scene: Scene, traj: Trace, runs: Sequence[Defects], apart: Sequence[Defects] = ()
+                    ) -> tuple[list[Finding], Judged]:
     """One finding per quantity, of the interval whose error is largest over its bound; at t = 0 that of the start.
 
     The bound of an interval tau is exp(W tau) tau h^p |y^(p+1)| there, and what opening or closing constraints moves.
     If there are runs at other steps, the limit of vanishing steps is judged as well, by the next term of the error.
+    `apart`: runs of all steps whose parts begin at the run's own states, of an engine that prefers axes.
     An interval is judged if its bound is less than what the motion covers in it.
     """
     own = runs[0]
@@ -56,6 +58,8 @@ def judge_intervals(scene: Scene, traj: Trace, runs: Sequence[Defects]) -> tuple
                      for name, bound in own.bounds.items()})]
     if len(runs) > 1:
         options += [("extrapolated to vanishing steps, ", limits(runs))]
+    if len(apart) > 1:
+        options += [("from states of its own, extrapolated to vanishing steps, ", limits(apart))]
     told = _telling(own) & seen
     share = float(told.sum() / (len(traj.t) - 1))
     judged = "" if share == 1.0 else f"; {100 * share:.3g} % of the intervals"

@@ -175,14 +175,17 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
             (told, forgets), share = judge_repeat(traj, again, runs[0], soft), shown_floor(traj, again, runs[0])
         runs = [dataclasses.replace(each, forgets=forgets, floor={
             name: share * part for name, part in each.floor.items()}) for each in runs]
-        settled, beside = others, runs
+        settled, beside, apart = others, runs, list[Defects]()
         if not (whole or forgets):
             # Accelerations of its own have not settled after a part, if the engine remembers more than the state.
             settled = asked.companions(True)
             beside = [runs[0], *measured(scene, traj, settled, reference, claim, runs[0])]
             if axes := _axes(asked, again, runs[0]):  # parts have other errors, since their axes are others
+                same = asked.parts(claim.step) if claim.step else ""
+                apart = [] if isinstance(same, str) else [
+                    *measured(scene, traj, [same], reference, claim, runs[0]), *runs[1:]]
                 told, others, runs = [*told, *axes], settled, beside
-        intervals, covered = judge_intervals(scene, traj, runs)
+        intervals, covered = judge_intervals(scene, traj, runs, apart)
         findings = [*intervals, *judge_noise(runs), *judge_windows(runs)]
         findings += judge_accelerations(scene, [traj, *(each.traj for each in settled)], beside, soft)
         return _Seen(eps, [*findings, *told], runs, others, covered)

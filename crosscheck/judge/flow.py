@@ -124,7 +124,7 @@ def flows(scene: Scene, runs: Sequence[Run], truth: Reference, scale: Scales, de
         own = [[getattr(begin, name)[_last(good)] for name in ("t", "x", "R", "v", "w")]
                for begin, good in zip(begins, regular, strict=True)]
         end, nodes, fast = integrate(scene, States(*map(np.concatenate, zip(*own, strict=True))),
-                                     np.tile(tau, len(runs)), steps, max(steps, degree - 1))
+                                     np.tile(tau, len(runs)), steps, max(steps, degree - 1), len(runs))
         for k in range(len(runs)):
             part = slice(k * len(tau), (k + 1) * len(tau))
             moved[k] = (_rows(end, part), [tuple(each[part] for each in node) for node in nodes], fast[part])
@@ -217,20 +217,21 @@ def around(values: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(maximum_filter1d(values, min(count, 2 * values.shape[-1] - 1), axis=-1, mode="nearest"))
 
 
-def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: int | None = None
+def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: int | None = None, runs: int = 1
               ) -> tuple[States, list[tuple[np.ndarray, np.ndarray, np.ndarray]], np.ndarray]:
     """The states at the ends; a, R'' and alpha at the ends of `parts` equal parts, by default of all steps; the largest
     angular speed there (I,) in rad/s.
 
-    `count` steps of Dormand and Prince's method of order 8, between which its polynomials of degree 7 are taken.
-    Attitudes are matrices, which stay orthogonal as far as the method is exact. Source: E. Hairer, S. P. Norsett,
-    G. Wanner, Solving Ordinary Differential Equations I, II.5 and II.6.
+    The intervals are those of so many `runs`, one after the other. `count` steps of Dormand and Prince's method of
+    order 8, between which its polynomials of degree 7 are taken. Attitudes are matrices, which stay orthogonal as far
+    as the method is exact. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I,
+    II.5 and II.6.
     """
     from scipy.integrate import DOP853
 
     # In an interval that turns little, what combinations of rows are redundant changes little.
     combined = mechanics.Index1(scene).independent(begin.x, begin.R) if count * TURN <= 1.0 else None
-    rates, each = rates_of(scene, combined), tau[:, None, None]
+    rates, each = rates_of(scene, combined, runs), tau[:, None, None]
     nodes, fast, grid = [], np.zeros(len(tau)), np.linspace(0.0, 1.0, (parts or count) + 1).tolist()
 
     def states(y: np.ndarray) -> State:
@@ -269,12 +270,18 @@ def _hat(w: np.ndarray) -> np.ndarray:
     return upper - np.swapaxes(upper, -1, -2)
 
 
-def rates_of(scene: Scene, combined: np.ndarray | None = None) -> Callable[..., State]:
-    """(t, x, R, v, w) -> the rates of x, R, v, w by the index-1 equations; `combined` is of `mechanics.Index1`."""
+def rates_of(scene: Scene, combined: np.ndarray | None = None, runs: int = 1) -> Callable[..., State]:
+    """(t, x, R, v, w) -> the rates of x, R, v, w by the index-1 equations; `combined` is of `mechanics.Index1`.
+
+    The states are those of so many `runs`, of equal length, each of which winds its joints by itself.
+    """
     index1 = mechanics.Index1(scene)
 
     def rates(t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
-        a, alpha, _ = index1(x, R, v, w, mechanics.torsion_angles(scene, R, w, t), t, combined=combined)
+        wound = [mechanics.torsion_angles(scene, *each) for each in zip(
+            *(np.split(part, runs) for part in (R, w, t)), strict=True)]
+        angles = {name: np.concatenate([each[name] for each in wound]) for name in wound[0]}
+        a, alpha, _ = index1(x, R, v, w, angles, t, combined=combined)
         return [v, R @ _hat(w), a, alpha]
 
     return rates

@@ -1,5 +1,7 @@
 """No wrong engine of `tests.strangers` passes, and the honest one passes over the whole run."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,24 @@ class Leaning(Honest):
     def run(self, scene, spec):
         return self.stock.run(scene.replace(gravity=scene.gravity + 3e-4 * np.cross([1.0, 0.0, 0.0], scene.gravity)),
                               spec)
+
+
+class Unwound(Honest):
+    """lieeuler with a torsional spring whose angle of rest is off by 1e-3 rad."""
+
+    same = True
+
+    def run(self, scene, spec):
+        return super().run(scene.replace(forces=tuple(dataclasses.replace(force, parameters={
+            **force.parameters, "rest_angle": force.parameters["rest_angle"] + 1e-3}) for force in scene.forces)), spec)
+
+
+@pytest.mark.parametrize(("engine", "outcome"), [(Honest, "pass"), (Unwound, "fail")])
+def test_a_spring_that_is_wound_up(engine, outcome):
+    """Its error of 7e-4 N m lies below that of the steps, and stays as they vanish."""
+    with adapters.lent(completed(engine(), "stranger", "1")) as name:
+        run = run_cell(Cell("torsion_wheel", Way(name, "first"), Plan(0.5, {1: 3e-4}, {}, budgeted=True), study=False))
+    assert run.outcome == outcome, run.worst
 
 
 def test_axes_of_the_world_hide_no_force():

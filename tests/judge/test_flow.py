@@ -34,6 +34,17 @@ def test_states_and_accelerations_within_intervals_are_those_of_truth(name, coun
     np.testing.assert_allclose(fast, around, rtol=0, atol=1e-9)
 
 
+def test_each_of_several_runs_winds_its_joints_by_itself():
+    """The wheel has turned by several turns when the second run begins at zero again."""
+    scene = load_scene("torsion_wheel").replace(duration=3.0, samples=126)
+    true = truth(scene).states
+    begin = States(*(np.concatenate([getattr(true, part)[:-1]] * 2) for part in ("t", "x", "R", "v", "w")))
+    end, *_ = integrate(scene, begin, np.tile(np.diff(true.t), 2), 6, runs=2)
+    for part in "xRvw":
+        wanted = np.concatenate([getattr(true, part)[1:]] * 2)
+        np.testing.assert_allclose(getattr(end, part), wanted, rtol=0, atol=3e-11)
+
+
 def test_the_integration_is_of_order_eight():
     scene = load_scene("double_pendulum").replace(duration=0.4, samples=2)
     true = truth(scene).states

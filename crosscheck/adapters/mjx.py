@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
-from crosscheck.adapters.common import stepping
+from crosscheck.adapters.common import open_tree, stepping
 from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE, SUMMED, summed
 from crosscheck.adapters.mujoco.adapter import Forms, sensed
 from crosscheck.adapters.mujoco.models import build, set_initial_state
@@ -53,7 +53,7 @@ class MJX(Forms):
         """Why MJX cannot run this, or None."""
         if scene.timed:
             return "functions of time are not built into this adapter: MJX calls no function for controls at its stages"
-        return super().unsupported(scene, spec)
+        return open_tree.bouncing(scene) or super().unsupported(scene, spec)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `Unsupported` with MJX's words if it lacks an element, and `EngineError` on divergence."""

@@ -12,7 +12,7 @@ import functools
 import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
-from crosscheck.adapters.common import stepping
+from crosscheck.adapters.common import open_tree, stepping
 from crosscheck.adapters.mujoco.adapter import Forms, sensed
 from crosscheck.adapters.mujoco.models import build, set_initial_state
 from crosscheck.adapters.newton import recorded, silent_warp
@@ -37,7 +37,7 @@ class Warp(Forms):
         """Why MuJoCo Warp cannot run this, or None."""
         if scene.timed:
             return "functions of time are not built into this adapter: a recorded step calls no function for controls"
-        return super().unsupported(scene, spec)
+        return open_tree.bouncing(scene) or super().unsupported(scene, spec)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `Unsupported` with Warp's words if it lacks an element, and `EngineError` on divergence."""

@@ -26,5 +26,6 @@ class Known:
     reason: str
     practical: bool = False  # shows at the plan's practical step, and is not looked for elsewhere
     always: bool = True  # it has to show in every such run: where it does not, it has vanished
+    margin: float = 10.0  # times the largest measured size beyond which it excuses nothing: errors move by a few
     rising: bool = False  # of orders it excuses only those of errors that rise as steps shrink
     sizes: Mapping[str, float] = dataclasses.field(default_factory=dict)  # by kind of finding, of the main run with it

@@ -7,10 +7,6 @@ from collections.abc import Sequence
 from crosscheck.document import Finding
 from crosscheck.document.known import Known
 
-MARGIN = 10.0
-"""Times the largest size that was measured, beyond which a defect excuses nothing: steps, versions and processors move
-errors by factors of a few."""
-
 ORDER_MARGIN = 0.5
 """An order may fall short by so much more than was measured."""
 
@@ -32,7 +28,7 @@ def excuses(entry: Known, finding: Finding) -> bool:
         if entry.rising and not finding.value <= RISING:
             return False
         return finding.bound - finding.value <= most + ORDER_MARGIN
-    return finding.value <= MARGIN * most * finding.bound
+    return finding.value <= entry.margin * most * finding.bound
 
 
 def alike(entry: Known, findings: Sequence[Finding]) -> bool:

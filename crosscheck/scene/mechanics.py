@@ -308,6 +308,11 @@ class Index1:
         self.turning = any(any(joint.armature) for joint in scene.joints)
         self.sparse = scene.n > FEW_BODIES and self.constraints.m and not self.closing and not self.turning
         self.inverse = np.empty(0) if self.sparse else inverse_mass(scene)[None]
+        if self.turning:  # a rotor is one more body, and its row: its own rate is that of its joint
+            found = rotors(scene, *(part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)))
+            inverse = np.diag([*[0.0] * 6 * scene.n, *(1 / inertia for inertia, *_ in found)])
+            inverse[:6 * scene.n, :6 * scene.n] = self.inverse[0]
+            self.geared = inverse[None]
 
     def __call__(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
                  angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0,
@@ -328,26 +333,29 @@ class Index1:
             a, alpha = np.split(rates.reshape(len(x), scene.n, 6), 2, axis=-1)
             return a, alpha, lam
         inverse = self.inverse
-        for inertia, S, bias in rotors(scene, x, R, v, w) if self.turning else ():
-            # Rank one of M, as a change of its inverse: it stays accurate for the largest of inertias.
-            column = (inverse @ S[:, :, None])[:, :, 0]
-            weight = 1 / (1 / inertia + np.einsum("tk,tk->t", S, column))
-            forces = forces - inertia * bias[:, None] * S
-            inverse = inverse - weight[:, None, None] * column[:, :, None] * column[:, None, :]
         rates = (forces[:, None] @ inverse)[:, 0]
         lam = np.zeros((len(x), constraints.m))
         if constraints.m:
             G = constraints.jacobian(x, R)
             if combined is not None:
                 G, gamma = combined @ G, (combined @ gamma[:, :, None])[:, :, 0]
+            rows = G.shape[1]
+            if self.turning:
+                _, S, bias = zip(*rotors(scene, x, R, v, w), strict=True)
+                own = np.vstack([np.zeros((rows, len(S))), -np.eye(len(S))])
+                G = np.concatenate([np.concatenate([G, np.stack(S, axis=1)], axis=1),
+                                    np.broadcast_to(own, (len(x), *own.shape))], axis=2)
+                gamma = np.concatenate([gamma, np.stack(bias, axis=1)], axis=1)
+                rates = np.concatenate([rates, np.zeros((len(x), len(S)))], axis=1)
+                inverse = self.geared
             # An open tree has no redundant rows.
             solve = _schur_solver(G, inverse, independent=not self.closing or combined is not None)
             # The second pass restores the digits that G M^-1 G^T loses when a light body carries a heavy one.
             for _ in range(2):
                 more = solve((G @ rates[:, :, None])[:, :, 0] + gamma)
                 rates = rates - ((more[:, None] @ G) @ inverse)[:, 0]
-                lam += more if combined is None else (more[:, None] @ combined)[:, 0]
-        a, alpha = np.split(rates.reshape(len(x), scene.n, 6), 2, axis=-1)
+                lam += more[:, :rows] if combined is None else (more[:, None, :rows] @ combined)[:, 0]
+        a, alpha = np.split(rates[:, :6 * scene.n].reshape(len(x), scene.n, 6), 2, axis=-1)
         return a, alpha, lam
 
     def independent(self, x: np.ndarray, R: np.ndarray) -> np.ndarray | None:
@@ -358,7 +366,7 @@ class Index1:
         """
         if not self.closing or not (redundant := redundant_rows(self.scene)):
             return None
-        scaled = self.constraints.jacobian(x, R) @ _root(self.inverse)
+        scaled = self.constraints.jacobian(x, R) @ np.linalg.cholesky(self.inverse)
         U = np.linalg.svd(scaled, full_matrices=False)[0][..., :scaled.shape[1] - redundant]
         return np.ascontiguousarray(np.swapaxes(U, 1, 2))
 
@@ -386,7 +394,7 @@ def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Call
 
     `independent` skips the search for the rank, which takes as long as a hundred solutions.
     """
-    scaled = G @ _root(inverse)
+    scaled = G @ np.linalg.cholesky(inverse)
     S = scaled @ np.swapaxes(scaled, 1, 2)
     redundant = np.empty((G.shape[1], 0)) if independent else _redundant(scaled[0])
     if not redundant.shape[1]:
@@ -431,15 +439,6 @@ def _pseudo_inverse(scaled: np.ndarray, S: np.ndarray, redundant: np.ndarray
     B[bad] = 0.0
     U, sigma, _ = (part[..., :S.shape[1] - redundant.shape[1]] for part in np.linalg.svd(scaled[bad]))
     return B, bad, U / sigma[:, None]
-
-
-def _root(inverse: np.ndarray) -> np.ndarray:
-    """A root of each M^-1: a lower triangle, or none where a rotor leaves M^-1 semidefinite to rounding."""
-    try:
-        return np.linalg.cholesky(inverse)
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(inverse)
-        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
 
 def redundant_rows(scene: Scene) -> int:

@@ -91,7 +91,7 @@ def test_a_known_defect_excuses_the_size_that_was_measured_and_nothing_far_beyon
         return known.excuses(entry, Finding(kind, "fail", value, bound, "", ""))
 
     assert excused(most)
-    assert not excused(most + 0.51 if kind.startswith("order") else 11 * most)
+    assert not excused(most + 0.51 if kind.startswith("order") else 1.1 * entry.margin * most)
     assert not excused(float("inf"))
     assert not excused(float("nan"))
 
@@ -100,7 +100,7 @@ def test_a_known_defect_excuses_the_size_that_was_measured_and_nothing_far_beyon
 def test_a_run_beyond_the_cap_fails(excess, outcome):
     run = Record(scene="parallelogram", engine="pinocchio", version="4.1", method="RKMK8", form="tree", step=1e-2,
                    documented_order=8)
-    beyond = excess * known.MARGIN * LOST["velocity"]
+    beyond = excess * Known.margin * LOST["velocity"]
     findings = [Finding("velocity", "fail", beyond * 1e-6, 1e-6, "", ""), Finding("energy", "ok", 0.0, 1.0, "", "")]
     assert settle(run, findings, defects(run)).outcome == outcome
 

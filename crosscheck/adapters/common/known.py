@@ -24,8 +24,6 @@ SINGULAR = ("nothing holds the positions, and where all bars lie on one line the
 CONTRADICTORY = ("the linkage moves only because its redundant rows repeat the others where the positions are exact; "
                  "this method holds no positions, and off them the rows contradict each other: no velocity or "
                  "acceleration satisfies them all, and their least squares leave what is seen")
-BOUNCE = ("a stop with restitution is a spring and damper, which an impact takes {} steps to pass, so that an output "
-          "time may lie within one; where in a step contact begins and ends moves the restitution{} at any step")
 SUMMED = dict.fromkeys(ORDERS, 1.9) | {
     "position": 34, "attitude": 140, "velocity": 67, "angular velocity": 94, "interval position": 430,
     "interval attitude": 690, "interval velocity": 110, "interval angular velocity": 130, "energy": 42, "momentum": 9.3}
@@ -45,13 +43,6 @@ def scene_of(name: str) -> Scene | None:
         return as_scene(name)
     except (ArgumentError, SceneError):
         return None
-
-
-def bounces(_: Engine, scene: str, form: str | None) -> bool:
-    """Whether a joint of the scene has a rigid stop with restitution."""
-    loaded = scene_of(scene)
-    return loaded is not None and any(limits is not None and limits.rigid and limits.restitution > 0
-                                      for joint in loaded.joints for limits in joint.limits)
 
 
 @functools.lru_cache(maxsize=64)

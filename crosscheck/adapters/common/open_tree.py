@@ -43,10 +43,9 @@ def unsupported(scene: Scene, spec: RunSpec, laws: str | tuple[str, ...], joints
 
 
 def bouncing(scene: Scene) -> str | None:
-    """Why an engine whose limits are rows of a step, complementary to impulses, cannot run a scene, or None if it can.
-    """
+    """Why an engine whose limits give nothing back by themselves cannot run a scene, or None if it can."""
     name = next((joint.name for joint in scene.joints for each in joint.limits if each and each.restitution), None)
-    return name and f"the limits of joint {name!r} have a restitution, and the engine's rows of limits none"
+    return name and f"the limits of joint {name!r} have a restitution, and the engine's limits none"
 
 
 def rowed(scene: Scene) -> bool:

@@ -16,7 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats
-from crosscheck.adapters.common import stepping, tree
+from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.exudyn import kinematic_tree, laws, models, solving
@@ -102,7 +102,7 @@ class Exudyn(Engine):
         in_tree = ("armature", "mimic", "dry_friction", "static_friction", "limits", "soft_limits", "servo",
                    "sampled_servo", "effort_limit", "no_load_speed")
         known = ("slip", "joint_torque", "function", "hold", *(in_tree if form == "tree" else ()))
-        if reason := scene.beyond(known, in_tree):
+        if reason := scene.beyond(known, in_tree) or open_tree.bouncing(scene):
             return reason
         if form == "tree" and (closing := _by_coordinates(scene) & {
                 joint.name for joint in kinematic_tree.spanned(scene)[1]}):

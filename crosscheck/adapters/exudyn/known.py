@@ -1,6 +1,6 @@
 """Known defects of Exudyn."""
 
-from crosscheck.adapters.common.known import BOUNCE, CONTRADICTORY, SINGULAR, bounces
+from crosscheck.adapters.common.known import CONTRADICTORY, SINGULAR
 from crosscheck.document.known import ORDERS, Known
 
 TREE_NEWTON = ("in joint coordinates Newton's iteration contracts slowly, 8 to 14 times a step on chain_64, and at "
@@ -42,8 +42,4 @@ KNOWN = (
               "interval angular velocity": 1100}, CARDAN, always=False),
     Known(("1",), ("GeneralizedAlpha", "TrapezoidalIndex2"), ("rolling_disk", "wobbling_disk"), None,
           {"acceleration": 1300, "angular acceleration": 560}, ROLLING_START, always=False),
-    Known(("1",), ("GeneralizedAlpha", "TrapezoidalIndex2", "RK44", "RK67", "DOPRI5"), bounces, None, {
-        "position": 3.4, "attitude": 3.4, "velocity": 2.6, "angular velocity": 2.6, "interval position": 4,
-        "interval attitude": 4, "interval velocity": 570, "interval angular velocity": 570, "limit velocity": 2.7,
-        "limit angular velocity": 2.7}, BOUNCE.format("63", " by .01"), always=False),
 )

@@ -28,9 +28,8 @@ from crosscheck.scene.model import Scene
 BRISTLE, RATIO = 0.5, 0.5
 """Radians a step of the oscillation on a bristle, and its damping ratio."""
 
-STOP, BOUNCE = 0.5, 0.05
-"""Radians a step of that at a stop without restitution, where the damping is critical, and with one, which is then met
-to .01: contact changes at the ends of steps."""
+STOP = 0.5
+"""Radians a step of that at a rigid stop, where the damping is critical."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,20 +106,12 @@ def _add_friction_and_limits(system: Any, markers: list[Any], place: Place, fric
         low, high = tree.ends(limits, place.sign, place.zero, 1e9)
         stiffness, damping = limits.stiffness, limits.damping
         if stiffness is None:
-            stiffness, damping = stop(limits.restitution, mass, h)
+            stiffness, damping = mass * (STOP / h) ** 2, 2.0 * mass * STOP / h
         values |= {"useLimitStops": True, "limitStopsLower": low, "limitStopsUpper": high,
                    "limitStopsStiffness": stiffness, "limitStopsDamping": damping}
     slips = float(np.sign(state[1])) * (friction.sliding if friction else 0.0)
     memory = system.AddNode(NodeGenericData(initialCoordinates=[slips, state[0], 0.0], numberOfDataCoordinates=3))
     system.AddObject(ObjectConnectorCoordinateSpringDamperExt(markerNumbers=markers, nodeNumber=memory, **values))
-
-
-def stop(restitution: float, mass: float, h: float) -> tuple[float, float]:
-    """Stiffness and damping of a stop of this restitution, exp(-pi z / sqrt(1 - z^2)) at the damping ratio z."""
-    if restitution == 0:
-        return mass * (STOP / h) ** 2, 2.0 * mass * STOP / h
-    lost = -math.log(restitution)
-    return mass * (BOUNCE / h) ** 2, 2.0 * lost / math.hypot(math.pi, lost) * mass * BOUNCE / h
 
 
 def _add_servo(system: Any, markers: list[Any], place: Place, servo: Servo, index: int, held: Held) -> None:

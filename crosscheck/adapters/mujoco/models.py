@@ -157,7 +157,7 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     branches, closing = closures(scene, form)
     solref = [] if softness == "default" else [2 * step, 1.0]
     for branch in branches:
-        frames[branch.body] = _add_body(scene, branch, frames[branch.parent], solref)
+        frames[branch.body] = _add_body(scene, branch, frames[branch.parent], solref, method)
     builder = _Constraints(scene, spec, frames, solref)
     for joint in closing:
         builder.close(joint)
@@ -188,7 +188,7 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     return spec.compile()
 
 
-def _add_body(scene: Scene, branch: Branch, frame: Any, solref: list[float]) -> Any:
+def _add_body(scene: Scene, branch: Branch, frame: Any, solref: list[float], method: str) -> Any:
     """A body on its joints, in the frame of its parent; `solref` of friction and limits, empty for the default."""
     import mujoco
 
@@ -213,7 +213,7 @@ def _add_body(scene: Scene, branch: Branch, frame: Any, solref: list[float]) -> 
             coordinate.springref = 0.0 if isinstance(rest, TimeFunction) else rest  # an actuator moves it
             _make_elastic(coordinate, spring)
         if joint.dry_friction or joint.limits or _has_servo(scene, joint):
-            _give_laws(scene, branch, coordinate, kind, solref)
+            _give_laws(scene, branch, coordinate, kind, solref, method)
     return body
 
 
@@ -221,7 +221,7 @@ def _has_servo(scene: Scene, joint: Joint) -> bool:
     return any(name == joint.name for name, _ in scene.servos.values())
 
 
-def _give_laws(scene: Scene, branch: Branch, coordinate: Any, kind: str, solref: list[float]) -> None:
+def _give_laws(scene: Scene, branch: Branch, coordinate: Any, kind: str, solref: list[float], method: str) -> None:
     """Count a hinge or slide from the scene's zero, and set its dry friction and its range."""
     joint = branch.joint
     assert joint is not None
@@ -241,16 +241,16 @@ def _give_laws(scene: Scene, branch: Branch, coordinate: Any, kind: str, solref:
         coordinate.limited, coordinate.range = True, tree.ends(limits, direction, 0.0, 1e9)
         if solref:
             coordinate.solimp_limit[:2] = TIGHT
-            coordinate.solref_limit = stop(limits.restitution, solref[0] / 2)
+            coordinate.solref_limit = stop(limits.restitution, solref[0] / 2, method)
 
 
-def stop(restitution: float, step: float) -> list[float]:
+def stop(restitution: float, step: float, method: str = "RK4") -> list[float]:
     """The time constant and damping ratio of a soft stop that converges to one with this restitution as the step falls.
 
     A unilateral spring and damper of damping ratio z, of which the force ends before the spring is free, has the
     restitution exp(-2 z / sqrt(1 - z^2) acos(z)), .135 at z = 1 and 1 / (4 z^2) far above. A stop without restitution
     has one that falls with the step, so that the depth of an impact is gone after SETTLING. One with restitution takes
-    BOUNCE steps a radian.
+    BOUNCE steps a radian; `discrete` takes spring and damper at the end of a step, which damps by half a step's turn.
     """
     if restitution == 0:
         return [2.0 * step, max(1.0, 0.5 * math.sqrt(SETTLING / step))]
@@ -261,8 +261,11 @@ def stop(restitution: float, step: float) -> list[float]:
         turn = 1.0 if root == 0 else math.acos(z) / root if z < 1.0 else math.acosh(z) / root
         return math.exp(-2.0 * z * turn) - restitution
 
-    ratio = 1e-6 if gap(1e-6) <= 0 else float(brentq(gap, 1e-6, 1e3))
-    return [BOUNCE * step / ratio, ratio]  # its frequency is 1 / (time constant times ratio)
+    ratio, turn = 1e-6 if gap(1e-6) <= 0 else float(brentq(gap, 1e-6, 1e3)), 1.0 / BOUNCE
+    if method == "discrete":
+        turn = min(turn, max(ratio, 0.2 / BOUNCE))
+        ratio = max(ratio - 0.5 * turn, 1e-6)
+    return [step / (turn * ratio), ratio]  # its frequency is 1 / (time constant times ratio)
 
 
 def _coordinates(scene: Scene, branch: Branch) -> list[tuple[str, np.ndarray, np.ndarray]]:

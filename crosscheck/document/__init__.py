@@ -323,7 +323,7 @@ class Speed(Part, frozen=True, kw_only=True):
     us_per_step: float
     us_deviation: float  # median absolute deviation over the repeats
     ratio: float
-    deviation: float
+    deviation: float  # the same, or if more a quarter of the distance from the median to the fastest repeat
     repeats: int
     calibration: float  # us
 

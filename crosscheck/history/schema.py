@@ -73,7 +73,7 @@ def tables() -> Tables:
         Table("metrics", metadata,
               owner("result_id", "results", primary_key=True),
               Column("name", Text, primary_key=True), needed("unit"), needed("value", Float),
-              Column("deviation", Float),  # median absolute deviation over the repeats
+              Column("deviation", Float),  # as of `crosscheck.document.Speed`
               Column("repeats", Integer),
               Column("rounding", Float)))  # changes up to this may be rounding; null: no change is a finding
 

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from crosscheck import references
 from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way, extended, grouped
 from crosscheck.errors import CrosscheckError
-from crosscheck.jobs.drive import Crash, Limits, Stages, run_tasks
+from crosscheck.jobs.drive import Crash, Limits, Place, Stages, run_tasks
 from crosscheck.jobs.table import digest
 from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
@@ -31,6 +31,7 @@ from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 from crosscheck.verification.task import Cell, windowed
+from crosscheck.verification.trust import NOISE_DEVIATIONS
 
 CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (numpy.linalg.solve)"
 """The calibration kernel: compiled loops over small matrices, as in a multibody step, without any engine's code. The
@@ -54,7 +55,7 @@ LONG = 0.01
 """After this time (s, with the building of models) one undisturbed try is enough, as long runs average noise out."""
 
 ONCE = 0.1
-"""Runs that take longer (s, with the building of models) have only one turn per round and no turn to warm up."""
+"""Runs that take more processor time (s, with the building of models) have one turn per round and none to warm up."""
 
 WAITED = 0.03
 """Largest share of waiting in an undisturbed try."""
@@ -97,9 +98,9 @@ def time_round(task: Round) -> list[list[Pair]]:
             if index in done:
                 continue
             output.at(str(index))
-            began = time.perf_counter()
+            began = time.process_time()  # a run that had to wait for the processor is not a long one
             seconds = _seconds_per_step(scene, burst, warming=not turn)
-            long = time.perf_counter() - began > ONCE
+            long = time.process_time() - began > ONCE
             after = kernel()
             if seconds is None or long:
                 done.add(index)
@@ -173,8 +174,11 @@ def summarise(samples: list[Pair]) -> Speed | None:
         return None
     times = [1e6 * seconds for seconds, _ in samples]
     ratios = [seconds / kernel for seconds, kernel in samples]
-    return Speed(us_per_step=statistics.median(times), us_deviation=spread(times), ratio=statistics.median(ratios),
-                 deviation=spread(ratios), repeats=len(samples),
+    middle = statistics.median(ratios)
+    # What delays a run adds time: it is slower beyond noise only if its fastest repeat is, too.
+    deviation = max(spread(ratios), (middle - min(ratios)) / NOISE_DEVIATIONS)
+    return Speed(us_per_step=statistics.median(times), us_deviation=spread(times), ratio=middle, deviation=deviation,
+                 repeats=len(samples),
                  calibration=1e6 * statistics.median(kernel for _, kernel in samples))
 
 
@@ -261,11 +265,12 @@ def _filled_in(record: Record, measured: Speed | None) -> Record:
                    seconds_deviation=per_second * measured.us_deviation)
 
 
-ENOUGH = 0.1
-"""If two runs take more stepping time (s) than this, there is no third: long runs average noise out."""
+ENOUGH, ALIKE = 0.1, 1.05
+"""Two runs have no third if they take more stepping time (s) than this, as long runs average noise out, or if their
+times differ by less than this factor."""
 
-MAIN_STEPS = 2000
-"""Most steps of the runs at the step of the main run. They are enough to measure the time per step."""
+MOST_TIMED = 1000
+"""Most steps of repeats, and of all runs at the step of the main run. They are enough to measure the time per step."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -286,20 +291,20 @@ def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages
     Engines in their own environments are left out, because their times are not comparable with others.
     """
     told = list(records)
-    for scene, own in grouped(range(len(cells)), lambda index: cells[index].scene).items():
-        chosen = [index for index in own if records[index].ladder and not records[index].own_environment]
-        if chosen:
+    with Place(1) as place:  # one worker for all scenes: engines are imported once
+        for scene, own in grouped(range(len(cells)), lambda index: cells[index].scene).items():
+            chosen = [index for index in own if records[index].ladder and not records[index].own_environment]
             task = Timing(tuple((cells[index], records[index].documented_order,
                                  records[index].step or records[index].rtol) for index in chosen), repeats)
             key = digest("timing", task)
-            made = stages.kept("timing", key, "samples")
+            made = stages.kept("timing", key, "samples") if chosen else ((), {})
             if made is None:
-                made = guarded_timing(task, within)
+                made = guarded_timing(task, within, place)
                 if stages.session is not None:
                     made = stages.session.put("timing", key, made)
             for position, index in enumerate(chosen):
                 told[index] = _with_points(records[index], made[0][position], made[1].get(position))
-        stages.count(f"timing of {Path(scene).name}")
+            stages.count(f"timing of {Path(scene).name}")
     return told
 
 
@@ -314,17 +319,18 @@ def _with_points(record: Record, points: list[Point], reason: str | None) -> Rec
     return replace(record, timing=[point for point in points if not point.main])
 
 
-def guarded_timing(task: Timing, within: Limits | None = None) -> tuple[list[list[Point]], dict[int, str]]:
+def guarded_timing(task: Timing, within: Limits | None = None, place: Place | None = None
+                   ) -> tuple[list[list[Point]], dict[int, str]]:
     """The points of `time_cells`, made in one worker process, and for some cells the reason why they have none.
 
-    The time limit is that of all cells together.
+    The time limit is that of all cells together. `place`: of a worker that stays.
     """
     each = within or Limits()
 
     def run(left: list[int]) -> list[list[Point]] | Crash:
         whole = Limits(None if each.time is None else each.time * len(left), each.memory)
         part = dataclasses.replace(task, runs=tuple(task.runs[index] for index in left))
-        return run_tasks(time_cells, [part], 1, limits=whole)[0]
+        return run_tasks(time_cells, [part], 1, limits=whole, place=place)[0]
 
     return without_culprits(run, len(task.runs))
 
@@ -332,9 +338,9 @@ def guarded_timing(task: Timing, within: Limits | None = None) -> tuple[list[lis
 def time_cells(timing: Timing) -> list[list[Point]]:
     """Stepping time against end error of every cell. The runs of all cells take turns in this process.
 
-    Runs have two samples only, so that no engine spends time on output. Times are medians over the repeats. A failing
-    run gives no point. The last point of a cell ("main") is at the step of its main run. Its runs stop after
-    `MAIN_STEPS`, and it has no error.
+    Runs have two samples only, so that no engine spends time on output. The first of each makes the whole window and
+    has its error; others stop after `MOST_TIMED`, if steps are fixed, as does the last point of a cell ("main"), which
+    is at the step of its main run and has no error. Times are medians over the repeats. A failing run gives no point.
     """
     first = timing.runs[0][0]
     scene = load_scene(first.scene)
@@ -349,12 +355,12 @@ def time_cells(timing: Timing) -> list[list[Point]]:
             output.at(str(index))
             for rung, size in enumerate((*sizes, *(() if main is None else (main,)))):
                 before = made.setdefault((index, rung), [])
-                last = rung == len(sizes)
-                if not last and len(before) > 1 and sum(traj.wall_time for traj in before) > ENOUGH:
+                if len(before) > 1 and (sum(traj.wall_time for traj in before) > ENOUGH
+                                        or max(map(_second, before)) <= ALIKE * min(map(_second, before))):
                     continue
                 step, rtol = (size, None) if order is not None else (None, size)
-                shorter = brief if step is None or not last else brief.replace(
-                    duration=min(brief.duration, MAIN_STEPS * step))
+                shorter = brief if step is None or not (before or rung == len(sizes)) else brief.replace(
+                    duration=min(brief.duration, MOST_TIMED * step))
                 outcome = lasting(attempt(shorter, cell.way, step=step, rtol=rtol, monitor=False))
                 if isinstance(outcome, Ran):
                     before.append(outcome.trajectory)
@@ -363,12 +369,15 @@ def time_cells(timing: Timing) -> list[list[Point]]:
             for index, ((_, order, main), sizes) in enumerate(zip(timing.runs, ladders, strict=True))]
 
 
+def _second(traj: Trajectory) -> float:
+    return traj.wall_time / max(1, traj.steps)
+
+
 def _point(scene: Scene, size: float, order: int | None, trajs: list[Trajectory], end: States | None) -> Point:
     """One point. Without `end`, the truth at the end of the runs, it is the point of the main run."""
-    walls = [traj.wall_time for traj in trajs]
-    wall, simulated = statistics.median(walls), float(trajs[0].t[-1])
-    return Point(step=size if order is not None else None, rtol=size if order is None else None, wall_time=wall,
-                 steps=int(trajs[0].steps), us_per_step=1e6 * wall / max(1, trajs[0].steps),
-                 seconds_per_second=wall / simulated,
-                 seconds_deviation=statistics.median(abs(each - wall) for each in walls) / simulated,
-                 error=None if end is None else errors(scene, trajs[0], end)["position"].end, main=end is None)
+    whole, each = trajs[0], [_second(traj) for traj in trajs]
+    second, simulated = statistics.median(each), float(whole.t[-1]) / max(1, whole.steps)
+    return Point(step=size if order is not None else None, rtol=size if order is None else None,
+                 wall_time=second * max(1, whole.steps), steps=int(whole.steps), us_per_step=1e6 * second,
+                 seconds_per_second=second / simulated, seconds_deviation=spread(each) / simulated,
+                 error=None if end is None else errors(scene, whole, end)["position"].end, main=end is None)

@@ -8,6 +8,7 @@ from crosscheck.history.changes import change_points, compare, machine_factor, s
 from crosscheck.history.figures import Figure
 from crosscheck.history.overview import write_trend
 from crosscheck.history.runs import Usual, run_from_document
+from crosscheck.verification.speed import summarise
 from tests.history.store.documents import document, record
 
 
@@ -55,6 +56,15 @@ def test_runs_at_the_coarse_step_are_not_compared_by_their_figures():
 ])
 def test_a_change_of_speed_is_beyond_ten_per_cent_and_four_deviations(ratio, deviation, found):
     assert told(run(record(deviation=1e-5)), run(record(ratio=ratio, deviation=deviation))) == found
+
+
+@pytest.mark.parametrize(("factors", "found"), [
+    ((1.0, 1.02, 423.0, 440.0, 467.0), []),  # most repeats had to wait for the machine
+    ((2.0, 2.01, 2.02, 2.05, 90.0), [("speed", "mujoco RK4", True)]),
+])
+def test_a_run_is_slower_if_its_fastest_repeat_is(factors, found):
+    speed = summarise([(1e-5 * factor, 1e-3) for factor in factors])
+    assert told(run(record(deviation=1e-5)), run(record(ratio=speed.ratio, deviation=speed.deviation))) == found
 
 
 def test_the_usual_spread_between_runs_counts_too():

@@ -14,7 +14,7 @@ from crosscheck.judge.metrics import Plateau
 from crosscheck.judge.plan import halved
 from crosscheck.judge.verdict import judge_orders, word, worst
 from crosscheck.verification.cell import run_cell
-from crosscheck.verification.speed import MAIN_STEPS, Timing, time_cells
+from crosscheck.verification.speed import MOST_TIMED, Timing, time_cells
 from crosscheck.verification.task import Cell
 from tests.fake_engine import FakeEngine, install
 
@@ -250,21 +250,24 @@ def test_timing_gives_stepping_time_and_end_error(monkeypatch):
         assert point.us_per_step == pytest.approx(1.0)
 
 
-def test_timing_repeats_short_runs_more_often_and_ends_that_of_the_main_step_early(monkeypatch):
-    started = []
+def test_timing_repeats_short_runs_whose_times_differ_and_ends_repeats_early(monkeypatch):
+    started, plan = [], Plan(1.0, PLAN.steps, PLAN.ladders, samples=PLAN.samples)
+    coarse, *_, fine = plan.ladder(2)
 
     class Slow(FakeEngine):
         def run(self, scene, spec):
             started.append((spec.step, round(scene.duration / spec.step)))
             raw = super().run(scene, spec)
-            return dataclasses.replace(raw, wall_time=1.0 if spec.step == PLAN.ladder(2)[-1] else raw.wall_time)
+            later = 1.0 + 0.1 * len(started) if spec.step in (coarse, fine) else 1.0
+            return dataclasses.replace(raw, wall_time=later * (1.0 if spec.step == fine else raw.wall_time))
 
     install(monkeypatch, Slow())
-    cell, main = Cell("single_pendulum", Way("fake", "Plain"), PLAN, True), PLAN.window / 10_000
+    cell, main = Cell("single_pendulum", Way("fake", "Plain"), plan, True), plan.window / 10_000
     (points,) = time_cells(Timing(((cell, 2, main),), 3))
-    counts = [sum(step == size for step, _ in started) for size in (*PLAN.ladder(2), main)]
-    assert counts == [3] * (len(counts) - 2) + [2, 3]
-    assert {steps for step, steps in started if step == main} == {MAIN_STEPS}
+    counts = [sum(step == size for step, _ in started) for size in (*plan.ladder(2), main)]
+    assert counts == [3] + [2] * (len(counts) - 1)
+    assert {steps for step, steps in started if step == main} == {MOST_TIMED}
+    assert [steps for step, steps in started if step == fine] == [round(plan.window / fine), MOST_TIMED]
     assert points[-1].main
     assert points[-1].error is None
     assert points[-1].us_per_step == pytest.approx(1.0)

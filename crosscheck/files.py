@@ -18,18 +18,20 @@ _UNREADABLE = re.compile("[\\x00-\\x08\\x0b\\x0c\\x0e-\\x1f\\x7f-\\x9f\\ud800-\\
 
 def readable(text: str) -> str:
     """The text with escapes for control characters and lone surrogates, which XML and databases refuse."""
-    return _UNREADABLE.sub(lambda sign: sign[0].encode("unicode_escape").decode(), text)
+    return text if text.isprintable() else _UNREADABLE.sub(lambda sign: sign[0].encode("unicode_escape").decode(), text)
 
 
 def finite(value: object) -> Any:
     """The value with texts made `readable` and None for numbers that are not finite, which JSON cannot hold."""
-    if isinstance(value, Mapping):
-        return {finite(key): finite(each) for key, each in value.items()}
+    if isinstance(value, str):  # the most frequent first: a report has a million values
+        return readable(value)
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
     if isinstance(value, list | tuple):
         return [finite(each) for each in value]
-    if isinstance(value, str):
-        return readable(value)
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    if isinstance(value, Mapping):
+        return {finite(key): finite(each) for key, each in value.items()}
+    return value
 
 
 def plain(value: object) -> Any:

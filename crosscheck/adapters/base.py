@@ -133,6 +133,10 @@ FIRST = 1
 """The order assumed for a fixed-step method without a claim; every convergent method has it."""
 
 
+version_of = functools.cache(importlib.metadata.version)
+"""Version of an installed package, kept because reading it takes milliseconds."""
+
+
 class Engine:
     """An engine adapter. It has to give `name`, `methods`, `unsupported` and `run`; all else has a default here."""
 
@@ -163,7 +167,7 @@ class Engine:
 
     def version(self) -> str:
         """Version of the engine as installed."""
-        return importlib.metadata.version(self.package) if self.package else ""
+        return version_of(self.package) if self.package else ""
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """Order of accuracy claimed by the engine's documentation or the method's users; None for adaptive methods.

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from crosscheck.diagnosis.observe import Silent, Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
@@ -107,6 +106,8 @@ def _fitted(each: Altered, gap: Callable[[Scene], np.ndarray], before: float) ->
 
     def residual(theta: np.ndarray) -> np.ndarray:
         return np.asarray(np.nan_to_num(gap(each.alter(float(theta[0]))), posinf=1e3))
+
+    from scipy.optimize import least_squares
 
     solution = least_squares(residual, [start], x_scale=abs(start) or 0.1, diff_step=1e-5, max_nfev=EVALUATIONS,
                           xtol=1e-12, ftol=1e-14)

@@ -49,7 +49,7 @@ class Figure:
 
 def tagged(tags: Sequence[str]) -> list[str]:
     """Names of the built-in scenes with one of these tags."""
-    return [name for name in scene_names() if set(tags) & set(load_scene(name).tags)]
+    return [name for name in scene_names() if set(tags) & set(load_scene(name).tags)] if tags else []
 
 
 def figures(names: Sequence[str], engines: Sequence[str]) -> list[Figure]:

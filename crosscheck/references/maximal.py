@@ -19,9 +19,9 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.integrate import DOP853, OdeSolver, Radau
 
 from crosscheck.references.base import End, TruthError, breaks
 from crosscheck.references.world import Motion, cross, rotation, turned
@@ -29,6 +29,9 @@ from crosscheck.references.world_loads import ConstantLoad, JointLoad, LinearSpr
 from crosscheck.references.world_rows import Coupled, Driven, Relations, kinds
 from crosscheck.scene.model import Joint, Scene
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    from scipy.integrate import OdeSolver
 
 DECAY = 1000.0
 """The implicit method is used if the rate of the fastest decay (1/s) exceeds this: the stability of an explicit method
@@ -57,6 +60,8 @@ def integrator_for(values: np.ndarray, tightest: float) -> tuple[type[OdeSolver]
 
     `tightest`: the relative tolerance if nothing is stiff.
     """
+    from scipy.integrate import DOP853, Radau  # takes a third of the start of every command
+
     if -values.real.min() > DECAY:
         return Radau, IMPLICIT_RTOL
     return DOP853, tightest * max(1.0, float(np.abs(values).max()) / QUIET)
@@ -153,9 +158,8 @@ class Maximal:
         if self.constraints:
             self._find_rank()
         self.graded = self._graded()
-        self.integrator: tuple[type[OdeSolver], float] = DOP853, RTOL if self.rank is None else RTOL_DEPENDENT
-        if self.springs or self.torsions:
-            self.integrator = integrator_for(eigenvalues(self.rates, self.initial()), self.integrator[1])
+        stiff = eigenvalues(self.rates, self.initial()) if self.springs or self.torsions else np.zeros(1)
+        self.integrator = integrator_for(stiff, RTOL if self.rank is None else RTOL_DEPENDENT)
         self.source = f"{self.integrator[0].__name__} (SciPy), maximal coordinates"
 
     def _couple(self) -> None:

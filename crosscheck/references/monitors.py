@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.modes import Law, Mode
@@ -91,6 +90,8 @@ class Monitors:
     def _touch(self, margin: float, distance: Callable[[np.ndarray, np.ndarray], float], length: float,
                states: Callable[[np.ndarray], np.ndarray]) -> float | None:
         """When two shapes come closer than a margin; their distance may have corners, so it is only bracketed."""
+        from scipy.optimize import brentq, minimize_scalar
+
         def room(tau: float) -> float:
             x, R = self.series.pose(states(np.array([tau])))
             return distance(x[0], R[0]) - margin

@@ -6,9 +6,9 @@ then is one of the constraints. Responses are those of M and of all rows of the 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.integrate import OdeSolver
-from scipy.optimize import lsq_linear
 
 from crosscheck.references.base import End, TruthError
 from crosscheck.references.maximal import ATOL, DAMPING, DEPENDENT, Maximal, Rotor, gyroscopic
@@ -20,6 +20,9 @@ from crosscheck.references.world_rows import zero_turn
 from crosscheck.scene.functions import at
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    from scipy.integrate import OdeSolver
 
 INSIDE = (0.25, 0.5, 0.75, 1.0)
 """Places in a step at which surfaces are looked at: steps are so short that a surface is nearly a line there."""
@@ -213,6 +216,8 @@ class LawfulMaximal(Maximal):
         """(f, a) of the box problem: the least of its convex function, by an active-set method of SciPy."""
         if not len(b):
             return np.zeros(0), np.zeros(0)
+        from scipy.optimize import lsq_linear
+
         half = np.linalg.cholesky(0.5 * (S + S.T)).T
         solved = lsq_linear(half, -np.linalg.solve(half.T, b), (lo, hi), method="bvls", tol=1e-15) if (lo < hi).all() \
             else lsq_linear(half, -np.linalg.solve(half.T, b), (lo - 1e-300, hi + 1e-300), method="bvls", tol=1e-15)

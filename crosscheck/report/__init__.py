@@ -7,7 +7,7 @@ as a whole, and only if it holds nothing but a report.
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import json
 import os
 import re
@@ -48,13 +48,8 @@ def write_report(document: Document, folder: Path) -> None:
 
 
 def installed(*modules: str) -> bool:
-    """Whether all these modules can be imported."""
-    try:
-        for module in modules:
-            importlib.import_module(module)
-    except ImportError:
-        return False
-    return True
+    """Whether all these modules are there."""
+    return all(importlib.util.find_spec(module) for module in modules)
 
 
 def render_again(folder: Path) -> Path:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from crosscheck import files
 from crosscheck.document import SCHEMA, Document, curves
@@ -18,7 +19,9 @@ from crosscheck.errors import ArgumentError
 
 def plain(document: Document) -> dict[str, Any]:
     """The content of results.json: only types that JSON has, and no curves, which are in other files."""
-    values = files.plain(document)
+    bare = replace(document, scenes=[replace(scene, curves=curves.SceneCurves()) for scene in document.scenes],
+                   records=[replace(record, curves=curves.RunCurves()) for record in document.records])
+    values = files.plain(bare)
     for each in (*values["scenes"], *values["records"]):
         each.pop("curves", None)
     return dict(values)

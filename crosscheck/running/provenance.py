@@ -24,18 +24,22 @@ def describe(engine_names: Iterable[str]) -> dict[str, object]:
 
     These are versions of engines, packages and Python, the machine, the time (UTC) and, in a git checkout, the commit.
     """
+    return _fixed(engine_names) | {"time": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+                                   "commit": _commit(Path(__file__).resolve().parents[2])}
+
+
+def _fixed(engine_names: Iterable[str]) -> dict[str, object]:
+    """What results depend on."""
     processor = platform.processor() or "unknown"
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         processor = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")
     return {
-        "time": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "engines": {name: engine_version(name) for name in engine_names},
         "packages": {name: of_package(name) for name in PACKAGES},
         "python": platform.python_version(),
         "machine": {"system": f"{platform.system()} {platform.machine()}", "processor": processor,
                     "cores": os.cpu_count()},
-        "commit": _commit(Path(__file__).resolve().parents[2]),
     }
 
 
@@ -44,10 +48,7 @@ def code_digest(engine_names: Iterable[str], more: object) -> str:
 
     `more` must be a value that can be written as JSON. Results of one study must all have the same digest.
     """
-    names = tuple(engine_names)
-    versions = {key: value for key, value in describe(names).items()
-                if key in ("engines", "packages", "python", "machine")}
-    state = hashlib.sha256(json.dumps([more, versions], sort_keys=True).encode())
+    state = hashlib.sha256(json.dumps([more, _fixed(engine_names)], sort_keys=True).encode())
     state.update(digest((".",)))
     return state.hexdigest()
 

@@ -10,6 +10,7 @@ import platform
 from collections.abc import Iterable
 from pathlib import Path
 
+from crosscheck.adapters.base import version_of
 from crosscheck.errors import CrosscheckError, EngineError, install
 
 NOT_INSTALLED = "not installed"
@@ -45,7 +46,7 @@ def need(engines: Iterable[str]) -> None:
 def of_package(name: str) -> str:
     """Version of an installed Python package, or "not installed"."""
     try:
-        return importlib.metadata.version(name)
+        return version_of(name)
     except importlib.metadata.PackageNotFoundError:
         return NOT_INSTALLED
 

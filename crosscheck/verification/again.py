@@ -16,7 +16,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from crosscheck.adapters.base import RawRun, steps_per_sample
 from crosscheck.document import Record
@@ -63,6 +62,8 @@ class World:
 
         Joints that close loops keep their order: which of them a tree cuts depends on it, and so do its errors.
         """
+        from scipy.spatial.transform import Rotation
+
         rng = np.random.default_rng([SEED, scene.n, len(scene.joints), round(1e6 * scene.duration)])
         Q = Rotation.random(random_state=rng).as_matrix() if turned and turnable(scene) else np.eye(3)
         shift, bodies, joints = length * rng.uniform(-1.0, 1.0, 3), rng.permutation(scene.n), len(scene.joints)
@@ -80,6 +81,8 @@ class World:
             forces=tuple(self._force(force, place, names) for force in scene.forces))
 
     def _body(self, body: Body, name: str) -> Body:
+        from scipy.spatial.transform import Rotation
+
         R = Rotation.from_matrix(self.Q) * Rotation.from_quat(body.attitude, scalar_first=True)
         return dataclasses.replace(body, name=name, position=self.Q @ body.position + self.shift,
                                    velocity=self.Q @ body.velocity,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections import OrderedDict
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import lieeuler
-from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats
+from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats, steps_per_sample
 from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.known import CONTRADICTORY
 from crosscheck.document.known import Known
@@ -226,9 +227,13 @@ class LieEuler(Engine):
         ArgumentError
             An argument is wrong; the message is that of lieeuler.
         """
+        step = spec.step
+        if step and any(servo.period for _, servo in scene.servos.values()):
+            with contextlib.suppress(ArgumentError):  # it finds the samples within steps, others have to meet them
+                step = steps_per_sample(scene, step)[1]
         try:
             solution = lieeuler.integrate(
-                kept_problem(scene), spec.method, spec.step, scene.t, rtol=spec.rtol,
+                kept_problem(scene), spec.method, step, scene.t, rtol=spec.rtol,
                 coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta,
                 spectral_radius=spec.spectral_radius, correction=spec.correction or "mass", spin_free=spec.spin_free,
                 reduce=spec.reduce, conserve=bool(spec.conserve), polish=spec.polish is not False,

@@ -16,7 +16,7 @@ from crosscheck.judge import tolerances
 from crosscheck.judge.claim import Trace
 from crosscheck.references import dense
 from crosscheck.references.base import Reference
-from crosscheck.references.modes import Mode
+from crosscheck.references.modes import Mode, laws_of
 from crosscheck.references.restarts import Begin, Event, Restarts
 from crosscheck.references.tree_laws import LawfulTaylor
 from crosscheck.scene.coordinates import histories
@@ -68,6 +68,16 @@ class Crossed:
             sizes.append(np.where(sizes[-2] > 0.0, sizes[-1] ** 2 / np.where(sizes[-2] > 0.0, sizes[-2], 1.0), 0.0))
         return np.array(sizes[:degree + 3])
 
+    def unknown(self, k: int, mode: Mode | None, missed: np.ndarray, rate: float) -> float:
+        """What errors `missed`, (I,) in y, of intervals change from sample k on by what a sampled servo holds there.
+
+        It is computed from the motion without those errors. A velocity counts in units of `rate` (1/s).
+        """
+        spans = [servo.period * (servo.delay + 1) for _, servo in self.scene.servos.values() if servo.period]
+        within = sampled_within(self.scene, self.traj.t, k, mode)
+        slope = self.restarts.decay + self.intervals[k].stiff ** 2 / rate
+        return slope * max(spans, default=0.0) * float(max(missed[within], default=0.0))
+
     def efforts(self) -> Efforts:
         """What the laws give at the ends of the intervals, in the run's own states."""
         given = self.restarts.efforts(self._begin(k, None, mode) for k, mode in zip(
@@ -86,6 +96,25 @@ def restarts_of(scene: Scene, length: float) -> Restarts:
     if not isinstance(series, LawfulTaylor):
         raise Unsupported("its truth does not know the laws of joints")
     return Restarts(series, length)
+
+
+def sampled_within(scene: Scene, t: np.ndarray, k: int, mode: Mode | None) -> list[int]:
+    """The intervals of output times t, (T,), within which servos sampled what they hold at t_k; none for one at them.
+
+    `mode`: the one that comes to t_k; None if nothing was sampled before.
+    """
+    found = []
+    for law, part in zip(laws_of(scene), mode or (), strict=False):
+        servo = law.servo
+        if servo is None or servo.period is None:
+            continue
+        tiny = 1e-9 * servo.period
+        due = servo.phase + part.sample * servo.period <= t[k] + tiny
+        for i in range(max(0, part.sample - servo.delay - (not due)), part.sample):
+            time = servo.phase + i * servo.period
+            j = int(np.searchsorted(t, time + tiny)) - 1
+            found += [j] if time - t[j] > tiny else []
+    return found
 
 
 def memories(scene: Scene, traj: Trace) -> list[Mode | None]:

@@ -78,7 +78,8 @@ def judge_repeat(traj: Trace, repeat: Answer, own: Defects, soft: bool = False) 
     rounding = np.max([own.floor[name] / units[name] for name in QUANTITIES], axis=0)
     method = np.max([own.bounds[name] / units[name] for name in QUANTITIES], axis=0)
     jumps = differences(repeat.begins, States(*(getattr(traj, name)[repeat.marks[:-1]] for name in "txRvw")))
-    begun = JUMP * np.max([jumps[name].max(axis=1) / units[name] for name in QUANTITIES], axis=0)
+    begun = JUMP * (np.max([jumps[name].max(axis=1) / units[name] for name in QUANTITIES], axis=0)
+                    + _unknown(own, repeat))
     rounded, exact, missed = (_added(own, repeat, begun, each) for each in (rounding, ROUNDINGS * rounding, method))
     seen = np.where(own.flow.regular, 1.0, 0.0)
     ratio = np.max([gaps[name] / units[name] for name in QUANTITIES], axis=0)
@@ -120,6 +121,17 @@ def judge_axes(turned: Answer, plain: Answer, own: Defects) -> list[Finding]:
     return [Finding("axes", "ok", value, None, QUANTITIES[name], "the engine prefers axes of the world, as angles "
                     "do and steps that are chosen by single components: from the same states it moves otherwise where "
                     "the world is turned", f"{name}, t = {plain.traj.t[at + 1]:.4g} s")]
+
+
+def _unknown(own: Defects, repeat: Answer) -> np.ndarray:
+    """(P,) errors of parts that begin with values of sampled servos which are not known to be those of the run."""
+    crossed, marks = own.flow.crossed, repeat.marks[:-1]
+    if crossed is None:
+        return np.zeros(len(marks))
+    missed = np.max([np.linalg.norm(own.vectors[name], axis=-1).max(axis=1) / unit
+                     for name, unit in own.scale.units.items()], axis=0)
+    return np.array([crossed.unknown(k, mode, missed, own.scale.rate)
+                     for k, mode in zip(marks.tolist(), repeat.memory, strict=True)])
 
 
 def _added(own: Defects, repeat: Answer, begun: np.ndarray, each: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, steps_per_sample
 from crosscheck.document import Record
-from crosscheck.judge.crossings import memories
+from crosscheck.judge.crossings import memories, sampled_within
 from crosscheck.judge.flow import Answer
 from crosscheck.references.modes import Mode, laws_of
 from crosscheck.running.attempt import Ran, attempt, lasting
@@ -204,6 +204,11 @@ class Asked:
         modes = memories(self.scene, self.traj) if self.scene.has_laws else []
         return {k: mode for k, mode in enumerate(modes) if mode is not None}
 
+    @functools.cached_property
+    def guessed(self) -> bool:
+        """Whether servos hold values at the beginning of a part that are not known to be those of the run."""
+        return any(sampled_within(self.scene, self.traj.t, k, self.memories.get(k)) for k in self.marks[:-1].tolist())
+
     def part(self, first: int, last: int, step: float | None, world: World | None) -> tuple[Scene, Ran, bool] | str:
         """The scene of one part, its run, and whether joints were closed; or why there is none.
 
@@ -273,11 +278,11 @@ class Asked:
         if run.documented_order is None or not run.step:
             return []
         count, _ = steps_per_sample(self.scene, run.step)
-        counts = [count // 2, count // 4] if count >= 4 else [2 * count, 4 * count]
-        interval = float(traj.t[1] - traj.t[0])
-        made = self.whole if whole else self.parts
-        answers = (made(steps_per_sample(self.scene, interval / each)[1])
-                   for each in counts[:2 if run.documented_order == 1 else 1])
+        interval, made = float(traj.t[1] - traj.t[0]), self.whole if whole else self.parts
+        # As few may not be possible, or not meet the samples of a servo.
+        fewer = [steps_per_sample(self.scene, interval / max(1, each))[0] for each in (count // 2, count // 4)]
+        counts = fewer if count > fewer[0] > fewer[1] else [2 * count, 4 * count]
+        answers = (made(interval / each) for each in counts[:2 if run.documented_order == 1 else 1])
         return [each for each in answers if not isinstance(each, str)]
 
     def repeat(self, length: float, turned: bool = True) -> Answer | str:

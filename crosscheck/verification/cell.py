@@ -164,8 +164,8 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     eps = tolerances.EPS if engine.eps <= tolerances.EPS or isinstance(again, str) else seen_eps(
         traj, again, {name: scale.of(name) for name in QUANTITIES}, engine.eps, SINGLE)
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, eps)
-    # A part that begins with open joints is not nearer to the motion at a finer step.
-    whole = (isinstance(again, str) or again.closed or engine.prefers_axes(scene, traj.form)
+    # A part that begins with open joints, or with guessed memories, is not nearer to the motion at a finer step.
+    whole = (isinstance(again, str) or again.closed or asked.guessed or engine.prefers_axes(scene, traj.form)
              or float(traj.constraint_position.max()) > SHARE * scale.length)
     others = asked.companions(whole)
     try:

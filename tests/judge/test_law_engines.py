@@ -15,7 +15,8 @@ from crosscheck.verification.cell import judge_run
 from tests import law_engines
 from tests.adapters.test_laws import pendulum as hinge_pendulum
 from tests.fake_engine import install
-from tests.law_mistakes import MISTAKES, SCENES, Wrong
+from tests.law_mistakes import MISTAKES, SCENES, Mistake, Wrong, control, times
+from tests.references.law_scenes import pendulum, servo
 
 ORDERS = {1: 5e-4, 2: 1e-3, 4: 5e-3, 6: 1e-2, 8: 1e-2}
 """Steps, s, by documented order: what a user would take for errors of 1e-3 to 1e-9."""
@@ -24,7 +25,7 @@ ORDERS = {1: 5e-4, 2: 1e-3, 4: 5e-3, 6: 1e-2, 8: 1e-2}
 @functools.cache
 def scene(name):
     with tempfile.TemporaryDirectory() as folder:
-        return {**SCENES, **law_engines.SCENES}[name](pathlib.Path(folder)).replace(name=name)
+        return {**SCENES, **law_engines.SCENES, **BETWEEN}[name](pathlib.Path(folder)).replace(name=name)
 
 
 def judged(given, engine, method):
@@ -85,6 +86,35 @@ def test_a_right_engine_is_accused_of_nothing(name, method):
 def test_no_right_engine_is_accused(name, method):
     verdict = judged(scene(name), adapters.get("lieeuler"), method)
     assert not accused(verdict)
+
+
+BETWEEN = {f"{delay} of {samples}": lambda folder, delay=delay, samples=samples: pendulum(
+    folder, forces=[servo("h", derivative=1.0, period=0.025, delay=delay)], samples=samples)
+    for delay, samples in ((0, 33), (0, 38), (2, 33))}
+"""Servos that sample between output times: what they hold there is not known where a part of a run begins."""
+FORGETFUL = (
+    Mistake("right under its name alone", "0 of 33", lambda scene: control(proportional=times(1.001))(
+        scene) if scene.name == "elsewhere" else scene),
+    Mistake("right before its servo holds something", "2 of 33", lambda scene: control(proportional=times(1.01))(
+        scene) if any(each.held for _, each in scene.servos.values()) else scene, ("rkmk4",)),
+    Mistake("delay is ignored", "2 of 33", control(delay=0, held=lambda held: (held or ())[:1])),
+    Mistake("a delay too short by one", "2 of 33", control(delay=1, held=lambda held: (held or ())[:2])),
+    Mistake("damping .1 % low", "0 of 38", control(derivative=times(0.999))))
+
+
+@pytest.mark.parametrize(("name", "method"), [
+    pytest.param(name, method, marks=() if (name, method) in (("0 of 38", "DAE1L_LSE"), ("2 of 33", "rkmk4"))
+                 else pytest.mark.slow) for name in BETWEEN for method in ("DAE1L_LSE", "rattle2", "rkmk4")])
+def test_samples_between_output_times_are_accused_of_nothing(name, method):
+    assert not accused(judged(scene(name), adapters.get("lieeuler"), method))
+
+
+@pytest.mark.parametrize(("mistake", "method"), [
+    pytest.param(mistake, method, id=f"{mistake.what}-{method}", marks=() if k < 2 and method == "rkmk4"
+                 else pytest.mark.slow) for k, mistake in enumerate(FORGETFUL) for method in mistake.methods])
+def test_a_mistake_in_what_is_held_between_output_times_fails(monkeypatch, mistake, method):
+    kinds = {each.partition(":")[0] for each in wrong(monkeypatch, mistake, method)}
+    assert "repeat" in kinds or mistake.what.startswith(("delay", "a delay", "damping")), kinds
 
 
 class Shifted(StandIn):

@@ -150,21 +150,18 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
         exact = scale.flat(observe.true_motion(scene))
         if deviation <= max(of_output.SPREAD * noise.size, fit.EXPLAINED * first.noise) or (
                 noise.cause is not None and of_output.between_samples(first.y, exact) is not None):
-            answer.conclude([])
-            return answer
+            return answer.conclude([])
     differs = deviation > max(AGREES, fit.EXPLAINED * first.noise)
     if differs and (limited := of_stepping.limited(subject, first)) is not None:
         answer.causes.append(limited)
-        answer.conclude([])
-        return answer
+        return answer.conclude([])
     if differs and noise is not None and noise.cause is None and subject.order(scene) is not None:
         cause, evidence = of_stepping.adds_up(subject, scene, scale)
         answer.evidence.append(evidence)
         answer.tried += 1
         if cause is not None:  # it hides whatever is smaller
             answer.causes.append(cause)
-            answer.conclude([])
-            return answer
+            return answer.conclude([])
     fitted = of_model.diagnose(subject, first) if differs else of_model.ModelFinding()
     physics = fitted.physics or of_scene(scene).replace(absent=fitted.absent)
     start = (scene.R0, scene.w0) if fitted.start is None else misreadings.misread(scene, *fitted.start)
@@ -175,8 +172,7 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
     answer.evidence += fitted.evidence
     answer.tried += fitted.tried
     if fitted.told:
-        answer.conclude([])
-        return answer
+        return answer.conclude([])
     if differs and not fitted.causes and not unexplained:
         unexplained.append("the motion differs, but neither its start nor its accelerations do")
     if differs and fitted.causes and not unexplained and not fitted.soft:
@@ -202,5 +198,4 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
     answer.tried += steps.tried
     if any(cause.name == "clamp" for cause in steps.causes):  # no accelerations belong to its kinks
         unexplained = []
-    answer.conclude(unexplained + steps.unexplained)
-    return answer
+    return answer.conclude(unexplained + steps.unexplained)

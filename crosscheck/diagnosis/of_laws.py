@@ -83,8 +83,7 @@ def diagnose(subject: Subject, scene: Scene) -> Explanation | None:
         " or ".join(sorted({each.name for each, _ in named})),
         ", or equally ".join(each.what.format(f"{theta:.4g}") for each, theta in named),
         "compare this law in the engine's model with the scene's"))
-    answer.conclude([])
-    return answer
+    return answer.conclude([])
 
 
 def _coordinates(scene: Scene, states: Motion) -> np.ndarray:

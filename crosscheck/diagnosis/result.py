@@ -54,14 +54,14 @@ class Explanation:
     tried: int = 0
     seconds: float = 0.0
 
-    def conclude(self, unexplained: Sequence[str]) -> None:
+    def conclude(self, unexplained: Sequence[str]) -> Explanation:
         """Settle the outcome and its sentence by the causes that were found and what these leave unexplained."""
         self.outcome = "unknown" if unexplained else "named" if self.causes else "agrees"
         who = f"{self.engine} {self.method} on {self.scene}"
         if self.outcome == "agrees":
             self.sentence = (f"{who}: no difference beyond {max(self.deviation or 0.0, self.noise or 0.0):.1e} in the "
                              f"first {self.window:.3g} s" + (f"; verify says: {self.verdict}" if self.verdict else ""))
-            return
+            return self
         causes = " and ".join(f"{cause.name} ({cause.magnitude})" for cause in self.causes)
         if self.outcome == "named":
             text = causes
@@ -71,6 +71,7 @@ class Explanation:
             text += f"; each of these would do: {', '.join(self.candidates)}" if self.candidates else ""
             text += f"; what would explain a part of it: {causes}" if causes else ""
         self.sentence = f"{who}: {text}; looked at: the first {self.window:.3g} s"
+        return self
 
     @property
     def exit_code(self) -> int:

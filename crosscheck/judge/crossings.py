@@ -110,10 +110,9 @@ def sampled_within(scene: Scene, t: np.ndarray, k: int, mode: Mode | None) -> li
             continue
         tiny = 1e-9 * servo.period
         due = servo.phase + part.sample * servo.period <= t[k] + tiny
-        for i in range(max(0, part.sample - servo.delay - (not due)), part.sample):
-            time = servo.phase + i * servo.period
-            j = int(np.searchsorted(t, time + tiny)) - 1
-            found += [j] if time - t[j] > tiny else []
+        times = servo.phase + servo.period * np.arange(max(0, part.sample - servo.delay - (not due)), part.sample)
+        within = np.searchsorted(t, times + tiny) - 1
+        found += within[times - t[within] > tiny].tolist()
     return found
 
 

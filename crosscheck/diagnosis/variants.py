@@ -12,9 +12,7 @@ import numpy as np
 
 from crosscheck.diagnosis.observe import Scale
 from crosscheck.scene import assembly
-from crosscheck.scene.checks import Draft
 from crosscheck.scene.model import GROUND, Force, Scene
-from crosscheck.scene.schema import EntryError
 
 SEED = 20
 TURNS = (0.8, 0.5, 0.2)
@@ -45,12 +43,7 @@ def close(scene: Scene) -> Scene | None:
     """The scene with its joints closed by the least change of its state; None if that fails."""
     if any(joint.type in ("prismatic", "fixed") for joint in scene.joints):
         return None  # their relative attitude is that of the start, so that another start would be another scene
-    given = (True,) * scene.n
-    try:
-        # The forces are complete already: those of joints would be added once more.
-        return assembly.completed(Draft(scene, given, given, assemble=True)).replace(forces=scene.forces)
-    except EntryError:
-        return None
+    return assembly.closed(scene)
 
 
 def on_balls(scene: Scene) -> tuple[Scene, tuple[int, ...]] | None:

@@ -84,6 +84,16 @@ def completed(draft: Draft) -> Scene:
     return joint_options.with_forces(done)
 
 
+def closed(scene: Scene) -> Scene | None:
+    """The scene with its joints closed by the least change of its state; None if that fails."""
+    given = (True,) * scene.n
+    try:
+        # The forces are complete already: those of joints would be added once more.
+        return completed(Draft(scene, given, given, assemble=True)).replace(forces=scene.forces)
+    except EntryError:
+        return None
+
+
 def projected(scene: Scene, moved: Scene) -> Scene:
     """`moved`, whose bodies have other states than those of `scene`, with the joints of `scene` closed.
 

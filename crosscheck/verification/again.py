@@ -24,13 +24,11 @@ from crosscheck.judge.flow import Answer
 from crosscheck.references.modes import Mode, laws_of
 from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.running.trajectory import Trajectory, derive
-from crosscheck.scene import assembly
-from crosscheck.scene.checks import Draft
+from crosscheck.scene.assembly import closed
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import Servo
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
-from crosscheck.scene.schema import EntryError
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
@@ -174,15 +172,6 @@ def _remembering(scene: Scene, force: Force, memory: Mode, t: float) -> Force:
 
 LATE = 1e-9
 """Share of a period below which a sample is due at once."""
-
-
-def closed(scene: Scene) -> Scene | None:
-    """The scene with its joints closed by the least change of its state; None if that fails."""
-    given = (True,) * scene.n
-    try:
-        return assembly.completed(Draft(scene, given, given, assemble=True))
-    except EntryError:
-        return None
 
 
 @dataclasses.dataclass(frozen=True)

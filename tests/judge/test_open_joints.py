@@ -7,6 +7,7 @@ import pytest
 
 from crosscheck import adapters
 from crosscheck.adapters.foreign.own import completed
+from crosscheck.adapters.lieeuler import LieEuler
 from crosscheck.adapters.mujoco.adapter import MuJoCo
 from crosscheck.adapters.pinocchio.adapter import Pinocchio
 from crosscheck.document import Plan, Way
@@ -27,6 +28,8 @@ def judged(engine, scene, plan, way):
 def altered(base, change=lambda scene: scene, told=lambda states: states):
     """The adapter on a changed scene, and what it reports."""
     class Altered(base):
+        elements = ("armature",)
+
         def version(self):
             return "1"
 
@@ -52,6 +55,15 @@ def test_a_loop_that_drifts_open_is_judged(change):
                  ("SymplecticEuler", None))
     assert run.outcome == ("fail" if change else "pass"), run.worst
     assert run.levels["position"].max > 0.01
+
+
+@pytest.mark.parametrize("change", [None, pulled(1.001)])
+def test_parts_with_closed_joints_keep_the_springs_of_joints(change):
+    """A method of index 2 drifts, so that parts of its run begin in closed joints."""
+    engine = altered(LieEuler, change) if change else altered(LieEuler)
+    run = judged(engine, "geared_arm", Plan(0.2, {1: 1e-3}, {}, samples=51, duration=1.0, budgeted=True),
+                 ("DAE2L_LE", None))
+    assert run.outcome == ("fail" if change else "pass"), run.worst
 
 
 @pytest.mark.parametrize(("change", "factor"), [(1.0, 1.0), (1.0, 1.004), (1.004, 1.0)])

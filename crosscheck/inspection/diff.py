@@ -24,6 +24,7 @@ from crosscheck.scene.file import as_scene
 from crosscheck.scene.mechanics import index1, torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.models import import_model, is_model
+from crosscheck.scene.spanning import hung
 
 TOLERANCE = 1e-7
 """Relative bound on a difference: formats write the same digits, and an attitude as three angles loses some."""
@@ -114,32 +115,17 @@ class _Tree:
 
     def __init__(self, scene: Scene, start: bool) -> None:
         self.scene = scene
-        self.joint: dict[int, Joint | None] = {}
-        self.loops: list[Joint] = []
-        for joint in scene.joints:
-            if joint.child in self.joint or joint.kind.length or joint.kind.slips:
-                self.loops.append(joint)
-            else:
-                self.joint[joint.child] = joint
-        order: list[int] = []
-        placed = {GROUND}
-        while len(order) < scene.n:
-            ready = [k for k in range(scene.n) if k not in placed and self.parent(k) in placed]
-            if not ready:  # a circle: its first body is free
-                first = min(set(range(scene.n)) - placed)
-                self.loops.append(self.joint.pop(first))  # type: ignore[arg-type]
-                continue
-            order += ready
-            placed |= set(ready)
+        order, self.loops = hung(scene, lambda joint: joint.kind.length or joint.kind.slips)
+        self.joint = dict(order)
         self.children: dict[int, list[int]] = {k: [] for k in range(GROUND, scene.n)}
-        for k in order:
+        for k in self.joint:
             self.children[self.parent(k)].append(k)
         self.below = {k: [k] for k in range(scene.n)}
-        for k in reversed(order):
+        for k in reversed(self.joint):
             if self.parent(k) != GROUND:
                 self.below[self.parent(k)] += self.below[k]
         self.x, self.R = {GROUND: np.zeros(3)}, {GROUND: np.eye(3)}
-        for k in order:
+        for k in self.joint:
             self.x[k], self.R[k] = self._pose(k, start)
         self.size = max(1e-3, *(float(np.linalg.norm(each)) for joint in scene.joints
                                 for each in (joint.parent_anchor, joint.child_anchor)), 1e-3)

@@ -44,11 +44,14 @@ class Monitors:
         self.touches = [(each, distance_of(scene, each.shapes)) for each in scene.monitors if each.joint is None]
 
     def first(self, mode: Mode, length: float, states: Callable[[np.ndarray], np.ndarray],
-              times: Callable[[np.ndarray], np.ndarray]) -> Fired | None:
-        """The first monitor that fires within a step, from states and times at times after its start."""
+              times: Callable[[np.ndarray], np.ndarray], instant: float) -> Fired | None:
+        """The first monitor that fires within a step, from states and times at times after its start.
+
+        With an `instant` (s) the motion may begin at the end of a range and turn inside.
+        """
         fired = []
         if self.watched:
-            crossing = first_crossing(lambda tau: self._values(mode, times(tau), states(tau)), length)
+            crossing = first_crossing(lambda tau: self._values(mode, times(tau), states(tau)), length, instant)
             if crossing is not None:
                 monitor = self.watched[crossing.labels[0][0]]
                 whose = monitor.joint if monitor.type == "range" else monitor.name

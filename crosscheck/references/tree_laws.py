@@ -335,7 +335,7 @@ class LawfulTaylor(Taylor):
                     settled = self.machine.settle(time[0], state, mode, ())
             if self.monitors is not None and piece.start < horizon and piece.length > 0.0:
                 fired = self.monitors.first(before, length, functools.partial(_polynomial, series),
-                                            functools.partial(np.add, piece.start))
+                                            functools.partial(np.add, piece.start), 0.0 if pieces else instant)
                 if fired is not None and piece.start + fired.after < horizon:
                     horizon = piece.start + fired.after
                     cause = f"{fired.what} at {horizon:.4f} s".replace(" 0.", " .")

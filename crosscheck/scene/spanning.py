@@ -23,6 +23,28 @@ class Branch:
         return self.joint is None or self.joint.child == self.body
 
 
+def hung(scene: Scene, closes: Callable[[Joint], object]) -> tuple[list[tuple[int, Joint | None]], list[Joint]]:
+    """((body, the joint whose child it is or None), parents first; the remaining joints).
+
+    Those that `closes` names never carry a body. The first body of a circle of joints hangs on none.
+    """
+    joints: dict[int, Joint] = {}
+    loops: list[Joint] = []
+    for joint in scene.joints:
+        if joint.child in joints or closes(joint):
+            loops.append(joint)
+        else:
+            joints[joint.child] = joint
+    order: dict[int, Joint | None] = {}
+    while left := [body for body in range(scene.n) if body not in order]:
+        reached = {GROUND, *order}
+        ready = [body for body in left if body not in joints or joints[body].parent in reached]
+        if not ready:
+            loops.append(joints.pop(left[0]))
+        order |= {body: joints.get(body) for body in ready}
+    return list(order.items()), loops
+
+
 def spanning_tree(scene: Scene, preference: Callable[[Joint], int] = lambda joint: 0,
                   roots: Iterable[int] = ()) -> tuple[list[Branch], list[Joint]]:
     """Branches, parents before children, and the remaining joints in file order.

@@ -258,6 +258,18 @@ def test_monitors_of_a_joint(tmp_path, monitor):
     assert found.events == ()
 
 
+@pytest.mark.parametrize("speed", [0.0, 0.5])
+def test_a_joint_may_start_at_an_end_of_its_range_and_turn_inside(tmp_path, speed):
+    def starting(velocity):
+        return slide(tmp_path, {"velocity": velocity}, forces=[{"type": "joint_force", "joint": "s", "force": 2.0}],
+                     monitors=[{"type": "range", "joint": "s", "lower": 0.0, "upper": 0.5}])
+
+    reached = compute(starting(speed)).horizon
+    assert speed * reached + reached**2 == pytest.approx(0.5, abs=1e-12)
+    with pytest.raises(TruthError, match="already s leaves its range"):
+        compute(starting(-0.5))
+
+
 def slower(original, factor):
     return lambda self, mode, t, q, rate: factor * original(self, mode, t, q, rate)
 

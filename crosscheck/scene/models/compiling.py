@@ -109,7 +109,9 @@ def _without(model: Source, words: str) -> str:
     unknown = re.search(r"unrecognized attribute: '([^']+)'", words)
     attribute = unknown[1] if unknown else next((each for said, each in SPARE.items() if said in words), "")
     label = source.label(node)
-    if node.attrib.pop(attribute, None) is not None:
+    if node.attrib.pop(attribute, None) is not None or (attribute == "range" and node.get("limited") != "false"):
+        if attribute == "range":
+            node.set("limited", "false")  # its class may have one, too
         return f"the attribute {attribute} of {label}"
     above = [node, *_above(model, node)]
     if node.tag == "mesh" and node.get("file") and above[1].tag == "asset":
@@ -197,6 +199,9 @@ def _prepare_mjcf(model: Source) -> list[str]:
                 parent.remove(child)  # Bullet has them
             elif child.tag == "inertial" and child.get("pos") is None:
                 child.set("pos", "0 0 0")  # as engines have it that read such files
+    tops = {top.get("class", "main") for top in model.root.findall("default")}
+    for each in model.root.iter() if len(tops) == 1 else ():  # the class of all, as engines have it that know no "main"
+        each.attrib |= {key: "main" for key in ("class", "childclass") if each.get(key) in tops}
     for each in model.root.iter("light"):
         each.attrib.pop("texture", None)
     for each in model.root.iter("option"):

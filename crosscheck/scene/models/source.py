@@ -204,7 +204,7 @@ def _tree(path: Path, data: bytes) -> Node:
         assert isinstance(node, Node)
         node.line = parser.CurrentLineNumber
 
-    if late := re.match(rb"((?:\s|<!--.*?-->)+)<\?xml[^>]*\?>", data, re.DOTALL):  # which other parsers take
+    if late := re.match(rb"((?:\s|(?><!--.*?-->))+)<\?xml[^>]*\?>", data, re.DOTALL):  # which other parsers take
         data = late[1] + data[late.end():]
     data = data.rstrip(b"\0 \r\n\t")
     parser.StartDoctypeDeclHandler, parser.EntityDeclHandler = refuse, refuse

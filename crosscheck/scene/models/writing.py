@@ -13,6 +13,7 @@ from crosscheck.errors import SceneError
 from crosscheck.scene.coordinates import at_start, zero_attitude
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation
+from crosscheck.scene.spanning import hung
 from crosscheck.scene.vectors import slide_direction
 
 SECOND_NAMES = {"slide": " slide", "slide n1": " slide 1", "slide n2": " slide 2", "turn child": " second"}
@@ -288,21 +289,8 @@ def _refused(scene: Scene, form: str, what: str) -> SceneError:
 
 def _grown(scene: Scene, form: str) -> tuple[list[tuple[int, Joint | None]], list[Joint]]:
     """((body, its joint or None if it is free), parents first; the joints that close loops)."""
-    hung: dict[int, Joint] = {}
-    loops = []
-    for joint in scene.joints:
-        if joint.child in hung or joint.kind.length:
-            loops.append(joint)
-        else:
-            hung[joint.child] = joint
-    order: list[tuple[int, Joint | None]] = []
-    placed = {GROUND}
-    while len(order) < scene.n:
-        ready = [body for body in range(scene.n) if body not in placed
-                 and (body not in hung or hung[body].parent in placed)]
-        if not ready:
-            names = [hung[body].name for body in range(scene.n) if body not in placed]
-            raise _refused(scene, form, f"the circle of the joints {', '.join(map(repr, names))}")
-        order += [(body, hung.get(body)) for body in ready]
-        placed |= set(ready)
+    order, loops = hung(scene, lambda joint: joint.kind.length)
+    alone = [body for body, joint in order if joint is None]
+    if circles := [joint.name for joint in loops if joint.child in alone and not joint.kind.length]:
+        raise _refused(scene, form, f"the circle of the joint {circles[0]!r}")
     return order, loops

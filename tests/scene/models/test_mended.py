@@ -85,10 +85,25 @@ def test_inertias_that_no_body_has_are_balanced_on_request_and_both_readers_agre
     assert "each is replaced by their mean" in scene.left_out[0]
 
 
-@pytest.mark.parametrize(("before", "after"), [("\n", ""), ("<!-- a -->\n<!-- b -->", "\0\n"), ("", "\0")])
-def test_what_stands_before_a_declaration_and_after_the_end_says_nothing(tmp_path, before, after):
+@pytest.mark.parametrize(("before", "after"), [
+    ('\n<?xml version="1.0"?>', ""), ('<!-- a -->\n<!-- b --><?xml version="1.0"?>', "\0\n"),
+    ('<?xml version="1.0"?>', "\0"), ("<!-- a -->\n" * 60, "")])
+def test_what_stands_before_a_model_and_after_the_end_says_nothing(tmp_path, before, after):
     text = robot(link("hinge", BODY), joint("hinge", "base", "0 1 0"))
-    assert imported(tmp_path, f'{before}<?xml version="1.0"?>{text}{after}').hash == imported(tmp_path, text).hash
+    assert imported(tmp_path, f"{before}{text}{after}").hash == imported(tmp_path, text).hash
+
+
+def test_the_class_of_all_may_have_a_name_and_a_range_that_no_ball_has(tmp_path):
+    inertial = '<inertial pos="0 0 -1" mass="1" diaginertia=".1 .1 .1"/>'
+    text = ('<mujoco><default class="all"><joint range="-.5 .5" axis="0 1 0"/><default class="round"><joint '
+            'type="ball"/></default></default><worldbody><body childclass="all"><joint name="hinge"/>' + inertial +
+            '<body pos="0 0 -1"><joint name="ball" class="round"/>' + inertial + '</body></body></worldbody></mujoco>')
+    with pytest.raises(crosscheck.SceneError, match="the attribute range of <joint> 'ball'"):
+        imported(tmp_path, text)
+    scene = imported(tmp_path, text, drop=True)
+    assert [each.type for each in scene.joints] == ["revolute", "spherical"]
+    assert scene.hash == imported(tmp_path, text.replace('="all"', '="main"'), drop=True).hash
+    assert "limits of joint 'hinge'" in scene.left_out
 
 
 def test_a_model_attached_from_beside_the_file_comes_in_and_its_words_are_named(tmp_path):

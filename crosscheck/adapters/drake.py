@@ -47,7 +47,7 @@ class Drake(open_tree.OpenTree):
     name = "drake"
     methods = (*FIXED, *CONTROLLED)
     adaptive_methods = CONTROLLED
-    orders = MappingProxyType(FIXED)
+    orders = MappingProxyType(FIXED | {"implicit_euler": 1})
     package = "drake"
     laws = LAWS
     joints = (*open_tree.JOINTS, "universal", "planar")

@@ -232,13 +232,14 @@ def momentum(scene: Scene, truth: Reference, bounds: dict[str, Tol]) -> Tol:
     return Tol(float(value), "what the bounds of the states allow: sum of m x dv, m v dx, J dw and J w dR")
 
 
-def most_steps(scene: Scene, truth: Reference, rtol: float, samples: int, said: int) -> int:
+def most_steps(scene: Scene, truth: Reference, rtol: float, samples: int, said: int, order: int | None = None) -> int:
     """The steps that an adaptive run made: as it says, but no more than a pair of order 4(3) takes for the tolerance.
 
-    Its local error is about (h W)^4. Bounds of adaptive methods grow with this number.
+    Its local error is about (h W)^4; that of a lower documented order p is (h W)^(p + 1). Bounds of adaptive methods
+    grow with this number.
     """
     turned = float(truth.t[-1]) * max(scales(scene, truth).rate, fastest(scene))
-    return min(said, math.ceil(samples + PAIR * turned / math.sqrt(math.sqrt(rtol))))
+    return min(said, math.ceil(samples + PAIR * turned * math.pow(rtol, -1.0 / min(4, (order or 3) + 1))))
 
 
 PAIR = 4.0

@@ -206,7 +206,8 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
     """Judge a run by what the engine answers about it."""
     run, scene, traj = asked.run, asked.scene, asked.traj
     if run.rtol is not None:
-        steps = tolerances.most_steps(scene, reference, run.rtol, len(traj.t), traj.steps)
+        steps = tolerances.most_steps(scene, reference, run.rtol, len(traj.t), traj.steps,
+                                      adapters.get(run.engine).orders.get(run.method))
         traj = dataclasses.replace(traj, steps=steps)
     seen = _intervals(asked, traj, reference)
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, seen.eps)

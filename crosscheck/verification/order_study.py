@@ -26,6 +26,7 @@ from crosscheck.references.base import Reference
 from crosscheck.references.maximal import fastest
 from crosscheck.running.attempt import Ran, Refused, attempt, lasting
 from crosscheck.running.trajectory import Trajectory
+from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.verification.task import Cell
@@ -141,7 +142,8 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     if order is None:
         scale = tolerances.scales(scene, reference)
         floor = tolerances.plateau(scene, reference, scale.of("position"), 1, adapters.get(cell.way.engine).eps).floor
-        return ladder.study([*judge_tolerances(ladder.rungs, floor),
+        documented = adapters.get(cell.way.engine).orders.get(cell.way.method)
+        return ladder.study([*judge_tolerances(ladder.rungs, floor, documented),
                              *judge_promise(scene, reference, ladder.rungs, adapters.get(cell.way.engine).eps)])
     if ladder.cut and len(ladder.rungs) < FEWEST:
         return ladder.study([Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
@@ -193,16 +195,21 @@ LEAST_SLOPE = 0.5
 """Least slope of log error over log tolerance. Codes have 0.75 to 1.2; one that ignores its tolerance has 0."""
 
 
-def judge_tolerances(rungs: Sequence[Rung], floor: float) -> list[Finding]:
-    """Judge whether the position error falls with the tolerance. Errors (m) near rounding, `floor`, do not count."""
+def judge_tolerances(rungs: Sequence[Rung], floor: float, order: int | None = None) -> list[Finding]:
+    """Judge whether the position error falls with the tolerance. Errors (m) near rounding, `floor`, do not count.
+
+    A method of order p whose steps have errors h^(p + 1) of the size of the tolerance is off by its power p / (p + 1)
+    in the end. With p = 1 that is less than other codes have.
+    """
+    least = LEAST_SLOPE if order is None else min(LEAST_SLOPE, (order - tolerances.order_margin(order)) / (order + 1))
     seen = [(rung.rtol, error) for rung in rungs
             if rung.rtol and (error := rung.errors.get("position")) is not None and PLATEAU * floor < error]
     why = "errors fall as the tolerance does: least squares in the logarithms over the ladder of tolerances"
     if len(seen) < FEWEST or len({rung.steps for rung in rungs}) < FEWEST:
-        return [Finding("order rtol", "unjudged", None, LEAST_SLOPE, "1", why, "too few tolerances above rounding")]
-    tolerances, errors = np.log(np.array(seen)).T
-    slope = float(np.polyfit(tolerances, errors, 1)[0])
-    return [Finding("order rtol", "ok" if slope >= LEAST_SLOPE else "fail", slope, LEAST_SLOPE, "1", why,
+        return [Finding("order rtol", "unjudged", None, least, "1", why, "too few tolerances above rounding")]
+    asked, errors = np.log(np.array(seen)).T
+    slope = float(np.polyfit(asked, errors, 1)[0])
+    return [Finding("order rtol", "ok" if slope >= least else "fail", slope, least, "1", why,
                     f"{len(seen)} tolerances from {seen[0][0]:.0e} to {seen[-1][0]:.0e}")]
 
 
@@ -215,13 +222,14 @@ def judge_promise(scene: Scene, reference: Reference, rungs: Sequence[Rung], eps
 
     A perturbation of the start grows by A over the window. If growth is even, the errors of all steps grow by
     (A - 1) / ln A on average. Over a brief window this is much less than A. So an engine is noticed whose tolerance is
-    a hundred times the wanted one, unless its steps are a hundred times better than their estimates. With stiff springs
-    and closed loops the norms of codes differ, see `NORMS`.
+    a hundred times the wanted one, unless its steps are a hundred times better than their estimates. Codes bound the
+    error of each of m joint coordinates, or their root mean square; that of a body is sqrt(m) times as large. With
+    stiff springs and closed loops the norms of codes differ by more, see `NORMS`.
     """
     most = reference.amplification
     growth = (most - 1.0) / math.log(most) if most > 1.0 + SMALL else 1.0
     hard = bool(spanning_tree(scene)[1]) or fastest(scene) > tolerances.scales(scene, reference).rate
-    norm, shares = NORMS if hard else 1.0, []
+    norm, shares = NORMS if hard else min(NORMS, math.sqrt(max(1, 6 * scene.n - Constraints(scene).m))), []
     for rung in rungs:
         if rung.rtol is None or not rung.errors:
             continue

@@ -2,11 +2,13 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from crosscheck import adapters
 from crosscheck.document import Plan, Rung, Way
 from crosscheck.errors import EngineError
+from crosscheck.judge import tolerances
 from crosscheck.judge.plan import halved
 from crosscheck.references import truth
 from crosscheck.scene.file import load_scene
@@ -134,12 +136,24 @@ def test_a_scene_without_springs_takes_any_step():
 
 
 def test_errors_of_an_adaptive_method_have_to_follow_its_tolerance():
-    def slope(errors, steps=(10, 20, 40, 80)):
+    def slope(errors, steps=(10, 20, 40, 80), order=None):
         rungs = [Rung(step=None, rtol=rtol, steps=count, errors={"position": error})
                  for rtol, error, count in zip((1e-4, 1e-6, 1e-8, 1e-10), errors, steps, strict=True)]
-        return order_study.judge_tolerances(rungs, 1e-13)[0].status
+        return order_study.judge_tolerances(rungs, 1e-13, order)[0].status
 
     assert slope((1e-4, 2e-6, 3e-8, 1e-10)) == "ok"
     assert slope((1e-7, 1e-9, 1e-11, 1e-14)) == "ok"  # the last one is rounding
     assert slope((1e-7, 1e-7, 9e-8, 1e-7), (30, 31, 32, 33)) == "fail"
     assert slope((1e-9, 1e-12, 1e-14, 1e-14)) == "unjudged"
+    rooted = 1e-2 * np.array([1, 1.02e-1, 1.04e-2, 1.06e-3])  # steps of order one with errors of the tolerance
+    assert (slope(rooted), slope(rooted, order=1), slope(rooted, order=5)) == ("fail", "ok", "fail")
+    assert slope(rooted**0.8, order=1) == "fail"
+
+
+def test_an_adaptive_method_of_order_one_may_take_the_steps_that_it_needs():
+    scene = load_scene("universal_pendulum").replace(duration=1.0)
+    exact = truth(scene)
+    for order, power in ((1, 2), (2, 3), (3, 4), (5, 4), (None, 4)):
+        most = [tolerances.most_steps(scene, exact, rtol, 0, 10**12, order) for rtol in (1e-4, 1e-8)]
+        assert most[1] / most[0] == pytest.approx(1e4 ** (1 / power), rel=0.05), order
+    assert tolerances.most_steps(scene, exact, 1e-8, 0, 7, 1) == 7

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,11 +48,17 @@ class Answer:
     turned: bool  # whether the other world was turned
     closed: bool = False  # whether joints had to be closed somewhere
     memory: Sequence[Mode | None] = ()  # (P,) of a scene with laws of joints: what the states there lack
+    failed: Mapping[int, str] = dataclasses.field(default_factory=dict)  # parts that did not run, and why
+
+    @property
+    def ran(self) -> np.ndarray:
+        """Which of the parts ran."""
+        return np.delete(np.arange(len(self.marks) - 1), list(self.failed))
 
     @property
     def firsts(self) -> np.ndarray:
-        """The samples after the first interval of every part."""
-        return np.asarray(self.marks[:-1] + 1)
+        """The samples after the first interval of every part that ran."""
+        return np.asarray(self.marks[self.ran] + 1)
 
 
 @dataclasses.dataclass(frozen=True)

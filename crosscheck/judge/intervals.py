@@ -89,6 +89,35 @@ def judge_intervals(scene: Scene, traj: Trace, runs: Sequence[Defects], apart: S
     return findings, Judged(every, why)
 
 
+FINER, FALL = 100.0, 0.7
+"""How much finer a tolerance is at which errors between steps have to be smaller, and by which power of that at least.
+An interpolation of a method's own order follows the tolerance (powers .84 to 1.18 were seen of Dormand and Prince's
+pairs, .75 of a cubic one of order 5); straight lines follow .17 to .54 and a cubic one of order 8 .39 to .62."""
+
+
+def judge_between(own: Defects, ended: Defects, finer: Defects) -> tuple[list[Finding], float]:
+    """The finding that an adaptive method errs between its steps, where it interpolates; the largest error there, in y.
+
+    None, and zero, if it errs as well when it is asked to end at each sample (`ended`), or if its errors do not follow
+    the tolerance (`finer`).
+    """
+    seen = own.flow.regular & (own.flow.rate * own.flow.tau <= STEEPEST)
+    off = {}
+    for name, unit in own.scale.units.items():
+        missed, at_ends, less = (np.linalg.norm(run.vectors[name], axis=-1).max(axis=1)[seen]
+                                 for run in (own, ended, finer))
+        if np.any(at_ends > ended.bounds[name][seen]):
+            return [], 0.0
+        if np.any(missed > own.bounds[name][seen]) and less.max() > max(
+                missed.max() * FINER**-FALL, finer.bounds[name][seen].max()):
+            return [], 0.0
+        off[name] = float(missed.max()) / unit
+    name = max(off, key=lambda each: off[each])
+    return [Finding("interpolation", "ok", off[name] * own.scale.units[name], None, QUANTITIES[name],
+                    "states between steps are interpolated, with larger errors than the tolerance, which they follow; "
+                    "where a run ends, it keeps the tolerance", name)], off[name]
+
+
 def _telling(own: Defects) -> np.ndarray:
     """(I,) whether the bound of every quantity is less than what the motion covers in the interval."""
     flow, bounds, told = own.flow, own.bounds, np.ones(len(own.flow.tau), bool)

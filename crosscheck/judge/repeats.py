@@ -59,16 +59,17 @@ def shown_floor(traj: Trace, repeat: Answer, own: Defects) -> float:
     """The share of the floor of an engine with coarser numbers that its rounding takes: two worlds differ by it."""
     if own.claim.eps <= EPS or not repeat.turned or len(own.flow.index) < len(traj.t) - 1:
         return 1.0
-    gaps, first = differences(traj, repeat.traj), repeat.marks[:-1]
-    shown = np.max([gaps[name].max(axis=1)[first + 1] / own.floor[name][first] for name in QUANTITIES], axis=0)
+    gaps, after = differences(traj, repeat.traj), repeat.firsts
+    shown = np.max([gaps[name].max(axis=1)[after] / own.floor[name][after - 1] for name in QUANTITIES], axis=0)
     return float(min(1.0, SHOWN * float(np.median(shown))))
 
 
-def judge_repeat(traj: Trace, repeat: Answer, own: Defects, soft: bool = False) -> tuple[list[Finding], bool]:
+def judge_repeat(traj: Trace, repeat: Answer, own: Defects, soft: bool = False, between: float = 0.0
+                 ) -> tuple[list[Finding], bool]:
     """The finding on the largest difference over its bound, and whether the engine remembers nothing but the state.
 
-    One with `soft` laws remembers how far what holds its joints is bent. There is no finding if the run has intervals
-    that are not measured.
+    One with `soft` laws remembers how far what holds its joints is bent, and one that interpolates is off by `between`
+    at every sample, in y. There is no finding if the run has intervals that are not measured.
     """
     count = len(traj.t) - 1
     if len(own.flow.index) != count:
@@ -79,12 +80,12 @@ def judge_repeat(traj: Trace, repeat: Answer, own: Defects, soft: bool = False) 
     method = np.max([own.bounds[name] / units[name] for name in QUANTITIES], axis=0)
     jumps = differences(repeat.begins, States(*(getattr(traj, name)[repeat.marks[:-1]] for name in "txRvw")))
     begun = JUMP * (np.max([jumps[name].max(axis=1) / units[name] for name in QUANTITIES], axis=0)
-                    + _unknown(own, repeat))
+                    + _unknown(own, repeat) + between)
     rounded, exact, missed = (_added(own, repeat, begun, each) for each in (rounding, ROUNDINGS * rounding, method))
     seen = np.where(own.flow.regular, 1.0, 0.0)
     ratio = np.max([gaps[name] / units[name] for name in QUANTITIES], axis=0)
     ratio = np.where(np.isfinite(ratio), ratio, np.inf)
-    parts = [slice(a, b) for a, b in zip(repeat.marks[:-1], repeat.marks[1:], strict=True)]
+    parts = [slice(repeat.marks[k], repeat.marks[k + 1]) for k in repeat.ran]
     same = 0.0 if soft else float(np.mean([bool((ratio[part] * seen[part] <= rounded[part]).all()) for part in parts]))
     bound = exact if same >= SAME else np.maximum(exact, missed)
     over = {name: gaps[name] / units[name] * seen / bound for name in QUANTITIES}
@@ -98,7 +99,8 @@ def judge_repeat(traj: Trace, repeat: Answer, own: Defects, soft: bool = False) 
             f"it differs by more than rounding in {100 * (1 - same):.0f} % of its parts, as a method does that "
             "remembers more than the state, chooses its steps, or prefers an axis; no more than its errors may be")
     finding = Finding("repeat", "ok" if value <= most else "fail", value, most, QUANTITIES[name], why,
-                      f"{name}, t = {traj.t[at + 1]:.4g} s")
+                      f"{name}, t = {traj.t[at + 1]:.4g} s" + "".join(
+                          f"; {len(repeat.failed)} parts did not run: {why}" for why in [*repeat.failed.values()][:1]))
     return [finding], bool(same >= SAME)
 
 

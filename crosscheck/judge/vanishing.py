@@ -77,7 +77,7 @@ def limits(runs: Sequence[Defects]) -> Limit:
         rest = np.abs(sum(weight * run.opening[level] for weight, run in zip(weights, runs, strict=True)))
         gap[level] = np.minimum(gap[level], fine.at_ends(rest))
     bounds = with_slack(pose, rate, gap, fine.flow.tau, fine.scale)
-    usable = np.all([_within(run) & run.flow.regular for run in runs[1:]], axis=0)
+    usable = np.all([within(run) & run.flow.regular for run in runs[1:]], axis=0)
     # An event is early or late by parts of a step, and a start for what an engine remembers.
     usable &= ~np.any([run.flow.eventful | run.flow.after_event(BEGUN * (run.claim.step or 0.0)) for run in runs],
                       axis=0)
@@ -112,7 +112,7 @@ def _next(runs: Sequence[Defects], name: str, order: int) -> np.ndarray:
     return np.asarray(FALLS * share * one)
 
 
-def _within(run: Defects) -> np.ndarray:
+def within(run: Defects) -> np.ndarray:
     """(I,) where a run is within its own bounds. Beyond them a coarse step may be unstable, without terms to cancel."""
     bounds = run.bounds
     return np.asarray(np.all([np.linalg.norm(run.vectors[name], axis=-1).max(axis=1) <= bounds[name]

@@ -293,7 +293,7 @@ def settle(run: Record, findings: list[Finding], defects: Sequence[Known], messa
     if outcome == "pass" and (run.practical or _share(judged_until, run.duration) < 1):
         outcome = "partly"
     if outcome == "unjudged":
-        still = next((finding for finding in findings if finding.kind == "rest"), None)
+        still = next((each for each in findings if each.kind in ("rest", "precision")), None)
         message = (f"{still.why}; {still.detail}" if still is not None else
                    "the step is too coarse for bounds of the motion, and the plan has none smaller")
     judged = {finding.kind: finding for finding in findings}
@@ -316,7 +316,7 @@ def _headline(error: Errors, finding: Finding, whole: tuple[float, str] | None) 
 def outcome_of(findings: Sequence[Finding]) -> Outcome:
     """The outcome that follows from findings."""
     statuses = {finding.status for finding in findings}
-    blind = any(finding.kind in ("step", "rest") and finding.status == "unjudged" for finding in findings)
+    blind = any(finding.kind in ("step", "rest", "precision") and finding.status == "unjudged" for finding in findings)
     return "fail" if "fail" in statuses else "known" if "known" in statuses else "unjudged" if blind else "pass"
 
 

@@ -216,26 +216,36 @@ class Asked:
             why = why or outcome.why
         return why
 
-    def parts(self, step: float | None, world: World | None = None) -> Answer | str:
+    def parts(self, step: float | None, world: World | None = None, ends: bool = False) -> Answer | str:
         """The engine's answers to all parts, put together in the scene's own world; or why there are none.
 
-        What is not run once more in another `world` is that of the run itself.
+        What is not run once more in another `world`, or fails there in less than half of the parts, is that of the run
+        itself. `ends`: every sample is the end of a run, at which no method interpolates between steps.
         """
         traj, marks = self.traj, self.marks
         got: dict[str, np.ndarray] = {name: getattr(traj, name).copy() for name in "xRvw"}
-        more: dict[str, list[np.ndarray]] = {} if world is not None else {name: [] for name in ("a", "alpha", "lam")}
-        steps, begins, any_closed = 0, list[tuple[np.ndarray, ...]](), False
+        more: dict[str, list[np.ndarray]] = {} if world is not None or ends else {
+            name: [] for name in ("a", "alpha", "lam")}
+        steps, begins, any_closed, failed = 0, list[tuple[np.ndarray, ...]](), False, dict[int, str]()
         for first, last in itertools.pairwise(marks.tolist()):
             last = last if world is None else first + math.ceil(REPEATED * (last - first))
-            part = self.part(first, last, step, world)
+            for end in range(first + 1, last + 1) if ends else (last,):
+                part = self.part(first, end, step, world)
+                if isinstance(part, str):
+                    break
+                states, since = part[1].raw.states, end if ends else first + 1
+                states = states if world is None else world.back(states)
+                for name, values in got.items():
+                    values[since:end + 1] = getattr(states, name)[since - first:]
             if isinstance(part, str):
-                return part
+                failed[len(begins)] = part
+                if world is None or 2 * len(failed) >= len(marks) - 1:
+                    return part
+                begins.append((traj.x[first], traj.R[first], traj.v[first], traj.w[first]))
+                continue
             scene, outcome, was_closed = part
             any_closed |= was_closed
-            states = outcome.raw.states if world is None else world.back(outcome.raw.states)
             begins.append((scene.x0, scene.R0, scene.v0, scene.w0))
-            for name, values in got.items():
-                values[first + 1:last + 1] = getattr(states, name)[1:]
             for name, kept in more.items():
                 if getattr(states, name) is not None:
                     kept.append(getattr(states, name)[min(1, len(kept)):])
@@ -246,11 +256,11 @@ class Asked:
         x, R, v, w = (np.array(part) for part in zip(*begins, strict=True))
         return Answer(derive(self.scene, traj.engine, traj.method, raw), marks, States(traj.t[marks[:-1]], x, R, v, w),
                       world is not None and not np.array_equal(world.Q, np.eye(3)), any_closed,
-                      [self.memories.get(int(k)) for k in marks[:-1]])
+                      [self.memories.get(int(k)) for k in marks[:-1]], failed)
 
-    def whole(self, step: float | None) -> Answer | str:
-        """The run from the scene's start at another step, as one part."""
-        outcome = lasting(attempt(self.scene, self.run, step=step, rtol=None, monitor=False))
+    def whole(self, step: float | None, rtol: float | None = None) -> Answer | str:
+        """The run from the scene's start at another step or tolerance, as one part."""
+        outcome = lasting(attempt(self.scene, self.run, step=step, rtol=rtol, monitor=False))
         if not isinstance(outcome, Ran):
             return outcome.why
         first = States(np.zeros(1), *(part[None] for part in (

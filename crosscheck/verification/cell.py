@@ -18,13 +18,14 @@ from crosscheck.judge.claim import Claim
 from crosscheck.judge.continuity import judge_continuity, judge_orthogonality
 from crosscheck.judge.defects import MOST_BODIES, SHARE, Defects, measured
 from crosscheck.judge.flow import Answer
+from crosscheck.judge.intervals import FINER, judge_between, judge_intervals, judge_noise, judge_windows, unjudged
 from crosscheck.judge.intervals import Judged as Covered
-from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows, unjudged
 from crosscheck.judge.metrics import Error, errors, up_to
 from crosscheck.judge.overrides import override
 from crosscheck.judge.repeats import judge_axes, judge_repeat, seen_eps, shown_floor
 from crosscheck.judge.sensors import judge_sensors
 from crosscheck.judge.substeps import MORE
+from crosscheck.judge.vanishing import within
 from crosscheck.judge.verdict import (
     SINGLE,
     judge_invariants,
@@ -161,8 +162,9 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     again = asked.repeat(scale.length)
     engine = adapters.get(run.engine)
     soft = engine.soft_laws and any(any(joint.dry_friction) or any(joint.limits) for joint in scene.joints)
-    eps = tolerances.EPS if engine.eps <= tolerances.EPS or isinstance(again, str) else seen_eps(
-        traj, again, {name: scale.of(name) for name in QUANTITIES}, engine.eps, SINGLE)
+    eps = max(tolerances.EPS, min(engine.eps, SINGLE))
+    if eps > tolerances.EPS and not isinstance(again, str):
+        eps = seen_eps(traj, again, {name: scale.of(name) for name in QUANTITIES}, engine.eps, SINGLE)
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, eps)
     # A part that begins with open joints, or with guessed memories, is not nearer to the motion at a finer step.
     whole = (isinstance(again, str) or again.closed or asked.guessed or engine.prefers_axes(scene, traj.form)
@@ -170,9 +172,13 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     others = asked.companions(whole)
     try:
         runs = measured(scene, traj, others, reference, claim)
-        told, forgets, share = [_not_repeated(again)] if isinstance(again, str) else [], False, 1.0
-        if not isinstance(again, str):
-            (told, forgets), share = judge_repeat(traj, again, runs[0], soft), shown_floor(traj, again, runs[0])
+        ended, (interpolates, off) = _ended_everywhere(asked, runs[0], reference)
+        told, forgets, share = [], False, 1.0
+        if isinstance(again, str):
+            told = [Finding("repeat" if eps <= tolerances.EPS else "precision", "unjudged", None, None, "",
+                            f"the engine could not be started at states of its own run: {again}")]
+        else:
+            (told, forgets), share = judge_repeat(traj, again, runs[0], soft, off), shown_floor(traj, again, runs[0])
         runs = [dataclasses.replace(each, forgets=forgets, floor={
             name: share * part for name, part in each.floor.items()}) for each in runs]
         settled, beside, apart = others, runs, list[Defects]()
@@ -185,13 +191,28 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
                 apart = [] if isinstance(same, str) else [
                     *measured(scene, traj, [same], reference, claim, runs[0]), *runs[1:]]
                 told, others, runs = [*told, *axes], settled, beside
-        intervals, covered = judge_intervals(scene, traj, runs, apart)
+        intervals, covered = judge_intervals(scene, traj, ended if interpolates else runs, apart)
         findings = [*intervals, *judge_noise(runs), *judge_windows(runs)]
         findings += judge_accelerations(scene, [traj, *(each.traj for each in settled)], beside, soft)
-        return _Seen(eps, [*findings, *told], runs, others, covered)
+        return _Seen(eps, [*findings, *told, *interpolates], runs, others, covered)
     except np.linalg.LinAlgError:
         return _Seen(eps, [Finding("interval velocity", "fail", np.inf, None, "m/s", "the equations of motion have no "
                                    "solution along the true motion from the run's own states")], [], [], nothing)
+
+
+def _ended_everywhere(asked: Asked, own: Defects, reference: Reference
+                      ) -> tuple[list[Defects], tuple[list[Finding], float]]:
+    """What an adaptive run beyond its bounds misses if it ends at every sample, and `judge_between` of that."""
+    rtol, scene = own.claim.rtol, asked.scene
+    if own.claim.fixed is not None or rtol is None or len(own.flow.index) < len(asked.traj.t) - 1 or within(own).all():
+        return [], ([], 0.0)
+    ended, finer = asked.parts(None, ends=True), asked.whole(None, rtol / FINER)
+    if isinstance(ended, str) or isinstance(finer, str):
+        return [], ([], 0.0)
+    claims = own.claim, dataclasses.replace(own.claim, rtol=rtol / FINER)
+    found = [measured(scene, asked.traj, [each], reference, claim, own)[0]
+             for each, claim in zip((ended, finer), claims, strict=True)]
+    return found[:1], judge_between(own, *found)
 
 
 def _axes(asked: Asked, again: Answer | str, own: Defects) -> list[Finding]:
@@ -283,11 +304,6 @@ def _orthogonality(run: Record, traj: Trajectory, eps: float, others: Sequence[A
 def _asked_step(run: Record, scene: Scene) -> float | None:
     """The step (s) that was asked for, which divides the sample interval; None for an adaptive method."""
     return None if run.step is None else steps_per_sample(scene, run.step)[1]
-
-
-def _not_repeated(why: str) -> Finding:
-    return Finding("repeat", "unjudged", None, None, "", "the engine could not be started at states of its own run: "
-                   f"{why}")
 
 
 def _ended(traj: Trajectory) -> Finding:

@@ -1,0 +1,93 @@
+"""Adaptive engines that interpolate between their steps, and engines that fail where they are started again."""
+
+import numpy as np
+import pytest
+
+from crosscheck.document import Way
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
+from tests.fake_engine import install
+from tests.judge.test_right_engines import plan
+from tests.right_engines import Dense, Floats
+
+
+class Lines(Dense):
+    """Straight lines between steps."""
+
+    def between(self, scene, found):
+        return lambda t: np.array([np.interp(t, found.t, row) for row in found.y])
+
+
+class Cubic(Dense):
+    """Cubic polynomials between steps of order 8."""
+
+    def between(self, scene, found):
+        from scipy.interpolate import CubicHermiteSpline
+
+        rates = [self.slope(scene, t, y) for t, y in zip(found.t, found.y.T, strict=True)]
+        return CubicHermiteSpline(found.t, found.y.T, rates)
+
+
+class Careless(Dense):
+    """A tolerance three hundred times the one that is asked for."""
+
+    factor = 300.0
+
+
+class Late(Dense):
+    """Gravity is .1 % off after three quarters of a long run."""
+
+    def slope(self, scene, t, y):
+        return super().slope(scene.replace(gravity=1.001 * scene.gravity) if t > 0.075 else scene, t, y)
+
+
+class Noisy(Dense):
+    """Noise of 3e-7 in attitudes."""
+
+    def unpacked(self, scene, t, y):
+        x, R, v, w = super().unpacked(scene, t, y)
+        return [x, R + 3e-7 * np.sin(1e6 * t + np.arange(9.0)).reshape(3, 3) * (t > 0), v, w]
+
+
+def judged(monkeypatch, engine, name, method):
+    install(monkeypatch, engine)
+    return run_cell(Cell(name, Way("fake", method), plan(name), study=False, whole=False))
+
+
+def test_an_interpolation_between_long_steps_is_named_and_no_fault(monkeypatch):
+    """SciPy's, of order 7, misses by 115 times a tolerance of 1e-9 between steps in which a top turns by a radian."""
+    run = judged(monkeypatch, Dense(), "heavy_top", "P")
+    assert run.outcome == "pass", run.worst
+    told = next(finding for finding in run.findings if finding.kind == "interpolation")
+    assert 5e-8 < told.value < 5e-7
+
+
+@pytest.mark.parametrize("engine", [Lines, Cubic, Careless, Late, Noisy])
+def test_what_is_no_interpolation_of_its_order_fails(monkeypatch, engine):
+    assert judged(monkeypatch, engine(), "heavy_top", "P").outcome == "fail"
+
+
+class Refusing(Floats):
+    """Single precision, declared; it does not run in some of the worlds in which it is started again."""
+
+    def __init__(self, most, gravity=1.0):
+        self.most, self.gravity, self.calls = most, gravity, 0
+
+    def taken(self, scene):
+        return scene.replace(gravity=self.gravity * np.asarray(scene.gravity))
+
+    def run(self, scene, spec):
+        self.calls += scene.name == "elsewhere"
+        if scene.name == "elsewhere" and self.calls % 8 < self.most:
+            raise RuntimeError("the state is not finite")
+        return super().run(scene, spec)
+
+
+@pytest.mark.parametrize(("most", "gravity", "outcome"), [
+    (0, 1.0, "pass"), (2, 1.0, "pass"), (2, 1.01, "fail"), (8, 1.0, "unjudged"), (8, 1.01, "fail")])
+def test_an_engine_that_cannot_be_started_again_is_not_accused_of_its_precision(monkeypatch, most, gravity, outcome):
+    """What it says of its numbers is measured in the parts that ran; without any, nothing has shown it."""
+    run = judged(monkeypatch, Refusing(most, gravity), "single_pendulum", "RK4")
+    assert run.outcome == outcome, (run.worst, run.message)
+    if outcome == "unjudged":
+        assert "not finite" in run.message

@@ -6,7 +6,6 @@
 
 #include "methods/extrapolation.hpp"
 #include "methods/rkmk.hpp"
-#include "methods/turning.hpp"
 #include "run/loop.hpp"
 
 using namespace lieeuler;
@@ -149,7 +148,8 @@ Outcome drive(const Machine& m, const std::string& method, double step, const Re
   for (const Body& body : m.system.bodies) measure(measured, body);
   for (const Joint& joint : m.system.joints) measure(measured, joint);
   for (const Force& force : m.system.forces) measure(measured, force);
-  const Plan plan(measured);
+  Plan plan(measured);
+  plan.turns_about_pins = method == "turning";
   const System& system = plan.system;
   const State start = m.start();
   const std::vector<double> steps{step, 2 * step}, t_eval{0, 0.007, 0.013, 0.05};
@@ -159,7 +159,7 @@ Outcome drive(const Machine& m, const std::string& method, double step, const Re
     AdaptiveExtrapolation stepper(plan);
     return run_adaptive(stepper, plan, start, t_eval, 1e-6, true, record, interrupted);
   }
-  if (method == "taylor") {
+  if (method == "taylor" || method == "turning") {
     TaylorStepper stepper(plan);
     return run_adaptive(stepper, plan, start, t_eval, 1e-6, true, record, interrupted);
   }
@@ -176,10 +176,6 @@ Outcome drive(const Machine& m, const std::string& method, double step, const Re
   if (method == "rkmk_joints_fixed") {
     FixedMuntheKaas<JointChart> stepper(plan, rule, kNodes);
     return run(stepper, plan, start, steps, counts, true, record, interrupted);
-  }
-  if (method == "turning") {
-    TurningStepper stepper(plan);
-    return run_adaptive(stepper, plan, start, t_eval, 1e-6, true, record, interrupted);
   }
   if (method == "rkmk_fixed") {
     FixedMuntheKaas<BodyChart> stepper(plan, rule);

@@ -8,13 +8,11 @@
 #include <set>
 #include <vector>
 
+#include "linalg/elimination.hpp"
 #include "linalg/full_pivot.hpp"
 #include "model/so3.hpp"
 
 namespace lieeuler {
-
-// A block is stored by columns of four, the last entry unused: columns then fit the vector registers.
-inline constexpr int kColumn = 4, kBlock = 3 * kColumn;
 
 inline void put(double* block, const Mat3& m) {
   for (int j = 0; j < 3; ++j)
@@ -54,24 +52,6 @@ inline void subtract_product(const double* __restrict a, const double* __restric
   for (int j = 0; j < kBlock; j += kColumn) Eigen::Map<Eigen::Vector4d>(c + j) -= column(a, b + j);
 }
 
-// The inverse by cofactors of a matrix whose rows (or columns) are `stride` apart; false if their volume is rounding
-// compared with the product of their lengths.
-template <int stride>
-bool invert_by_cofactors(const double* a, double* out) {
-  constexpr double kSingular = 1e-14;
-  const double *b = a + stride, *c = b + stride;
-  const double a0 = a[0], a1 = a[1], a2 = a[2], b0 = b[0], b1 = b[1], b2 = b[2], c0 = c[0], c1 = c[1], c2 = c[2];
-  const double m00 = b1 * c2 - b2 * c1, m01 = b2 * c0 - b0 * c2, m02 = b0 * c1 - b1 * c0;
-  const double volume = a0 * m00 + a1 * m01 + a2 * m02;
-  const double lengths = (a0 * a0 + a1 * a1 + a2 * a2) * (b0 * b0 + b1 * b1 + b2 * b2) * (c0 * c0 + c1 * c1 + c2 * c2);
-  if (!(volume * volume > kSingular * kSingular * lengths)) return false;
-  const double inverse = 1 / volume;
-  double *p = out + stride, *q = p + stride;
-  out[0] = inverse * m00, p[0] = inverse * m01, q[0] = inverse * m02;
-  out[1] = inverse * (a2 * c1 - a1 * c2), p[1] = inverse * (a0 * c2 - a2 * c0), q[1] = inverse * (a1 * c0 - a0 * c1);
-  out[2] = inverse * (a1 * b2 - a2 * b1), p[2] = inverse * (a2 * b0 - a0 * b2), q[2] = inverse * (a0 * b1 - a1 * b0);
-  return true;
-}
 // Whether Eigen stores rows or columns does not matter here.
 inline bool invert(const Mat3& m, Mat3& out) { return invert_by_cofactors<3>(m.data(), out.data()); }
 
@@ -105,19 +85,9 @@ class BlockPlan {
       for (int column : tail_) tail_blocks_.push_back(place(row, column));
   }
 
-  struct Pivot {
-    int block, unknown, last_lower, last_upper, last_update;
-  };
-  struct OffDiagonal {
-    int block, unknown;
-  };
-  struct Update {
-    int lower, upper, target;
-  };
-  const std::vector<Pivot>& pivots() const { return pivots_; }
-  const std::vector<OffDiagonal>& lowers() const { return lowers_; }
-  const std::vector<OffDiagonal>& uppers() const { return uppers_; }
-  const std::vector<Update>& updates() const { return updates_; }
+  BlockSteps steps() const {
+    return {static_cast<int>(pivots_.size()), pivots_.data(), lowers_.data(), uppers_.data(), updates_.data()};
+  }
   int blocks() const { return static_cast<int>(places_.size()); }
   // Where the values of a block start.
   int place(int row, int column) const { return places_.at({row, column}); }
@@ -126,9 +96,9 @@ class BlockPlan {
   friend class BlockLU;
   std::vector<int> tail_, tail_blocks_;
   int unknowns_;
-  std::vector<Pivot> pivots_;
-  std::vector<OffDiagonal> lowers_, uppers_;
-  std::vector<Update> updates_;
+  std::vector<BlockSteps::Pivot> pivots_;
+  std::vector<BlockSteps::OffDiagonal> lowers_, uppers_;
+  std::vector<BlockSteps::Update> updates_;
   std::map<Entry, int> places_;
 };
 
@@ -136,7 +106,7 @@ class BlockLU {
  public:
   // The plan must outlive this object and must not move.
   void follow(const BlockPlan& plan) {
-    plan_ = &plan;
+    plan_ = &plan, steps_ = plan.steps();
     const size_t tail = 3 * plan.tail_.size();
     dense_.resize(static_cast<int>(tail));
     tail_vector_.assign(tail, 0.0);
@@ -162,6 +132,20 @@ class BlockLU {
       for (int r = 0; r < 3; ++r) tail_scale_[3 * k + r] = scale[3 * plan_->tail_[k] + r];
   }
 
+  // The same of a matrix that is all tail, by the matrix itself: the largest entries of all rows become of order one.
+  void equilibrate_tail() {
+    constexpr int kPasses = 6;  // each halves the decades that the largest entries of rows span
+    std::fill(tail_scale_.begin(), tail_scale_.end(), 1.0);
+    for (int pass = 0; pass < kPasses; ++pass) {
+      copy_tail();
+      for (int i = 0; i < dense_.size(); ++i) {
+        double largest = 0;
+        for (int j = 0; j < dense_.size(); ++j) largest = std::max(largest, std::abs(dense_(i, j)));
+        if (largest > 0) tail_scale_[i] /= std::sqrt(largest);
+      }
+    }
+  }
+
   // Counts the dependent rows of the tail: pivots below `tolerance`. False if the rest of the matrix is singular.
   bool find_deficiency(double tolerance, int& deficiency) {
     if (!eliminate()) return false;
@@ -176,78 +160,70 @@ class BlockLU {
     std::fill(x, x + unknowns(), 0.0);
     dense_.null_vector(k, tail_vector_.data());
     scatter_tail(x);
-    substitute_back(x);
+    substitute_back(steps_, OfUnknowns{values_.data(), x});
   }
 
   void solve(double* b) {
-    const double* const values = values_.data();
-    const BlockPlan::OffDiagonal* const lowers = plan_->lowers_.data();
-    int lower = 0;
-    for (const BlockPlan::Pivot& pivot : plan_->pivots_) {
-      double* const x = b + pivot.unknown;
-      const Product solved = product(values + pivot.block, x);
-      Eigen::Map<Eigen::Vector2d>{x} = solved.head;
-      x[2] = solved.last;
-      for (; lower < pivot.last_lower; ++lower) subtract(values + lowers[lower].block, x, b + lowers[lower].unknown);
-    }
+    substitute_forward(steps_, OfUnknowns{values_.data(), b});
     if (const std::vector<int>& tail = plan_->tail_; !tail.empty()) {
       for (size_t i = 0; i < tail_vector_.size(); ++i) tail_vector_[i] = tail_scale_[i] * b[3 * tail[i / 3] + i % 3];
       dense_.solve(tail_vector_.data());
       scatter_tail(b);
     }
-    substitute_back(b);
+    substitute_back(steps_, OfUnknowns{values_.data(), b});
   }
 
  private:
-  bool eliminate() {
-    double* const values = values_.data();
-    const BlockPlan::OffDiagonal* const uppers = plan_->uppers_.data();
-    const BlockPlan::Update* const updates = plan_->updates_.data();
-    int upper = 0, update = 0;
-    for (const BlockPlan::Pivot& pivot : plan_->pivots_) {
-      double* const diagonal = values + pivot.block;
-      if (!invert_by_cofactors<kColumn>(diagonal, diagonal)) return false;
-      for (; upper < pivot.last_upper; ++upper) multiply(diagonal, values + uppers[upper].block);
-      for (; update < pivot.last_update; ++update)
-        subtract_product(values + updates[update].lower, values + updates[update].upper,
-                         values + updates[update].target);
+  // For the loops over the steps, which are too large for the compiler to inline these by itself.
+  struct OfBlocks {
+    double* values;
+    [[gnu::always_inline]] bool invert(int block) const {
+      return invert_by_cofactors<kColumn>(values + block, values + block);
     }
+    [[gnu::always_inline]] void multiply(int a, int b) const {
+      double* __restrict const out = values + b;
+      for (int j = 0; j < kBlock; j += kColumn) {
+        const Eigen::Vector4d product = column(values + a, out + j);
+        Eigen::Map<Eigen::Vector4d>(out + j) = product;
+      }
+    }
+    [[gnu::always_inline]] void subtract(int a, int b, int c) const {
+      subtract_product(values + a, values + b, values + c);
+    }
+  };
+  struct OfUnknowns {
+    const double* values;
+    double* b;
+    [[gnu::always_inline]] void multiply(int block, int x) const {
+      const Product solved = product(values + block, b + x);
+      Eigen::Map<Eigen::Vector2d>{b + x} = solved.head;
+      b[x + 2] = solved.last;
+    }
+    [[gnu::always_inline]] void subtract(int block, int x, int y) const {
+      lieeuler::subtract(values + block, b + x, b + y);
+    }
+  };
+
+  bool eliminate() {
+    if (!factor_blocks(steps_, OfBlocks{values_.data()})) return false;
+    copy_tail();
+    return true;
+  }
+  void copy_tail() {
     const std::vector<int>& blocks = plan_->tail_blocks_;
     const int tail = static_cast<int>(plan_->tail_.size());
     for (int i = 0; i < 3 * tail; ++i)
       for (int j = 0; j < 3 * tail; ++j)
         dense_(i, j) =
-            tail_scale_[i] * tail_scale_[j] * values[blocks[tail * (i / 3) + j / 3] + kColumn * (j % 3) + i % 3];
-    return true;
+            tail_scale_[i] * tail_scale_[j] * values_[blocks[tail * (i / 3) + j / 3] + kColumn * (j % 3) + i % 3];
   }
   void scatter_tail(double* b) const {
     const std::vector<int>& tail = plan_->tail_;
     for (size_t i = 0; i < tail_vector_.size(); ++i) b[3 * tail[i / 3] + i % 3] = tail_scale_[i] * tail_vector_[i];
   }
-  void substitute_back(double* b) const {
-    const double* const values = values_.data();
-    const std::vector<BlockPlan::Pivot>& pivots = plan_->pivots_;
-    const BlockPlan::OffDiagonal* const uppers = plan_->uppers_.data();
-    int upper = static_cast<int>(plan_->uppers_.size());
-    if (upper == 0) return;
-    for (size_t k = pivots.size(); k-- > 0;) {
-      const int first = k == 0 ? 0 : pivots[k - 1].last_upper;
-      while (upper > first) {
-        --upper;
-        subtract(values + uppers[upper].block, b + uppers[upper].unknown, b + pivots[k].unknown);
-      }
-    }
-  }
-
-  // b <- a b
-  static void multiply(const double* __restrict a, double* __restrict b) {
-    for (int j = 0; j < kBlock; j += kColumn) {
-      const Eigen::Vector4d product = column(a, b + j);
-      Eigen::Map<Eigen::Vector4d>(b + j) = product;
-    }
-  }
 
   const BlockPlan* plan_ = nullptr;
+  BlockSteps steps_{};
   std::vector<double> values_, tail_vector_, tail_scale_;
   FullPivotLU dense_;
   int deficiency_ = 0;

@@ -8,6 +8,7 @@
 #include <cstdint>
 
 #include "linalg/convolution.hpp"
+#include "linalg/elimination.hpp"
 
 namespace lieeuler {
 
@@ -82,12 +83,6 @@ template <class Number, int rows>
 template <class Number>
 [[gnu::always_inline]] inline Number all(double a) {
   return Number{} + a;
-}
-template <class Number>
-[[gnu::always_inline]] inline Number square_root(const Number& a) {
-  Number y;
-  for (unsigned i = 0; i < sizeof(Number) / sizeof(double); ++i) y[i] = __builtin_sqrt(a[i]);
-  return y;
 }
 template <class Mask>
 [[gnu::always_inline]] inline bool any(const Mask& mask) {

@@ -20,8 +20,7 @@ using Twist = LaneTwist<kWidth>;
 
 constexpr double kEps = 0x1p-52, kFloor = 4 * kEps, kNoise = 1e3 * kEps;  // as in Projection
 constexpr int kMostIterations = 12;
-constexpr double kSingular = 1e-14;  // as in BlockLU
-constexpr double kLarge = 1e100;     // products might overflow beyond this
+constexpr double kLarge = 1e100;  // products might overflow beyond this
 
 void add(Mat& sum, const Mat& m) {
   for (int c = 0; c < 3; ++c)
@@ -43,7 +42,7 @@ Mat by_columns(const Mat& a, const Mat& b) {
 
 // -S by blocks at the attitudes of `at`, as TreeSchur::assemble.
 void assemble(Group& group, const State* at) {
-  for (int k = 0; k < group.elimination.blocks; ++k) group.block[k] = {};
+  for (int k = 0; k < group.blocks; ++k) group.block[k] = {};
   for (int k = 0; k < group.joints; ++k) {
     const ChainJoint<kWidth>& joint = group.joint[k];
     const Mat& axes = group.axes[k] = at[joint.child].R;
@@ -61,55 +60,32 @@ void assemble(Group& group, const State* at) {
   }
 }
 
-// As invert_by_cofactors, of columns.
-void invert(Group& group, Mat& m) {
-  const Vec a = column(m, 0), b = column(m, 1), c = column(m, 2);
-  const Number m00 = b[1] * c[2] - b[2] * c[1], m01 = b[2] * c[0] - b[0] * c[2], m02 = b[0] * c[1] - b[1] * c[0];
-  const Number volume = a[0] * m00 + a[1] * m01 + a[2] * m02;
-  group.fine &= volume * volume > kSingular * kSingular * (dot(a, a) * dot(b, b) * dot(c, c));
-  const Number inverse = 1 / volume;
-  put_column(m, 0, inverse * Vec{{m00, a[2] * c[1] - a[1] * c[2], a[1] * b[2] - a[2] * b[1]}});
-  put_column(m, 1, inverse * Vec{{m01, a[0] * c[2] - a[2] * c[0], a[2] * b[0] - a[0] * b[2]}});
-  put_column(m, 2, inverse * Vec{{m02, a[1] * c[0] - a[0] * c[1], a[0] * b[1] - a[1] * b[0]}});
-}
+// For the loops over the steps of the elimination.
+struct OfBlocks {
+  Group& group;
+  Mat& at(int block) const { return group.block[block / kBlock]; }
+  bool invert(int block) const {
+    Number* const values = &at(block).part[0][0];
+    group.fine &= invert_by_cofactors<3>(values, values);
+    return true;
+  }
+  void multiply(int a, int b) const { at(b) = by_columns(at(a), at(b)); }
+  void subtract(int a, int b, int c) const {
+    const Mat change = by_columns(at(a), at(b));
+    for (int k = 0; k < 3; ++k) put_column(at(c), k, column(at(c), k) - column(change, k));
+  }
+};
+struct OfUnknowns {
+  const Group& group;
+  Vec* rows;
+  void multiply(int block, int x) const { rows[x / 3] = times(group.block[block / kBlock], rows[x / 3]); }
+  void subtract(int block, int x, int y) const {
+    rows[y / 3] = rows[y / 3] - times(group.block[block / kBlock], rows[x / 3]);
+  }
+};
 void factor(Group& group, const State* at) {
   assemble(group, at);
-  const ChainElimination& list = group.elimination;
-  int upper = 0, update = 0;
-  for (int k = 0; k < group.joints; ++k) {
-    const ChainElimination::Pivot& pivot = list.pivots[k];
-    Mat& diagonal = group.block[pivot.block];
-    invert(group, diagonal);
-    for (; upper < pivot.last_upper; ++upper) {
-      Mat& block = group.block[list.uppers[upper].block];
-      block = by_columns(diagonal, block);
-    }
-    for (; update < pivot.last_update; ++update) {
-      const ChainElimination::Update& each = list.updates[update];
-      const Mat change = by_columns(group.block[each.lower], group.block[each.upper]);
-      Mat& target = group.block[each.target];
-      for (int c = 0; c < 3; ++c) put_column(target, c, column(target, c) - column(change, c));
-    }
-  }
-}
-void solve(const Group& group, Vec* rows) {
-  const ChainElimination& list = group.elimination;
-  int lower = 0, upper = list.pivots[group.joints - 1].last_upper;
-  for (int k = 0; k < group.joints; ++k) {
-    const ChainElimination::Pivot& pivot = list.pivots[k];
-    Vec& x = rows[pivot.joint];
-    x = times(group.block[pivot.block], x);
-    for (; lower < pivot.last_lower; ++lower) {
-      Vec& y = rows[list.lowers[lower].joint];
-      y = y - times(group.block[list.lowers[lower].block], x);
-    }
-  }
-  for (int k = group.joints; k-- > 0;)
-    while (upper > (k == 0 ? 0 : list.pivots[k - 1].last_upper)) {
-      --upper;
-      Vec& y = rows[list.pivots[k].joint];
-      y = y - times(group.block[list.uppers[upper].block], rows[list.uppers[upper].joint]);
-    }
+  factor_blocks(group.elimination, OfBlocks{group});
 }
 // G y = rows: adds -M^-1 G^T lam to y, and lam takes the place of the rows. As TreeSchur::correct.
 template <class Motion>
@@ -123,7 +99,8 @@ void correct(const Group& group, const Motion& y, Vec* rows) {
     const Twist& t = y(joint.child);
     rows[k] = rows[k] - (transposed_times(group.axes[k], t.v) - cross(joint.anchors[1], t.w));
   }
-  solve(group, rows);
+  substitute_forward(group.elimination, OfUnknowns{group, rows});
+  substitute_back(group.elimination, OfUnknowns{group, rows});
   for (int k = 0; k < group.joints; ++k) {
     const ChainJoint<kWidth>& joint = group.joint[k];
     const Vec force = times(group.axes[k], rows[k]);

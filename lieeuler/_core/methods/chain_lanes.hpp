@@ -3,6 +3,7 @@
 // methods/chain_lanes.cpp is compiled once for each set of instructions.
 #pragma once
 
+#include "linalg/elimination.hpp"
 #include "linalg/lanes.hpp"
 
 namespace lieeuler {
@@ -29,24 +30,6 @@ struct ChainPair {
   ColumnStack<typename Registers<width>::Number, 3> share;
 };
 
-// The operations of a factorization, as BlockPlan lists them; places of blocks, and numbers of joints.
-struct ChainElimination {
-  struct Pivot {
-    int block, joint, last_lower, last_upper, last_update;
-  };
-  struct OffDiagonal {
-    int block, joint;
-  };
-  struct Update {
-    int lower, upper, target;
-  };
-  static constexpr int kMostBlocks = kMostChainBodies * kMostChainBodies;
-  int blocks;
-  Pivot pivots[kMostChainBodies];
-  OffDiagonal lowers[kMostBlocks], uppers[kMostBlocks];
-  Update updates[kMostBlocks];
-};
-
 // The nonzero coefficients of a row of the tableau.
 struct LaneTerms {
   int count, slopes[kMostSlopes];
@@ -59,7 +42,8 @@ struct ChainGroup {
   using Matrix = ColumnStack<Number, 3>;
   int bodies, joints, pairs, stages;
   LaneTerms rows[kMostSlopes];  // of the stages, and the weights
-  ChainElimination elimination;
+  BlockSteps elimination;       // of the plan of one member: all have the same structure
+  int blocks;
   ChainBody<width> body[kMostChainBodies];
   ChainJoint<width> joint[kMostChainBodies];
   ChainPair<width> pair[kMostChainBodies];
@@ -68,7 +52,7 @@ struct ChainGroup {
   LaneState<width> state[kMostChainBodies + 1], trial[kMostChainBodies + 1];  // last the ground
   LaneTwist<width> a[kMostChainBodies];
   Triple<Number> slopes[kMostSlopes][kMostChainBodies][4];  // of x, theta, v, w
-  Matrix block[ChainElimination::kMostBlocks], axes[kMostChainBodies], turns[kMostChainBodies];
+  Matrix block[kMostChainBodies * kMostChainBodies], axes[kMostChainBodies], turns[kMostChainBodies];
 };
 
 // The code for one set of instructions: a step of size h from `state` and `a`.

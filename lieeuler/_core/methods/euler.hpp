@@ -45,7 +45,7 @@ struct EulerStep {
         force(system.n() + 1),
         z(3 * nodes.count(), 0.0) {
     if (layout.eliminates)
-      core.emplace(plan, plan.independent);
+      core.emplace(plan, plan.independent ? Delassus::Kind::independent : Delassus::Kind::sparse);
     else
       plan_matrix(layout.doubled_matrix);
     for (const Joint& joint : system.joints)
@@ -100,26 +100,35 @@ struct EulerStep {
     core.reset();
     columns = Nodes(plan, doubled);
     lu.follow(columns.blocks(second_order));
-    padding.clear(), blocks.clear(), force_blocks.clear(), mimic_blocks.clear();
+    bodies.clear(), padding.clear(), blocks.clear(), force_blocks.clear(), mimic_blocks.clear();
+    for (int b = 0; b < system.n(); ++b) {
+      const int v = columns.v(b), w = columns.w(b), xi_v = columns.xi_v(b), xi_w = columns.xi_w(b);
+      bodies.push_back({lu.block(v, v), lu.block(w, w), lu.block(xi_v, xi_v), lu.block(xi_w, xi_w), lu.block(xi_v, v),
+                        lu.block(xi_w, w)});
+    }
     for (int k = 0; k < columns.parts(); ++k) {
       padding.push_back({lu.block(columns.lam(k), columns.lam(k)), lu.block(columns.mu(k), columns.mu(k))});
-      for (Side side : kSides) {
-        const int body = plan.body(k, side);
-        blocks.push_back(body == system.n() ? SideBlocks{}
-                                            : SideBlocks::of(lu, columns.lam(k), columns.v(body), columns.w(body)));
-      }
+      for (Side side : kSides) blocks.push_back(side_blocks(columns.lam(k), plan.body(k, side), false));
     }
     for (const PlacedMimic& mimic : plan.mimics) {
       mimic_blocks.emplace_back(mimic, [&](int i, int j) { return lu.block(columns.lam(i), columns.lam(j)); });
       mimic_blocks.emplace_back(mimic, [&](int i, int j) { return lu.block(columns.mu(i), columns.mu(j)); });
     }
-    for (const Force& force : system.forces)
-      for (int row : {force.parent, force.child})
-        for (int column : {force.parent, force.child})
-          force_blocks.push_back(
-              row == system.n() || column == system.n()
-                  ? PairBlocks{}
-                  : PairBlocks::of(lu, columns.v(row), columns.w(row), columns.v(column), columns.w(column)));
+    for (const Force& force : system.forces) append_pairs(force.parent, force.child, false, force_blocks);
+  }
+  // Blocks of a node of multipliers and a body, or of two bodies and of each with itself, none of the ground; columns
+  // are those of the velocities or of xi.
+  SideBlocks side_blocks(int node, int b, bool xi) {
+    if (b == system.n()) return {};
+    return SideBlocks::of(lu, node, xi ? columns.xi_v(b) : columns.v(b), xi ? columns.xi_w(b) : columns.w(b));
+  }
+  void append_pairs(int parent, int child, bool xi, std::vector<PairBlocks>& out) {
+    for (int row : {parent, child})
+      for (int b : {parent, child})
+        out.push_back(row == system.n() || b == system.n()
+                          ? PairBlocks{}
+                          : PairBlocks::of(lu, columns.v(row), columns.w(row), xi ? columns.xi_v(b) : columns.v(b),
+                                           xi ? columns.xi_w(b) : columns.w(b)));
   }
 
   const JointState& here(int k) const { return joints[plan.parts[k]]; }
@@ -242,7 +251,12 @@ struct EulerStep {
   std::vector<Twist> xi, force;
   std::vector<double> z;
   BlockLU lu;
-  std::optional<Delassus> core;                 // in place of lu
+  std::optional<Delassus> core;  // in place of lu
+  // Diagonal blocks of a body; of a doubled matrix also those of xi, and those of xi against the velocities.
+  struct BodyBlocks {
+    double *v, *w, *xi_v, *xi_w, *xi_v_v, *xi_w_w;
+  };
+  std::vector<BodyBlocks> bodies;
   std::vector<SideBlocks> blocks;               // of lam and (v, w), per part and side
   std::vector<std::array<double*, 2>> padding;  // diagonal blocks of lam and mu, per part
   std::vector<MimicBlocks> mimic_blocks;        // of lam, then mu

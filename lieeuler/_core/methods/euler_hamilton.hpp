@@ -56,9 +56,7 @@ class HamiltonEquations {
         change_(rattle_ ? at.system.n() + 1 : 0),
         mu_(at.system.rows() + at.system.others(), 0.0),
         rates_(plan.rotors.size(), 0.0),
-        rotor_momenta_(rates_) {
-    if (!at.core) find_blocks();
-  }
+        rotor_momenta_(rates_) {}
 
   static constexpr bool projects(Level level) { return level == Level::stabilised; }
   static constexpr bool exact_matrix() { return true; }
@@ -96,10 +94,7 @@ class HamiltonEquations {
 
   bool solve_linear(std::vector<double>& r) { return at.solve_linear(r); }
 
-  void take_whole_matrix(const Constraints& joints) {
-    at.take_whole_matrix(false, joints);
-    find_blocks();
-  }
+  void take_whole_matrix(const Constraints& joints) { at.take_whole_matrix(false, joints); }
 
   bool factor() {
     for (int b = 0; b < at.system.n(); ++b) {
@@ -137,11 +132,6 @@ class HamiltonEquations {
   }
 
  private:
-  void find_blocks() {
-    for (int b = 0; b < at.system.n(); ++b)
-      bodies_.push_back({at.lu.block(at.nodes.v(b), at.nodes.v(b)), at.lu.block(at.nodes.w(b), at.nodes.w(b))});
-  }
-
   bool by_velocity() const { return at.level == Level::velocity; }
   double impulse_time() const { return rattle_ ? 0.5 * at.h : at.h; }
 
@@ -153,10 +143,7 @@ class HamiltonEquations {
       rotations_[b] = at.maps[b].rotation();
     }
     applied_forces(at.system, at.start.frames, at.xi, at.start.angles, at.force);
-    for (int b = 0; b < at.system.n(); ++b) {
-      const Twist& p = momentum_[b];
-      impulse_[b] = {p.v + impulse_time() * at.force[b].v, p.w + impulse_time() * at.force[b].w};
-    }
+    for (int b = 0; b < at.system.n(); ++b) impulse_[b] = momentum_[b] + impulse_time() * at.force[b];
     for (int k = 0; k < at.nodes.parts(); ++k)
       at.start_joints.subtract_reaction(at.plan.parts[k], load3(&z[3 * at.nodes.lam(k)]), impulse_);
     return true;
@@ -224,8 +211,8 @@ class HamiltonEquations {
   bool fill_matrix() {
     at.lu.set_zero();
     for (int b = 0; b < at.system.n(); ++b) {
-      put_diagonal(bodies_[b].first, at.system.bodies[b].mass);
-      put(bodies_[b].second, slopes_[b]);
+      put_diagonal(at.bodies[b].v, at.system.bodies[b].mass);
+      put(at.bodies[b].w, slopes_[b]);
     }
     for (size_t k = 0; k < at.system.forces.size(); ++k) add_damper_blocks(k);
     for (int k = 0; k < at.nodes.parts(); ++k) {
@@ -304,10 +291,9 @@ class HamiltonEquations {
     }
     applied_forces(at.system, at.state.frames, at.xi, at.start.angles, at.force);
     for (int b = 0; b < at.system.n(); ++b) {
-      Twist &change = change_[b], &p = impulse_[b];
-      change.v += impulse_time() * at.force[b].v, change.w += impulse_time() * at.force[b].w;
-      p = {momentum_[b].v + change.v, momentum_[b].w + change.w};
-      at.state.u[b] = velocity_of(at.system.bodies[b], p);
+      change_[b] += impulse_time() * at.force[b];
+      impulse_[b] = momentum_[b] + change_[b];
+      at.state.u[b] = velocity_of(at.system.bodies[b], impulse_[b]);
     }
     at.evaluate_joints();
   }
@@ -327,8 +313,7 @@ class HamiltonEquations {
   };
   std::vector<Carried> carried_;
   std::vector<double> mu_;
-  std::vector<double> rates_, rotor_momenta_;        // r and I r of the rotors
-  std::vector<std::pair<double*, double*>> bodies_;  // diagonal blocks of v and w
+  std::vector<double> rates_, rotor_momenta_;  // r and I r of the rotors
 };
 template <class Map>
 using HamiltonStepper = EulerStepper<HamiltonEquations<Map>>;

@@ -53,8 +53,8 @@ class Increments {
     std::fill(sums_.begin(), sums_.end(), Increment{});
     origin_ = state;
   }
-  // Turns velocities relative to the start into velocities.
-  void add_origin(int b, Twist& u) const { u.v += origin_.u[b].v, u.w += origin_.u[b].w; }
+  // To turn velocities relative to the start into velocities.
+  const Twist& origin(int b) const { return origin_.u[b]; }
   // Adds a step of a body by x and I + turn; u are its velocities relative to the start. Returns its new frame.
   Frame add(int b, const Vec3& x, const Mat3& turn, const Twist& u) {
     Increment& sum = sums_[b];
@@ -67,48 +67,6 @@ class Increments {
  private:
   std::vector<Increment> sums_;
   State origin_;
-};
-
-// The blocks of Newton's matrix that only Lagrangian steps have: derivatives with respect to xi.
-struct LagrangeBlocks {
-  struct Body {
-    double *v, *w, *xi_v = nullptr, *xi_w = nullptr, *xi_v_v = nullptr, *xi_w_w = nullptr;
-  };
-  std::vector<Body> bodies;
-  std::vector<PairBlocks> stiffness, springs;  // columns of xi, per part or force, row side, column side
-  std::vector<SideBlocks> rates, drifts;       // columns of xi in velocity rows; position rows and mu with xi
-
-  LagrangeBlocks() = default;
-  LagrangeBlocks(const Plan& plan, const Nodes& columns, BlockLU& lu) {
-    const System& system = plan.system;
-    const int n = system.n();
-    for (int b = 0; b < n; ++b) {
-      const int v = columns.v(b), w = columns.w(b), xi_v = columns.xi_v(b), xi_w = columns.xi_w(b);
-      bodies.push_back({lu.block(v, v), lu.block(w, w)});
-      if (columns.doubled())
-        bodies.back() = {lu.block(v, v),       lu.block(w, w),    lu.block(xi_v, xi_v),
-                         lu.block(xi_w, xi_w), lu.block(xi_v, v), lu.block(xi_w, w)};
-    }
-    const auto against_xi = [&](int row, int column) {
-      if (row == n || column == n) return PairBlocks{};
-      return PairBlocks::of(lu, columns.v(row), columns.w(row), columns.xi_v(column), columns.xi_w(column));
-    };
-    for (int k = 0; k < columns.parts(); ++k) {
-      const Joint& joint = plan.joint(k);
-      for (int row : {joint.parent, joint.child})
-        for (int column : {joint.parent, joint.child}) stiffness.push_back(against_xi(row, column));
-      for (int b : {joint.parent, joint.child}) {
-        const bool none = !columns.doubled() || b == n;
-        rates.push_back(none ? SideBlocks{} : SideBlocks::of(lu, columns.lam(k), columns.xi_v(b), columns.xi_w(b)));
-        const bool single = plan.part(k).compliance > 0 || plan.part(k).slips;  // no second multiplier
-        drifts.push_back(none || single ? SideBlocks{}
-                                        : SideBlocks::of(lu, columns.mu(k), columns.xi_v(b), columns.xi_w(b)));
-      }
-    }
-    for (const Force& force : system.forces)
-      for (int row : {force.parent, force.child})
-        for (int column : {force.parent, force.child}) springs.push_back(against_xi(row, column));
-  }
 };
 
 template <class Map>
@@ -155,7 +113,7 @@ class LagrangeEquations {
   void take_whole_matrix(const Constraints& joints) {
     split_.reset();
     at.take_whole_matrix(at.nodes.doubled(), joints);
-    matrix_ = LagrangeBlocks(at.plan, at.columns, at.lu);
+    find_blocks();
   }
 
   // Replaces a change of the velocities by what remains of it after an implicit step with the matrix factored last:
@@ -240,8 +198,7 @@ class LagrangeEquations {
     if (at.index1_output) return at.owe_index1();
     if (split_ && !at.saddle.factor(at.joints)) return Status::singular_matrix;
     at.store_multipliers(at.h);
-    for (int b = 0; b < at.system.n(); ++b)
-      at.state.a[b] = {(at.state.u[b].v - at.start.u[b].v) / at.h, (at.state.u[b].w - at.start.u[b].w) / at.h};
+    for (int b = 0; b < at.system.n(); ++b) at.state.a[b] = (at.state.u[b] - at.start.u[b]) / at.h;
     return Status::success;
   }
 
@@ -263,7 +220,7 @@ class LagrangeEquations {
         drift_(at.system.n() + 1) {
     if (!plain_ && splits(plan, level))
       split_.emplace(plan, at.saddle.sparse().delassus(), force_share_, velocity_share_);
-    if (!at.core) matrix_ = LagrangeBlocks(plan, at.columns, at.lu);
+    if (!at.core) find_blocks();
     for (int k = 0; k < at.nodes.parts(); ++k) {
       const Part& part = at.plan.part(k);
       knows_left_out_ = knows_left_out_ && !part.contact;
@@ -316,7 +273,7 @@ class LagrangeEquations {
       return {slope_time() * N.v, slope_time() * N.w * T};
     }
     const double feedback = 2 * gains_.alpha + at.h * gains_.beta * gains_.beta;
-    auto change = [&](int b) { return Twist{at.state.u[b].v - at.start.u[b].v, at.state.u[b].w - at.start.u[b].w}; };
+    auto change = [&](int b) { return at.state.u[b] - at.start.u[b]; };
     if (part.spherical) {  // only the body's own turn changes its side
       const int b = side == kChild ? j : i;
       const Mat3 N = joint.anchor_rate_slope(side, at.state.u[b].w - at.start.u[b].w) +
@@ -360,12 +317,9 @@ class LagrangeEquations {
     for (int k : coupled_) {
       const int parent = at.plan.body(k, kParent), child = at.plan.body(k, kChild);
       const Vec3 impulse = slope_time() * load3(&at.z[3 * at.nodes.lam(k)]);
-      for (Side side : kSides) {
-        Twist& own = balance[at.plan.body(k, side)];
-        const Twist change =
+      for (Side side : kSides)
+        balance[at.plan.body(k, side)] -=
             at.here(k).coupled_reaction(at.plan.part(k), side, impulse, turned_[parent], turned_[child]);
-        own.v -= change.v, own.w -= change.w;
-      }
     }
     add_slopes(force_time() * slope_time(), turned_, balance, &ForceState::by_position);
     if (damped_) add_slopes(force_time(), xi, balance, &ForceState::by_velocity);
@@ -417,14 +371,12 @@ class LagrangeEquations {
   Twist gain_of(int b, const std::vector<double>& z) const {
     const Twist u = increments_.kept() ? load(&z[3 * at.nodes.v(b)]) : at.state.u[b];
     const Twist& from = increments_.kept() ? increments_.u(b) : alpha_ ? alpha_->from(b) : at.start.u[b];
-    return {u.v - from.v, u.w - from.w};
+    return u - from;
   }
   // xi - u without the part of the multipliers.
   Twist drift_of(int b) const {
     const Twist &xi = at.xi[b], &u = at.state.u[b];
-    if (!alpha_) return {xi.v - u.v, xi.w - u.w};
-    const Twist carry = alpha_->carry(b);
-    return {xi.v - velocity_share_ * u.v - carry.v, xi.w - velocity_share_ * u.w - carry.w};
+    return alpha_ ? xi - velocity_share_ * u - alpha_->carry(b) : xi - u;
   }
   // Computes the accelerations at the start, and the auxiliary ones a little later or earlier.
   Status begin_alpha() {
@@ -434,8 +386,8 @@ class LagrangeEquations {
     bool inside = true;
     for (int b = 0; b < at.system.n(); ++b) {
       const Twist &u = at.start.u[b], &a = at.start.a[b];
-      at.xi[b] = {u.v + 0.5 * at.h * a.v, u.w + 0.5 * at.h * a.w};
-      at.state.u[b] = {u.v + at.h * a.v, u.w + at.h * a.w};
+      at.xi[b] = u + 0.5 * at.h * a;
+      at.state.u[b] = u + at.h * a;
       inside = at.move(b) && inside;
     }
     at.h = whole;
@@ -454,7 +406,7 @@ class LagrangeEquations {
     for (int b = 0; b < at.system.n(); ++b) {
       at.state.u[b] = load(&z[3 * at.nodes.v(b)]);
       at.xi[b] = load(&z[3 * at.nodes.xi_v(b)]);
-      if (increments_.kept()) increments_.add_origin(b, at.state.u[b]), increments_.add_origin(b, at.xi[b]);
+      if (increments_.kept()) at.state.u[b] += increments_.origin(b), at.xi[b] += increments_.origin(b);
       if (!at.move(b)) return false;
     }
     return true;
@@ -515,6 +467,20 @@ class LagrangeEquations {
     return G + at.h * slope * tangents_[place.body];
   }
 
+  void find_blocks() {
+    stiffness_.clear(), springs_.clear(), rates_.clear(), drifts_.clear();
+    for (int k = 0; k < at.nodes.parts(); ++k) {
+      at.append_pairs(at.plan.body(k, kParent), at.plan.body(k, kChild), true, stiffness_);
+      const bool single = at.plan.part(k).compliance > 0 || at.plan.part(k).slips;  // no second multiplier
+      for (int b : at.plan.parts[k].bodies) {
+        const int second = at.columns.doubled() ? b : at.system.n();
+        rates_.push_back(at.side_blocks(at.columns.lam(k), second, true));
+        drifts_.push_back(at.side_blocks(at.columns.mu(k), single ? at.system.n() : second, true));
+      }
+    }
+    for (const Force& force : at.system.forces) at.append_pairs(force.parent, force.child, true, springs_);
+  }
+
   bool fill_matrix() {
     at.lu.set_zero();
     for (int b = 0; b < at.system.n(); ++b) body_blocks(b);
@@ -542,7 +508,7 @@ class LagrangeEquations {
   // M - theta df/du, and below it M (xi - rho u), or xi - rho u.
   void body_blocks(int b) {
     const Body& body = at.system.bodies[b];
-    const LagrangeBlocks::Body& blocks = matrix_.bodies[b];
+    const auto& blocks = at.bodies[b];
     put_diagonal(blocks.v, body.mass);
     put(blocks.w, inertia_block(b));
     if (!at.columns.doubled()) return;
@@ -554,7 +520,7 @@ class LagrangeEquations {
 
   // Adds h d(G^T Lam)/dq T to the columns of xi.
   void stiffness_blocks(int k, Side row, Side column) {
-    const PairBlocks& blocks = matrix_.stiffness[4 * k + 2 * row + column];
+    const PairBlocks& blocks = stiffness_[4 * k + 2 * row + column];
     const Part& part = at.plan.part(k);
     if (!blocks.ww || (part.spherical && row != column)) return;
     const Vec3 impulse = slope_time() * load3(&at.z[3 * at.nodes.lam(k)]);
@@ -569,7 +535,7 @@ class LagrangeEquations {
     const ForceState here(force, at.state.frames, at.state.u, at.start.angles[k]);
     for (Side row : kSides)
       for (Side column : kSides) {
-        const PairBlocks& by_position = matrix_.springs[4 * k + 2 * row + column];
+        const PairBlocks& by_position = springs_[4 * k + 2 * row + column];
         if (!by_position.ww) continue;  // the ground
         const Mat3& T = tangents_[column == kChild ? force.child : force.parent];
         by_position.add(-force_time() * slope_time(), here.by_position(row, column), T);
@@ -590,9 +556,9 @@ class LagrangeEquations {
     const Rows slope = rate_slope(k, side, G, T);
     if (!stabilised()) return blocks.put_rows(G.v + slope.v, G.w + slope.w);
     blocks.put_rows(G.v, G.w);
-    matrix_.rates[2 * k + side].put_rows(slope.v, slope.w);
-    matrix_.drifts[2 * k + side].put_rows(G.v, G.w * T);
-    matrix_.drifts[2 * k + side].put_columns(at.before(k).jacobian(at.plan.part(k), side));
+    rates_[2 * k + side].put_rows(slope.v, slope.w);
+    drifts_[2 * k + side].put_rows(G.v, G.w * T);
+    drifts_[2 * k + side].put_columns(at.before(k).jacobian(at.plan.part(k), side));
   }
 
   void rotor_blocks(int k, Side side) {
@@ -600,7 +566,7 @@ class LagrangeEquations {
     const SideBlocks& blocks = at.blocks[2 * k + side];
     if (!at.columns.doubled()) return blocks.put_rows(by_u.v + by_xi.v, by_u.w + by_xi.w);
     blocks.put_rows(by_u.v, by_u.w);
-    matrix_.rates[2 * k + side].put_rows(by_xi.v, by_xi.w);
+    rates_[2 * k + side].put_rows(by_xi.v, by_xi.w);
   }
 
   const bool plain_;  // the correction of xi
@@ -616,7 +582,10 @@ class LagrangeEquations {
   std::vector<Mat3> tangents_, stiffness_of_;
   std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu
   std::vector<double> filtered_;
-  LagrangeBlocks matrix_;
+  // Blocks of Newton's matrix that only Lagrangian steps have: columns of xi, per part or force, row side, column side;
+  // those in velocity rows, and position rows and mu with xi, per part and side.
+  std::vector<PairBlocks> stiffness_, springs_;
+  std::vector<SideBlocks> rates_, drifts_;
 };
 template <class Map>
 using LagrangeStepper = EulerStepper<LagrangeEquations<Map>>;

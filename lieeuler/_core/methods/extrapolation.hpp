@@ -82,8 +82,8 @@ class Extrapolation {
       for (int k = node_count_; k-- > 0;) {
         const Twist term = load(&nodes_[k].y[6 * b]);
         const double lever = fraction - nodes_[k].s;
-        rate = {value.v + lever * rate.v, value.w + lever * rate.w};
-        value = {term.v + lever * value.v, term.w + lever * value.w};
+        rate = value + lever * rate;
+        value = term + lever * value;
       }
       map.set(value.w);
       out.frames[b].x = next_.frames[b].x + value.v;

@@ -33,8 +33,8 @@ class GeneralizedAlpha {
   void advance(const std::vector<Twist>& u_n, const std::vector<Twist>& u, double h) {
     const double theta = force_share() * h;
     for (size_t b = 0; b < a_.size(); ++b) {
-      a_[b] = {(u[b].v - from_[b].v) / theta, (u[b].w - from_[b].w) / theta};
-      A_[b] = sum(1 / (gamma_ * h), u[b], -1 / (gamma_ * h), u_n[b], 1 - 1 / gamma_, A_[b]);
+      a_[b] = (u[b] - from_[b]) / theta;
+      A_[b] = 1 / (gamma_ * h) * u[b] + -1 / (gamma_ * h) * u_n[b] + (1 - 1 / gamma_) * A_[b];
     }
   }
   // Computes from() and carry() for a step from u_n.
@@ -43,16 +43,12 @@ class GeneralizedAlpha {
     const double by_A = (alpha_m_ - (1 - alpha_m_) * (1 - gamma_) / gamma_) / (1 - alpha_f_);
     const double by_a = -alpha_f_ / (1 - alpha_f_);
     for (size_t b = 0; b < a_.size(); ++b) {
-      from_[b] = sum(1, u_n[b], -theta * by_A, A_[b], -theta * by_a, a_[b]);
-      carry_[b] = sum(1 - rho, u_n[b], (0.5 - rho) * h, A_[b], 0, a_[b]);
+      from_[b] = u_n[b] + -theta * by_A * A_[b] + -theta * by_a * a_[b];
+      carry_[b] = (1 - rho) * u_n[b] + (0.5 - rho) * h * A_[b];
     }
   }
 
  private:
-  static Twist sum(double a, const Twist& x, double b, const Twist& y, double c, const Twist& z) {
-    return {a * x.v + b * y.v + c * z.v, a * x.w + b * y.w + c * z.w};
-  }
-
   double alpha_m_, alpha_f_, gamma_, beta_;
   std::vector<Twist> a_, A_, from_, carry_;
 };

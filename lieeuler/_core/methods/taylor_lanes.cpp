@@ -18,8 +18,9 @@ using Body = LaneBody<kWidth>;
 using Joint = LaneJoint<kWidth>;
 using Twist = LaneTwist<kWidth>;
 
-constexpr double kSingular = 1e-13, kGraded = 1e-3;  // as in SmallSchur; below the second one it refines
-constexpr double kLarge = 1e100;                     // accelerations might overflow beyond this
+constexpr double kGraded = 1e-3;  // as in SmallSchur, which refines below it
+constexpr int kRows = 3 * kMostLaneBodies;
+constexpr double kLarge = 1e100;  // accelerations might overflow beyond this
 
 Vec vector(const Factors<Number>& a) { return {{a.component[0], a.component[1], a.component[2]}}; }
 Factors<Number> factors(const Vec& a) { return {{a[0], a[1], a[2]}}; }
@@ -94,32 +95,6 @@ void invert(Group& group) {
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) group.schur[j][i] = inverse[i][j] / volume;
 }
-// As SmallSchur::eliminate: S = L L^T.
-void eliminate(Group& group) {
-  const int rows = 3 * group.joints;
-  Number entry[3 * kMostLaneBodies];
-  for (int j = 0; j < rows; ++j) entry[j] = group.schur[j][j];
-  for (int j = 0; j < rows; ++j) {
-    Number* const column = group.schur[j];
-    group.fine &= column[j] / entry[j] >= kGraded;
-    group.pivot_inverse[j] = 1 / square_root(column[j]);
-    for (int i = j + 1; i < rows; ++i) column[i] *= group.pivot_inverse[j];
-    for (int k = j + 1; k < rows; ++k)
-      for (int i = k; i < rows; ++i) group.schur[k][i] -= column[k] * column[i];
-  }
-}
-// lam = S^-1 r
-void solve_rows(const Group& group, Number* lam) {
-  const int rows = 3 * group.joints;
-  for (int j = 0; j < rows; ++j) {
-    lam[j] *= group.pivot_inverse[j];
-    for (int i = j + 1; i < rows; ++i) lam[i] -= lam[j] * group.schur[j][i];
-  }
-  for (int j = rows - 1; j >= 0; --j) {
-    for (int i = j + 1; i < rows; ++i) lam[j] -= group.schur[j][i] * lam[i];
-    lam[j] *= group.pivot_inverse[j];
-  }
-}
 void solve_single(const Group& group, Number* lam) {
   const Vec r{{lam[0], lam[1], lam[2]}};
   for (int i = 0; i < 3; ++i) lam[i] = group.schur[0][i] * r[0] + group.schur[1][i] * r[1] + group.schur[2][i] * r[2];
@@ -142,7 +117,7 @@ void correct(Group& group, Twist* y, const Vec* rows, int k) {
   if (group.joints == 1)
     solve_single(group, lam);
   else
-    solve_rows(group, lam);
+    solve_dense<kRows>(&group.schur[0][0], 3 * group.joints, group.pivot_inverse, lam);
   for (int j = 0; j < group.joints; ++j) {
     Joint& joint = group.joint[j];
     const Vec own{{lam[3 * j], lam[3 * j + 1], lam[3 * j + 2]}};
@@ -249,7 +224,8 @@ void expand(Group& group) {
   group.fine = ~Mask{};
   factor(group);
   if (group.joints == 1) invert(group);
-  if (group.joints > 1) eliminate(group);
+  if (group.joints > 1)
+    group.fine &= factor_dense<kRows>(&group.schur[0][0], 3 * group.joints, group.pivot_inverse) >= kGraded;
   start(group);
   for (int k = 0; k < group.order; ++k) extend(group, k);
   choose_step(group);

@@ -6,7 +6,7 @@
 // with I about the pin, and F the weight and the loads in world axes, at points r from the pin, body axes.
 #pragma once
 
-#include "methods/taylor.hpp"
+#include "methods/term_series.hpp"
 
 namespace lieeuler {
 
@@ -67,8 +67,15 @@ class TurningSeries {
     for (int b = 0; b < system_.n(); ++b) bodies_[b].rate[k + 1] = bodies_[b].torque / (bodies_[b].inertia * (k + 1));
   }
 
-  // At the centre of the series, after extend(0).
-  double acceleration(int body) const { return bodies_[body].rate[1]; }
+  // Accelerations of a state whose bodies hang on `tree`; takes it for the centre of the series.
+  void accelerate(const HingeTree& tree, State& state) {
+    start(state), extend(0);
+    for (const Hinge& hinge : tree.hinges) {
+      const Vec3 &w = state.u[hinge.body].w, alpha(0, 0, bodies_[hinge.body].rate[1]);
+      const Vec3 to_pin = alpha.cross(hinge.body_anchor) + w.cross(w.cross(hinge.body_anchor));
+      state.a[hinge.body] = {-times(state.frames[hinge.body].R, to_pin), alpha};
+    }
+  }
 
   // Attitudes, rates and angles of springs at time h from the centre of the series.
   void evaluate(double h, int order, State& state) const {
@@ -125,71 +132,6 @@ class TurningSeries {
   const System& system_;
   std::vector<Body> bodies_;  // the last is the ground
   std::vector<Spring> springs_;
-};
-
-// The stepper of `run_adaptive` for bodies on fixed axes; a step is chosen as in TaylorStepper, from the rates alone.
-class TurningStepper : public SeriesStepper {
-  friend SeriesStepper;
-
- public:
-  explicit TurningStepper(const Plan& plan)
-      : SeriesStepper(plan, true), joints_(system_), series_(plan, points_), here_(series_) {}
-
-  Status start(const State& initial, double t, double t_end, double rtol) {
-    begin(initial, t, t_end, rtol);
-    return Status::success;
-  }
-
-  Status step(Counters& counters, Watch&) { return step_by(*this, counters); }
-
-  // Settles positions and computes accelerations on the first call after a step. Multipliers stay zero: the caller
-  // computes those of the whole system.
-  const State& state() {
-    if (accelerated_) return state_;
-    accelerated_ = true;
-    state_.frames.time = offset_ + time_;
-    tree_.settle(state_);
-    joints_.update(state_.frames);
-    here_.start(state_);
-    here_.extend(0);
-    for (const Hinge& hinge : tree_.hinges) {
-      const Twist& u = state_.u[hinge.body];
-      const Vec3 alpha(0, 0, here_.acceleration(hinge.body));
-      const Vec3 to_pin = alpha.cross(hinge.body_anchor) + u.w.cross(u.w.cross(hinge.body_anchor));
-      state_.a[hinge.body] = {-times(state_.frames[hinge.body].R, to_pin), alpha};
-    }
-    return state_;
-  }
-  const Constraints& joints() const { return joints_; }
-  int redundant_rows() const { return 0; }
-  Status dense(double t, State& out, Counters&, Watch&) const {
-    evaluate(t, out);
-    out.frames.time = offset_ + t;
-    tree_.settle(out);
-    return Status::success;
-  }
-
- private:
-  Status expand() {
-    series_.start(state_);
-    for (int k = 0; k < order_; ++k) series_.extend(k);
-    return Status::success;
-  }
-  static Status stuck() { return Status::step_too_small; }
-  void evaluate(double t, State& out) const { series_.evaluate(t - previous_time_, order_, out); }
-  Status settle(Counters&) {
-    accelerated_ = false;
-    return Status::success;
-  }
-  double step_size() const {
-    const double rate = std::max(series_.largest(0), std::sqrt(series_.largest(1)));
-    const double last[2] = {series_.largest(order_ - 1), series_.largest(order_)};
-    if (const double sum = rate + last[0] + last[1]; !std::isfinite(sum)) return sum;
-    return step_for(last, rate);
-  }
-
-  Constraints joints_;
-  TurningSeries series_, here_;  // about the start of the step, and for accelerations at its end
 };
 
 }  // namespace lieeuler

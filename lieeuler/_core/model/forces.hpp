@@ -38,8 +38,7 @@ class ForceState {
       return;
     }
     const double size = tension();
-    parent.v -= size * gradient_[kParent].v, parent.w -= size * gradient_[kParent].w;
-    child.v -= size * gradient_[kChild].v, child.w -= size * gradient_[kChild].w;
+    parent -= size * gradient_[kParent], child -= size * gradient_[kChild];
   }
 
   // Derivatives of the force on one side with respect to q and u of another. The force is f = -F g with

@@ -59,7 +59,14 @@ struct Configuration : std::vector<Frame> {
 // forces and momenta.
 struct Twist {
   Vec3 v = Vec3::Zero(), w = Vec3::Zero();
+
+  Twist& operator+=(const Twist& other) { return v += other.v, w += other.w, *this; }
+  Twist& operator-=(const Twist& other) { return v -= other.v, w -= other.w, *this; }
 };
+inline Twist operator+(const Twist& a, const Twist& b) { return {a.v + b.v, a.w + b.w}; }
+inline Twist operator-(const Twist& a, const Twist& b) { return {a.v - b.v, a.w - b.w}; }
+inline Twist operator*(double s, const Twist& a) { return {s * a.v, s * a.w}; }
+inline Twist operator/(const Twist& a, double s) { return {a.v / s, a.w / s}; }
 
 // Six values a body.
 inline double* flat(std::vector<Twist>& twists) {

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "methods/rkmk.hpp"
-#include "methods/turning.hpp"
+#include "methods/taylor.hpp"
 #include "python/arrays.hpp"
 #include "run/ensemble.hpp"
 #include "run/loop.hpp"
@@ -56,72 +56,70 @@ inline double duration_of(const std::vector<double>& steps, const std::vector<st
 inline Run implicit(CoordinateMap map, const Method& method, const std::vector<double>& steps,
                     const std::vector<std::int64_t>& counts, bool monitored) {
   require_steps(steps, counts);
+  const auto run = map == CoordinateMap::exp      ? run_method<ExpMap>
+                   : map == CoordinateMap::cayley ? run_method<CayleyMap>
+                                                  : run_method<CcskMap>;
   return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
-            return run_method(map, plan, method, initial, steps, counts, monitored, record, interrupted);
+            return run(plan, method, initial, steps, counts, monitored, record, interrupted);
           },
           steps.size() + 1, monitored, duration_of(steps, counts)};
+}
+
+// A run by steppers from a shelf, made of the plan and `given`; of_joints: and of the nodes of its tree. go(stepper,
+// plan, initial, record, interrupted) is the run itself.
+template <class Stepper, class Go, class... Arguments>
+auto of_bodies(const Go& go, const Arguments&... given) {
+  return [=, shelf = std::make_shared<Shelf<Stepper>>()](const Plan& plan, const State& initial, const Record& record,
+                                                         const Interrupted& interrupted) {
+    return shelf->lend(plan, [&](Stepper& by) { return go(by, plan, initial, record, interrupted); }, given...);
+  };
+}
+template <class Stepper, class Go>
+auto of_joints(const Go& go, const Tableau& given) {
+  return [=, shelf = std::make_shared<Shelf<Stepper>>()](const std::vector<JointNode>& nodes, const Plan& plan,
+                                                         const State& initial, const Record& record,
+                                                         const Interrupted& interrupted) {
+    return shelf->lend(plan, [&](Stepper& by) { return go(by, plan, initial, record, interrupted); }, given, nodes);
+  };
 }
 
 inline Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps,
                        const std::vector<std::int64_t>& counts, bool monitored) {
   require_steps(steps, counts);
-  const auto shelf = std::make_shared<Shelf<FixedMuntheKaas<BodyChart>>>();
-  const auto of_joints = std::make_shared<Shelf<FixedMuntheKaas<JointChart>>>();
-  Run run{[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
-            const auto use = [&](auto& stepper) {
-              return lieeuler::run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
-            };
-            return shelf->lend(plan, use, tableau);
-          },
-          steps.size() + 1, monitored, duration_of(steps, counts)};
-  run.by_joints = [=](const std::vector<JointNode>& nodes, const Plan& plan, const State& initial, const Record& record,
+  const auto go = [=](auto& by, const Plan& plan, const State& initial, const Record& record,
                       const Interrupted& interrupted) {
-    const auto use = [&](auto& stepper) {
-      return lieeuler::run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
-    };
-    return of_joints->lend(plan, use, tableau, nodes);
+    return run(by, plan, initial, steps, counts, monitored, record, interrupted);
   };
+  Run run{of_bodies<FixedMuntheKaas<BodyChart>>(go, tableau), steps.size() + 1, monitored, duration_of(steps, counts)};
+  run.by_joints = of_joints<FixedMuntheKaas<JointChart>>(go, tableau);
   if (!monitored && tableau.stages.size() + 2 <= kMostSlopes) run.in_lanes = ExplicitRun{tableau, steps, counts};
   return run;
 }
 
-// t_eval starts at zero.
-template <class Stepper, class... Arguments>
-inline Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitored, const Arguments&... arguments) {
+// What adaptive steppers do; t_eval starts at zero.
+inline auto choose_steps(const std::vector<double>& t_eval, double rtol, bool monitored) {
   require(t_eval.size() > 1 && std::isfinite(t_eval.front()) && std::isfinite(t_eval.back()) && rtol > 0 && rtol < 1 &&
               std::adjacent_find(
                   t_eval.begin(), t_eval.end(), [](double a, double b) { return !(a < b); }) == t_eval.end(),
           "output times must increase, and the tolerance lie between 0 and 1");
-  const auto shelf = std::make_shared<Shelf<Stepper>>();
-  return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
-            const auto use = [&](Stepper& stepper) {
-              return run_adaptive(stepper, plan, initial, t_eval, rtol, monitored, record, interrupted);
-            };
-            return shelf->lend(plan, use, arguments...);
-          },
-          t_eval.size(), monitored, t_eval.back()};
+  return [=](auto& by, const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
+    return run_adaptive(by, plan, initial, t_eval, rtol, monitored, record, interrupted);
+  };
+}
+template <class Stepper, class... Arguments>
+inline Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitored, const Arguments&... given) {
+  return {of_bodies<Stepper>(choose_steps(t_eval, rtol, monitored), given...), t_eval.size(), monitored, t_eval.back()};
 }
 
 inline Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored,
                                 bool conserves) {
-  const auto shelf = std::make_shared<Shelf<AdaptiveMuntheKaas<JointChart>>>();
   Run run = adaptive<AdaptiveMuntheKaas<BodyChart>>(t_eval, rtol, monitored, tableau, conserves);
-  run.by_joints = [=](const std::vector<JointNode>& nodes, const Plan& plan, const State& initial, const Record& record,
-                      const Interrupted& interrupted) {
-    const auto use = [&](auto& stepper) {
-      return run_adaptive(stepper, plan, initial, t_eval, rtol, monitored, record, interrupted);
-    };
-    return shelf->lend(plan, use, tableau, nodes);
-  };
+  run.by_joints = of_joints<AdaptiveMuntheKaas<JointChart>>(choose_steps(t_eval, rtol, monitored), tableau);
   return run;
 }
 
 inline Run taylor(const std::vector<double>& t_eval, double rtol, bool monitored, bool conserves) {
   Run run = adaptive<TaylorStepper>(t_eval, rtol, monitored, conserves);
-  run.run = [whole = run.run, turning = adaptive<TurningStepper>(t_eval, rtol, monitored).run](
-                const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
-    return (TurningSeries::suits(plan) ? turning : whole)(plan, initial, record, interrupted);
-  };
   if (!monitored && !conserves) run.in_lanes = TaylorRun{t_eval, rtol};
   return run;
 }

@@ -76,9 +76,11 @@ inline nb::dict constraints(const Plan& plan, const Array& x, const Array& R, co
     out.block(part.row, 6 * body, part.rows(), 3) = rows.v.topRows(part.rows());
     out.block(part.row, 6 * body + 3, part.rows(), 3) = rows.w.topRows(part.rows());
   };
-  for (const Joint& joint : system.joints) {
-    JointState here;
-    here.update(joint, state.frames);
+  Constraints joints(system);
+  joints.update(state.frames);
+  for (size_t j = 0; j < system.joints.size(); ++j) {
+    const Joint& joint = system.joints[j];
+    const JointState& here = joints[static_cast<int>(j)];
     const Twist &parent = state.u[joint.parent], &child = state.u[joint.child];
     const int bodies[2] = {joint.parent, joint.child};
     for (const Part& part : joint.parts) {

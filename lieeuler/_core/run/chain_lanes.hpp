@@ -146,23 +146,7 @@ class ChainLanes {
       group.pair[k].blocks[1] = blocks.place(column, row) / kBlock;
       put_lane(group.pair[k].share, lane, pair.share);
     }
-    put(group.elimination, blocks);
-  }
-  // The same for all members.
-  static void put(ChainElimination& out, const BlockPlan& plan) {
-    out.blocks = plan.blocks();
-    for (size_t k = 0; k < plan.pivots().size(); ++k) {
-      const BlockPlan::Pivot& pivot = plan.pivots()[k];
-      out.pivots[k] = {pivot.block / kBlock, pivot.unknown / 3, pivot.last_lower, pivot.last_upper, pivot.last_update};
-    }
-    for (size_t k = 0; k < plan.lowers().size(); ++k)
-      out.lowers[k] = {plan.lowers()[k].block / kBlock, plan.lowers()[k].unknown / 3};
-    for (size_t k = 0; k < plan.uppers().size(); ++k)
-      out.uppers[k] = {plan.uppers()[k].block / kBlock, plan.uppers()[k].unknown / 3};
-    for (size_t k = 0; k < plan.updates().size(); ++k) {
-      const BlockPlan::Update& update = plan.updates()[k];
-      out.updates[k] = {update.lower / kBlock, update.upper / kBlock, update.target / kBlock};
-    }
+    group.elimination = blocks.steps(), group.blocks = blocks.blocks();
   }
 
   const State& show(int lane) {

@@ -222,15 +222,6 @@ Outcome run_method(const Plan& plan, const Method& method, const State& initial,
   return start(LagrangeStepper<Map>(plan, method.level, method.index1_output, method.gains, method.correction));
 }
 
-inline Outcome run_method(CoordinateMap map, const Plan& plan, const Method& method, const State& initial,
-                          const std::vector<double>& steps, const std::vector<std::int64_t>& counts, bool monitored,
-                          const Record& record, const Interrupted& interrupted) {
-  const auto run = map == CoordinateMap::exp      ? run_method<ExpMap>
-                   : map == CoordinateMap::cayley ? run_method<CayleyMap>
-                                                  : run_method<CcskMap>;
-  return run(plan, method, initial, steps, counts, monitored, record, interrupted);
-}
-
 // Integrates from t_eval.front() and samples at t_eval; the steps do not depend on the samples. The stepper supplies
 //
 //   Status start(const State& initial, double t, double t_end, double rtol)

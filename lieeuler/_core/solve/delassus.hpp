@@ -6,6 +6,10 @@
 // them with each other: such a hub is kept among the unknowns, so that the cost stays proportional to the number of
 // bodies. If joints close loops, all bodies are kept: S alone would lose digits near singular positions. With
 // independent rows no body is kept; dependent rows are dropped and the others eliminated in the order of least fill.
+//
+// Eliminating a body divides by its mass and moments. If these span more than some six decades in directions that
+// joints hold fast, refinement does not converge, however well the whole matrix is conditioned. It is then factored
+// with pivots from all of it, whose cost is the cube of its size, for systems that no other elimination solves.
 #pragma once
 
 #include "model/mimic.hpp"
@@ -26,22 +30,29 @@ class Delassus {
     const Constraints& joints;
     Mat3 rotations(const Place& place) const { return joints[place.joint].anchor_jacobian(place.side); }
     Rows rows(const Place& place) const { return joints[place.joint].jacobian(*place.part_data, place.side); }
+    // As rows of the caller (see assemble()).
+    Mat3 rotations(const Place& place, const Mat3&) const { return rotations(place); }
+    Rows rows(const Place& place, const Rows&) const { return rows(place); }
   };
 
   // independent: dependent rows of loops are dropped (see drop()) before the first assembly.
-  explicit Delassus(const Plan& plan, bool independent = false)
-      : plan_(plan), system_(plan.system), bodies_(system_.n()), hub_(system_.n(), -1), independent_(independent) {
+  // whole: the matrix is factored with pivots from all of it.
+  enum class Kind { sparse, independent, whole };
+
+  explicit Delassus(const Plan& plan, Kind kind = Kind::sparse)
+      : plan_(plan), system_(plan.system), bodies_(system_.n()), hub_(system_.n(), -1), kind_(kind) {
     std::vector<std::vector<Place>> places_at(system_.n() + 1);
     for (int k = 0; k < parts(); ++k)
       for (Side side : kSides)
         places_at[plan.body(k, side)].push_back({k, plan.parts[k].joint, plan.body(k, side), side, &plan.part(k)});
     places_at.pop_back();
     for (int b = 0; b < system_.n(); ++b)
-      if (!independent && (!plan.forest || places_at[b].size() > kMostEnds)) {
+      if (kind == Kind::whole || (kind == Kind::sparse && (!plan.forest || places_at[b].size() > kMostEnds))) {
         hub_[b] = parts() + 2 * static_cast<int>(hubs_.size());
         hubs_.push_back({b});
       }
-    lu_.follow(plan.blocks({Pattern::Matrix::mobility, independent}, [&] { return eliminate_nodes(places_at); }));
+    lu_.follow(plan.blocks({Pattern::Matrix::mobility, kind == Kind::independent, kind == Kind::whole},
+                           [&] { return eliminate_nodes(places_at); }));
     for (const std::vector<Place>& places : places_at) add_body(places);
     for (int k = 0; k < parts(); ++k) padding_.push_back(lu_.block(k, k));
     for (const PlacedMimic& mimic : plan.mimics)
@@ -99,27 +110,58 @@ class Delassus {
     return true;
   }
 
-  // Rows and columns at the same configuration.
+  // Rows and columns at the same configuration, or at two.
   void assemble(const Constraints& joints) {
     struct Same {
       const Mat3& rotations(const Place&, const Mat3& G) const { return G; }
       const Rows& rows(const Place&, const Rows& G) const { return G; }
     };
-    fill(Same{}, Jacobians{joints});
+    assemble(Same{}, Jacobians{joints});
   }
-  void assemble(const Constraints& rows, const Constraints& columns) {
-    struct Other {
-      const Jacobians at;
-      Mat3 rotations(const Place& place, const Mat3&) const { return at.rotations(place); }
-      Rows rows(const Place& place, const Rows&) const { return at.rows(place); }
-    };
-    fill(Other{{rows}}, Jacobians{columns});
-  }
+  void assemble(const Constraints& rows, const Constraints& columns) { assemble(Jacobians{rows}, Jacobians{columns}); }
   // Rows of the caller: rotations(place, C) gives the rotational rows of a spherical part, rows(place, C) those of
   // other parts, where C is the columns' Jacobian at that place.
   template <class RowsOf>
   void assemble(const RowsOf& rows, const Jacobians& columns) {
-    fill(rows, columns);
+    lu_.set_zero();
+    for (int k = 0; k < parts(); ++k)
+      for (int r = plan_.part(k).rows(); r < 3; ++r) padding_[k][(kColumn + 1) * r] = 1;
+    for (int k : plan_.rotors) padding_[k][0] = -plan_.part(k).compliance;
+    for (const MimicBlocks& mimic : mimics_) mimic.put();
+    for (End& end : ends_) {
+      const Mobility& body = bodies_[end.body];
+      if (end.part_data->spherical) {
+        const Mat3 C = columns.rotations(end);
+        put(end.G, rows.rotations(end, C));
+        put(end.W, body.rotational * C.transpose());
+        continue;
+      }
+      const Rows C = columns.rows(end), G = rows.rows(end, C);
+      put(end.G, G.w);
+      put(end.W, body.rotational * C.w.transpose());
+      if (end.translation != Translation::full) continue;
+      put(full_[end.full].Gv, G.v);
+      put(full_[end.full].Wv, C.v.transpose() * body.translational);
+    }
+    for (const Pair& pair : pairs_) {
+      const End &row = ends_[pair.row], &column = ends_[pair.column];
+      subtract_product(row.G, column.W, pair.block);
+      if (row.translation == Translation::none || column.translation == Translation::none) continue;
+      if (row.translation == Translation::unit && column.translation == Translation::unit)
+        for (int i = 0; i < 3; ++i) pair.block[(kColumn + 1) * i] -= row.sign * column.mobility;
+      else
+        subtract_product(full_[row.full].Gv, full_[column.full].Wv, pair.block);
+    }
+    for (const Cut& cut : cuts_)
+      for (int r = 0; r < 3; ++r)
+        for (int c = 0; c < 3; ++c)
+          if (cut.rows[r] || cut.columns[c]) cut.block[kColumn * c + r] = cut.diagonal && r == c ? 1 : 0;
+    for (const Hub& hub : hubs_) put_diagonal(hub.v, system_.bodies[hub.body].mass), put(hub.w, hub.inertia);
+    for (const HubEnd& end : hub_ends_) {
+      const Rows C = columns.rows(end), G = rows.rows(end, C);
+      end.blocks.put_rows(G.v, G.w);
+      end.blocks.put_columns(C);
+    }
   }
 
   // Solves A y + Gc^T lam = f, G y = g. The six values of a body in `f` become y, the three of a part in `g` become
@@ -280,7 +322,7 @@ class Delassus {
     for (const PlacedMimic& mimic : plan_.mimics)
       entries.insert({mimic.follower, mimic.leader}), entries.insert({mimic.leader, mimic.follower});
     std::erase_if(entries, [](const BlockPlan::Entry& entry) { return entry.first == entry.second; });
-    if (independent_) return BlockPlan(minimum_degree_order(parts(), entries), 0, entries);
+    if (kind_ == Kind::independent) return BlockPlan(minimum_degree_order(parts(), entries), 0, entries);
     const std::vector<std::vector<int>> parts_of = plan_.parts_of_joints();
     std::vector<int> order;
     auto append = [&](int item) {
@@ -290,52 +332,9 @@ class Delassus {
         order.insert(order.end(), {hub_[item], hub_[item] + 1});
     };
     for (int item : plan_.order.tree) append(item);
-    const size_t sparse = order.size();
+    const size_t sparse = kind_ == Kind::whole ? 0 : order.size();
     for (int item : plan_.order.loops) append(item);
     return BlockPlan(order, static_cast<int>(order.size() - sparse), entries);
-  }
-
-  template <class RowsOf>
-  void fill(const RowsOf& rows, const Jacobians& columns) {
-    lu_.set_zero();
-    for (int k = 0; k < parts(); ++k)
-      for (int r = plan_.part(k).rows(); r < 3; ++r) padding_[k][(kColumn + 1) * r] = 1;
-    for (int k : plan_.rotors) padding_[k][0] = -plan_.part(k).compliance;
-    for (const MimicBlocks& mimic : mimics_) mimic.put();
-    for (End& end : ends_) {
-      const Mobility& body = bodies_[end.body];
-      if (end.part_data->spherical) {
-        const Mat3 C = columns.rotations(end);
-        put(end.G, rows.rotations(end, C));
-        put(end.W, body.rotational * C.transpose());
-        continue;
-      }
-      const Rows C = columns.rows(end), G = rows.rows(end, C);
-      put(end.G, G.w);
-      put(end.W, body.rotational * C.w.transpose());
-      if (end.translation != Translation::full) continue;
-      put(full_[end.full].Gv, G.v);
-      put(full_[end.full].Wv, C.v.transpose() * body.translational);
-    }
-    for (const Pair& pair : pairs_) {
-      const End &row = ends_[pair.row], &column = ends_[pair.column];
-      subtract_product(row.G, column.W, pair.block);
-      if (row.translation == Translation::none || column.translation == Translation::none) continue;
-      if (row.translation == Translation::unit && column.translation == Translation::unit)
-        for (int i = 0; i < 3; ++i) pair.block[(kColumn + 1) * i] -= row.sign * column.mobility;
-      else
-        subtract_product(full_[row.full].Gv, full_[column.full].Wv, pair.block);
-    }
-    for (const Cut& cut : cuts_)
-      for (int r = 0; r < 3; ++r)
-        for (int c = 0; c < 3; ++c)
-          if (cut.rows[r] || cut.columns[c]) cut.block[kColumn * c + r] = cut.diagonal && r == c ? 1 : 0;
-    for (const Hub& hub : hubs_) put_diagonal(hub.v, system_.bodies[hub.body].mass), put(hub.w, hub.inertia);
-    for (const HubEnd& end : hub_ends_) {
-      const Rows C = columns.rows(end), G = rows.rows(end, C);
-      end.blocks.put_rows(G.v, G.w);
-      end.blocks.put_columns(C);
-    }
   }
 
   const Plan& plan_;
@@ -348,7 +347,7 @@ class Delassus {
   std::vector<HubEnd> hub_ends_;
   std::vector<Full> full_;
   std::vector<Pair> pairs_;
-  const bool independent_;
+  const Kind kind_;
   std::vector<int> dropped_;  // places of rows, three a part
   std::vector<Cut> cuts_;
   std::vector<double*> padding_;

@@ -17,7 +17,6 @@
 
 #include "model/system.hpp"
 #include "solve/delassus.hpp"
-#include "solve/dense_saddle.hpp"
 #include "solve/independent_rows.hpp"
 #include "solve/small_schur.hpp"
 #include "solve/tree_schur.hpp"
@@ -27,19 +26,19 @@ namespace lieeuler {
 
 // The saddle point of any system by block elimination (solve/delassus.hpp; docs/theory.md, section 8), either with all
 // rows and the null space of redundant ones removed, or with independent rows only. If masses or moments differ too
-// much for that, the whole matrix is factored (solve/dense_saddle.hpp).
+// much for that, the whole matrix is factored.
 class SparseSaddle : public WorldRows {
  public:
   // independent: leaves out the rows of loops that depend on others.
   SparseSaddle(const Plan& plan, bool independent)
       : WorldRows(plan),
         system_(plan.system),
-        delassus_(std::in_place, plan, independent),
+        delassus_(std::in_place, plan, independent ? Delassus::Kind::independent : Delassus::Kind::sparse),
         thin_(plan.thin || plan.whole),
         leaves_out_(independent),
         rows_(plan.count()) {
     if (independent) independent_.emplace(plan);
-    if (plan.whole) dense_.emplace(plan);
+    if (plan.whole) whole_.emplace(plan, Delassus::Kind::whole);
   }
 
   Delassus& delassus() { return *delassus_; }
@@ -51,9 +50,10 @@ class SparseSaddle : public WorldRows {
       redundant = independent_->choose(joints, dropped);
       return true;
     }
-    if (dense_) {
-      redundant = dense_->redundancy(joints);
-      dense_->scale(joints);
+    if (whole_) {
+      redundant = dependent_rows(joints);
+      whole_->assemble(joints);
+      whole_->lu().equilibrate_tail();
       return true;
     }
     constexpr double kTolerance = 1e-11;  // of pivots of order one, which go as squares of singular values of G
@@ -82,7 +82,8 @@ class SparseSaddle : public WorldRows {
   // Counts the redundant rows and expects that number from then on.
   bool find_redundancy(const Constraints& joints) {
     int redundant;
-    if (leaves_out_ && !independent_) independent_.emplace(plan_), delassus_.emplace(plan_, true);
+    if (leaves_out_ && !independent_)
+      independent_.emplace(plan_), delassus_.emplace(plan_, Delassus::Kind::independent);
     if (independent_) {
       scales_ = row_scales(joints);
       redundant_ = independent_->choose(joints, dropped_, true);
@@ -96,7 +97,8 @@ class SparseSaddle : public WorldRows {
     if (!count_redundancy(joints, redundant)) return false;
     delassus_->lu().expect_deficiency(redundant);
     redundant_ = redundant;
-    null_.assign(redundant, std::vector<double>(delassus_->unknowns(), 0.0));
+    if (whole_) whole_->lu().expect_deficiency(redundant);
+    null_.assign(redundant, std::vector<double>((whole_ ? *whole_ : *delassus_).unknowns(), 0.0));
     return true;
   }
   int redundant() const { return redundant_; }
@@ -120,8 +122,9 @@ class SparseSaddle : public WorldRows {
       }
       return independent_->choose(joints, dropped_) == redundant_ && take_choice(joints);
     }
-    solves_dense_ = dense_ && dense_->factor(joints, redundant_);
-    if (!regular && !solves_dense_) return false;
+    if (whole_) whole_->assemble(joints);
+    solves_whole_ = whole_ && whole_->lu().factor();
+    if (!regular && !solves_whole_) return false;
     find_null_space(joints);
     return true;
   }
@@ -146,8 +149,9 @@ class SparseSaddle : public WorldRows {
 
   // Solves M y + G^T lam = f, G y = rows; y and lam replace f and the rows of each part. Almost dependent rows and very
   // different masses lose digits of the rows in the first pass, thin bodies also digits of the balance of forces; the
-  // residual is then solved for again. to_rounding: do so for redundant rows and mimics too.
-  void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
+  // residual is then solved for again. to_rounding: do so for redundant rows and mimics too. Not inlined: series of small
+  // trees would have to save its registers.
+  [[gnu::noinline]] void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
     const bool always = plan_.graded || thin_ || !plan_.rotors.empty();
     const bool again = always || (to_rounding && (redundant_ > 0 || independent_ || !plan_.mimics.empty()));
     if (again) wanted_ = rows;
@@ -172,6 +176,28 @@ class SparseSaddle : public WorldRows {
   static constexpr int kMostPasses = 8;       // each pass gains a digit or more if moments span eight decades
   static constexpr double kSlow = 0.3;        // corrections that shrink less than this are rounding
 
+  Delassus& factored() { return solves_whole_ ? *whole_ : *delassus_; }
+
+  // Number of rows that depend on others, whatever the masses.
+  int dependent_rows(const Constraints& joints) const {
+    constexpr double kDependent = 1e-11;  // pivots go as squares of singular values of G
+    const int rows = system_.rows();
+    Eigen::MatrixXd G = Eigen::MatrixXd::Zero(rows, 6 * system_.n());
+    for (const auto& [joint, bodies, part] : plan_.parts)
+      for (Side side : kSides) {
+        if (bodies[side] == system_.n()) continue;
+        const Rows own = joints[joint].jacobian(*part, side);
+        G.block(part->row, 6 * bodies[side], part->rows(), 3) = own.v.topRows(part->rows());
+        G.block(part->row, 6 * bodies[side] + 3, part->rows(), 3) = own.w.topRows(part->rows()) / system_.length;
+      }
+    G.rowwise().normalize();
+    const Eigen::MatrixXd S = G * G.transpose();
+    FullPivotLU independent;
+    independent.resize(rows);
+    for (int i = 0; i < rows; ++i)
+      for (int j = 0; j < rows; ++j) independent(i, j) = S(i, j);
+    return rows - independent.rank(kDependent);
+  }
   bool take_choice(const Constraints& joints) {
     ++choice_;
     delassus_->drop(dropped_);
@@ -202,11 +228,7 @@ class SparseSaddle : public WorldRows {
   // As Delassus::solve().
   template <class Adjust>
   void solve_all(std::vector<Twist>& y, std::vector<Vec3>& rows, Adjust adjust) {
-    double* const values = rows.data()->data();
-    if (!solves_dense_) return delassus_->solve(flat(y), values, adjust);
-    adjust(values);
-    dense_->solve(flat(y), values);
-    adjust(values);
+    factored().solve(flat(y), rows.data()->data(), adjust);
   }
   // Adds the correction of the residual of the whole system to y and rows; returns its largest rate.
   double refine(std::vector<Twist>& y, std::vector<Vec3>& rows) {
@@ -214,10 +236,7 @@ class SparseSaddle : public WorldRows {
     y[system_.n()] = Twist{};
     correction_.assign(system_.n() + 1, Twist{});
     if (thin_) {
-      for (int b = 0; b < system_.n(); ++b) {
-        const Twist inertial = momentum(system_.bodies[b], y[b]);
-        correction_[b] = {forces_[b].v - inertial.v, forces_[b].w - inertial.w};
-      }
+      for (int b = 0; b < system_.n(); ++b) correction_[b] = forces_[b] - momentum(system_.bodies[b], y[b]);
       for (int k = 0; k < plan_.count(); ++k) joints.subtract_reaction(plan_.parts[k], rows[k], correction_);
     }
     if (independent_) {
@@ -231,7 +250,7 @@ class SparseSaddle : public WorldRows {
     const Scales scales{system_.length};
     double change = 0;
     for (int b = 0; b < system_.n(); ++b) {
-      y[b].v += correction_[b].v, y[b].w += correction_[b].w;
+      y[b] += correction_[b];
       change = std::max(change, scales.rate_of(correction_[b]));
     }
     for (int k = 0; k < plan_.count(); ++k) rows[k] += rows_[k];
@@ -242,10 +261,7 @@ class SparseSaddle : public WorldRows {
   void find_null_space(const Constraints& joints) {
     for (int k = 0; k < static_cast<int>(null_.size()); ++k) {
       std::vector<double>& w = null_[k];
-      if (solves_dense_)
-        dense_->null_vector(k, w.data());
-      else
-        delassus_->lu().null_vector(k, w.data());
+      factored().lu().null_vector(k, w.data());
       std::fill(w.begin() + 3 * plan_.count(), w.end(), 0.0);  // null vectors are zero for the hubs
       cleanse(joints, w);
       for (int pass = 0; pass < 2; ++pass)  // Gram and Schmidt, twice is enough
@@ -274,8 +290,8 @@ class SparseSaddle : public WorldRows {
   std::optional<Delassus> delassus_;
   const bool thin_, leaves_out_;
   std::optional<IndependentRows> independent_;
-  std::optional<DenseSaddle> dense_;
-  bool solves_dense_ = false;  // at the joints factored last
+  std::optional<Delassus> whole_;
+  bool solves_whole_ = false;  // at the joints factored last
   std::vector<char> dropped_;
   std::vector<double> scales_;  // of the rows, for the choice
   double inverse_at_choice_ = 0;

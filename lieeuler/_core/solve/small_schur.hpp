@@ -5,6 +5,7 @@
 // one. A second solve for the residual of G udot + gamma restores them.
 #pragma once
 
+#include "linalg/elimination.hpp"
 #include "model/reference_points.hpp"
 #include "solve/world_rows.hpp"
 
@@ -99,24 +100,10 @@ class SmallSchur : public WorldRows {
       }
   }
 
-  // S = L L^T, with L by columns in place of the lower half. False if a pivot is rounding.
+  // False if a pivot is rounding.
   bool eliminate() {
-    smallest_pivot_ = 1;
-    for (int j = 0; j < rows_; ++j) entry_[j] = S(j, j);
-    for (int j = 0; j < rows_; ++j) {
-      double* const column = &S(0, j);
-      const double left = column[j] / entry_[j];
-      if (!(left > kSingular)) return false;
-      smallest_pivot_ = std::min(smallest_pivot_, left);
-      pivot_inverse_[j] = 1 / std::sqrt(column[j]);
-      for (int i = j + 1; i < rows_; ++i) column[i] *= pivot_inverse_[j];
-      for (int k = j + 1; k < rows_; ++k) {
-        double* const other = &S(0, k);
-        const double factor = column[k];
-        for (int i = k; i < rows_; ++i) other[i] -= factor * column[i];
-      }
-    }
-    return true;
+    smallest_pivot_ = factor_dense<kMostRows>(S_, rows_, pivot_inverse_);
+    return smallest_pivot_ > kSingular;
   }
 
   // r = G y - rows
@@ -124,30 +111,28 @@ class SmallSchur : public WorldRows {
     for (const PartRows& part : parts_)
       for (int i = 0; i < part.part->rows(); ++i) r[part.row + i] = -rows[part.index][i];
     for (const Sided& side : sides_) {
-      Vec3 rate = times(side.G.w, y[side.body].w);
-      if (!points_.pinned(side.body)) rate += side.G.v * y[side.body].v;
+      const Vec3 rate = rate_of(side, y[side.body]);
       for (int i = 0; i < side.rows; ++i) r[side.row + i] += rate[i];
     }
+  }
+  // G y, and y -= M^-1 G^T lam, of one side.
+  [[gnu::always_inline]] Vec3 rate_of(const Sided& side, const Twist& y) const {
+    Vec3 rate = times(side.G.w, y.w);
+    if (!points_.pinned(side.body)) rate += side.G.v * y.v;
+    return rate;
+  }
+  [[gnu::always_inline]] void respond(const Sided& side, const Vec3& lam, Twist& y) const {
+    y.w -= times(side.H.w, lam);
+    if (!points_.pinned(side.body)) y.v -= side.H.v * lam;
   }
   // lam = S^-1 r,  y -= M^-1 G^T lam
   void subtract_response(const double* r, double* lam, std::vector<Twist>& y) {
     std::copy_n(r, rows_, lam);
-    for (int j = 0; j < rows_; ++j) {
-      const double* const column = &S(0, j);
-      lam[j] *= pivot_inverse_[j];
-      for (int i = j + 1; i < rows_; ++i) lam[i] -= lam[j] * column[i];
-    }
-    for (int j = rows_ - 1; j >= 0; --j) {
-      const double* const column = &S(0, j);
-      double sum = lam[j];
-      for (int i = j + 1; i < rows_; ++i) sum -= column[i] * lam[i];
-      lam[j] = sum * pivot_inverse_[j];
-    }
+    solve_dense<kMostRows>(S_, rows_, pivot_inverse_, lam);
     for (const Sided& side : sides_) {
       Vec3 own = Vec3::Zero();
       for (int i = 0; i < side.rows; ++i) own[i] = lam[side.row + i];
-      y[side.body].w -= times(side.H.w, own);
-      if (!points_.pinned(side.body)) y[side.body].v -= side.H.v * own;
+      respond(side, own, y[side.body]);
     }
   }
 
@@ -173,16 +158,9 @@ class SmallSchur : public WorldRows {
     Vec3 lam = Vec3::Zero();
     for (int pass = 0; pass < (smallest_pivot_ < kGraded ? 2 : 1); ++pass) {
       Vec3 r = -rows;
-      for (const Sided& side : sides_) {
-        Vec3 rate = times(side.G.w, y[side.body].w);
-        if (!points_.pinned(side.body)) rate += side.G.v * y[side.body].v;
-        r += rate;
-      }
+      for (const Sided& side : sides_) r += rate_of(side, y[side.body]);
       const Vec3 more = times(inverse_, r);
-      for (const Sided& side : sides_) {
-        y[side.body].w -= times(side.H.w, more);
-        if (!points_.pinned(side.body)) y[side.body].v -= side.H.v * more;
-      }
+      for (const Sided& side : sides_) respond(side, more, y[side.body]);
       lam += more;
     }
     rows = lam;
@@ -210,7 +188,7 @@ class SmallSchur : public WorldRows {
   int rows_ = 0;
   double S_[kMostRows * kMostRows];  // by columns
   Mat3 inverse_;                     // S^-1 of a single part
-  double entry_[kMostRows], pivot_inverse_[kMostRows];
+  double pivot_inverse_[kMostRows];
   double smallest_pivot_ = 1;  // over the entry of S
 };
 

@@ -204,7 +204,7 @@ class StabilisedSolve {
     target_ = rows_;
     delassus_.solve_rows(rows_.data(), flat(response_));
     for (size_t i = 0; i < rows_.size(); ++i) correction_[i] += rows_[i];
-    for (int b = 0; b < system_.n(); ++b) velocity_[b].v += response_[b].v, velocity_[b].w += response_[b].w;
+    for (int b = 0; b < system_.n(); ++b) velocity_[b] += response_[b];
     for (int k = 0; k < plan_.count(); ++k) store(Vec3(load3(&target_[3 * k]) - row_rate(k, response_)), &rows_[3 * k]);
     delassus_.zero_dropped(rows_.data());
   }
@@ -220,7 +220,7 @@ class StabilisedSolve {
   // Adds correction_, a change of dmu, and velocity_, its - M^-1 Gn^T dmu.
   void accept_correction() {
     for (size_t i = 0; i < mu_.size(); ++i) mu_[i] += correction_[i];
-    for (int b = 0; b < system_.n(); ++b) shift_[b].v += velocity_[b].v, shift_[b].w += velocity_[b].w;
+    for (int b = 0; b < system_.n(); ++b) shift_[b] += velocity_[b];
   }
   // Adds - E times the latest change of dmu to the right-hand side; returns its size as a velocity.
   template <class Damping>
@@ -275,7 +275,7 @@ class StabilisedSolve {
     for (int b = 0; b < system_.n(); ++b) {
       const Twist xi = load(&total_[6 * b]);
       store(xi, &r[3 * nodes.xi_v(b)]);
-      store(Twist{(xi.v - shift_[b].v) / rho_, (xi.w - shift_[b].w) / rho_}, &r[3 * nodes.v(b)]);
+      store((xi - shift_[b]) / rho_, &r[3 * nodes.v(b)]);
     }
     return true;
   }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import hashlib
 import math
 import os
 import re
@@ -39,6 +40,14 @@ def plain(value: object) -> Any:
     import msgspec
 
     return finite(msgspec.to_builtins(value, str_keys=True, enc_hook=scalar))
+
+
+def digest(*content: object) -> str:
+    """The key of a row: a digest of plain values, structs and dataclasses."""
+    import msgspec
+
+    values = msgspec.to_builtins(content, str_keys=True, enc_hook=scalar, order="sorted")
+    return hashlib.sha256(msgspec.msgpack.encode(values)).hexdigest()
 
 
 def scalar(value: object) -> object:

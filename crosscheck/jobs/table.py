@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import hashlib
 import os
 import platform
 import time
@@ -23,7 +22,7 @@ import psutil
 import sqlalchemy as sql
 
 from crosscheck.errors import ArgumentError
-from crosscheck.files import cache_folder, scalar
+from crosscheck.files import cache_folder, digest, scalar
 from crosscheck.jobs.database import database
 
 VARIABLE = "CROSSCHECK_TABLE"
@@ -44,12 +43,6 @@ ROWS = sql.Table(
     sql.Column("stage", sql.Text, nullable=False), sql.Column("size", sql.Integer, nullable=False),
     sql.Column("written", sql.Text, nullable=False),
     sql.Column("result", sql.LargeBinary, nullable=False))  # the last: sizes are summed without reading results
-
-
-def digest(*content: object) -> str:
-    """The key of a row: a digest of plain values, structs and dataclasses."""
-    plain = msgspec.to_builtins(content, str_keys=True, enc_hook=scalar, order="sorted")
-    return hashlib.sha256(msgspec.msgpack.encode(plain)).hexdigest()
 
 
 class Table:

@@ -14,7 +14,7 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RunSpec
-from crosscheck.jobs.drive import Crash, Limits, run_tasks
+from crosscheck.jobs.drive import Crash, Limits, Place, run_tasks
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.scene import assembly
 from crosscheck.scene.checks import Draft
@@ -61,15 +61,16 @@ def matrix(names: Iterable[str] | None = None) -> tuple[Support, ...]:
     return tuple(entries)
 
 
-def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None = None) -> list[Support]:
+def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None = None,
+              place: Place | None = None) -> list[Support]:
     """Which engine can model which scene in which form. The scene is the `item` of each entry.
 
-    Engines that are not installed have no entries. The user's own engines are asked in a worker process. If one fails
-    there, its entry has the failure as its reason.
+    Engines that are not installed have no entries. The user's own engines are asked in a worker process, one of `place`
+    if it is given. If one fails there, its entry has the failure as its reason.
     """
     tasks = [(scene, name) for scene in scenes for name in names if engine_version(name) != NOT_INSTALLED]
     risky = [task for task in tasks if adapters.is_own(task[1])]
-    told = dict(zip(risky, run_tasks(_of_scene, risky, 1, limits=within), strict=True))
+    told = dict(zip(risky, run_tasks(_of_scene, risky, 1, limits=within, place=place), strict=True))
     entries: list[Support] = []
     for scene, name in tasks:
         answer = told[scene, name] if (scene, name) in told else _of_scene((scene, name))

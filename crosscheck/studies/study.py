@@ -21,8 +21,8 @@ import msgspec
 from crosscheck import adapters
 from crosscheck.document import Origin, Part
 from crosscheck.errors import ArgumentError, unknown, writing
-from crosscheck.files import cell, plain, put
-from crosscheck.jobs.table import Session, Table, digest
+from crosscheck.files import cell, digest, plain, put
+from crosscheck.jobs.table import Session, Table
 from crosscheck.report.standalone import write_page
 from crosscheck.running import provenance, versions
 from crosscheck.scene.file import load_scene

@@ -27,9 +27,9 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.document import Origin
 from crosscheck.errors import ArgumentError, CrosscheckError, missing
-from crosscheck.files import plain, put, replacing
+from crosscheck.files import digest, plain, put, replacing
 from crosscheck.jobs.drive import Crash, Limits, Place, drive
-from crosscheck.jobs.table import Session, Table, digest
+from crosscheck.jobs.table import Session, Table
 from crosscheck.running import cluster, provenance, versions
 from crosscheck.running.attempt import attempt
 from crosscheck.scene.model import Scene

@@ -28,7 +28,7 @@ from msgspec.structs import replace
 from crosscheck import adapters, references
 from crosscheck.document import Advice, Record, SceneTruth, Way, extended
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said
-from crosscheck.jobs.table import Table, digest
+from crosscheck.files import digest
 from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import errors, up_to
 from crosscheck.references.base import Reference
@@ -324,6 +324,8 @@ def conserving(scene: Scene, engine: str) -> str | None:
 
 def walked(scene: Scene, engine: str) -> Walk:
     """The walk of an engine from the table, where it is put if it is new; errors as `walk`."""
+    from crosscheck.jobs.table import Table  # a database, which workers do not need
+
     name = key(scene, engine)
     with contextlib.closing(Table.opened()) as table, table.session(
             name, f"advise {scene.name} {engine}", {"walk": Walk}) as session:

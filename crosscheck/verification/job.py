@@ -9,6 +9,7 @@ import shlex
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 from msgspec.structs import replace
@@ -32,9 +33,8 @@ from crosscheck.document import (
     grouped,
 )
 from crosscheck.errors import ArgumentError, unknown
-from crosscheck.files import plain, readable
+from crosscheck.files import digest, plain, readable
 from crosscheck.jobs.drive import Crash, Limits, Place, Stages
-from crosscheck.jobs.table import Session, digest
 from crosscheck.jobs.workers import output
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge import verdict
@@ -49,6 +49,9 @@ from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.speed import measure_speed, timed
 from crosscheck.verification.task import Carried, Cell, all_cells
+
+if TYPE_CHECKING:
+    from crosscheck.jobs.table import Session  # a database, which workers do not need
 
 TIME_LIMIT = 1800.0
 """Time limit (s) of one cell: a main run and its order study. With built-in engines it takes seconds to minutes."""
@@ -167,51 +170,54 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     scene_names, engine_names = select_scenes(scenes, settings.every_scene), select_engines(engines)
     check_methods(methods, engine_names)
     started = time.perf_counter()
-    cells = [cell for cell in all_cells(scene_names, engine_names, settings, within)
-             if not methods or cell.way.method in methods]
-    left = total = (len(scene_names) * (1 + bool(settings.timing) + settings.speed)
-                    + len(cells) + walk * len(scene_names) * len(engine_names))
+    with Place(jobs) as near:  # its workers keep the engines that they have loaded
+        cells = [cell for cell in all_cells(scene_names, engine_names, settings, within, near)
+                 if not methods or cell.way.method in methods]
+        left = total = (len(scene_names) * (1 + bool(settings.timing) + settings.speed)
+                        + len(cells) + walk * len(scene_names) * len(engine_names))
 
-    def ended(label: str) -> None:
-        nonlocal left
-        left -= 1
-        if progress:
-            progress(total - left, total, label)
+        def ended(label: str) -> None:
+            nonlocal left
+            left -= 1
+            if progress:
+                progress(total - left, total, label)
 
-    def meta(**more: object) -> Meta:
-        return msgspec.convert(provenance.describe(engine_names) | {
-            "profile": profile, "jobs": jobs, "asked": asked,
-            "command": command("verify", profile, scenes, engines, methods, [
-                *(word for name, bound, _ in overrides for word in ("--tol", f"{name}={bound!r}")), *asked.words,
-                "--jobs", str(jobs)]),
-            "seconds": session.seconds if session is not None else time.perf_counter() - started,
-            "reused": session.reused if session is not None else 0,
-            "reused_since": session.since if session is not None else None} | more, Meta)
+        def meta(**more: object) -> Meta:
+            return msgspec.convert(provenance.describe(engine_names) | {
+                "profile": profile, "jobs": jobs, "asked": asked,
+                "command": command("verify", profile, scenes, engines, methods, [
+                    *(word for name, bound, _ in overrides for word in ("--tol", f"{name}={bound!r}")), *asked.words,
+                    "--jobs", str(jobs)]),
+                "seconds": session.seconds if session is not None else time.perf_counter() - started,
+                "reused": session.reused if session is not None else 0,
+                "reused_since": session.since if session is not None else None} | more, Meta)
 
-    def partial(records: list[Record]) -> None:
-        if shown is not None:
-            shown(document(meta(left=left), truths, records))
+        def partial(records: list[Record]) -> None:
+            if shown is not None:
+                shown(document(meta(left=left), truths, records))
 
-    stages = Stages(jobs, session, ended)
-    far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
-    with (contextlib.nullcontext() if far is None else contextlib.closing(far),
-          Place(*((jobs,) if far is None else (far.workers, far.executor))) as place):
-        elsewhere = dataclasses.replace(stages, place=place)
-        carried = Carried.of(scene_names, engine_names) if far is not None else Carried()
-        keys = _keys(session is not None)
-        truths = _truths(elsewhere, keys, scene_names, settings, asked, carried)
-        cells = _planned(cells, truths, settings, overrides, asked)
-        partial([])
-        records = _records(elsewhere, keys, cells, truths, within, carried, Paced(partial))
-    alone = dataclasses.replace(stages, jobs=1)
-    if settings.timing:
-        records = timed(cells, records, settings.timing, stages, within)
-    records, calibration = measure_speed(records, settings.speed, alone, within) if settings.speed else (records, None)
-    advised = _advice(alone, truths, engine_names, within, walk)
-    advised += advice.from_records(truths, records, advised)
-    rows = [Support(scene=one.item, engine=one.engine, form=one.form, reason=one.reason, methods=list(one.methods))
-            for one in support.of_scenes(scene_names, engine_names, within)]
-    return replace(document(meta(calibration=calibration), truths, records, rows), advice=advised or None)
+        stages = Stages(jobs, session, ended)
+        far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
+        with (contextlib.nullcontext() if far is None else contextlib.closing(far),
+              contextlib.nullcontext(near) if far is None else Place(far.workers, far.executor) as place):
+            elsewhere = dataclasses.replace(stages, place=place)
+            carried = Carried.of(scene_names, engine_names) if far is not None else Carried()
+            keys = _keys(session is not None)
+            truths = _truths(elsewhere, keys, scene_names, settings, asked, carried)
+            cells = _planned(cells, truths, settings, overrides, asked)
+            partial([])
+            records = _records(elsewhere, keys, cells, truths, within, carried, Paced(partial))
+        alone = dataclasses.replace(stages, jobs=1)
+        if settings.timing:
+            records = timed(cells, records, settings.timing, stages, within, near)
+        calibration = None
+        if settings.speed:
+            records, calibration = measure_speed(records, settings.speed, alone, within)
+        advised = _advice(alone, truths, engine_names, within, walk)
+        advised += advice.from_records(truths, records, advised)
+        rows = [Support(scene=one.item, engine=one.engine, form=one.form, reason=one.reason, methods=list(one.methods))
+                for one in support.of_scenes(scene_names, engine_names, within, near)]
+        return replace(document(meta(calibration=calibration), truths, records, rows), advice=advised or None)
 
 
 PAUSE, SHARE = 10.0, 0.05

@@ -19,8 +19,8 @@ from msgspec.structs import replace
 from crosscheck import references
 from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way, extended, grouped
 from crosscheck.errors import CrosscheckError
+from crosscheck.files import digest
 from crosscheck.jobs.drive import Crash, Limits, Place, Stages, run_tasks
-from crosscheck.jobs.table import digest
 from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import RTOLS
@@ -285,26 +285,25 @@ class Timing:
 
 
 def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages: Stages,
-          within: Limits) -> list[Record]:
-    """The records with stepping times, one scene after the other in a single worker, with nothing else running.
+          within: Limits, place: Place) -> list[Record]:
+    """The records with stepping times, one scene after the other in one worker of `place`, with nothing else running.
 
     Engines in their own environments are left out, because their times are not comparable with others.
     """
     told = list(records)
-    with Place(1) as place:  # one worker for all scenes: engines are imported once
-        for scene, own in grouped(range(len(cells)), lambda index: cells[index].scene).items():
-            chosen = [index for index in own if records[index].ladder and not records[index].own_environment]
-            task = Timing(tuple((cells[index], records[index].documented_order,
-                                 records[index].step or records[index].rtol) for index in chosen), repeats)
-            key = digest("timing", task)
-            made = stages.kept("timing", key, "samples") if chosen else ((), {})
-            if made is None:
-                made = guarded_timing(task, within, place)
-                if stages.session is not None:
-                    made = stages.session.put("timing", key, made)
-            for position, index in enumerate(chosen):
-                told[index] = _with_points(records[index], made[0][position], made[1].get(position))
-            stages.count(f"timing of {Path(scene).name}")
+    for scene, own in grouped(range(len(cells)), lambda index: cells[index].scene).items():
+        chosen = [index for index in own if records[index].ladder and not records[index].own_environment]
+        task = Timing(tuple((cells[index], records[index].documented_order,
+                             records[index].step or records[index].rtol) for index in chosen), repeats)
+        key = digest("timing", task)
+        made = stages.kept("timing", key, "samples") if chosen else ((), {})
+        if made is None:
+            made = guarded_timing(task, within, place)
+            if stages.session is not None:
+                made = stages.session.put("timing", key, made)
+        for position, index in enumerate(chosen):
+            told[index] = _with_points(records[index], made[0][position], made[1].get(position))
+        stages.count(f"timing of {Path(scene).name}")
     return told
 
 

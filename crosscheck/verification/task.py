@@ -10,7 +10,7 @@ from typing import TypeVar
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
 from crosscheck.document import Plan, Way
-from crosscheck.jobs.drive import Crash, Limits, run_tasks
+from crosscheck.jobs.drive import Crash, Limits, Place, run_tasks
 from crosscheck.judge.plan import PENDING, PLANS, STUDY_SAMPLES, Profile
 from crosscheck.running import cluster, provenance
 from crosscheck.scene.file import carry, load_scene, read_scene, scene_names
@@ -86,16 +86,16 @@ def windowed(scene: Scene, window: float) -> Scene:
 
 
 def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: Profile,
-              within: Limits | None = None) -> list[Cell]:
+              within: Limits | None = None, place: Place | None = None) -> list[Cell]:
     """The cells of all scenes and engines, scene by scene.
 
-    The user's own engines are asked in a worker process. If one crashes or hangs when asked what it can run, each of
-    its methods gets one cell, and the run of that cell shows the reason.
+    The user's own engines are asked in a worker process, one of `place` if it is given. If one crashes or hangs when
+    asked what it can run, each of its methods gets one cell, and the run of that cell shows the reason.
     """
     pairs = [(scene, engine) for scene in scene_names for engine in engine_names]
     risky = [pair for pair in pairs if adapters.is_own(pair[1])]
-    told = dict(zip(risky, run_tasks(_cells, [(*pair, profile) for pair in risky], 1, limits=within),
-                    strict=True))
+    told = dict(zip(risky, run_tasks(_cells, [(*pair, profile) for pair in risky], 1, limits=within,
+                                          place=place), strict=True))
     cells: list[Cell] = []
     for pair in pairs:
         own = told[pair] if pair in told else cells_of(*pair, profile)

@@ -13,8 +13,9 @@ import pytest
 from crosscheck.document import Errors, Finding, Record
 from crosscheck.document.curves import Packed, RunCurves
 from crosscheck.errors import ArgumentError
+from crosscheck.files import digest
 from crosscheck.jobs import table as tables
-from crosscheck.jobs.table import Table, digest
+from crosscheck.jobs.table import Table
 from crosscheck.verification.job import ROW_TYPES
 from tests import ROOT
 

@@ -28,7 +28,7 @@ def verify(out, *words):
 
 
 def here(out, *words):
-    """A run in this process: nothing that it needs is edited meanwhile."""
+    """A run in this process."""
     return crosscheck("verify", *words, "--out", str(out))
 
 
@@ -141,8 +141,8 @@ def test_an_edited_engine_is_computed_again(tmp_path, monkeypatch):
     counts = []
     for more in ("", "# edited\n"):
         engine.write_text(engine.read_text("utf-8") + more, "utf-8")
-        done = verify(tmp_path / "out", "--profile", "smoke", "--scene", "single_pendulum", "--engine",
-                      "engine.py:Mine", "--jobs", "1")
+        done = here(tmp_path / "out", "--profile", "smoke", "--scene", "single_pendulum", "--engine",
+                    "engine.py:Mine", "--jobs", "1")
         assert done.returncode == 0, done.stdout + done.stderr
         counts.append(len(rows()))
     assert counts == [2, 3]
@@ -175,8 +175,8 @@ def test_a_run_that_was_killed_is_tried_again(tmp_path):
         "        return super().run(scene, spec)\n", "utf-8")
     words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", f"{tmp_path / 'engine.py'}:Mine",
              "--method", "rattle2", "--jobs", "1")
-    first = verify(tmp_path / "out", *words)
+    first = here(tmp_path / "out", *words)
     assert said(first, "SIGKILL"), first.stdout
     assert (first.returncode, len(rows())) == (1, 1)
-    assert verify(tmp_path / "out", *words).returncode == 0
+    assert here(tmp_path / "out", *words).returncode == 0
     assert len(rows()) == 2

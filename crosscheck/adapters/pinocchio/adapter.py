@@ -98,8 +98,16 @@ class Pinocchio(Engine):
         dynamics = Dynamics(model, spec.alpha or 0.0, spec.beta or 0.0)
         h, start = stepping.fixed_step(scene, spec)[1], model.initial_state()
         rowed = open_tree.rowed(scene)
-        step = _stepper(spec.method, h, model, dynamics, laws.Rows(dynamics, h) if rowed else None)
         state, done, held = [*start], 0, Held(scene, h)
+        begun: dict[int, np.ndarray] = {}  # by the number of the step: the accelerations at its start
+
+        def stage(q: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+            a = dynamics(q, v, t)
+            begun.setdefault(done, a)
+            return a
+
+        step = _stepper(spec.method, h, model, stage if spec.monitor and not held else dynamics,
+                        laws.Rows(dynamics, h) if rowed else None)
         on = {name: dynamics.coordinate(joint) for joint in scene.joints for name, _ in scene.servos.values()
               if name == joint.name}
 
@@ -120,12 +128,14 @@ class Pinocchio(Engine):
                 evaluate(*state)
 
         def accelerate(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            a = np.empty_like(v)
-            for row in range(len(v)):
-                dynamics.held = held.at(t[row])
-                a[row] = dynamics(q[row], v[row], t[row])
+            each = [begun.get(number) for number in np.rint(t / h).astype(int).tolist()]
+            for row, known in enumerate(each):
+                if known is None:
+                    dynamics.held = held.at(t[row])
+                    each[row] = dynamics(q[row], v[row], t[row])
             dynamics.held = held.efforts
-            return a
+            begun.clear()
+            return np.array(each)
 
         rows = stepping.one_by_one(advance, lambda: (state[0], state[1]))
         convert = open_tree.without_accelerations(model.states) if rowed else model.states
@@ -138,7 +148,7 @@ class Pinocchio(Engine):
         return raw
 
 
-def _stepper(method: str, h: float, model: models.Model, dynamics: Dynamics,
+def _stepper(method: str, h: float, model: models.Model, dynamics: lie_steppers.Dynamics,
              push: laws.Rows | None) -> lie_steppers.Step:
     import pinocchio
 

@@ -21,6 +21,9 @@ from crosscheck.scene.model import Scene, rotation_from_quaternion
 TOLERANCE = 1e-14
 """Of distances, m; a monitor is located by them to TOLERANCE over the speed of approach."""
 
+STEEPER = 4.0
+"""How many times as steep as from the nodes around them distances may fall between two nodes."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Fired:
@@ -108,6 +111,10 @@ class Monitors:
             if rooms[k] <= 0.0:
                 return float(brentq(room, places[k - 1], places[k], xtol=1e-15 * max(1.0, length), rtol=1e-15))
             if k + 1 < len(places) and rooms[k] <= min(rooms[k - 1], rooms[k + 1]):  # nearest between two nodes
+                before, after = np.diff(places[k - 1:k + 2])
+                falls = (rooms[k - 1] - rooms[k]) * after / before, (rooms[k + 1] - rooms[k]) * before / after
+                if rooms[k] > STEEPER * max(falls):
+                    continue
                 lowest = minimize_scalar(room, bounds=(places[k - 1], places[k + 1]), method="bounded",
                                          options={"xatol": 1e-9 * length})
                 if lowest.fun <= 0.0:

@@ -292,8 +292,9 @@ class LawfulTaylor(Taylor):
                 initial = self.settled(initial, i, end, 0.0)
         return initial
 
-    def advance(self, end: End, until: float, changes: list[Change] | None = None) -> tuple[list[Piece], End]:
-        """The pieces from an end to `until` or beyond, cut at events, and their end.
+    def advance(self, end: End, until: float, changes: list[Change] | None = None, watched: bool = True
+                ) -> tuple[list[Piece], End]:
+        """The pieces from an end to `until` or beyond, cut at events, and their end; monitors count if `watched`.
 
         With `changes`, to which those of modes are added, they end at `until`; what is due there has not happened then.
         """
@@ -333,7 +334,7 @@ class LawfulTaylor(Taylor):
                 state, time = integrator.state.copy(), integrator.dtime
                 if time[0] >= scheduled:
                     settled = self.machine.settle(time[0], state, mode, ())
-            if self.monitors is not None and piece.start < horizon and piece.length > 0.0:
+            if watched and self.monitors is not None and piece.start < horizon and piece.length > 0.0:
                 fired = self.monitors.first(before, length, functools.partial(_polynomial, series),
                                             functools.partial(np.add, piece.start), 0.0 if pieces else instant)
                 if fired is not None and piece.start + fired.after < horizon:
@@ -369,7 +370,7 @@ class LawfulTaylor(Taylor):
         """State vectors (T, dimension) at `times`, by default the scene's output times, from `initial` at t = 0."""
         times = self.scene.t if times is None else times
         start = self.begin if initial is None else self.begun(self._kept(initial))
-        pieces, _ = self.advance(start, float(times[-1]))
+        pieces, _ = self.advance(start, float(times[-1]), watched=False)
         stacked = (np.array([piece.start for piece in pieces]), np.array([piece.rest for piece in pieces]),
                    np.array([piece.coefficients for piece in pieces]))
         return values_at(stacked, times)

@@ -243,6 +243,26 @@ def test_a_touch_ends_the_claim(tmp_path):
     assert reference.events == ((reference.horizon, "foot and floor", "touches"),)
 
 
+def test_a_distance_that_stays_is_not_searched_for_a_touch(tmp_path, monkeypatch):
+    monkeypatch.setattr("scipy.optimize.minimize_scalar", None)
+    flying = scene(tmp_path, **BALL, shapes=[
+        {"name": "foot", "body": "b", "type": "sphere", "size": [0.1]},
+        {"name": "floor", "body": "ground", "type": "plane", "position": [0, 0, 0.2]}],
+        monitors=[{"type": "touch", "shapes": ["foot", "floor"]}])
+    assert compute(flying).horizon == flying.duration
+
+
+def test_a_touch_between_two_nodes_is_found(tmp_path):
+    """A sphere of .1 m that flies past another one at 20 m/s, whose rims meet for a millisecond."""
+    body = {**BALL["bodies"][0], "velocity": [20.0, 0, 0]}
+    passing = scene(tmp_path, bodies=[body], joints=[], shapes=[
+        {"name": "foot", "body": "b", "type": "sphere", "size": [0.1]},
+        {"name": "post", "body": "ground", "type": "sphere", "size": [0.1], "position": [7.3, 0, 1.1995]}],
+        monitors=[{"type": "touch", "shapes": ["foot", "post"]}])
+    exact = (7.3 - math.sqrt(0.2**2 - 0.1995**2)) / 20.0
+    assert compute(passing).horizon == pytest.approx(exact, abs=1e-9)
+
+
 @pytest.mark.parametrize("monitor", [{"type": "range", "upper": 0.5}, {"type": "speed", "upper": 1.5},
                                      {"type": "effort", "upper": 2.25}], ids=lambda monitor: monitor["type"])
 def test_monitors_of_a_joint(tmp_path, monitor):

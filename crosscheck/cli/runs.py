@@ -319,7 +319,7 @@ def _print_cause(answer: Any) -> None:
 def law(
     scene: options.SceneName,
     engine: Annotated[list[str], typer.Option(help="a name; may be repeated")],
-    method: Annotated[str | None, typer.Option(help="default: the engine's last one that takes a step")] = None,
+    method: Annotated[str | None, typer.Option(help="default: the engine's last that takes steps and runs it")] = None,
     step: Annotated[float | None, typer.Option(help="s, the largest of four; default: a thousandth of the run")] = None,
     softness: options.Softness = None,
     out: options.Page = None,

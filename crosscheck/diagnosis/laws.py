@@ -140,7 +140,7 @@ def which_law(scene: Scene, engine: str, method: str | None = None, step: float 
     Parameters
     ----------
     method
-        Default: the engine's last one that takes a step.
+        Default: the engine's last one that takes a step and can run the scene.
     step
         The first and largest of four, s, each half the one before; default: a thousandth of the duration.
     softness
@@ -154,7 +154,9 @@ def which_law(scene: Scene, engine: str, method: str | None = None, step: float 
         The engine or method is unknown, or the method takes no step.
     """
     adapter = adapters.get(engine)
-    method = method or adapter.fixed_step_methods[-1]
+    methods = adapter.fixed_step_methods[::-1]
+    method = method or next((each for each in methods if not adapter.unsupported(scene, RunSpec(
+        each, step or scene.duration / COARSEST, form=form))), methods[0])
     if method not in adapter.fixed_step_methods:
         raise ArgumentError(f"method: {method!r} of {engine} takes no fixed step; write one of "
                             f"{', '.join(adapter.fixed_step_methods)}")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco.own_law import default
@@ -102,6 +103,15 @@ def test_a_servo_is_the_scenes_and_has_no_other_law(monkeypatch):
         assert answers.way.limit() == "the scene's"
         assert answers.way.order == pytest.approx(4.0, abs=0.3)
         assert answers.apart is None
+
+
+def test_the_method_is_the_last_that_runs_the_scene(monkeypatch):
+    """RKMK8 of Pinocchio has no friction."""
+    monkeypatch.setattr(laws, "truth", lambda each: types.SimpleNamespace(states=crosscheck.run(
+        each, "lieeuler", "taylor", rtol=1e-12, monitor=False)))
+    answers = laws.which_law(pendulum(0.5, 6, dry_friction=0.5), "pinocchio", step=4e-3)
+    assert answers.title == "pendulum, pinocchio SymplecticEuler"
+    assert answers.limit == "the scene's"
 
 
 def test_an_adaptive_method_is_refused():

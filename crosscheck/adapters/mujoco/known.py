@@ -6,7 +6,7 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine
 from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE, SUMMED, scene_of, summed
-from crosscheck.document.known import Known
+from crosscheck.document.known import ORDERS, Known
 from crosscheck.scene.model import Sensor
 from crosscheck.scene.sensors import Misreads, Reader, read
 
@@ -44,6 +44,9 @@ KNOWN = (
         "position": 2.0, "attitude": 2.0, "velocity": 1.7, "angular velocity": 1.7, "interval position": 25,
         "interval attitude": 25, "interval velocity": 240, "interval angular velocity": 240, "acceleration": 3e9,
         "angular acceleration": 3e9}, BOUNCE, always=False, margin=1.5),
+    Known(("4",), ("discrete",), _bounces, None, dict.fromkeys(ORDERS, 0.4) | {
+        "limit position": 4.4, "limit attitude": 4.4, "limit velocity": 22, "limit angular velocity": 22}, BOUNCE,
+        always=False, margin=1.5),
 )
 
 

@@ -142,3 +142,10 @@ def test_no_gravity_no_joint_is_uniform_motion_of_the_centre():
         assert np.abs(s.x[-1, 0] - [1.1, 2.2, 2.7]).max() < 3 * rounding
         turn = np.array([[np.cos(2), -np.sin(2), 0], [np.sin(2), np.cos(2), 0], [0, 0, 1]])
         assert np.abs(s.R[-1, 0] - turn).max() < 3 * rounding  # a sphere spins uniformly: every method is exact
+
+
+@pytest.mark.parametrize("method", ["DAE3L_LE", "DAE2L_LE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "generalized_alpha"])
+def test_newtons_matrix_is_the_derivative(method):
+    """A wrong block still converges, but by a factor an iteration: it takes more than twice as many of them."""
+    stats = lieeuler.integrate(SYSTEMS["double_pendulum"](), method, 1e-2, [0, 1.0]).stats
+    assert stats.newton_iterations < 3 * stats.steps

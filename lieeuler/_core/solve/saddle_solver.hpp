@@ -149,8 +149,8 @@ class SparseSaddle : public WorldRows {
 
   // Solves M y + G^T lam = f, G y = rows; y and lam replace f and the rows of each part. Almost dependent rows and very
   // different masses lose digits of the rows in the first pass, thin bodies also digits of the balance of forces; the
-  // residual is then solved for again. to_rounding: do so for redundant rows and mimics too. Not inlined: series of small
-  // trees would have to save its registers.
+  // residual is then solved for again. to_rounding: do so for redundant rows and mimics too. Not inlined: series of
+  // small trees would have to save its registers.
   [[gnu::noinline]] void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
     const bool always = plan_.graded || thin_ || !plan_.rotors.empty();
     const bool again = always || (to_rounding && (redundant_ > 0 || independent_ || !plan_.mimics.empty()));

@@ -34,6 +34,9 @@ UNKNOWN = 2.0
 RANK = 1e-7
 """Share of the largest singular value of the constraint Jacobian below which a singular value counts as zero."""
 
+APART = 1e-11
+"""The same share below which no engine tells a singular value from rounding."""
+
 State = list[np.ndarray]
 """x, R, v, w of all intervals."""
 
@@ -201,14 +204,31 @@ def _regular(scene: Scene, states: States) -> np.ndarray:
         return np.ones(len(states.t), bool)
     # The rank is that of the scene's own state: redundant rows seem independent if positions are a little off.
     x, R = np.concatenate([scene.x0[None], states.x]), np.concatenate([scene.R0[None], states.R])
+    values, finite = _singular_values(scene, x, R)
+    rank = int((values[0] > RANK * values[0, 0]).sum())
+    least = values[:, rank - 1] / np.where(finite, values[:, 0], 1.0)
+    return np.asarray(finite & (least > SINGULAR * np.median(least[finite])))[1:]
+
+
+def _singular_values(scene: Scene, x: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(T, m) of the constraint Jacobian in the metric of the mass matrix, and whether it is finite, (T,)."""
     G = Constraints(scene).jacobian(x, R)
     root = np.linalg.cholesky(mechanics.inverse_mass(scene))
     with np.errstate(invalid="ignore", over="ignore"):
         finite = np.isfinite(G).all(axis=(1, 2))
-        values = np.linalg.svd(np.where(finite[:, None, None], G, 0.0) @ root, compute_uv=False)
-    rank = int((values[0] > RANK * values[0, 0]).sum())
-    least = values[:, rank - 1] / np.where(finite, values[:, 0], 1.0)
-    return np.asarray(finite & (least > SINGULAR * np.median(least[finite])))[1:]
+        return np.linalg.svd(np.where(finite[:, None, None], G, 0.0) @ root, compute_uv=False), finite
+
+
+def stiffened(scene: Scene, begun: Scene) -> bool:
+    """Whether redundant rows of closed loops are independent where a scene is begun, as its joints are a little open.
+
+    A mechanism that moves only because its rows are redundant has no motion there, for an engine that tells them apart.
+    """
+    if not spanning_tree(scene)[1]:
+        return False
+    values, _ = _singular_values(scene, np.stack([scene.x0, begun.x0]), np.stack([scene.R0, begun.R0]))
+    ranks = (values > APART * values[:, :1]).sum(axis=1)
+    return bool(ranks[1] > ranks[0])
 
 
 def _last(regular: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from crosscheck.document import QUANTITIES, Finding
 from crosscheck.judge.claim import Trace
 from crosscheck.judge.defects import DOUBT, Defects, turn, with_slack
 from crosscheck.judge.metrics import PLATEAU
-from crosscheck.judge.tolerances import CONSTANTS
+from crosscheck.judge.tolerances import CONSTANTS, ENDED
 from crosscheck.judge.vanishing import finest_first, following, limits, shares, soft_joints, started
 from crosscheck.scene.model import Scene
 
@@ -147,14 +147,14 @@ ROUNDINGS = 8.0
 """Times the rounding floor of an interval that noise may reach: methods of index 3 divide positions by the step."""
 
 
-def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
+def judge_noise(runs: Sequence[Defects], left: float = 0.0) -> list[Finding]:
     """Whether errors change smoothly from interval to interval, as those of every method with a fixed step do.
 
     The k-th difference of a smooth error is about tau^k times its k-th derivative. That of any error is at most 2^k
     times the error, and that of noise the root of (2k over k) times the noise. In at least half of the intervals the
     difference has to be no larger than that of a smooth error and of rounding. There is no finding for adaptive
     methods, whose errors are rough, nor if more than half of the intervals are beyond their bounds: they have a finding
-    of their own.
+    of their own. A constraint that Newton's iteration leaves open by `left` is an error left / h of velocities.
     """
     own, count = runs[0], DIFFERENCES
     if own.claim.fixed is None or len(own.flow.tau) < 3 * count or not np.isfinite(own.flow.sizes).all():
@@ -177,7 +177,9 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
         if 2 * np.count_nonzero(beyond) > len(beyond):
             return []
         values = np.linalg.norm(np.diff(own.vectors[name], count, axis=0), axis=-1).max(axis=1)[measured] / root
+        ended = ENDED * left / (own.claim.fixed[1] if name.endswith("velocity") else 1.0)
         whole = np.minimum(2.0**count, smooth) * (bounds[name] - own.floor[name]) / root + ROUNDINGS * own.floor[name]
+        whole += ended
         allowed = np.max(np.lib.stride_tricks.sliding_window_view(whole, count + 1), axis=1)[measured]
         middle = int(np.argsort(values / allowed)[len(values) // 2])
         compared.append((float(values[middle]), float(allowed[middle]), name, unit))

@@ -250,6 +250,10 @@ LEFT = 1e-9
 an engine states is believed up to here."""
 
 
+ENDED = 10.0
+"""Times the residual at which an engine's Newton iteration ends that constraints may be open."""
+
+
 def newton_left(scene: Scene, truth: Reference | None, said: float) -> float:
     """The residual that an engine states for its Newton iteration (N or N m), as far as it is believed.
 
@@ -268,7 +272,7 @@ def held_level(scene: Scene, truth: Reference | None, level: str, newton: float 
     `newton` is the residual that the engine's own iteration leaves.
     """
     tol = _held_level(scene, truth, level, eps)
-    ended = 10 * newton
+    ended = ENDED * newton
     return tol if ended <= tol.value else Tol(ended, f"held by construction: ten times {newton:.2g}, the residual "
                                                      "at which the engine's Newton iteration ends")
 

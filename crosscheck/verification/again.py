@@ -20,7 +20,7 @@ import numpy as np
 from crosscheck.adapters.base import RawRun, steps_per_sample
 from crosscheck.document import Record
 from crosscheck.judge.crossings import memories, sampled_within
-from crosscheck.judge.flow import Answer
+from crosscheck.judge.flow import Answer, stiffened
 from crosscheck.references.modes import Mode, laws_of
 from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.running.trajectory import Trajectory, derive
@@ -201,11 +201,11 @@ class Asked:
     def part(self, first: int, last: int, step: float | None, world: World | None) -> tuple[Scene, Ran, bool] | str:
         """The scene of one part, its run, and whether joints were closed; or why there is none.
 
-        Some engines want joints closed that are open.
+        Some engines want joints closed that are open, and so do loops whose open joints leave no motion.
         """
         why, raw = "", begun(self.scene, self.traj, first, last, self.memories.get(first)).replace(
             name="elsewhere", description="", source="", tags=())
-        for make in (lambda scene: scene, closed):
+        for make in (closed,) if stiffened(self.scene, raw) else (lambda scene: scene, closed):
             scene = make(raw)
             if scene is None:
                 break

@@ -192,7 +192,8 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
                     *measured(scene, traj, [same], reference, claim, runs[0]), *runs[1:]]
                 told, others, runs = [*told, *axes], settled, beside
         intervals, covered = judge_intervals(scene, traj, ended if interpolates else runs, apart)
-        findings = [*intervals, *judge_noise(runs), *judge_windows(runs)]
+        left = tolerances.newton_left(scene, reference, traj.stats.get("newton_left", 0.0))
+        findings = [*intervals, *judge_noise(runs, left), *judge_windows(runs)]
         findings += judge_accelerations(scene, [traj, *(each.traj for each in settled)], beside, soft)
         return _Seen(eps, [*findings, *told, *interpolates], runs, others, covered)
     except np.linalg.LinAlgError:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from crosscheck import adapters
+from crosscheck.adapters.exudyn.adapter import Exudyn
 from crosscheck.adapters.foreign.own import completed
 from crosscheck.adapters.lieeuler import LieEuler
 from crosscheck.adapters.mujoco.adapter import MuJoCo
@@ -72,6 +73,31 @@ def test_parts_with_closed_joints_keep_the_springs_of_joints(change):
     run = judged(engine, "geared_arm", Plan(0.2, {1: 1e-3}, {}, samples=51, duration=1.0, budgeted=True),
                  ("DAE2L_LE", None))
     assert run.outcome == ("fail" if change else "pass"), run.worst
+
+
+@pytest.mark.parametrize("change", [None, pulled(1.001)])
+def test_a_mechanism_that_open_joints_would_lock_begins_in_closed_ones(change):
+    """Bricard's moves since one of its rows is redundant; with joints open by 1e-6 m it is not, and engines stop it."""
+    engine = altered(Exudyn, change) if change else altered(Exudyn)
+    run = judged(engine, "bricard", Plan(1.0, {1: 0.01}, {}, samples=126, budgeted=True), ("TrapezoidalIndex2", None))
+    wrong = {finding.kind for finding in run.findings if finding.status == "fail"} - {"level velocity"}
+    assert bool(wrong) == bool(change), wrong
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-7])
+def test_what_newtons_iteration_leaves_is_no_noise(monkeypatch, noise):
+    """Exudyn's ends at residuals of 1e-12 N here, which leave some 1e-9 rad/s after a step of 1 ms."""
+    original = Exudyn.run
+
+    def shaken(self, scene, spec):
+        raw = original(self, scene, spec)
+        raw.states.w += noise * np.random.default_rng(1).standard_normal(raw.states.w.shape)
+        return raw
+
+    monkeypatch.setattr(Exudyn, "run", shaken)
+    run = run_cell(Cell("fixed_pair", Way("exudyn", "GeneralizedAlpha"), Plan(
+        1.0, {1: 1e-3}, {}, samples=251, budgeted=True), study=False))
+    assert run.outcome == ("fail" if noise else "pass"), run.worst
 
 
 @pytest.mark.parametrize(("change", "factor"), [(1.0, 1.0), (1.0, 1.004), (1.004, 1.0)])

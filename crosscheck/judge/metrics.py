@@ -178,11 +178,12 @@ def _slope(h: np.ndarray, e: np.ndarray) -> float:
 def _stalled(h: np.ndarray, e: np.ndarray, slopes: np.ndarray, plateau: Plateau) -> int:
     """Index of the first error, from coarse to fine, after which they stop falling; their number if all fall.
 
-    It takes three errors that stop falling, or two, or a last one, if the errors before them have shown the order.
+    It takes three errors that stop falling, or two, or a last one, if the errors before them have shown the order. They
+    may rise as 1 / h from there, as the rounding of positions does in velocities.
     """
     for index in range(len(h)):
         tail = e[index:]
-        rounding = np.isfinite(tail) & (tail > 0) & (tail < plateau.ceiling)
+        rounding = np.isfinite(tail) & (tail > 0) & (tail < plateau.ceiling * h[index] / h[index:])
         if not rounding.all() or (index and slopes[index - 1] >= plateau.order - SHORT):
             continue
         if len(tail) >= 3:

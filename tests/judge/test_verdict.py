@@ -120,6 +120,16 @@ def test_an_order_that_was_shown_before_errors_stall_counts(documented, values, 
     assert (finding.status, order.used, order.exhausted) == ("ok", used, True)
 
 
+@pytest.mark.parametrize(("values", "status"), [
+    ((1.11e-3, 5.75e-4, 3.42e-4, 4.57e-4, 1.07e-3, 1.50e-3), "ok"),  # Warp implicitfast on hinge_pendulum, m/s
+    ((1.11e-3, 9.0e-4, 8.5e-4, 8.4e-4, 9e-4, 8.4e-4), "fail"),
+    ((1.11e-3, 5.75e-4, 3.42e-4, 2.0e-3, 8.0e-3, 3.2e-2), "fail")])
+def test_rounding_of_positions_rises_in_velocities_as_steps_shrink(values, status):
+    """In single precision 1e-7 m over a step of 25 us is 2e-3 m/s; what rises faster, or from more, is none."""
+    steps = 8e-4 / 2.0 ** np.arange(6)
+    assert orders_of(1, steps, values, Plateau(1e-9, 8.6e-4, 1), rungs=4)[0].status == status
+
+
 def test_a_lower_order_at_small_errors_is_no_plateau():
     steps = 0.02 / 2.0 ** np.arange(6)
     for real in (1, 2, 3):

@@ -103,7 +103,7 @@ def sampled_within(scene: Scene, t: np.ndarray, k: int, mode: Mode | None) -> li
 
     `mode`: the one that comes to t_k; None if nothing was sampled before.
     """
-    found = []
+    intervals = []
     for law, part in zip(laws_of(scene), mode or (), strict=False):
         servo = law.servo
         if servo is None or servo.period is None:
@@ -112,8 +112,8 @@ def sampled_within(scene: Scene, t: np.ndarray, k: int, mode: Mode | None) -> li
         due = servo.phase + part.sample * servo.period <= t[k] + tiny
         times = servo.phase + servo.period * np.arange(max(0, part.sample - servo.delay - (not due)), part.sample)
         within = np.searchsorted(t, times + tiny) - 1
-        found += within[times - t[within] > tiny].tolist()
-    return found
+        intervals += within[times - t[within] > tiny].tolist()
+    return intervals
 
 
 def memories(scene: Scene, traj: Trace) -> list[Mode | None]:

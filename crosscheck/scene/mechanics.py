@@ -309,8 +309,8 @@ class Index1:
         self.sparse = scene.n > FEW_BODIES and self.constraints.m and not self.closing and not self.turning
         self.inverse = np.empty(0) if self.sparse else inverse_mass(scene)[None]
         if self.turning:  # a rotor is one more body, and its row: its own rate is that of its joint
-            found = rotors(scene, *(part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)))
-            inverse = np.diag([*[0.0] * 6 * scene.n, *(1 / inertia for inertia, *_ in found)])
+            geared = rotors(scene, *(part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)))
+            inverse = np.diag([*[0.0] * 6 * scene.n, *(1 / inertia for inertia, *_ in geared)])
             inverse[:6 * scene.n, :6 * scene.n] = self.inverse[0]
             self.geared = inverse[None]
 

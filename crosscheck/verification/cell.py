@@ -211,9 +211,9 @@ def _ended_everywhere(asked: Asked, own: Defects, reference: Reference
     if isinstance(ended, str) or isinstance(finer, str):
         return [], ([], 0.0)
     claims = own.claim, dataclasses.replace(own.claim, rtol=rtol / FINER)
-    found = [measured(scene, asked.traj, [each], reference, claim, own)[0]
-             for each, claim in zip((ended, finer), claims, strict=True)]
-    return found[:1], judge_between(own, *found)
+    between = [measured(scene, asked.traj, [each], reference, claim, own)[0]
+               for each, claim in zip((ended, finer), claims, strict=True)]
+    return between[:1], judge_between(own, *between)
 
 
 def _axes(asked: Asked, again: Answer | str, own: Defects) -> list[Finding]:

@@ -81,7 +81,7 @@ def limits(runs: Sequence[Defects]) -> Limit:
     # An event is early or late by parts of a step, and a start for what an engine remembers.
     usable &= ~np.any([run.flow.eventful | run.flow.after_event(BEGUN * (run.claim.step or 0.0)) for run in runs],
                       axis=0)
-    usable &= ~(started(runs) if soft_joints(runs) or not fine.forgets else at_start(runs))
+    usable &= ~started(runs)
     pairs = {}
     for name in QUANTITIES:
         floor = np.sum([abs(weight) * run.floor[name] for weight, run in zip(weights, runs, strict=True)], axis=0)
@@ -133,11 +133,6 @@ def started(runs: Sequence[Defects]) -> np.ndarray:
     """(I,) whether an engine was started so shortly before that its errors follow no power of h."""
     return np.asarray(np.any([(run.flow.since == 0.0) | (run.flow.since < BEGUN * (run.claim.step or 0.0))
                               for run in runs], axis=0))
-
-
-def at_start(runs: Sequence[Defects]) -> np.ndarray:
-    """(I,) whether a run begins there: it is in a state that another step left behind."""
-    return np.asarray(np.any([run.flow.since == 0.0 for run in runs], axis=0))
 
 
 def finest_first(runs: Sequence[Defects]) -> list[Defects]:

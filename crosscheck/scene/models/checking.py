@@ -100,7 +100,7 @@ def watchable(content: Content, scene: Scene) -> Content:
     x, R, v, w = (part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0))
     a, alpha, _ = index1(scene, x, R, v, w)
     states, gone = States(np.zeros(1), x, R, v, w, a, alpha), []
-    for joint in (each for each in scene.joints if each.name in near):  # dry friction turns none around
+    for joint in (each for each in scene.joints if each.name in near and not any(each.dry_friction)):
         rate = float(rates(joint, states)[0])
         pushed = rate if abs(rate) > AT_END else float(rates(joint, states, accelerated=True)[0])
         q, monitor = float(start[joint.name][0][0]), near[joint.name]

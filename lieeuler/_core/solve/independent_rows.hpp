@@ -6,8 +6,6 @@
 #pragma once
 
 #include <Eigen/Dense>
-#include <Eigen/IterativeLinearSolvers>
-#include <Eigen/SparseCore>
 #include <cstring>
 
 #include "model/joints.hpp"
@@ -34,22 +32,30 @@ class IndependentRows {
 
   // Replaces the multipliers by those of least norm with the same effect.
   void make_least_norm(const Constraints& joints, std::vector<double>& lam) const {
-    std::vector<Eigen::Triplet<double>> entries;
-    int count = 0;
+    std::vector<Sparse> null;
     for (size_t k = 0; k < plan_.loops.size(); ++k) {
       const Found found = find(k, joints, true);
-      for (const Sparse& vector : found->null) {
-        for (const auto& [row, value] : vector) entries.emplace_back(row, count, value);
-        ++count;
-      }
+      null.insert(null.end(), found->null.begin(), found->null.end());
     }
-    if (count == 0) return;
-    Eigen::Map<Eigen::VectorXd> all(lam.data(), static_cast<Eigen::Index>(lam.size()));
-    Eigen::SparseMatrix<double> N(all.size(), count);
-    N.setFromTriplets(entries.begin(), entries.end());
-    // N^T N is well conditioned as long as loops share few joints.
-    Eigen::LeastSquaresConjugateGradient<Eigen::SparseMatrix<double>> gradients(N);
-    all -= N * gradients.setTolerance(1e-16).setMaxIterations(4 * count).solve(all);
+    const Eigen::Index count = static_cast<Eigen::Index>(null.size());
+    Eigen::VectorXd wanted(count), y = Eigen::VectorXd::Zero(count);
+    for (Eigen::Index i = 0; i < count; ++i) wanted[i] = product(null[i], lam);
+    // Conjugate gradients for N^T N, which is well conditioned as long as loops share few joints.
+    Eigen::VectorXd r = wanted, p = r;
+    std::vector<double> spread(lam.size());
+    const double small = 1e-32 * wanted.squaredNorm();
+    double square = r.squaredNorm();
+    for (Eigen::Index k = 0; k < 4 * count && square > small; ++k) {
+      std::fill(spread.begin(), spread.end(), 0.0);
+      for (Eigen::Index i = 0; i < count; ++i) add(p[i], null[i], spread);
+      Eigen::VectorXd q(count);
+      for (Eigen::Index i = 0; i < count; ++i) q[i] = product(null[i], spread);
+      const double step = square / p.dot(q);
+      y += step * p, r -= step * q;
+      const double last = std::exchange(square, r.squaredNorm());
+      p = r + square / last * p;
+    }
+    for (Eigen::Index i = 0; i < count; ++i) add(-y[i], null[i], lam);
   }
 
  private:
@@ -57,6 +63,15 @@ class IndependentRows {
   static constexpr double kDependent = 3e-6;
   using Sparse = LoopChoice::Sparse;
   using Found = std::shared_ptr<const LoopChoice>;
+
+  static double product(const Sparse& n, const std::vector<double>& values) {
+    double sum = 0;
+    for (const auto& [row, value] : n) sum += value * values[row];
+    return sum;
+  }
+  static void add(double factor, const Sparse& n, std::vector<double>& values) {
+    for (const auto& [row, value] : n) values[row] += factor * value;
+  }
 
   Found find(size_t k, const Constraints& joints, bool with_null) const {
     std::vector<double> jacobian = jacobian_of(plan_.loops[k], joints);

@@ -65,10 +65,10 @@ def limits(runs: Sequence[Defects]) -> Limit:
     """
     runs = finest_first(runs)
     fine, order, more = runs[0], runs[0].claim.order or 1, len(runs) - 1
-    weights, left = extrapolation(runs, order)
+    (weights, left), apart = extrapolation(runs, order), shares(runs, order)
     pose, rate = (left * part for part in fine.local(more))
     gap = {level: left * fine.at_ends(values) for level, values in fine.allowed[more].items()}
-    for run, weight, share in zip(runs, weights, shares(runs, order), strict=True):
+    for run, weight, share in zip(runs, weights, apart, strict=True):
         known = run.local()
         pose, rate = pose + abs(weight) * share * known[0], rate + abs(weight) * share * known[1]
         gap = {level: gap[level] + abs(weight) * np.maximum.accumulate(share) * run.at_ends(run.allowed[0][level])
@@ -78,6 +78,7 @@ def limits(runs: Sequence[Defects]) -> Limit:
         gap[level] = np.minimum(gap[level], fine.at_ends(rest))
     bounds = with_slack(pose, rate, gap, fine.flow.tau, fine.scale)
     usable = np.all([within(run) & run.flow.regular for run in runs[1:]], axis=0)
+    usable &= np.max(apart, axis=0) < APART
     # An event is early or late by parts of a step, and a start for what an engine remembers.
     usable &= ~np.any([run.flow.eventful | run.flow.after_event(BEGUN * (run.claim.step or 0.0)) for run in runs],
                       axis=0)

@@ -107,3 +107,11 @@ def test_what_springs_leave_of_an_acceleration_is_no_fault(change, factor):
     run = judged(altered(MuJoCo, pulled(change), lambda states: dataclasses.replace(states, a=factor * states.a)),
                  "hinge_pendulum", SHORT, ("RK4", "maximal"))
     assert run.outcome == ("pass" if change == factor else "fail"), run.worst
+
+
+@pytest.mark.parametrize("change", [None, heavier])
+def test_runs_that_are_far_apart_have_no_error_terms_in_common(change):
+    """A coarse run of index 3 comes to another place of the same motion; errors there cancel nothing."""
+    engine = altered(LieEuler, change) if change else altered(LieEuler)
+    run = judged(engine, "slider_crank", Plan(1.0, {1: 5e-4}, {}, samples=251, budgeted=True), ("DAE3L_LE", None))
+    assert run.outcome == ("fail" if change else "pass"), run.worst

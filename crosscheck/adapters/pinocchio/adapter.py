@@ -50,6 +50,10 @@ class Pinocchio(Engine):
         points = not parts and all(joint.type == "spherical" for joint in cut)
         return frozenset({"acceleration"} if points and not spec.alpha and not spec.beta else ())
 
+    def prefers_axes(self, scene: Scene, form: str | None) -> bool:
+        """A rod is two turns about axes across it, as it lies at the start, and a ball."""
+        return any(joint.kind.length for joint in scene.joints)
+
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Pinocchio cannot run this, or None."""
         form = spec.form or "tree"

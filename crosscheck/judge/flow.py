@@ -34,7 +34,7 @@ UNKNOWN = 2.0
 RANK = 1e-7
 """Share of the largest singular value of the constraint Jacobian below which a singular value counts as zero."""
 
-APART = 1e-11
+ROUNDED = 1e-11
 """The same share below which no engine tells a singular value from rounding."""
 
 State = list[np.ndarray]
@@ -227,7 +227,7 @@ def stiffened(scene: Scene, begun: Scene) -> bool:
     if not spanning_tree(scene)[1]:
         return False
     values, _ = _singular_values(scene, np.stack([scene.x0, begun.x0]), np.stack([scene.R0, begun.R0]))
-    ranks = (values > APART * values[:, :1]).sum(axis=1)
+    ranks = (values > ROUNDED * values[:, :1]).sum(axis=1)
     return bool(ranks[1] > ranks[0])
 
 

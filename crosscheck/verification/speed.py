@@ -293,16 +293,17 @@ def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages
     told = list(records)
     for scene, own in grouped(range(len(cells)), lambda index: cells[index].scene).items():
         chosen = [index for index in own if records[index].ladder and not records[index].own_environment]
-        task = Timing(tuple((cells[index], records[index].documented_order,
-                             records[index].step or records[index].rtol) for index in chosen), repeats)
-        key = digest("timing", task)
-        made = stages.kept("timing", key, "samples") if chosen else ((), {})
-        if made is None:
-            made = guarded_timing(task, within, place)
-            if stages.session is not None:
-                made = stages.session.put("timing", key, made)
-        for position, index in enumerate(chosen):
-            told[index] = _with_points(records[index], made[0][position], made[1].get(position))
+        if chosen:
+            task = Timing(tuple((cells[index], records[index].documented_order,
+                                 records[index].step or records[index].rtol) for index in chosen), repeats)
+            key = digest("timing", task)
+            made = stages.kept("timing", key, "samples")
+            if made is None:
+                made = guarded_timing(task, within, place)
+                if stages.session is not None:
+                    made = stages.session.put("timing", key, made)
+            for position, index in enumerate(chosen):
+                told[index] = _with_points(records[index], made[0][position], made[1].get(position))
         stages.count(f"timing of {Path(scene).name}")
     return told
 

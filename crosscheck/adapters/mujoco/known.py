@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from crosscheck.adapters.base import Engine
+from crosscheck.adapters.common import open_tree
 from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE, SUMMED, scene_of, summed
 from crosscheck.document.known import ORDERS, Known
 from crosscheck.scene.model import Sensor
@@ -21,8 +22,7 @@ BOUNCE = ("a stop with restitution is a spring and damper, which an impact takes
 
 def _bounces(_: Engine, scene: str, form: str | None) -> bool:
     loaded = scene_of(scene)
-    return loaded is not None and any(limits is not None and limits.rigid and limits.restitution > 0
-                                      for joint in loaded.joints for limits in joint.limits)
+    return loaded is not None and open_tree.bouncing(loaded) is not None
 
 
 def _closes_loops(scene: str) -> bool:

@@ -339,6 +339,7 @@ class Pieces:
         Another surface may come before the one that is given.
         """
         whole = self._run(state, np.linspace(state.t, until, FINE + 1)[1:])
+        tried = [whole]
         row, key = self._first(whole) or (FINE, key)
         values = self._values(whole, key)
         (ta, fa), (tb, fb) = ((float(whole.solution.t[k]), values[k]) for k in (row - 1, row))
@@ -348,11 +349,14 @@ class Pieces:
             if not ta < middle < tb:
                 break
             best = self._run(state, np.array([middle])), 1
+            tried.append(best[0])
             f = self._values(best[0], key)[-1]
             if f >= 0:
                 ta, fa, fb, kept = middle, f, fb / 2 if kept > 0 else fb, 1
             else:
                 tb, fb, fa, kept = middle, f, fa / 2 if kept < 0 else fa, -1
+        for each in tried:
+            _took(each, best[1] if each is best[0] else 0)
         self._turn(*best)
         times = best[0].solution.t
         times[best[1]] = self._near(float(times[best[1]]), self.t)  # an output as near as this is at the event
@@ -610,6 +614,7 @@ class Pieces:
             crossed = self._first(s)
             last = len(s.solution.t) - 1 if crossed is None else crossed[0] - 1
             self._keep(s, last)
+            _took(s, last)
             if crossed is None and s.solution.status is not Status.SUCCESS:
                 self._fail(s.solution.status, begun)
             before, state = state, s.state(last)
@@ -677,6 +682,14 @@ class Pieces:
 def held_range(law: Law, mode: Mode) -> tuple[float, float]:
     """The forces along a coordinate that may hold it: friction either way, and a stop that pushes back."""
     return (-math.inf if mode.stop > 0 else -law.static), (math.inf if mode.stop < 0 else law.static)
+
+
+def _took(s: Stretch, last: int) -> None:
+    """Count the steps of a stretch after row `last` as rejected: they were taken in vain."""
+    t, stats = s.solution.t, s.solution.stats
+    kept = round(stats.steps * float((t[last] - t[0]) / (t[-1] - t[0])))
+    stats.rejected_steps += stats.steps - kept
+    stats.steps = kept
 
 
 def _together(runs: list[Stats]) -> Stats:

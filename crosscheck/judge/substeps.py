@@ -35,7 +35,8 @@ MORE = 1.01
 """Largest allowed ratio of counted to wanted steps. Some engines count the first step twice."""
 
 NEAR, FEWEST, MOST = 1.2, 1.5, 40.0
-"""Numbers of parts of a step. Plain methods are tried from NEAR to MOST parts, and reported from FEWEST on."""
+"""Numbers of parts of a step. Plain methods are tried from NEAR to MOST parts, and reported from FEWEST on, below
+which an engine is left alone that finds events and counts what it takes in vain, too."""
 
 ALIKE = 5e-3
 """A run and a plain method are the same if they differ by less than this share of the error. Rounding and maps to the
@@ -54,17 +55,22 @@ Rates = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], S
 Stepper = Callable[[Rates, np.ndarray, State, np.ndarray], State]
 
 
-def judge_substeps(scene: Scene, traj: Trace, truth: Reference, order: int, asked: int) -> list[Finding]:
+def judge_substeps(scene: Scene, traj: Trace, truth: Reference, order: int, asked: int,
+                   finest: tuple[Trace, int] | None = None) -> list[Finding]:
     """The finding about a run of which `asked` steps were wanted; none if the run is not finite.
 
-    If the states show more steps than the engine counts, the states decide.
+    If the states show more steps than the engine counts, the states decide. Where forces jump, to find an event takes
+    steps, as many at each step: there the count is that of more steps, up to those of the `finest` run, of which as
+    many were wanted as stands beside it.
     """
     if not np.isfinite(traj.x).all():
         return []
-    step = traj.stats.get("step")
-    counted = max(traj.steps, scene.duration / step if step else 0.0) / asked
-    value, like, what = counted, 0.0, "as many as were asked for"
-    if counted > MORE:
+    counted = _counted(scene, traj) / asked
+    most, value, like, what = MORE, counted, 0.0, "as many as were asked for"
+    if truth.events and finest is not None and finest[1] > asked:
+        most, value = FEWEST, (_counted(scene, finest[0]) - _counted(scene, traj)) / (finest[1] - asked)
+        what = "its own count, without what events take at any step"
+    elif counted > MORE:
         what = "its own count"
     elif scene.has_laws:
         what += ", by its own count: where forces jump, no plain method stands beside it"
@@ -75,8 +81,14 @@ def judge_substeps(scene: Scene, traj: Trace, truth: Reference, order: int, aske
             value, what = like, f"it comes out where a plain method of order {order} does with {like:g} steps for each"
         elif like >= FEWEST:
             what += f"; errors as small as those of a plain method with {like:.2g} steps for each"
-    return [Finding("sub-steps", "ok" if value <= MORE else "fail", float(value), MORE, "1",
+    return [Finding("sub-steps", "ok" if value <= most else "fail", float(value), most, "1",
                     "steps taken for each that was asked for", what)]
+
+
+def _counted(scene: Scene, traj: Trace) -> float:
+    """The steps of a run by what it says of their number and of their size."""
+    step = traj.stats.get("step")
+    return float(max(traj.steps, scene.duration / step if step else 0.0))
 
 
 def _like(scene: Scene, traj: Trace, truth: Reference, order: int, per: int) -> tuple[float, bool]:

@@ -136,7 +136,7 @@ def _read(path: Path) -> Content:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise EntryError("the file", f"cannot be read, {reason}",
-                         f"check the path, or write one of {listed(scene_names())}") from None
+                         "check the path; `crosscheck list` names the built-in scenes") from None
     except UnicodeDecodeError as error:
         raise EntryError("the file", f"byte {error.start} is not UTF-8", "save the file as UTF-8 text") from None
     except ValueError:  # a zero byte, or characters that no file system can hold

@@ -153,6 +153,19 @@ class _Seen:
     covered: Covered
 
 
+@dataclasses.dataclass(frozen=True)
+class _Beside:
+    """Runs of one engine beside each other, the run itself first: by which of them each finding is told."""
+
+    runs: list[Defects]  # at other steps: intervals, noise, orders of windows
+    others: list[Answer]  # the answers of all `runs` but the first
+    ended: list[Defects]  # instead, in intervals, of an engine that only interpolates badly
+    apart: list[Defects]  # from states of the run, of an engine that prefers axes: intervals once more
+    settled: list[Defects]  # from the scene's start: accelerations
+    courses: list[Answer]  # the answers of all `settled` but the first
+    told: list[Finding]  # by the repeat and what it says of the others
+
+
 def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     """Judge the intervals of a run, and what the engine does when it is started again at states of its own."""
     run, scene, scale = asked.run, asked.scene, tolerances.scales(asked.scene, reference)
@@ -165,55 +178,66 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     eps = max(tolerances.EPS, min(engine.eps, SINGLE))
     if eps > tolerances.EPS and not isinstance(again, str):
         eps = seen_eps(traj, again, {name: scale.of(name) for name in QUANTITIES}, engine.eps, SINGLE)
-    claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, eps)
-    # A part that begins with open joints, or with guessed memories, is not nearer to the motion at a finer step.
-    whole = (isinstance(again, str) or again.closed or asked.guessed or engine.prefers_axes(scene, traj.form)
-             or float(traj.constraint_position.max()) > SHARE * scale.length)
-    others = asked.companions(whole)
     try:
-        runs = measured(scene, traj, others, reference, claim)
-        ended, (interpolates, off) = _ended_everywhere(asked, runs[0], reference)
-        told, forgets, share = [], False, 1.0
-        if isinstance(again, str):
-            told = [Finding("repeat" if eps <= tolerances.EPS else "precision", "unjudged", None, None, "",
-                            f"the engine could not be started at states of its own run: {again}")]
-        else:
-            (told, forgets), share = judge_repeat(traj, again, runs[0], soft, off), shown_floor(traj, again, runs[0])
-        runs = [dataclasses.replace(each, forgets=forgets, floor={
-            name: share * part for name, part in each.floor.items()}) for each in runs]
-        settled, beside, apart = others, runs, list[Defects]()
-        if not (whole or forgets):
-            # Accelerations of its own have not settled after a part, if the engine remembers more than the state.
-            settled = asked.companions(True)
-            beside = [runs[0], *measured(scene, traj, settled, reference, claim, runs[0])]
-            if axes := _axes(asked, again, runs[0]):  # parts have other errors, since their axes are others
-                same = asked.parts(claim.step) if claim.step else ""
-                apart = [] if isinstance(same, str) else [
-                    *measured(scene, traj, [same], reference, claim, runs[0]), *runs[1:]]
-                told, others, runs = [*told, *axes], settled, beside
-        intervals, covered = judge_intervals(scene, traj, ended if interpolates else runs, apart)
+        beside = _beside(asked, traj, reference, again, eps, soft)
+        intervals, covered = judge_intervals(scene, traj, beside.ended or beside.runs, beside.apart)
         left = tolerances.newton_left(scene, reference, traj.stats.get("newton_left", 0.0))
-        findings = [*intervals, *judge_noise(runs, left), *judge_windows(runs)]
-        findings += judge_accelerations(scene, [traj, *(each.traj for each in settled)], beside, soft)
-        return _Seen(eps, [*findings, *told, *interpolates], runs, others, covered)
+        findings = [*intervals, *judge_noise(beside.runs, left), *judge_windows(beside.runs)]
+        findings += judge_accelerations(scene, [traj, *(each.traj for each in beside.courses)], beside.settled, soft)
+        return _Seen(eps, [*findings, *beside.told], beside.runs, beside.others, covered)
     except np.linalg.LinAlgError:
         return _Seen(eps, [Finding("interval velocity", "fail", np.inf, None, "m/s", "the equations of motion have no "
                                    "solution along the true motion from the run's own states")], [], [], nothing)
 
 
+def _beside(asked: Asked, traj: Trajectory, reference: Reference, again: Answer | str, eps: float, soft: bool
+            ) -> _Beside:
+    """The runs beside the one that is judged, from what it answers `again` elsewhere."""
+    scene, engine = asked.scene, adapters.get(asked.run.engine)
+    claim = Claim(asked.run.documented_order, _asked_step(asked.run, scene), asked.run.rtol, eps)
+    # A part that begins with open joints, or with guessed memories, is not nearer to the motion at a finer step.
+    whole = (isinstance(again, str) or again.closed or asked.guessed or engine.prefers_axes(scene, traj.form)
+             or float(traj.constraint_position.max()) > SHARE * tolerances.scales(scene, reference).length)
+    others = asked.companions(whole)
+    runs = measured(scene, traj, others, reference, claim)
+    ended, between, off = _ended_everywhere(asked, runs[0], reference)
+    if isinstance(again, str):
+        why = f"the engine could not be started at states of its own run: {again}"
+        kind = "repeat" if eps <= tolerances.EPS else "precision"
+        return _Beside(runs, others, ended, [], runs, others,
+                       [Finding(kind, "unjudged", None, None, "", why), *between])
+    (told, forgets), share = judge_repeat(traj, again, runs[0], soft, off), shown_floor(traj, again, runs[0])
+    own, *rest = runs = [dataclasses.replace(each, forgets=forgets, floor={
+        name: share * part for name, part in each.floor.items()}) for each in runs]
+    if whole or forgets:
+        return _Beside(runs, others, ended, [], runs, others, [*told, *between])
+    # Accelerations of its own have not settled after a part, if the engine remembers more than the state.
+    courses = asked.companions(True)
+    settled = [own, *measured(scene, traj, courses, reference, claim, own)]
+    axes = _axes(asked, again, own)
+    if not axes:
+        return _Beside(runs, others, ended, [], settled, courses, [*told, *between])
+    # Parts have other errors, since their axes are others: each is compared with parts at the run's step.
+    same = asked.parts(claim.step) if claim.step else ""
+    apart = [] if isinstance(same, str) else [*measured(scene, traj, [same], reference, claim, own), *rest]
+    return _Beside(settled, courses, ended, apart, settled, courses, [*told, *axes, *between])
+
+
 def _ended_everywhere(asked: Asked, own: Defects, reference: Reference
-                      ) -> tuple[list[Defects], tuple[list[Finding], float]]:
-    """What an adaptive run beyond its bounds misses if it ends at every sample, and `judge_between` of that."""
+                      ) -> tuple[list[Defects], list[Finding], float]:
+    """Of an adaptive run that errs between its steps only: what it misses where it ends at every sample, the finding on
+    that, and the largest error between them, in y; nothing, nothing and 0 of any other run."""
     rtol, scene = own.claim.rtol, asked.scene
     if own.claim.fixed is not None or rtol is None or len(own.flow.index) < len(asked.traj.t) - 1 or within(own).all():
-        return [], ([], 0.0)
+        return [], [], 0.0
     ended, finer = asked.parts(None, ends=True), asked.whole(None, rtol / FINER)
     if isinstance(ended, str) or isinstance(finer, str):
-        return [], ([], 0.0)
+        return [], [], 0.0
     claims = own.claim, dataclasses.replace(own.claim, rtol=rtol / FINER)
     between = [measured(scene, asked.traj, [each], reference, claim, own)[0]
                for each, claim in zip((ended, finer), claims, strict=True)]
-    return between[:1], judge_between(own, *between)
+    findings, off = judge_between(own, *between)
+    return between[:1] if findings else [], findings, off
 
 
 def _axes(asked: Asked, again: Answer | str, own: Defects) -> list[Finding]:

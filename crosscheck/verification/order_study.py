@@ -167,8 +167,9 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     limits = judge_limit(scene, ladder.runs, reference, order, orders, low, eps)
     # Hidden sub-steps show in the coarsest run, if none failed.
     whole = ladder.runs and len(ladder.runs) == len(ladder.rungs)
-    substeps = judge_substeps(scene, ladder.runs[0][1], reference, order, steps_per_sample(scene, sizes[0])[0] * (
-        scene.samples - 1)) if whole else []
+    counts = [steps_per_sample(scene, rung.step or 0.0)[0] * (scene.samples - 1) for rung in ladder.rungs]
+    substeps = judge_substeps(scene, ladder.runs[0][1], reference, order, counts[0],
+                              (ladder.runs[-1][1], counts[-1])) if whole else []
     return ladder.study([*findings, *limits, *substeps], orders)
 
 

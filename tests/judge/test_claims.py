@@ -16,6 +16,7 @@ from crosscheck.running.trajectory import derive
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 from tests.fake_engine import install
+from tests.references.law_scenes import pendulum
 from tests.right_engines import Adaptive, Floats, Rotations
 from tests.wrong_engines import MISTAKES, STEP, Right
 
@@ -112,6 +113,22 @@ def test_a_plain_method_that_diverges_says_nothing_of_the_run():
     scene = load_scene("bricard").replace(duration=1.0, samples=STUDY_SAMPLES)
     run = crosscheck.run(scene, "lieeuler", "rkmk4", step=0.04)
     assert judge_substeps(scene, run, truth(scene), 4, run.steps)[0].status == "ok"
+
+
+@pytest.mark.parametrize(("hidden_steps", "in_vain", "status"), [(1, 0, "ok"), (1, 40, "ok"), (2, 0, "fail")])
+def test_what_finding_events_takes_is_no_hidden_step(tmp_path, hidden_steps, in_vain, status):
+    scene = pendulum(tmp_path, {"position": 1.2, "limits": {"lower": 1.15}}, duration=0.2, samples=5)
+    runs = [crosscheck.run(scene, "lieeuler", "rkmk4", step=step / hidden_steps) for step in (0.005, 0.001)]
+    assert truth(scene).events
+    coarse, fine = (dataclasses.replace(run, steps=run.steps + in_vain) for run in runs)
+    assert judge_substeps(scene, coarse, truth(scene), 4, 40, (fine, 200))[0].status == status
+
+
+def test_steps_taken_in_vain_to_find_an_event_are_rejected_steps(tmp_path):
+    run = crosscheck.run(pendulum(tmp_path, {"position": 1.2, "limits": {"lower": 1.15}}, duration=0.2, samples=5),
+                         "lieeuler", "rkmk4", step=0.005)
+    assert (len(run.events), run.steps) == (1, 41)
+    assert run.stats["rejected_steps"] > 0
 
 
 @pytest.mark.slow

@@ -17,6 +17,8 @@ from typing import TypeVar
 from msgspec.structs import replace
 
 from crosscheck import references
+from crosscheck.adapters import built_in
+from crosscheck.adapters.base import RawRun
 from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way, extended, grouped
 from crosscheck.errors import CrosscheckError
 from crosscheck.files import digest
@@ -26,7 +28,6 @@ from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import RTOLS
 from crosscheck.judge.verdict import beyond
 from crosscheck.running.attempt import Ran, attempt, lasting
-from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -47,6 +48,11 @@ REPEATS = 3
 
 STEPS, FEWEST = 100, 8
 """Steps of a timed run of one body, and least steps of a run of many bodies. They take 0.1 to 10 ms."""
+
+SHARE, STEPPING, LEAST = 8, 4.0, 1.5
+"""For an engine of the user the clock is around the whole call. What a run takes beyond one of a SHARE of its steps is
+stepping; it is doubled until it takes STEPPING times as long as that one, or is as long as the scene. Where it then
+takes less than LEAST times as long, the difference is noise, and the whole call counts."""
 
 TRIES, PATIENCE = 3, 12
 """A turn is the fastest of TRIES undisturbed tries, out of at most PATIENCE tries."""
@@ -91,44 +97,65 @@ def time_round(task: Round) -> list[list[Pair]]:
     kernel = calibration_kernel()
     kernel()
     samples: list[list[Pair]] = [[] for _ in task.bursts]
-    done: set[int] = set()
+    spans: list[tuple[float, ...] | None] = [()] * len(task.bursts)  # of runs, s; None: no more turns
     for turn in range(task.repeats + 1):
         before = kernel()
         for index, burst in enumerate(task.bursts):
-            if index in done:
+            if (span := spans[index]) is None:
                 continue
             output.at(str(index))
-            began = time.process_time()  # a run that had to wait for the processor is not a long one
-            seconds = _seconds_per_step(scene, burst, warming=not turn)
+            try:  # the first turn fills caches
+                spans[index] = span = span or _spans(scene, burst)
+                began = time.process_time()  # a run that had to wait for the processor is not a long one
+                seconds = _seconds_per_step(scene, burst, span, most=PATIENCE // len(span) if turn else 1)
+            except CrosscheckError:  # failures are recorded by the main run of the same cell
+                spans[index] = None
+                continue
             long = time.process_time() - began > ONCE
             after = kernel()
-            if seconds is None or long:
-                done.add(index)
-            if seconds is not None and (turn or long):  # the first turn loads libraries and fills caches
+            if long:
+                spans[index] = None
+            if turn or long:
                 samples[index].append((seconds, 0.5 * (before + after)))
             before = after
     return samples
 
 
-def _seconds_per_step(scene: Scene, burst: Burst, warming: bool) -> float | None:
-    """Seconds per step of an undisturbed run, or with `warming` of any run; None if the run fails."""
-    wanted = burst.duration if burst.way.step is None else burst.way.step * max(FEWEST, STEPS // scene.n)
-    brief = scene.replace(duration=min(scene.duration, wanted or scene.duration), samples=2)
-    steps = 1
+def _spans(scene: Scene, burst: Burst) -> tuple[float, ...]:
+    """Simulated times (s) of the runs to be timed: of one, or of a short and a long one that differ by stepping."""
+    step, count = burst.way.step, max(FEWEST, STEPS // scene.n)
+    whole = min(scene.duration, burst.duration or scene.duration if step is None else step * count)
+    short = whole / SHARE if step is None else min(whole, step * max(1, count // SHARE))
+    _fastest(scene, burst, short, 1)  # loads libraries
+    if burst.way.engine in built_in.ENTRIES:
+        return (whole,)
+    call, took = (_fastest(scene, burst, span, TRIES)[0] for span in (short, whole))
+    while took < STEPPING * call and call < ONCE and whole < scene.duration:
+        whole = min(scene.duration, 2 * whole)
+        took = _fastest(scene, burst, whole, TRIES)[0]
+    return (short, whole) if took > LEAST * call else (whole,)
+
+
+def _fastest(scene: Scene, burst: Burst, span: float, most: int) -> Pair:
+    """Stepping time (s) of a run of this length (s), undisturbed within `most` tries, and its steps."""
+    brief, steps = scene.replace(duration=span, samples=2), 1
 
     def once() -> float:
         nonlocal steps
-        outcome = attempt(brief, burst.way, monitor=False)
+        outcome = attempt(brief, burst.way, monitor=False, derived=False)
         if not isinstance(outcome, Ran):
             raise outcome.error
-        traj = outcome.trajectory
-        steps = traj.steps
-        return traj.wall_time
+        steps = outcome.raw.steps
+        return outcome.raw.wall_time
 
-    try:
-        return (once() if warming else undisturbed(once)[0]) / steps
-    except CrosscheckError:  # failures are recorded by the main run of the same cell
-        return None
+    return undisturbed(once, most)[0], steps
+
+
+def _seconds_per_step(scene: Scene, burst: Burst, spans: tuple[float, ...], most: int) -> float:
+    """Seconds per step of the long run, without what the short one takes."""
+    seconds, steps = _fastest(scene, burst, spans[-1], most)
+    call, few = _fastest(scene, burst, spans[0], most) if len(spans) > 1 else (0.0, 0)
+    return (seconds - call) / (steps - few) if call < seconds and few < steps else seconds / steps
 
 
 def undisturbed(once: Callable[[], float], most: int = PATIENCE, long: float = LONG) -> tuple[float, float]:
@@ -349,35 +376,35 @@ def time_cells(timing: Timing) -> list[list[Point]]:
     end = dataclasses.replace(exact, **{name: getattr(exact, name)[[0, -1]] for name in ("t", "x", "R", "v", "w")},
                               a=None, alpha=None, lam=None)
     ladders = [cell.plan.ladder(order) if order is not None else RTOLS for cell, order, _ in timing.runs]
-    made: dict[tuple[int, int], list[Trajectory]] = {}  # by the number of the run and of its rung
+    made: dict[tuple[int, int], list[RawRun]] = {}  # by the number of the run and of its rung
     for _ in range(timing.repeats):
         for index, ((cell, order, main), sizes) in enumerate(zip(timing.runs, ladders, strict=True)):
             output.at(str(index))
             for rung, size in enumerate((*sizes, *(() if main is None else (main,)))):
                 before = made.setdefault((index, rung), [])
-                if len(before) > 1 and (sum(traj.wall_time for traj in before) > ENOUGH
+                if len(before) > 1 and (sum(raw.wall_time for raw in before) > ENOUGH
                                         or max(map(_second, before)) <= ALIKE * min(map(_second, before))):
                     continue
                 step, rtol = (size, None) if order is not None else (None, size)
                 shorter = brief if step is None or not (before or rung == len(sizes)) else brief.replace(
                     duration=min(brief.duration, MOST_TIMED * step))
-                outcome = lasting(attempt(shorter, cell.way, step=step, rtol=rtol, monitor=False))
+                outcome = lasting(attempt(shorter, cell.way, step=step, rtol=rtol, monitor=False, derived=False))
                 if isinstance(outcome, Ran):
-                    before.append(outcome.trajectory)
+                    before.append(outcome.raw)
     return [[_point(brief, [*sizes, main or 0.0][rung], order, made[index, rung], end if rung < len(sizes) else None)
              for rung in range(len(sizes) + 1) if made.get((index, rung))]
             for index, ((_, order, main), sizes) in enumerate(zip(timing.runs, ladders, strict=True))]
 
 
-def _second(traj: Trajectory) -> float:
-    return traj.wall_time / max(1, traj.steps)
+def _second(raw: RawRun) -> float:
+    return raw.wall_time / max(1, raw.steps)
 
 
-def _point(scene: Scene, size: float, order: int | None, trajs: list[Trajectory], end: States | None) -> Point:
+def _point(scene: Scene, size: float, order: int | None, raws: list[RawRun], end: States | None) -> Point:
     """One point. Without `end`, the truth at the end of the runs, it is the point of the main run."""
-    whole, each = trajs[0], [_second(traj) for traj in trajs]
-    second, simulated = statistics.median(each), float(whole.t[-1]) / max(1, whole.steps)
+    whole, each = raws[0], [_second(raw) for raw in raws]
+    second, simulated = statistics.median(each), float(whole.states.t[-1]) / max(1, whole.steps)
     return Point(step=size if order is not None else None, rtol=size if order is None else None,
                  wall_time=second * max(1, whole.steps), steps=int(whole.steps), us_per_step=1e6 * second,
                  seconds_per_second=second / simulated, seconds_deviation=spread(each) / simulated,
-                 error=None if end is None else errors(scene, whole, end)["position"].end, main=end is None)
+                 error=None if end is None else errors(scene, whole.states, end)["position"].end, main=end is None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import itertools
 import math
 import re
@@ -68,8 +69,7 @@ def compiled(model: Source, base: str = "fixed", balance: bool = False) -> tuple
         import mujoco
     except ImportError as error:
         raise SceneError(f"{model.path}: models are read by MuJoCo: {missing(error)}") from None
-    noted = _prepare_urdf(model, base, balance) if model.is_urdf else []
-    gone = [] if model.is_urdf else _prepare_mjcf(model)
+    gone, noted = ([], _prepare_urdf(model, base, balance)) if model.is_urdf else _prepare_mjcf(model)
     if balance:
         _compiler(model).set("balanceinertia", "true")
 
@@ -184,12 +184,13 @@ def _compiler(model: Source) -> Element:
     return compilers[-1] if compilers else SubElement(holder, "compiler")
 
 
-def _prepare_mjcf(model: Source) -> list[str]:
+def _prepare_mjcf(model: Source) -> tuple[list[str], list[str]]:
     """Remove textures, materials and skins, whose files are not needed, meshes that cannot be read, and what bends.
 
-    How long muscles can get is not computed. The result says in words what is left out.
+    How long muscles can get is not computed. A mesh that a mass needs is looked for beside the model, too. The result
+    says in words what is left out, and what is read otherwise.
     """
-    gone = []
+    gone, noted = list[str](), list[str]()
     for parent in list(model.root.iter()):
         for child in list(parent):
             if child.tag in ("flex", "flexcomp"):
@@ -216,32 +217,42 @@ def _prepare_mjcf(model: Source) -> list[str]:
             if child.tag in ("texture", "skin", "material") and parent.tag in ("asset", "default"):
                 parent.remove(child)
         parent.attrib.pop("material", None)
-    absent: dict[str | None, str] = {}
-    for element, name, target in source.files(model):
+    absent, needed, folder = dict[str | None, str](), _weighing(model), model.path.parent.resolve()
+    for element, name, target in list(source.files(model)):
         if element.tag != "mesh" and target is None:
             raise source.outside(model.path, name)
         if element.tag == "mesh" and (target is None or not target.is_file()):
-            absent[element.get("name") or Path(name).stem] = (
-                f"{name}, which is {'missing' if target else 'outside its folder'}")
+            mesh, base = element.get("name") or Path(name).stem, Path(name).name
+            near = [each for each in (folder / base, *folder.glob(f"*/{glob.escape(base)}")) if each.is_file()]
+            if mesh in needed and len(near) == 1 and near[0].resolve().is_relative_to(model.within):
+                element.attrib |= {"name": mesh, "file": str(near[0])}
+                noted.append(f"the mesh {name}, which is not at its path: taken from {near[0].relative_to(folder)}")
+            else:
+                absent[mesh] = f"{name}, which is {'missing' if target else 'outside its folder'}"
     _strip(model, absent)
-    return gone
+    return gone, noted
+
+
+def _weighing(model: Source) -> dict[str | None, Element]:
+    """The meshes that masses are made of, by name, each with the first body of them."""
+    shaped = any(each.get("inertiafromgeom") == "true" for each in model.root.iter("compiler"))
+    bodies = {inner: body for body in model.root.iter("body") for inner in body.iter()}  # the innermost
+    return {inner.get("mesh"): body for inner, body in reversed(bodies.items())
+            if inner.tag == "geom" and "0" not in (inner.get("mass"), inner.get("density"))
+            and (shaped or body.find("inertial") is None)}
 
 
 def _strip(model: Source, absent: dict[str | None, str]) -> None:
     """Remove these meshes and what has their shape; raises `SceneError` where a body has its mass from one."""
-    shaped = any(each.get("inertiafromgeom") == "true" for each in model.root.iter("compiler"))
-    bodies = {child: body for body in model.root.iter("body") for child in body.iter() if child.tag != "body"}
+    for mesh, body in reversed(_weighing(model).items()):
+        if mesh in absent:
+            raise SceneError(f"{model.path}: body {body.get('name')!r} ({source.place(body)}) has its mass from the "
+                             f"mesh {absent[mesh]}; put it beside the model, give an inertial, or --within FOLDER, "
+                             "one above both")
     for parent in list(model.root.iter()):
         for child in list(parent):
-            if child.tag == "mesh" and (child.get("name") or Path(child.get("file", "")).stem) in absent:
-                parent.remove(child)
-            elif child.tag in ("geom", "site") and child.get("mesh") in absent:
-                body = bodies.get(child)
-                weightless = child.tag == "site" or "0" in (child.get("mass"), child.get("density"))
-                if body is not None and not weightless and (shaped or body.find("inertial") is None):
-                    raise SceneError(f"{model.path}: body {body.get('name')!r} ({source.place(body)}) has its mass "
-                                     f"from the mesh {absent[child.get('mesh')]}; put it beside the model, give an "
-                                     "inertial, or --within FOLDER, one above both")
+            if ((child.tag == "mesh" and (child.get("name") or Path(child.get("file", "")).stem) in absent)
+                    or (child.tag in ("geom", "site") and child.get("mesh") in absent)):
                 parent.remove(child)
 
 

@@ -146,6 +146,21 @@ def test_global_coordinates_are_those_of_frames_that_are_the_world_s(tmp_path, p
             imported(tmp_path, text)
 
 
+def test_a_mesh_that_a_mass_needs_is_taken_from_beside_the_model_and_named(tmp_path):
+    """From where its path says it is none, and where two files have its name neither is taken."""
+    text = ('<mujoco><asset><mesh name="m" file="{}/m.obj"/></asset><worldbody><body name="b"><joint axis="1 2 0"/>'
+            '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>')
+    obj = "v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "m.obj").write_text(obj)
+    right, moved = (imported(tmp_path, text.format(folder)) for folder in ("parts", "no/such"))
+    assert right.hash == moved.hash
+    assert moved.left_out == ("the mesh no/such/m.obj, which is not at its path: taken from parts/m.obj",)
+    (tmp_path / "m.obj").write_text(obj)
+    with pytest.raises(crosscheck.SceneError, match=r"from the mesh no/such/m\.obj, which is missing"):
+        imported(tmp_path, text.format("no/such"))
+
+
 def test_a_mesh_that_cannot_be_read_is_named_where_no_mass_is_of_it(tmp_path):
     (tmp_path / "m.stl").write_text("solid words\n")
     text = ('<mujoco><asset><mesh name="m" file="m.stl"/></asset><worldbody><body><joint/><geom type="mesh" mesh="m"/>'

@@ -130,9 +130,10 @@ ONE_CHANGE = [
     ("<freejoint/>", '<joint axis="0 1 0"/>', "", "joint type"),
     ('<body name="ball"', '<body name="extra" pos="3 0 0"><joint axis="1 0 0"/><inertial pos="0 0 .1" mass=".3" '
      'diaginertia=".01 .02 .015"/></body><body name="ball"', "extra", "body"),
-    ('<joint name="le"', '<joint name="le" range="-1 1"', "", ""),  # left out, or a monitor
-    ('<joint name="le"', '<joint name="le" frictionloss=".2"', "", ""),
+    ('<joint name="le"', '<joint name="le" range="-1 1"', "", "left out"),
+    ('<joint name="le"', '<joint name="le" frictionloss=".2"', "", "left out"),
 ]
+"""What is replaced by what in the robot, the place (all of it if "") and the quantity that have to be named."""
 
 
 def made(folder, text, name):
@@ -154,7 +155,8 @@ def test_the_same_model_is_the_same(name, tmp_path):
     assert len(report.pairs) == crosscheck.import_model(one, drop=True).n
 
 
-@pytest.mark.parametrize(("old", "new", "where", "what"), ONE_CHANGE)
+@pytest.mark.parametrize(("old", "new", "where", "what"), ONE_CHANGE, ids=[
+    f"{what} of {where or 'the robot'}" for *_, where, what in ONE_CHANGE])
 @pytest.mark.parametrize("disguise", [str, lambda text: renamed(swapped(text))], ids=["plain", "disguised"])
 def test_one_change_is_named_with_its_place(old, new, where, what, disguise, tmp_path):
     assert ROBOT.count(old) == 1, old

@@ -84,7 +84,7 @@ def run_cell(cell: Cell) -> Record:
         main = _main_run(Asked(run, scene, traj), reference, window, held, plan.budgeted)
     if not cell.study:
         return settled(main.run, override(main.findings, cell.overrides, main.whole), main.message,
-                       main.judged, main.why, main.whole)
+                       main.judged, main.why, main.whole, cell.as_planned)
     brief = windowed(load_scene(cell.scene), plan.window)  # the whole window, even if the main run is shorter
     study = order_study(cell, order, brief, truth(brief), main.findings, isinstance(outcome, Failed))
     measured = replace(main.run, orders=study.orders, ladder=study.ladder, ladder_cut=study.cut)
@@ -93,7 +93,7 @@ def run_cell(cell: Cell) -> Record:
                        judged_until=main.judged)
     findings = override([*main.findings, *study.findings], cell.overrides, main.whole)
     return settled(measured, findings, study.message or main.message, main.judged,
-                   main.why, main.whole)
+                   main.why, main.whole, cell.as_planned)
 
 
 FIRST = 1.0
@@ -101,9 +101,11 @@ FIRST = 1.0
 
 
 def settled(run: Record, findings: list[Finding], message: str = "", judged: float | None = None, why: str = "",
-            whole: Mapping[str, tuple[float, str]] | None = None) -> Record:
-    """`settle` with the known defects of the engine that are about this run."""
-    return settle(run, findings, adapters.get(run.engine).defects(run), message, judged, why, whole)
+            whole: Mapping[str, tuple[float, str]] | None = None, planned: bool = True) -> Record:
+    """`settle` with the known defects of the engine that are about this run; only if `planned` one has to show."""
+    defects = adapters.get(run.engine).defects(run)
+    return settle(run, findings, defects if planned else [dataclasses.replace(each, always=False) for each in defects],
+                  message, judged, why, whole)
 
 
 def judge_run(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST) -> Record:
@@ -170,14 +172,16 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     """Judge the intervals of a run, and what the engine does when it is started again at states of its own."""
     run, scene, scale = asked.run, asked.scene, tolerances.scales(asked.scene, reference)
     nothing = Covered(np.zeros(len(traj.t) - 1, bool))
-    if run.practical or not np.isfinite(traj.x).all():
+    engine = adapters.get(run.engine)
+    if not np.isfinite(traj.x).all() or (run.practical and engine.eps <= tolerances.EPS):
         return _Seen(tolerances.EPS, [] if run.practical else unjudged("the run is not finite"), [], [], nothing)
     again = asked.repeat(scale.length)
-    engine = adapters.get(run.engine)
     soft = engine.soft_laws and any(any(joint.dry_friction) or any(joint.limits) for joint in scene.joints)
     eps = max(tolerances.EPS, min(engine.eps, SINGLE))
     if eps > tolerances.EPS and not isinstance(again, str):
         eps = seen_eps(traj, again, {name: scale.of(name) for name in QUANTITIES}, engine.eps, SINGLE)
+    if run.practical:
+        return _Seen(eps, [], [], [], nothing)
     try:
         beside = _beside(asked, traj, reference, again, eps, soft)
         intervals, covered = judge_intervals(scene, traj, beside.ended or beside.runs, beside.apart)

@@ -43,6 +43,12 @@ class Cell:
         form = "" if self.default_form or not self.way.form else f" ({self.way.form})"
         return f"{self.way.engine} {self.way.method}{form}"
 
+    @property
+    def as_planned(self) -> bool:
+        """Whether the user left steps and duration as they are in the library, where known defects were measured."""
+        planned = PLANS.get(self.scene, self.plan)
+        return (self.plan.budgeted, self.plan.duration) == (planned.budgeted, planned.duration)
+
     def command(self, way: Way) -> str:
         """The shell command that repeats the main run, which is run in this way."""
         words = ["crosscheck", "run", self.scene, "--engine", way.engine, "--method", way.method]

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from crosscheck.document import Way
 from crosscheck.judge import tolerances
@@ -28,6 +29,25 @@ class Wrong(Floats):
         return dataclasses.replace(scene, gravity=gravity * np.asarray(scene.gravity), bodies=bodies)
 
 
+class Held(Floats):
+    """It says that its joint holds to rounding."""
+
+    def held_levels(self, scene, spec):
+        return frozenset({"position"})
+
+
+class Open(Held):
+    """In double precision whatever it says, its joint open by what single precision may leave."""
+
+    def after(self, scene, state):
+        return Rotations.after(self, scene, state)
+
+    def run(self, scene, spec):
+        found = super().run(scene, spec)
+        x = scene.joints[0].parent_anchor - found.states.R @ (scene.joints[0].child_anchor + 1e-7)
+        return dataclasses.replace(found, states=dataclasses.replace(found.states, x=x))
+
+
 def judged(monkeypatch, engine, name="single_pendulum", method="RK4"):
     install(monkeypatch, engine)
     return run_cell(Cell(name, Way("fake", method), plan(name), study=False, whole=False))
@@ -50,3 +70,12 @@ def test_the_verdict_says_what_single_precision_can_reach(monkeypatch):
     assert told.value == pytest.approx(2.0**-23 * exact.amplification * max(1.0, size), rel=1e-12)
     assert run.errors["position"].judged < 100 * told.value  # and it does
     assert not any(finding.kind == "arithmetic" for finding in judged(monkeypatch, Rotations()).findings)
+
+
+@pytest.mark.parametrize(("engine", "kept"), [(Held(), True), (Open(), False)])
+def test_it_counts_at_coarse_steps_too_where_runs_show_it(monkeypatch, engine, kept):
+    """Levels that hold by construction hold to the rounding of the engine's numbers, which two worlds show."""
+    install(monkeypatch, engine)
+    run = run_cell(Cell("single_pendulum", Way("fake", "RK4"), replace(
+        plan("single_pendulum"), practical=2e-3), study=False, whole=False, practical=True))
+    assert {each.kind: each.status for each in run.findings}["level position"] == ("ok" if kept else "fail")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,8 +15,11 @@ from crosscheck.adapters.common.stepping import Convert
 from crosscheck.scene.functions import at
 from crosscheck.scene.laws import Servo
 from crosscheck.scene.mechanics import torsion_angles
-from crosscheck.scene.model import Scene, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 JOINTS = ("spherical", "revolute", "prismatic", "fixed")
 """Joint types these adapters build."""
@@ -100,6 +104,18 @@ def sprung(scene: Scene, link: tree.Link) -> tuple[float, float, float]:
     stiffness, damping = (sum(float(each[key]) for each in springs) for key in ("stiffness", "damping"))
     moment = sum(float(each["stiffness"]) * (float(each["rest_angle"]) - zero) for each in springs)
     return stiffness, sign * moment / stiffness if stiffness else 0.0, damping
+
+
+def relative(R: np.ndarray, link: tree.Link) -> np.ndarray:
+    """(T, 3, 3) attitudes of a link from its parent's axes, R (T, n, 3, 3) being those of all bodies in the world."""
+    outer: np.ndarray = R[:, link.body]
+    return outer if link.parent == GROUND else np.swapaxes(R[:, link.parent], 1, 2) @ outer
+
+
+def clearances(attitudes: Rotation) -> dict[str, float]:
+    """The least |cos| of the middle angle on the way through some attitudes, by the order of three turns about axes."""
+    return {order: float(np.abs(np.cos(attitudes.as_euler(order, suppress_warnings=True)[:, 1])).min())
+            for order in map("".join, itertools.permutations("XYZ"))}
 
 
 def zero_attitude(scene: Scene, link: tree.Link) -> np.ndarray:

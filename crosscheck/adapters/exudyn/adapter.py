@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import itertools
 import math
 from collections.abc import Callable
 from types import MappingProxyType
@@ -264,12 +263,8 @@ def cardan_order(scene: Scene) -> str:
     with contextlib.suppress(EngineError):
         scout = solve(build, "GeneralizedAlpha", scene.duration, steps, 1, linear)
         states = scout.model.convert(scout.t, scout.data)
-        relative = [states.R[:, link.body] if link.parent == GROUND
-                    else np.swapaxes(states.R[:, link.parent], 1, 2) @ states.R[:, link.body]
-                    for link in kinematic_tree.balls(scene)]
-        attitudes = Rotation.from_matrix(np.concatenate(relative))
-        clearance = {axes: np.abs(np.cos(attitudes.as_euler(axes, suppress_warnings=True)[:, 1])).min()
-                     for axes in map("".join, itertools.permutations(PREFERRED_ORDER))}
+        relative = [open_tree.relative(states.R, link) for link in kinematic_tree.balls(scene)]
+        clearance = open_tree.clearances(Rotation.from_matrix(np.concatenate(relative)))
         if not clearance[PREFERRED_ORDER] > CLEARANCE:
             order = max(clearance, key=clearance.__getitem__)
     _ORDERS[scene.hash] = order

@@ -48,7 +48,8 @@ EIGEN_ALWAYS_INLINE Eigen::Vector4d column(const double* a, const double* b) {
   return b[0] * Column(a) + b[1] * Column(a + kColumn) + b[2] * Column(a + 2 * kColumn);
 }
 // c -= a b
-inline void subtract_product(const double* __restrict a, const double* __restrict b, double* __restrict c) {
+[[gnu::noinline]] inline void subtract_product(const double* __restrict a, const double* __restrict b,
+                                               double* __restrict c) {
   for (int j = 0; j < kBlock; j += kColumn) Eigen::Map<Eigen::Vector4d>(c + j) -= column(a, b + j);
 }
 

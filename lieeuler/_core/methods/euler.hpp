@@ -1,5 +1,6 @@
 // What the Lagrangian and Hamiltonian Euler methods share: a step with its unknowns and Newton's matrix, which a family
-// fills with its equations, and the stepper that solves them.
+// fills with its equations, and the stepper that
+// solves them by Newton's iteration, to rounding level.
 #pragma once
 
 #include <array>
@@ -66,7 +67,7 @@ struct EulerStep {
   }
 
   // z -= correction; returns the size of the change of configuration, relative to the size of the system.
-  double correct(std::vector<double>& z, const std::vector<double>& correction) const {
+  double correct(const std::vector<double>& correction) {
     for (size_t i = 0; i < z.size(); ++i) z[i] -= correction[i];
     double translation = 0, rotation = 0, sum = 0;
     for (int b = 0; b < system.n(); ++b) {
@@ -274,6 +275,40 @@ struct EulerStep {
   int choice = 0;       // of independent rows, that core has
 };
 
+// Guesses the unknowns of the next step by polynomial extrapolation, up to quartic, of the last solutions.
+class Predictor {
+ public:
+  void reset(size_t unknowns) {
+    for (auto& past : history_) past.assign(unknowns, 0.0);
+    count_ = 0;
+  }
+  bool empty() const { return count_ == 0; }
+  void push(const std::vector<double>& z) {
+    newest_ = (newest_ + kPoints - 1) % kPoints;
+    std::copy(z.begin(), z.end(), history_[newest_].begin());
+    if (count_ < kPoints) ++count_;
+  }
+  void guess(std::vector<double>& z) const {
+    static constexpr double weights[kPoints][kPoints] = {
+        {1, 0, 0, 0, 0}, {2, -1, 0, 0, 0}, {3, -3, 1, 0, 0}, {4, -6, 4, -1, 0}, {5, -10, 10, -5, 1}};
+    const double* const w = weights[count_ - 1];
+    const double w0 = w[0], w1 = w[1], w2 = w[2], w3 = w[3], w4 = w[4];
+    const double *const a = past(0), *const b = past(1), *const c = past(2), *const d = past(3), *const e = past(4);
+    double* __restrict const out = z.data();
+    const size_t n = z.size();
+    for (size_t i = 0; i < n; ++i) out[i] = w0 * a[i] + w1 * b[i] + w2 * c[i] + w3 * d[i] + w4 * e[i];
+  }
+  void forget() { count_ = 1; }
+  bool extrapolates() const { return count_ > 1; }
+
+ private:
+  static constexpr int kPoints = 5;
+
+  const double* past(int k) const { return history_[(newest_ + (k < count_ ? k : 0)) % kPoints].data(); }
+  std::vector<double> history_[kPoints];
+  int newest_ = 0, count_ = 0;
+};
+
 // Newton's iteration for the equations of a family, its guess, the null space of redundant rows, and the choice of the
 // matrix. Equations supplies
 //
@@ -313,7 +348,8 @@ class EulerStepper {
     if (const Status status = equations_.begin(); status != Status::success) return status;
     std::fill(at.z.begin(), at.z.end(), 0.0);
     predictor_.reset(at.z.size());
-    newton_.reset(at.z.size());
+    residual_.assign(at.z.size(), 0.0);
+    curvature_ = 1;
     return Status::success;
   }
 
@@ -337,18 +373,18 @@ class EulerStepper {
     std::swap(at.start_joints, at.joints);
     at.state.frames.follow(at.start.frames, at.h);
     at.measure_scales();
-    Status status = newton_.solve(equations_, at.z, at.target(), counters);
+    Status status = solve(counters);
     if (status != Status::success && predictor.extrapolates()) {
       predictor.forget();
       predictor.guess(at.z);
-      status = newton_.solve(equations_, at.z, at.target(), counters);
+      status = solve(counters);
     }
     if (status != Status::success && equations_.fall_back()) {
       if (predictor.empty())
         guess_afresh();
       else
         predictor.guess(at.z);
-      status = newton_.solve(equations_, at.z, at.target(), counters);
+      status = solve(counters);
     }
     if (status == Status::newton_failed || status == Status::map_domain) status = solve_by_halves(status, counters);
     if (status == Status::newton_failed && at.lu.smallest_tail_pivot() < kNearlySingular)
@@ -364,8 +400,8 @@ class EulerStepper {
     return at.saddle.redundant() > 0 ? follow_null_space() : Status::success;
   }
 
-  // Solves the velocities to rounding level too, not only h times the velocities.
-  void polish_velocities() { newton_.polishes = true; }
+  // Makes one more correction at the end of a step: the stopping test measures h u and leaves an error of eps / h in u.
+  void polish_velocities() { polishes_velocities_ = true; }
   // Keeps the rounding errors of products of rotations in the attitudes, to show what the group update alone preserves.
   void keep_rounding() { equations_.at.polishes_attitudes = false; }
   // Solves steps to this error, relative to the sizes of the system, instead of to rounding level.
@@ -387,6 +423,64 @@ class EulerStepper {
   Equations equations_;
 
  private:
+  // Solves equations.residual(z) = 0 from the guess in z with the matrix at the guess (chord iteration), which is
+  // renewed if the corrections shrink slowly. EulerStep::correct measures a correction as h |du|, the change of the
+  // configuration, because u itself has rounding errors of eps / h.
+  Status solve(Counters& counters) {
+    const Status status = iterate(counters);
+    return status == Status::success && polishes_velocities_ && equations_.at.target() < kNoise ? polish(counters)
+                                                                                                : status;
+  }
+  Status polish(Counters& counters) {
+    auto& at = equations_.at;
+    ++counters.force_evaluations, ++counters.newton_iterations;
+    if (const Status status = equations_.residual(at.z, residual_); status != Status::success) return status;
+    equations_.solve_linear(residual_);
+    return std::isfinite(at.correct(residual_)) ? Status::success : Status::non_finite;
+  }
+  Status iterate(Counters& counters) {
+    auto& at = equations_.at;
+    const double target = at.target();
+    double first = 0, last = std::numeric_limits<double>::infinity();
+    bool renew = true;
+    for (int k = 1; k <= kMostIterations; ++k) {
+      ++counters.force_evaluations;
+      if (const Status status = equations_.residual(at.z, residual_); status != Status::success) return status;
+      if (renew) {
+        ++counters.factorizations;
+        if (!equations_.factor()) return Status::singular_matrix;
+      }
+      if (!equations_.solve_linear(residual_)) return Status::newton_failed;
+      const double size = at.correct(residual_);
+      ++counters.newton_iterations;
+      counters.most_iterations = std::max<long>(counters.most_iterations, k);
+      if (!std::isfinite(size)) return Status::non_finite;
+      if (size <= kFloor) return Status::success;
+      if (k == 1 ? equations_.exact_matrix() && kCaution * curvature_ * size * size <= target
+                 : shrunk(size, last, target))
+        return Status::success;
+      if (k == 1) first = size;
+      if (k == 2 && size > kNoise) curvature_ = std::max(curvature_, size / (first * first));
+      renew = k > 1 && size > kSlow * last;
+      last = size;
+    }
+    return last <= kStalled ? Status::success : Status::newton_failed;
+  }
+
+  // As kNoise, next to a singular position, where rounding is larger. By then every matrix is new, so that curvature
+  // would leave only the square of a correction: one of this size that does not shrink is rounding.
+  static constexpr double kStalled = 1e-9;
+  static constexpr double kSlow = 0.1;     // ratio of corrections above which the matrix is renewed
+  static constexpr double kCaution = 100;  // safety factor on the curvature measured in earlier steps
+  static constexpr int kMostIterations = 25;
+
+  // The first correction, with the derivative at the guess, leaves an error of the curvature times its square. A later
+  // one leaves an error of its size times the ratio of the last two.
+  static bool shrunk(double size, double last, double target) {
+    const double ratio = size / last;
+    return size * ratio <= target || (size <= kNoise && ratio > 0.3);
+  }
+
   // Sets the rates of leaders to zero: no residual depends on them, so that their guesses would grow.
   void forget_rates() {
     auto& at = equations_.at;
@@ -399,11 +493,11 @@ class EulerStepper {
     auto& at = equations_.at;
     const double h = std::exchange(at.h, 0.5 * at.h);
     guess_afresh();
-    const Status status = newton_.solve(equations_, at.z, at.target(), counters);
+    const Status status = solve(counters);
     at.h = h;
     if (status != Status::success) return failure;
     for (size_t i = 3 * at.nodes.lam(0); i < at.z.size(); ++i) at.z[i] *= 2;  // impulses go with the step
-    return newton_.solve(equations_, at.z, at.target(), counters) == Status::success ? Status::success : failure;
+    return solve(counters) == Status::success ? Status::success : failure;
   }
 
   // Guesses from the start of the step, after an attempt has changed z.
@@ -452,8 +546,10 @@ class EulerStepper {
   }
 
   enum class Rank { unknown, of_start, confirmed } rank_ = Rank::unknown;
-  Newton newton_;
   Predictor predictor_;
+  std::vector<double> residual_;
+  double curvature_ = 1;  // largest ratio of a second correction to the square of the first; of order 1 by geometry
+  bool polishes_velocities_ = false;
 };
 
 }  // namespace lieeuler

@@ -7,8 +7,8 @@
 // then (a, lam) of the index-1 system there. The saddle-point solver treats redundant rows by their null space.
 #pragma once
 
-#include "solve/newton.hpp"
 #include "solve/saddle_solver.hpp"
+#include "solve/status.hpp"
 
 namespace lieeuler {
 

@@ -1,5 +1,5 @@
-// Power series of the vectors of one system, in registers of two components (docs/theory.md, section 12). The sums of
-// products may take registers of four (wide), in code for processors that have them; both give the same bits.
+// Power series of the vectors of one system, in registers of two components, and their sums of products in registers of
+// four (docs/theory.md, section 12).
 #pragma once
 
 #include <cstdint>
@@ -48,27 +48,22 @@ inline double sum(const Quad& a) {
   return pair[0] + pair[1];
 }
 
-// Registers of four from and to those of two; by memcpy, because addresses are multiples of 16 only.
+// Registers of four from and to those of two; by memcpy, because addresses are multiples of 16 only. Processors without
+// them take two registers for one.
 template <class To, class From>
 [[gnu::always_inline]] inline void copy(To& to, const From& from) {
   static_assert(sizeof(To) == sizeof(From));
   std::memcpy(&to, &from, sizeof to);
 }
-// Wide sums read a vector at once; if it were written in halves just before, they would wait until it reached memory.
-template <bool wide>
+// Sums read a vector at once; if it were written in halves just before, they would wait until it reached memory.
 [[gnu::always_inline]] inline void put(Quad& to, const Quad& from) {
-  if constexpr (wide)
-    copy(to, Four{from.part[0][0], from.part[0][1], from.part[1][0], from.part[1][1]});
-  else
-    to = from;
+  copy(to, Four{from.part[0][0], from.part[0][1], from.part[1][0], from.part[1][1]});
 }
 [[gnu::always_inline]] inline void fill(Four& to, double a) { to = Four{a, a, a, a}; }
 
 // As turned() of linalg/convolution.hpp. Registers of four have names here and below, because GCC keeps small arrays of
 // them in memory.
-template <bool wide>
 [[gnu::always_inline]] inline void turn(const Columns* A, const Doubled* w, int k, Columns& total) {
-  if constexpr (!wide) return void(total = turned(A, w, k));
   Four x{}, y{}, z{}, a, b, c, p{}, q{}, r{};
   for (int j = 1; j <= k + 1; ++j) {
     const Doubled& rate = w[k + 1 - j];
@@ -82,51 +77,34 @@ template <bool wide>
 }
 
 // Coefficient k of A^T V, from A_first on. The fourth row of V is zero, so that of A does not matter.
-template <bool wide>
 [[gnu::always_inline]] inline Vec3 transpose_times(const Columns* A, const Quad* V, int first, int k) {
-  Quad total[3] = {};
-  if constexpr (wide) {
-    Four x{}, y{}, z{}, a, b, c, v;
-    for (int j = first; j <= k; ++j) {
-      copy(a, A[j].part[0]), copy(b, A[j].part[1]), copy(c, A[j].part[2]), copy(v, V[k - j]);
-      x += a * v, y += b * v, z += c * v;
-    }
-    copy(total[0], x), copy(total[1], y), copy(total[2], z);
-  } else {
-    transpose_products(A, V, first, k, total);
+  Quad total[3];
+  Four x{}, y{}, z{}, a, b, c, v;
+  for (int j = first; j <= k; ++j) {
+    copy(a, A[j].part[0]), copy(b, A[j].part[1]), copy(c, A[j].part[2]), copy(v, V[k - j]);
+    x += a * v, y += b * v, z += c * v;
   }
+  copy(total[0], x), copy(total[1], y), copy(total[2], z);
   return {sum(total[0]), sum(total[1]), sum(total[2])};
 }
 
 // Coefficient k of A . B.
-template <bool wide>
 [[gnu::always_inline]] inline double dot(const Quad* A, const Quad* B, int k) {
-  Quad total{};
-  if constexpr (wide) {
-    Four sum{}, a, b;
-    for (int j = 0; j <= k; ++j) copy(a, A[j]), copy(b, B[k - j]), sum += a * b;
-    copy(total, sum);
-  } else {
-    for (int j = 0; j <= k; ++j)
-      for (int i = 0; i < 2; ++i) total.part[i] += A[j].part[i] * B[k - j].part[i];
-  }
+  Quad total;
+  Four products{}, a, b;
+  for (int j = 0; j <= k; ++j) copy(a, A[j]), copy(b, B[k - j]), products += a * b;
+  copy(total, products);
   return sum(total);
 }
 
 // Adds coefficient k of factor s B, with the orders of s below `end`. s is a component of a Quad: its coefficients are
 // four doubles apart.
-template <bool wide>
 [[gnu::always_inline]] inline void add_scaled(Quad& total, double factor, const double* s, const Quad* B, int end,
                                               int k) {
-  Quad product{};
-  if constexpr (wide) {
-    Four sum{}, share{}, b;
-    for (int j = 0; j < end; ++j) copy(b, B[k - j]), fill(share, s[4 * j]), sum += share * b;
-    copy(product, sum);
-  } else {
-    for (int j = 0; j < end; ++j)
-      for (int i = 0; i < 2; ++i) product.part[i] += both(s[4 * j]) * B[k - j].part[i];
-  }
+  Quad product;
+  Four products{}, share{}, b;
+  for (int j = 0; j < end; ++j) copy(b, B[k - j]), fill(share, s[4 * j]), products += share * b;
+  copy(product, products);
   for (int i = 0; i < 2; ++i) total.part[i] += both(factor) * product.part[i];
 }
 

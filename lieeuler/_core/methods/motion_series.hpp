@@ -24,7 +24,7 @@ class MotionSeries {
   // Computes coefficients of order zero, and those of order one that do not depend on forces.
   void start(const State& state) {
     body_.start(state);
-    for (CarriedSeries& z : carried_) z.extend<false>(body_, 0), z.extend<false>(body_, 1);
+    for (CarriedSeries& z : carried_) z.extend(body_, 0), z.extend(body_, 1);
     for (SpringSeries& spring : springs_) spring.start();
     for (size_t k = 0; k < torsions_.size(); ++k) torsions_[k].start(state);
     for (DriveSeries& drive : drives_) drive.start(state.frames.time);
@@ -38,9 +38,9 @@ class MotionSeries {
   // Computes order k of accelerations and multipliers, k + 1 of velocities, k + 2 of configurations. False if a force
   // has no series.
 #if defined(__x86_64__)
-  bool extend(int k, SaddleSolver& saddle) { return wide_ ? extend_wide(k, saddle) : extend_by<false>(k, saddle); }
+  bool extend(int k, SaddleSolver& saddle) { return wide_ ? extend_wide(k, saddle) : extend_by(k, saddle); }
 #else
-  [[gnu::flatten]] bool extend(int k, SaddleSolver& saddle) { return extend_by<false>(k, saddle); }
+  [[gnu::flatten]] bool extend(int k, SaddleSolver& saddle) { return extend_by(k, saddle); }
 #endif
 
   // Frames, u and torsion angles at time h from the centre of the series, with accelerations of orders below `order`.
@@ -61,11 +61,10 @@ class MotionSeries {
   }
 
  private:
-  template <bool wide>
   [[gnu::always_inline]] bool extend_by(int k, SaddleSolver& saddle) {
     for (int b = 0; b < system_.n(); ++b) {
       const Columns* const R = body_.R[b].data();
-      turn<wide>(R, body_.w[b].data(), k, turned_[b]);
+      turn(R, body_.w[b].data(), k, turned_[b]);
       force_[b].w = row(turned_[b], 3);
       force_[b].v.setZero();
       if (points_.pinned(b))
@@ -74,23 +73,21 @@ class MotionSeries {
         force_[b].v = system_.bodies[b].mass * system_.gravity;
     }
     force_[system_.n()] = {};
-    if (!system_.forces.empty() && !add_forces<wide>(k)) return false;
-    for (PartSeries& part : parts_) part.begin<wide>(carried_, k);
-    for (const Arm& arm : arms_) add_arm<wide>(arm, k);
-    for (PartSeries& part : parts_) subtract_gamma<wide>(part, k);
+    if (!system_.forces.empty() && !add_forces(k)) return false;
+    for (PartSeries& part : parts_) part.begin(carried_, k);
+    for (const Arm& arm : arms_) add_arm(arm, k);
+    for (PartSeries& part : parts_) subtract_gamma(part, k);
     if (has_others_) begin_others(k);
     saddle.solve(force_, rows_, k < kLowOrders);
     for (int b = 0; b < system_.n(); ++b) body_.extend(b, k, turned_[b], force_[b]);
-    for (PartSeries& part : parts_) part.finish<wide>(carried_, k, rows_[part.index]);
+    for (PartSeries& part : parts_) part.finish(carried_, k, rows_[part.index]);
     if (has_others_)
       for (ContactSeries& contact : contacts_) contact.finish(k, rows_[contact.index]);
-    for (CarriedSeries& z : carried_) z.extend<wide>(body_, k + 2);
+    for (CarriedSeries& z : carried_) z.extend(body_, k + 2);
     return true;
   }
 #if defined(__x86_64__)
-  [[gnu::flatten, gnu::target("avx2")]] bool extend_wide(int k, SaddleSolver& saddle) {
-    return extend_by<true>(k, saddle);
-  }
+  [[gnu::flatten, gnu::target("avx2")]] bool extend_wide(int k, SaddleSolver& saddle) { return extend_by(k, saddle); }
 #endif
 
   static constexpr int kLowOrders = 5;  // errors of higher orders are multiplied by high powers of the step
@@ -178,10 +175,9 @@ class MotionSeries {
     for (ContactSeries& contact : contacts_) rows_[contact.index] = contact.begin(body_, k, force_[contact.body]);
     combine(plan_, rows_.data()->data());
   }
-  template <bool wide>
   bool add_forces(int k) {
     for (SpringSeries& spring : springs_)
-      if (!spring.extend<wide>(carried_[spring.line].value.data(), k)) return false;
+      if (!spring.extend(carried_[spring.line].value.data(), k)) return false;
     for (TorsionSeries& torsion : torsions_) {
       const double torque = torsion.extend(body_, k);
       force_[torsion.force->parent].w += torque * torsion.force->axis;
@@ -189,10 +185,9 @@ class MotionSeries {
     }
     for (const Force& force : system_.forces)
       if (force.kind == Force::Kind::load && !force.drive) add_load(force, body_.R[force.child][k], k == 0);
-    for (DriveSeries& drive : drives_) add_drive<wide>(drive, k);
+    for (DriveSeries& drive : drives_) add_drive(drive, k);
     return true;
   }
-  template <bool wide>
   void add_drive(DriveSeries& drive, int k) {
     const Force& force = *drive.given;
     switch (force.kind) {
@@ -207,7 +202,7 @@ class MotionSeries {
         break;
       }
       default:
-        drive.extend<wide>(carried_[drive.line].value.data(), k);
+        drive.extend(carried_[drive.line].value.data(), k);
     }
   }
   // R and `factor` are this order of the attitude and of one, both times the load's factor.
@@ -222,13 +217,11 @@ class MotionSeries {
       if (factor != 0) target.w += factor * (point.cross(load.force) + load.torque);
     }
   }
-  template <bool wide>
   void add_arm(const Arm& arm, int k) {
-    const Vec3 seen = transpose_times<wide>(body_.R[arm.body].data(), arm.force, arm.starts_at_one ? 1 : 0, k);
+    const Vec3 seen = transpose_times(body_.R[arm.body].data(), arm.force, arm.starts_at_one ? 1 : 0, k);
     force_[arm.body].w += arm.lever.cross(seen);
     if (arm.acts_on_translation) force_[arm.body].v += arm.sign * vector(arm.force[k]);
   }
-  template <bool wide>
   void subtract_gamma(PartSeries& series, int k) {
     Vec3& target = rows_[series.index];
     if (series.part->spherical) {
@@ -240,12 +233,12 @@ class MotionSeries {
     target.setZero();
     for (const PartSeries::Row& row : series.rows)
       for (int z : {row.a, row.b})
-        if (!carried_[z].constant()) carried_[z].guess<wide>(turned_, k);
+        if (!carried_[z].constant()) carried_[z].guess(turned_, k);
     for (size_t r = 0; r < series.rows.size(); ++r) {
       const PartSeries::Row& row = series.rows[r];
       const CarriedSeries &a = carried_[row.a], &b = carried_[row.b];
       const int first_a = b.constant() ? k + 2 : 0, first_b = a.constant() ? k + 2 : 0;  // if not zero the only one
-      const double product = dot<wide>(a.value.data() + first_a, b.value.data() + first_b, k + 2 - first_a - first_b);
+      const double product = dot(a.value.data() + first_a, b.value.data() + first_b, k + 2 - first_a - first_b);
       target[r] = -(k + 1) * (k + 2) * row.scale * product;
     }
   }

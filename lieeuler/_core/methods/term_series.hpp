@@ -101,7 +101,6 @@ class CarriedSeries {
     return (carrier_ == Carrier::difference) == (other.carrier_ == Carrier::difference);
   }
 
-  template <bool wide>
   void extend(const BodySeries& bodies, int k) {
     if (constant_ && k > 0) return;
     const End &child = ends_[kChild], &parent = ends_[kParent];
@@ -111,10 +110,9 @@ class CarriedSeries {
       for (int i = 0; i < 2; ++i)
         sum.part[i] += bodies.x[child.body][k].part[i] - bodies.x[parent.body][k].part[i] - back.part[i];
     }
-    put<wide>(value[k], sum);
+    put(value[k], sum);
   }
   // Order k + 2 without the accelerations of order k, which are not known yet.
-  template <bool wide>
   void guess(const std::vector<Columns>& turned, int k) {
     const End &child = ends_[kChild], &parent = ends_[kParent];
     Quad sum = times(turned[child.body], child.local);
@@ -124,7 +122,7 @@ class CarriedSeries {
     }
     const Pair shrink = both(1.0 / (k + 2));
     for (Pair& part : sum.part) part *= shrink;
-    put<wide>(value[k + 2], sum);
+    put(value[k + 2], sum);
   }
 
  private:
@@ -174,18 +172,16 @@ class PartSeries {
         lam(kMostOrder + 3) {}
 
   // Order k of the reactions without lam_k.
-  template <bool wide>
   void begin(const std::vector<CarriedSeries>& carried, int k) {
     for (ReactionSeries& reaction : reactions) {
       Quad total{};
       for (const ReactionSeries::Term& term : reaction.terms) {
         const CarriedSeries& other = carried[term.other];
-        if (!other.constant()) add_scaled<wide>(total, term.scale, component(term.row), other.value.data(), k, k);
+        if (!other.constant()) add_scaled(total, term.scale, component(term.row), other.value.data(), k, k);
       }
-      put<wide>(reaction.value[k], total);
+      put(reaction.value[k], total);
     }
   }
-  template <bool wide>
   void finish(const std::vector<CarriedSeries>& carried, int k, const Vec3& multipliers) {
     lam[k] = quad(multipliers);
     for (ReactionSeries& reaction : reactions) {
@@ -195,7 +191,7 @@ class PartSeries {
         const Quad& other = carried[term.other].value[0];
         for (int i = 0; i < 2; ++i) total.part[i] += factor * other.part[i];
       }
-      put<wide>(reaction.value[k], total);
+      put(reaction.value[k], total);
     }
   }
 
@@ -217,29 +213,27 @@ class SpringSeries {
   void start() { known_ = 0; }
 
   // Order k of the force; false if the length is zero, where the force has no series.
-  template <bool wide>
   bool extend(const Quad* d, int k) {
     double& ratio = ratio_[4 * k];
     if (spring->rest == 0 && spring->damping == 0) {
       ratio = k == 0 ? spring->stiffness : 0;  // linear in d: smooth through length zero
     } else {
       for (; known_ <= k + 1; ++known_)
-        if (!extend_length<wide>(d, known_)) return false;
+        if (!extend_length(d, known_)) return false;
       ratio =
           spring->stiffness * (length_[k] - (k == 0 ? spring->rest : 0)) + spring->damping * (k + 1) * length_[k + 1];
       for (int j = 1; j <= k; ++j) ratio -= length_[j] * ratio_[4 * (k - j)];
       ratio /= length_[0];
     }
     Quad total{};
-    add_scaled<wide>(total, 1, ratio_.data(), d, k + 1, k);
-    put<wide>(force[k], total);
+    add_scaled(total, 1, ratio_.data(), d, k + 1, k);
+    put(force[k], total);
     return true;
   }
 
  private:
-  template <bool wide>
   bool extend_length(const Quad* d, int k) {
-    double square = dot<wide>(d, d, k);
+    double square = dot(d, d, k);
     if (k == 0) {
       length_[0] = std::sqrt(square);
       return length_[0] > 0;
@@ -291,22 +285,21 @@ class DriveSeries {
   std::vector<Quad> force;
 
   DriveSeries(const Force& given, int line)
-      : given(&given), line(line), force(kMostOrder + 3), plain_(kMostOrder + 3), drive_(4 * (kMostOrder + 3)) {}
+      : given(&given), line(line), force(kMostOrder + 3), drive_(4 * (kMostOrder + 3)) {}
 
   void start(double t) {
-    given->drive->expand(t, kMostOrder + 3, plain_.data());
-    for (size_t k = 0; k < plain_.size(); ++k) drive_[4 * k] = plain_[k];
+    given->drive->expand(t, kMostOrder + 3, drive_.data());
+    for (int k = kMostOrder + 2; k > 0; --k) drive_[4 * k] = drive_[k];
   }
-  double operator[](int k) const { return plain_[k]; }
-  template <bool wide>
+  double operator[](int k) const { return drive_[4 * k]; }
   void extend(const Quad* axis, int k) {
     Quad total{};
-    add_scaled<wide>(total, -1, drive_.data(), axis, k + 1, k);
-    put<wide>(force[k], total);
+    add_scaled(total, -1, drive_.data(), axis, k + 1, k);
+    put(force[k], total);
   }
 
  private:
-  std::vector<double> plain_, drive_;  // the second in strides of four, as add_scaled takes it
+  std::vector<double> drive_;  // in strides of four, as add_scaled takes it
 };
 
 }  // namespace lieeuler

@@ -141,7 +141,10 @@ class Extrapolation {
       status = watch.ends() ? Status::interrupted : euler.step(inner);  // a step has hundreds of these
     inner.add_to(counters);
     if (status != Status::success) return status;
-    if (!coordinates(euler.equations().increments(), difference_)) return Status::map_domain;
+    for (int b = 0; b < system_.n(); ++b) {
+      const Increment& moved = euler.equations().increments()[b];
+      if (!put(b, moved.x, Mat3::Identity() + moved.turn, moved.u, difference_)) return Status::map_domain;
+    }
     for (size_t i = 0; i < size_; ++i) {
       double entry = difference_[i];
       for (int k = 1; k < n; ++k) {
@@ -155,26 +158,11 @@ class Extrapolation {
     return Status::success;
   }
 
-  // Coordinates after the sub-steps; false if a body turned too far for the chart.
-  bool coordinates(const std::vector<Increment>& increments, std::vector<double>& y) const {
-    for (int b = 0; b < system_.n(); ++b) {
-      const Increment& moved = increments[b];
-      const Vec3 theta = logarithm(Mat3::Identity() + moved.turn);
-      if (!(theta.norm() < most_turn_)) return false;
-      store(Twist{moved.x, theta}, &y[12 * b]), store(moved.u, &y[12 * b + 6]);
-    }
-    return true;
-  }
-  // Coordinates of `state` in the chart at `start`; false if a body turned too far for the chart.
-  bool coordinates(const State& start, const State& state, std::vector<double>& y) const {
-    for (int b = 0; b < system_.n(); ++b) {
-      const Vec3 theta = logarithm(start.frames[b].R.transpose() * state.frames[b].R);
-      if (!(theta.norm() < most_turn_)) return false;
-      double* const at = &y[12 * b];
-      store(Vec3(state.frames[b].x - start.frames[b].x), at), store(theta, at + 3);
-      store(Vec3(state.u[b].v - start.u[b].v), at + 6), store(Vec3(state.u[b].w - start.u[b].w), at + 9);
-    }
-    return true;
+  // Writes the coordinates of a body by its way, turn and change of velocity; false if it turned too far for the chart.
+  bool put(int b, const Vec3& x, const Mat3& turn, const Twist& u, std::vector<double>& y) const {
+    const Vec3 theta = logarithm(turn);
+    store(Twist{x, theta}, &y[12 * b]), store(u, &y[12 * b + 6]);
+    return theta.norm() < most_turn_;
   }
   // The state of the last entry of the last row.
   void extrapolate(const State& start, State& out) const {
@@ -252,7 +240,7 @@ class Extrapolation {
   Status interpolate(double h, Counters& counters, Watch& watch) {
     const State& start = next_;  // the start of the step
     const int rows = rows_, inner = std::max(1, (rows - 1) / 2);
-    auto put = [&](int place, double s, const std::vector<double>& y) {
+    auto put_node = [&](int place, double s, const std::vector<double>& y) {
       for (int b = 0; b < system_.n(); ++b) {
         const double* const at = &y[12 * b];
         const Vec3 theta = load3(at + 3);
@@ -266,14 +254,18 @@ class Extrapolation {
       }
     };
     std::fill(difference_.begin(), difference_.end(), 0.0);
-    put(0, 0, difference_);
-    if (!coordinates(start, state_, difference_)) return Status::map_domain;
-    put(inner + 1, 1, difference_);
+    put_node(0, 0, difference_);
+    for (int b = 0; b < system_.n(); ++b) {
+      const Frame &from = start.frames[b], &to = state_.frames[b];
+      if (!put(b, to.x - from.x, from.R.transpose() * to.R, state_.u[b] - start.u[b], difference_))
+        return Status::map_domain;
+    }
+    put_node(inner + 1, 1, difference_);
     for (int i = 1; i <= inner; ++i) {
       const double s = static_cast<double>(i) / (inner + 1);
       for (int row = 1; row <= rows; ++row)
         if (const Status status = fill(row, s * h, start, counters, watch); status != Status::success) return status;
-      put(i, s, table_[rows]);
+      put_node(i, s, table_[rows]);
     }
     node_count_ = 2 * (inner + 2);
     divide_differences();

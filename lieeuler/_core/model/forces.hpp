@@ -95,6 +95,10 @@ class ForceState {
     speed_ = (u_[kChild]->v - u_[kParent]->v) +
              (times(attitude(kChild), swing_[kChild]) - times(attitude(kParent), swing_[kParent]));
     rate_ = line_.dot(speed_);
+    pull();
+  }
+  // The gradients along the line.
+  void pull() {
     for (Side side : kSides) {
       seen_[side] = transposed_times(attitude(side), line_);
       gradient_[side] = {sign(side) * line_, sign(side) * point(side).cross(seen_[side])};
@@ -143,10 +147,7 @@ class ForceState {
   // Along the parent's axis, at anchors that both lie on it.
   void push() {
     line_ = times(attitude(kParent), force_.axis);
-    for (Side side : kSides) {
-      seen_[side] = transposed_times(attitude(side), line_);
-      gradient_[side] = {sign(side) * line_, sign(side) * point(side).cross(seen_[side])};
-    }
+    pull();
   }
   // The line of the force turns with the parent.
   Stiffness slide_stiffness(Side row, Side column) const {

@@ -85,12 +85,9 @@ inline EliminationOrder elimination_order(const System& system) {
   return order;
 }
 
-// A joint that closes a loop, and the joints of a shortest path between its two bodies through the tree and the loops
-// closed before.
-struct Loop {
-  int joint;
-  std::vector<int> others;
-};
+// The joints of a loop: those of a shortest path between the two bodies of the one that closes it, through the tree and
+// the loops closed before, and that one as the last.
+using Loop = std::vector<int>;
 
 inline std::vector<Loop> find_loops(const System& system, const EliminationOrder& order) {
   std::vector<std::vector<int>> joints_at(system.n() + 1);
@@ -98,7 +95,8 @@ inline std::vector<Loop> find_loops(const System& system, const EliminationOrder
     joints_at[system.joints[j].parent].push_back(j), joints_at[system.joints[j].child].push_back(j);
   };
   const auto shortest_way = [&](const Joint& joint) {
-    std::vector<int> by(joints_at.size(), -1), queue{joint.parent}, way;
+    std::vector<int> by(joints_at.size(), -1), queue{joint.parent};
+    Loop way;
     for (size_t k = 0; by[joint.child] < 0; ++k)
       for (int j : joints_at[queue[k]]) {
         const int other = across(system.joints[j], queue[k]);
@@ -115,7 +113,8 @@ inline std::vector<Loop> find_loops(const System& system, const EliminationOrder
   std::vector<Loop> loops;
   for (int item : order.loops) {
     const int j = item - system.n();
-    loops.push_back({j, shortest_way(system.joints[j])});
+    loops.push_back(shortest_way(system.joints[j]));
+    loops.back().push_back(j);
     accept(j);
   }
   return loops;

@@ -83,11 +83,17 @@ class Plan {
   const Part& part(int k) const { return *parts[k].part; }
   int count() const { return static_cast<int>(parts.size()); }
   int body(int k, Side side) const { return parts[k].bodies[side]; }
-  // The parts of every joint.
-  std::vector<std::vector<int>> parts_of_joints() const {
-    std::vector<std::vector<int>> found(system.joints.size());
-    for (int k = 0; k < count(); ++k) found[parts[k].joint].push_back(k);
-    return found;
+  // Nodes in the order of elimination, and how many of them, the last ones, belong to joints that close loops.
+  // of_body(body, nodes) and of_joint(its parts, nodes) append those of each.
+  template <class OfBody, class OfJoint>
+  std::pair<std::vector<int>, int> arrange(const OfBody& of_body, const OfJoint& of_joint) const {
+    std::vector<std::vector<int>> parts_of(system.joints.size());
+    for (int k = 0; k < count(); ++k) parts_of[parts[k].joint].push_back(k);
+    std::vector<int> nodes;
+    for (int item : order.tree) item < system.n() ? of_body(item, nodes) : of_joint(parts_of[item - system.n()], nodes);
+    const size_t of_tree = nodes.size();
+    for (int item : order.loops) of_joint(parts_of[item - system.n()], nodes);
+    return {nodes, static_cast<int>(nodes.size() - of_tree)};
   }
   // Calls visit(row in lam, place among three values a part) for every constraint row.
   template <class Visit>
@@ -190,8 +196,7 @@ class Nodes {
   // constraints.
   const BlockPlan& blocks(bool second_order) const {
     return plan_->blocks({Pattern::Matrix::step, doubled_, second_order}, [&] {
-      int tail;
-      const std::vector<int> nodes = order(tail);
+      const auto [nodes, tail] = order();
       return BlockPlan(nodes, tail, entries(second_order));
     });
   }
@@ -228,24 +233,16 @@ class Nodes {
     return found;
   }
 
-  // Nodes in elimination order; the multipliers of joints that close loops are its last `tail`.
-  std::vector<int> order(int& tail) const {
-    const std::vector<std::vector<int>> parts_of = plan_->parts_of_joints();
-    std::vector<int> nodes;
-    auto append = [&](int item) {
-      if (item < bodies_) {
-        for (int node = v(item); node < v(item + 1); ++node) nodes.push_back(node);
-        return;
-      }
-      for (int k : parts_of[item - bodies_]) nodes.push_back(lam(k));
-      if (doubled_)
-        for (int k : parts_of[item - bodies_]) nodes.push_back(mu(k));
+  // Nodes in elimination order, and how many multipliers of joints that close loops end it.
+  std::pair<std::vector<int>, int> order() const {
+    const auto of_body = [&](int body, std::vector<int>& nodes) {
+      for (int node = v(body); node < v(body + 1); ++node) nodes.push_back(node);
     };
-    for (int item : plan_->order.tree) append(item);
-    tail = -static_cast<int>(nodes.size());
-    for (int item : plan_->order.loops) append(item);
-    tail += static_cast<int>(nodes.size());
-    return nodes;
+    return plan_->arrange(of_body, [&](const std::vector<int>& parts, std::vector<int>& nodes) {
+      for (int k : parts) nodes.push_back(lam(k));
+      for (int k : parts)
+        if (doubled_) nodes.push_back(mu(k));
+    });
   }
 
   void stiffness_entries(const Joint& joint, const Part& part, std::set<BlockPlan::Entry>& found) const {

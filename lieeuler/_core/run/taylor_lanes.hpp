@@ -21,56 +21,6 @@ inline bool fits_lanes(const Plan& plan) {
          plan.system.n() <= kMostLaneBodies;
 }
 
-// Writes one lane of what a system's equations need.
-template <int width>
-class LaneFiller {
- public:
-  LaneFiller(LaneGroup<width>& group, int lane) : group_(group), lane_(lane) {}
-
-  void put(const Plan& plan) {
-    const System& system = plan.system;
-    const ReferencePoints points(plan, true);
-    group_.bodies = system.n(), group_.hinges = static_cast<int>(plan.hinges.hinges.size()), group_.joints = 0;
-    group_.length[lane_] = system.length;
-    put(group_.gravity, system.gravity);
-    for (int b = 0; b < system.n(); ++b) put(group_.body[b], b, system, points);
-    for (int k = 0; k < group_.hinges; ++k) {
-      const Hinge& hinge = plan.hinges.hinges[k];
-      LaneHinge<width>& out = group_.hinge[k];
-      out.body = hinge.body, out.base = hinge.base;
-      put(out.body_anchor, hinge.body_anchor), put(out.base_anchor, hinge.base_anchor);
-    }
-    for (int k = 0; k < plan.count(); ++k)
-      if (!points.holds(plan.parts[k])) put(group_.joint[group_.joints++], plan, k, points);
-    put(group_.state[system.n()], {}, {}), put(group_.sample[system.n()], {}, {});
-  }
-  void put(const State& state) {
-    for (int b = 0; b < group_.bodies; ++b) put(group_.state[b], state.frames[b], state.u[b]);
-  }
-
- private:
-  void put(LaneBody<width>& out, int b, const System& system, const ReferencePoints& points) {
-    const Body& body = system.bodies[b];
-    out.pinned = points.pinned(b);
-    put(out.centre, points.centre(b)), put(out.lever, body.mass * points.centre(b));
-    put(out.place, points.position(b, State(system)));
-    put_lane(out, lane_, body, system.gravity, points.deviation(b), points.inertia(b).inverse());
-  }
-  void put(LaneJoint<width>& out, const Plan& plan, int k, const ReferencePoints& points) {
-    for (Side side : kSides) {
-      const Vec3& anchor = side == kChild ? plan.joint(k).child_anchor : plan.joint(k).parent_anchor;
-      out.bodies[side] = plan.body(k, side);
-      put(out.anchors[side], anchor), put(out.points[side], points.local(out.bodies[side], anchor));
-    }
-  }
-  void put(LaneState<width>& out, const Frame& frame, const Twist& u) { put_lane(out, lane_, frame, u); }
-  void put(Triple<typename Registers<width>::Number>& out, const Vec3& values) { put_lane(out, lane_, values); }
-  void put(ColumnStack<typename Registers<width>::Number, 3>& out, const Mat3& values) { put_lane(out, lane_, values); }
-
-  LaneGroup<width>& group_;
-  const int lane_;
-};
-
 // Runs members in lanes; a lane whose member has ended takes the next one.
 template <int width>
 class TaylorLanes {
@@ -125,11 +75,46 @@ class TaylorLanes {
   }
   void load(int lane, const Plan& plan, State initial) {
     Slot& slot = lanes_[lane];
-    LaneFiller<width> filler(*group_, lane);
-    if (slot.plan != &plan) filler.put(plan), slot.plan = &plan, slot.shown.emplace(plan.system);
-    filler.put(initial);
+    if (slot.plan != &plan) put(lane, plan), slot.plan = &plan, slot.shown.emplace(plan.system);
+    for (int b = 0; b < group_->bodies; ++b) put_lane(group_->state[b], lane, initial.frames[b], initial.u[b]);
     slot.initial = std::move(initial), slot.projection.reset();
     slot.time = slot.previous = 0, slot.end = run_.t_eval.back(), slot.next = 1, slot.steps = 0;
+  }
+
+  // Writes what the equations of a member's system need.
+  void put(int lane, const Plan& plan) {
+    const System& system = plan.system;
+    const ReferencePoints points(plan, true);
+    LaneGroup<width>& group = *group_;
+    group.bodies = system.n(), group.hinges = static_cast<int>(plan.hinges.hinges.size()), group.joints = 0;
+    group.length[lane] = system.length;
+    put_lane(group.gravity, lane, system.gravity);
+    for (int b = 0; b < system.n(); ++b) {
+      const Body& body = system.bodies[b];
+      LaneBody<width>& out = group.body[b];
+      out.pinned = points.pinned(b);
+      put_lane(out.centre, lane, points.centre(b)), put_lane(out.lever, lane, body.mass * points.centre(b));
+      put_lane(out.place, lane, points.position(b, State(system)));
+      put_lane(out, lane, body, system.gravity, points.deviation(b), points.inertia(b).inverse());
+    }
+    for (int k = 0; k < group.hinges; ++k) {
+      const Hinge& hinge = plan.hinges.hinges[k];
+      LaneHinge<width>& out = group.hinge[k];
+      out.body = hinge.body, out.base = hinge.base;
+      put_lane(out.body_anchor, lane, hinge.body_anchor), put_lane(out.base_anchor, lane, hinge.base_anchor);
+    }
+    for (int k = 0; k < plan.count(); ++k) {
+      if (points.holds(plan.parts[k])) continue;
+      LaneJoint<width>& out = group.joint[group.joints++];
+      for (Side side : kSides) {
+        const Vec3& anchor = side == kChild ? plan.joint(k).child_anchor : plan.joint(k).parent_anchor;
+        out.bodies[side] = plan.body(k, side);
+        put_lane(out.anchors[side], lane, anchor);
+        put_lane(out.points[side], lane, points.local(out.bodies[side], anchor));
+      }
+    }
+    for (LaneState<width>* ground : {&group.state[system.n()], &group.sample[system.n()]})
+      put_lane(*ground, lane, Frame{}, Twist{});
   }
 
   // As TaylorStepper::step without breaks; 0 of a lane without a member, or whose member has to run alone.

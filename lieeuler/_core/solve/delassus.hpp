@@ -323,18 +323,13 @@ class Delassus {
       entries.insert({mimic.follower, mimic.leader}), entries.insert({mimic.leader, mimic.follower});
     std::erase_if(entries, [](const BlockPlan::Entry& entry) { return entry.first == entry.second; });
     if (kind_ == Kind::independent) return BlockPlan(minimum_degree_order(parts(), entries), 0, entries);
-    const std::vector<std::vector<int>> parts_of = plan_.parts_of_joints();
-    std::vector<int> order;
-    auto append = [&](int item) {
-      if (item >= system_.n())
-        order.insert(order.end(), parts_of[item - system_.n()].begin(), parts_of[item - system_.n()].end());
-      else if (hub_[item] >= 0)
-        order.insert(order.end(), {hub_[item], hub_[item] + 1});
+    const auto of_body = [&](int body, std::vector<int>& nodes) {
+      if (hub_[body] >= 0) nodes.insert(nodes.end(), {hub_[body], hub_[body] + 1});
     };
-    for (int item : plan_.order.tree) append(item);
-    const size_t sparse = kind_ == Kind::whole ? 0 : order.size();
-    for (int item : plan_.order.loops) append(item);
-    return BlockPlan(order, static_cast<int>(order.size() - sparse), entries);
+    const auto [order, tail] = plan_.arrange(of_body, [](const std::vector<int>& parts, std::vector<int>& nodes) {
+      nodes.insert(nodes.end(), parts.begin(), parts.end());
+    });
+    return BlockPlan(order, kind_ == Kind::whole ? static_cast<int>(order.size()) : tail, entries);
   }
 
   const Plan& plan_;

@@ -84,33 +84,32 @@ class IndependentRows {
   }
   std::vector<double> jacobian_of(const Loop& loop, const Constraints& joints) const {
     std::vector<double> values;
-    const auto append = [&](int j) {
+    for (int j : loop)
       for (const Part& part : system_.joints[j].constraints())
         for (Side side : kSides) {
           const Rows G = joints[j].jacobian(part, side);
           for (const auto* rows : {&G.v, &G.w}) values.insert(values.end(), rows->data(), rows->data() + 9);
         }
-    };
-    for (int j : loop.others) append(j);
-    append(loop.joint);
     return values;
   }
   LoopChoice choose_in(const Loop& loop, const Constraints& joints, bool with_null) const {
     LoopChoice choice;
     std::vector<int> bodies, rows;
-    for (int j : loop.others)
+    for (int j : loop)
       for (int body : {system_.joints[j].parent, system_.joints[j].child})
         if (body != system_.n() && std::find(bodies.begin(), bodies.end(), body) == bodies.end())
           bodies.push_back(body);
-    for (int j : loop.others) append_rows(j, rows);
-    const Eigen::Index known = static_cast<Eigen::Index>(rows.size());
-    append_rows(loop.joint, rows);
+    Eigen::Index known = 0;  // rows before those of the joint that closes the loop
+    for (int j : loop) {
+      known = static_cast<Eigen::Index>(rows.size());
+      for (const Part& part : system_.joints[j].constraints())
+        for (int r = 0; r < part.rows(); ++r) rows.push_back(part.row + r);
+    }
     // Columns: rows of G over the roots of the masses and inertias, scaled to length one.
     Eigen::MatrixXd A =
         Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(bodies.size()), static_cast<Eigen::Index>(rows.size()));
     Eigen::Index column = 0;
-    for (int j : loop.others) column = fill(A, column, bodies, j, joints);
-    fill(A, column, bodies, loop.joint, joints);
+    for (int j : loop) column = fill(A, column, bodies, j, joints);
     const Eigen::VectorXd lengths = A.colwise().norm();
     A = A * lengths.cwiseInverse().asDiagonal();
     Eigen::MatrixXd basis(A.rows(), A.cols()), rest = A;
@@ -151,10 +150,6 @@ class IndependentRows {
       choice.null.push_back(std::move(found));
     }
     return choice;
-  }
-  void append_rows(int j, std::vector<int>& rows) const {
-    for (const Part& part : system_.joints[j].constraints())
-      for (int r = 0; r < part.rows(); ++r) rows.push_back(part.row + r);
   }
   Eigen::Index fill(Eigen::MatrixXd& A, Eigen::Index column, const std::vector<int>& bodies, int j,
                     const Constraints& joints) const {

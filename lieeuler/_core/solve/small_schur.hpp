@@ -11,7 +11,7 @@
 
 namespace lieeuler {
 
-class SmallSchur : public WorldRows {
+class SmallSchur : public WorldRows, public FullRank {
  public:
   explicit SmallSchur(const Plan& plan) : WorldRows(plan), system_(plan.system), points_(plan, true) {
     for (int b = 0; b < system_.n(); ++b) bodies_.push_back({1 / system_.bodies[b].mass, points_.inertia(b).inverse()});
@@ -22,24 +22,21 @@ class SmallSchur : public WorldRows {
       for (Side side : kSides)
         if (const int body = plan.body(k, side); body != system_.n())
           sides_.push_back({&part, joint, side, body, rows_, part.rows(), {}, {}});
-      parts_.push_back({k, joint, &part, rows_});
+      parts_.push_back({k, &part, rows_});
       rows_ += part.rows();
     }
   }
 
   bool find_redundancy(const Constraints& joints) { return factor(joints, true); }
-  static bool count_redundancy(const Constraints&, int& redundant) {
-    redundant = 0;
-    return true;
-  }
-  static int redundant() { return 0; }
   // Relative to its diagonal entry of S.
   double smallest_pivot() const { return smallest_pivot_; }
 
   // False if rows have become dependent.
   bool factor(const Constraints& joints, bool) {
     assemble(joints);
-    return parts() == 1 ? invert_block() : eliminate();
+    if (parts() == 1) return invert_block();
+    smallest_pivot_ = factor_dense<kMostRows>(S_, rows_, pivot_inverse_);
+    return smallest_pivot_ > kSingular;
   }
 
   // Solves M y + G^T lam = f, G y = rows; y and lam replace f and the rows of each part. Inlined: series call it for
@@ -66,7 +63,7 @@ class SmallSchur : public WorldRows {
     Mat3 inertia_inverse;
   };
   struct PartRows {
-    int index, joint;
+    int index;
     const Part* part;
     int row;  // the first
   };
@@ -100,12 +97,6 @@ class SmallSchur : public WorldRows {
       }
   }
 
-  // False if a pivot is rounding.
-  bool eliminate() {
-    smallest_pivot_ = factor_dense<kMostRows>(S_, rows_, pivot_inverse_);
-    return smallest_pivot_ > kSingular;
-  }
-
   // r = G y - rows
   void put_rates(const std::vector<Vec3>& rows, const std::vector<Twist>& y, double* r) const {
     for (const PartRows& part : parts_)
@@ -125,27 +116,23 @@ class SmallSchur : public WorldRows {
     y.w -= times(side.H.w, lam);
     if (!points_.pinned(side.body)) y.v -= side.H.v * lam;
   }
-  // lam = S^-1 r,  y -= M^-1 G^T lam
-  void subtract_response(const double* r, double* lam, std::vector<Twist>& y) {
-    std::copy_n(r, rows_, lam);
-    solve_dense<kMostRows>(S_, rows_, pivot_inverse_, lam);
+  // r becomes lam = S^-1 r,  y -= M^-1 G^T lam
+  void subtract_response(double* r, std::vector<Twist>& y) const {
+    solve_dense<kMostRows>(S_, rows_, pivot_inverse_, r);
     for (const Sided& side : sides_) {
       Vec3 own = Vec3::Zero();
-      for (int i = 0; i < side.rows; ++i) own[i] = lam[side.row + i];
+      for (int i = 0; i < side.rows; ++i) own[i] = r[side.row + i];
       respond(side, own, y[side.body]);
     }
   }
 
   // solve() from velocities without multipliers. Not inlined: series of pinned bodies would have to save its registers.
   [[gnu::noinline]] void solve_rows(std::vector<Twist>& y, std::vector<Vec3>& rows) {
-    double r[kMostRows], lam[kMostRows];
-    put_rates(rows, y, r);
-    subtract_response(r, lam, y);
-    if (smallest_pivot_ < kGraded) {
-      double more[kMostRows];
+    double r[kMostRows], lam[kMostRows] = {};
+    for (int pass = 0; pass < (smallest_pivot_ < kGraded ? 2 : 1); ++pass) {
       put_rates(rows, y, r);
-      subtract_response(r, more, y);
-      for (int i = 0; i < rows_; ++i) lam[i] += more[i];
+      subtract_response(r, y);
+      for (int i = 0; i < rows_; ++i) lam[i] += r[i];
     }
     for (const PartRows& part : parts_) {
       Vec3& out = rows[part.index];

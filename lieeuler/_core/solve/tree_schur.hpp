@@ -4,12 +4,11 @@
 // times cheaper than the whole matrix.
 #pragma once
 
-#include "model/joints.hpp"
-#include "model/plan.hpp"
+#include "solve/world_rows.hpp"
 
 namespace lieeuler {
 
-class TreeSchur {
+class TreeSchur : public FullRank {
  public:
   // One side of a part, with its rows V, W against (v, w) of the body, and N = W J^-1.
   //   spherical, child    V = R^T, W = -hat(s): W and N are constant
@@ -48,11 +47,6 @@ class TreeSchur {
   }
 
   bool find_redundancy(const Constraints& joints) { return factor(joints, true); }
-  bool count_redundancy(const Constraints&, int& redundant) {
-    redundant = 0;
-    return true;
-  }
-  int redundant() const { return 0; }
   double smallest_pivot() const { return 1; }
 
   const std::vector<End>& ends() const { return ends_; }
@@ -121,17 +115,16 @@ class TreeSchur {
 
  private:
   BlockPlan eliminate_parts(const std::vector<std::vector<int>>& ends_on) const {
-    const std::vector<std::vector<int>> parts_of = plan_.parts_of_joints();
-    std::vector<int> order;
-    for (int item : plan_.order.tree)
-      if (item >= system_.n())
-        order.insert(order.end(), parts_of[item - system_.n()].begin(), parts_of[item - system_.n()].end());
+    const auto append = [](const std::vector<int>& parts, std::vector<int>& nodes) {
+      nodes.insert(nodes.end(), parts.begin(), parts.end());
+    };
+    const auto [order, loops] = plan_.arrange([](int, std::vector<int>&) {}, append);
     std::set<BlockPlan::Entry> entries;
     for (const std::vector<int>& ends : ends_on)
       for (int a : ends)
         for (int b : ends)
           if (a != b) entries.insert({ends_[a].part, ends_[b].part});
-    return BlockPlan(order, 0, entries);
+    return BlockPlan(order, loops, entries);  // no loops
   }
   void add_end(int k, Side side, std::vector<std::vector<int>>& ends_on) {
     const Joint& joint = plan_.joint(k);

@@ -1,10 +1,20 @@
-// Constraint rows in world axes, as the joints give them; most eliminations of the saddle point use these.
+// What several eliminations of the saddle point share: constraint rows in world axes, as the joints give them, and rows
+// that never depend on others.
 #pragma once
 
 #include "model/joints.hpp"
 #include "model/plan.hpp"
 
 namespace lieeuler {
+
+// What eliminations of trees have in common: no row depends on others.
+struct FullRank {
+  static bool count_redundancy(const Constraints&, int& redundant) {
+    redundant = 0;
+    return true;
+  }
+  static int redundant() { return 0; }
+};
 
 class WorldRows {
  public:

@@ -119,7 +119,7 @@ def count(program: Path, method: str, system: int | str, steps: int, step: float
     profile = program.with_name("callgrind.out")
     command = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={profile}", *options,
                str(program), *arguments(program.parent, method, system, steps, step)]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)  # 1: it allocated
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
     total, iterations = re.search(r"Collected : (\d+)", run.stderr), re.search(r"iterations (\d+)", run.stdout)
     if total is None or iterations is None:
         raise RuntimeError(f"callgrind did not say what it counted: {run.stderr or run.stdout}")

@@ -11,7 +11,6 @@ import sys
 import pytest
 
 import lieeuler
-from benchmarks import driver
 from tests import ROOT
 
 
@@ -35,14 +34,3 @@ def test_no_allocation_inside_a_step(counts):
         assert many > few, key
         assert short > 20, key  # set-up and results do allocate, and the count shows it
         assert long == short, key
-
-
-@pytest.mark.slow  # the program takes a minute of a core to compile
-def test_no_allocation_inside_a_step_of_the_program_that_callgrind_looks_at(tmp_path):
-    program = driver.build(tmp_path, "-O1")
-    for bodies in (1, 2, 20):
-        for method in (*lieeuler.EULER_METHODS, "taylor"):
-            done = subprocess.run([program, *driver.arguments(tmp_path, method, bodies, 200, 1e-3)],
-                                  capture_output=True, text=True)
-            assert done.returncode == 0, f"{method}, {bodies}: {done.stdout}{done.stderr}"
-            assert done.stdout.startswith("allocations 0 ")

@@ -107,8 +107,8 @@ MUTANTS = (
      "Values"),
 )
 TESTS = ("constraints", "so3", "oracle", "methods", "taylor", "rkmk", "driven", "rolling", "mimic", "armature",
-         "generalized_alpha", "redundant", "projection", "seulex", "joint_tree", "spin_free", "free_bodies",
-         "compositions", "correction", "integrate")
+         "generalized_alpha", "redundant", "many_loops", "projection", "seulex", "joint_tree", "spin_free",
+         "free_bodies", "compositions", "correction", "integrate")
 FIRST = {"axis_rows": "driven", "forces": "driven", "contact": "rolling", "so3": "so3", "mimic": "mimic",
          "body_chart": "rkmk", "euler_lagrange": "oracle", "euler_hamilton": "oracle",
          "generalized_alpha": "generalized_alpha", "rkmk": "rkmk", "joint_chart": "joint_tree",

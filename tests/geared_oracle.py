@@ -1,4 +1,4 @@
-"""Each Euler step, and generalized-alpha and RATTLE, with rotor inertia in dense algebra: the check on the kernel.
+"""Bodies with rotor inertia for the steps of tests/oracle.py, and the Hamiltonian ones with their momenta, dense.
 
 Here the rate of a rotor is no row: M + s^T I s takes the place of M, and the methods that carry momenta carry those of
 the rotors beside the bodies'. G, gamma, s and ds/dt u are those of `crosscheck.scene`. Equations (17.1) of
@@ -13,7 +13,7 @@ from crosscheck.scene.armature import rotors
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.states import States
-from tests.oracle import MAPS, Bodies, alpha_coefficients, newton
+from tests.oracle import MAPS, Bodies, newton
 
 
 class Geared(Bodies):
@@ -45,6 +45,15 @@ class Geared(Bodies):
         """ds/dt u"""
         return np.array([bias[0] for _, _, bias in rotors(self.scene, *self.state(q, u))]).reshape(-1)
 
+    def rotor_rates(self, q, u):
+        return self.s(q) @ u
+
+    def rotor_accelerations(self, q, u, a):
+        return self.s(q) @ a + self.drift(q, u)
+
+    def rotor_reaction(self, q, change):
+        return self.s(q).T @ (self.I * change)
+
     def mass(self, q):
         s = self.s(q)
         return self.M + s.T * self.I @ s
@@ -68,30 +77,7 @@ class Geared(Bodies):
         return z[:6 * self.n], z[6 * self.n:]
 
     def index1(self, q, u):
-        bias = self.s(q).T @ (self.I * self.drift(q, u))
-        return self.solve(q, self.force(u) - bias, -self.gamma(q, u))
-
-
-def lagrange_step(system, level, q0, u0, h, coordinate_map, guess, gains):
-    """One implicit Euler step: the momentum of a rotor changes from I s_n u_n to I s u, or I by its acceleration."""
-    nu, m, G0, rates0 = 6 * system.n, system.m, system.G(q0), system.s(q0) @ u0
-
-    def unpack(z):
-        u, lam, mu = z[:nu], z[nu:nu + m], z[nu + m:]
-        xi = u - np.linalg.solve(system.M, G0.T @ mu) if level == "stabilised" else u
-        return system.move(q0, h, xi, coordinate_map), u, lam
-
-    def residual(z):
-        q, u, lam = unpack(z)
-        G, phi, s, a = system.G(q), system.phi(q), system.s(q), (u - u0) / h
-        rows = {"position": [phi / h], "velocity": [G @ u], "stabilised": [G @ u, phi / h],
-                "acceleration": [h * (G @ a + system.gamma(q, u) + 2 * gains[0] * G @ u + gains[1]**2 * phi)]}[level]
-        gain = s @ (u - u0) + h * system.drift(q, u) if level == "acceleration" else s @ u - rates0
-        return np.concatenate([system.M @ (u - u0) + s.T @ (system.I * gain) - h * system.force(u) + h * G.T @ lam,
-                               *rows])
-
-    z = newton(residual, guess)
-    return (*unpack(z), z)
+        return self.solve(q, self.force(u) - self.rotor_reaction(q, self.drift(q, u)), -self.gamma(q, u))
 
 
 def hamilton_step(system, level, q0, p0, r0, h, share, coordinate_map, guess):
@@ -126,16 +112,11 @@ def projected(system, q, p, r):
 
 
 def integrate(system, method, q, u, h, steps, coordinate_map="exp"):
-    """(q, u) after `steps` steps of a `lieeuler.Method` of order one, or of rattle2."""
+    """(q, u) after `steps` steps of a Hamiltonian `lieeuler.Method` of order one, or of rattle2."""
     _, lam = system.index1(q, u)
-    p, r, rattle = system.M @ u, system.I * (system.s(q) @ u), method.name == "rattle2"
-    extra = system.m if method.formulation == "lagrange" and method.level == "stabilised" else 0
-    guess = np.r_[u, lam, np.zeros(extra)]
+    p, r, rattle = system.M @ u, system.I * system.rotor_rates(q, u), method.name == "rattle2"
+    guess = np.r_[u, lam]
     for _ in range(steps):
-        if method.formulation == "lagrange":
-            q, u, lam, guess = lagrange_step(system, method.level, q, u, h, MAPS[coordinate_map], guess,
-                                             method.gains or (0.0, 0.0))
-            continue
         share = 0.5 if rattle else 1.0
         q, p, r, lam, guess = hamilton_step(system, method.level, q, p, r, h, share, MAPS[coordinate_map], guess)
         if rattle:
@@ -143,37 +124,4 @@ def integrate(system, method, q, u, h, steps, coordinate_map="exp"):
         u = np.linalg.solve(system.M, p)
         if rattle or method.level == "stabilised":
             u, p, r = projected(system, q, p, r)
-    return q, u
-
-
-def alpha_step(system, radius, q0, u0, a0, A0, h, guess):
-    """One step of generalized-alpha, with M a and the rotors' I s^T (s a + ds/dt u) on the left."""
-    alpha_m, alpha_f, gamma, beta = alpha_coefficients(radius)
-    nu, m, G0 = 6 * system.n, system.m, system.G(q0)
-
-    def unpack(z):
-        a, lam, eta = z[:nu], z[nu:nu + m], z[nu + m:]
-        A = ((1 - alpha_f) * a + alpha_f * a0 - alpha_m * A0) / (1 - alpha_m)
-        xi = u0 + h * ((0.5 - beta) * A0 + beta * A) - np.linalg.solve(system.M, G0.T @ eta)
-        return system.move(q0, h, xi), u0 + h * ((1 - gamma) * A0 + gamma * A), a, A, lam
-
-    def residual(z):
-        q, u, a, _, lam = unpack(z)
-        G, s = system.G(q), system.s(q)
-        gain = s.T @ (system.I * (s @ a + system.drift(q, u)))
-        return np.concatenate([h * (system.M @ a + gain - system.force(u) + G.T @ lam), G @ u, system.phi(q) / h])
-
-    z = newton(residual, guess)
-    return (*unpack(z)[:4], z)
-
-
-def integrate_alpha(system, radius, q, u, h, steps):
-    """(q, u) after `steps` steps of generalized-alpha."""
-    alpha_m, alpha_f, *_ = alpha_coefficients(radius)
-    a, lam = system.index1(q, u)
-    ahead = (alpha_m - alpha_f) * h
-    A, _ = system.index1(system.move(q, ahead, u + ahead / 2 * a), u + ahead * a)
-    guess = np.r_[a, lam, np.zeros(system.m)]
-    for _ in range(steps):
-        q, u, a, A, guess = alpha_step(system, radius, q, u, a, A, h, guess)
     return q, u

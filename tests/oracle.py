@@ -49,10 +49,20 @@ def right_tangent(coordinate_map, theta):
 class Bodies:
     """Bodies under gravity (masses, inertias, gravity); a state is q = (x, R) and u = (v, w) of every body in turn.
 
-    `slips` tells for each row whether it constrains velocities alone.
+    `slips` tells for each row whether it constrains velocities alone. Rotors, of which there are none here, have rates,
+    accelerations and, from changes of their rates, a reaction on the bodies (tests/geared_oracle.py).
     """
 
     slips = False
+
+    def rotor_rates(self, q, u):
+        return 0
+
+    def rotor_accelerations(self, q, u, a):
+        return 0
+
+    def rotor_reaction(self, q, change):
+        return 0
 
     @property
     def n(self):
@@ -158,7 +168,7 @@ def corrected(system, G0, mu, correction):
 
 def lagrange_step(system, level, q0, u0, h, coordinate_map, guess, gains=(0.0, 0.0), correction="mass"):
     """One implicit Euler step; returns q, u, lam and the solution as the next guess."""
-    nu, m, G0 = 6 * system.n, system.m, system.G(q0)
+    nu, m, G0, rates0 = 6 * system.n, system.m, system.G(q0), system.rotor_rates(q0, u0)
 
     def unpack(z):
         u, lam, mu = z[:nu], z[nu:nu + m], z[nu + m:]
@@ -172,7 +182,10 @@ def lagrange_step(system, level, q0, u0, h, coordinate_map, guess, gains=(0.0, 0
         rows = {"position": [np.where(system.slips, G @ u, phi / h)], "velocity": [G @ u],
                 "stabilised": [G @ u, np.where(system.slips, z[nu + m:] if level == "stabilised" else 0, phi / h)],
                 "acceleration": [h * (G @ a + system.gamma(q, u) + 2 * gains[0] * G @ u + gains[1]**2 * phi)]}[level]
-        return np.concatenate([system.M @ (u - u0) - h * system.force(u) + h * G.T @ lam, *rows])
+        change = (h * system.rotor_accelerations(q, u, a) if level == "acceleration"
+                  else system.rotor_rates(q, u) - rates0)
+        return np.concatenate([system.M @ (u - u0) + system.rotor_reaction(q, change) - h * system.force(u)
+                               + h * G.T @ lam, *rows])
 
     z = newton(residual, guess)
     return (*unpack(z), z)
@@ -288,7 +301,8 @@ def alpha_step(system, radius, q0, u0, a0, A0, h, guess, correction="mass"):
         q, u, a, _, lam = unpack(z)
         G = system.G(q)
         closing = np.where(system.slips, z[nu + m:], system.phi(q) / h)
-        return np.concatenate([h * (system.M @ a - system.force(u) + G.T @ lam), G @ u, closing])
+        reaction = system.rotor_reaction(q, system.rotor_accelerations(q, u, a))
+        return np.concatenate([h * (system.M @ a + reaction - system.force(u) + G.T @ lam), G @ u, closing])
 
     z = newton(residual, guess)
     return (*unpack(z), z)

@@ -11,6 +11,7 @@ import crosscheck
 import lieeuler
 from crosscheck import references
 from crosscheck.adapters.lieeuler import build_problem
+from lieeuler import _kernel
 
 EPS = np.finfo(float).eps
 QUANTITIES = ("x", "R", "v", "w")
@@ -83,3 +84,23 @@ def assert_on_the_constraints(solution, problem):
     sizes = speed**2 / length, np.abs(solution.a).max(), length * np.abs(solution.alpha).max(), mobility * load
     assert maxima["constraint_acceleration"] < 50 * EPS * max(sizes)
     assert maxima["orthogonality"] < 50 * EPS
+
+
+def mass_matrix(problem):
+    """Dense, (6n, 6n)."""
+    M = np.zeros((6 * problem.n, 6 * problem.n))
+    for b, body in enumerate(problem.bodies):
+        M[6 * b:6 * b + 3, 6 * b:6 * b + 3] = body.mass * np.eye(3)
+        M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = body.inertia
+    return M
+
+
+def dense_index1(problem, x, R, v, w):
+    """Accelerations (n, 6) and least-norm multipliers, from rows and forces that other tests check."""
+    rows = _kernel.constraints(problem.kernel, x, R, v, w, np.zeros(problem.rows))
+    f = _kernel.forces(problem.kernel, x, R, v, w)["f"].reshape(problem.n, 6).copy()
+    for b, body in enumerate(problem.bodies):
+        f[b, 3:] -= np.cross(w[b], body.inertia @ w[b])
+    G, inverse = rows["G"], np.linalg.inv(mass_matrix(problem))
+    lam = np.linalg.lstsq(G @ inverse @ G.T, G @ inverse @ f.ravel() + rows["gamma"], rcond=1e-11)[0]
+    return (inverse @ (f.ravel() - G.T @ lam)).reshape(-1, 6), lam

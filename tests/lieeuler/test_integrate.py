@@ -1,11 +1,6 @@
-"""The public entry point: arguments, sampling, statuses, threads and interruption."""
+"""The public entry point: arguments, sampling and statuses; test_repeated_runs.py has threads and interruption."""
 
 from __future__ import annotations
-
-import concurrent.futures
-import os
-import signal
-import threading
 
 import numpy as np
 import pytest
@@ -116,29 +111,6 @@ def test_failure_carries_status_advice_and_trajectory(method, coordinate_map, st
     assert caught.value.status is status
     assert "smaller step" in caught.value.advice
     assert len(caught.value.solution.t) == len(caught.value.solution.x) >= 1
-
-
-def test_same_inputs_same_bits_and_threads_are_independent():
-    def run(method):
-        control = {"step": 1e-3} if "step" in lieeuler.METHODS[method].controls else {"rtol": 1e-8}
-        return lieeuler.integrate(SYSTEMS["double_pendulum"](), method, t_eval=np.linspace(0, 2, 21), **control)
-
-    names = list(lieeuler.METHODS) * 2
-    with concurrent.futures.ThreadPoolExecutor(4) as pool:
-        threaded = list(pool.map(run, names))
-    for method, solution in zip(names, threaded, strict=True):
-        alone = run(method)
-        for field in ("x", "R", "v", "w", "a", "alpha", "lam"):
-            assert np.array_equal(getattr(alone, field), getattr(solution, field)), method
-
-
-def test_interrupt_carries_the_trajectory_so_far():
-    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
-    with pytest.raises(lieeuler.Interrupted) as caught:
-        lieeuler.integrate(SYSTEMS["double_pendulum"](), "DAE1L_LSE", 1e-6, np.linspace(0, 10, 100001))
-    assert isinstance(caught.value, KeyboardInterrupt)
-    assert 1 < len(caught.value.solution.t) < 100001
 
 
 def test_monitor_can_be_switched_off():

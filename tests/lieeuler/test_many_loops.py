@@ -10,50 +10,26 @@ from scipy.spatial.transform import Rotation
 
 import lieeuler
 from benchmarks.ladder import ladder
-from lieeuler import _kernel
 from tests.lieeuler import accuracy
 from tests.lieeuler.test_methods import ROUNDING
+from tests.lieeuler.test_planar import turned
 
 SPARSE = {"DAE1L_LSE": {"step": 2e-3}, "DAE1H_LSE": {"step": 2e-3}, "rattle2": {"step": 2e-3}, "rkmk4": {"step": 5e-3},
           "rkmk853": {"rtol": 1e-10}, "taylor": {"rtol": 1e-10}}
 T = np.linspace(0, 0.2, 5)
+ROTATION = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
 
 
-def turned(problem, rotation):
-    """The same problem seen from axes turned by a rotation, gravity too."""
-    moved = {name: getattr(problem, name) @ rotation.T for name in ("x", "v", "gravity")}
-    joints = [dataclasses.replace(joint, parent_anchor=joint.parent_anchor @ rotation.T) if joint.parent < 0 else joint
-              for joint in problem.joints]
-    joints = [lieeuler.revolute_joint(-1, j.child, j.parent_anchor, j.child_anchor, rotation @ [0, 1, 0], [0, 1, 0])
-              if j.parent < 0 else j for j in joints]
-    return dataclasses.replace(problem, joints=tuple(joints), R=rotation @ problem.R, **moved)
-
-
-def index1(problem, x, R, v, w):
-    """Accelerations and least-norm multipliers of all rows, by dense NumPy."""
-    kernel, n = problem.kernel, problem.n
-    rows = _kernel.constraints(kernel, x, R, v, w, np.zeros(problem.rows))
-    f = _kernel.forces(kernel, x, R, v, w)["f"].reshape(n, 6).copy()
-    M = np.zeros((6 * n, 6 * n))
-    for b, body in enumerate(problem.bodies):
-        M[6 * b:6 * b + 3, 6 * b:6 * b + 3] = body.mass * np.eye(3)
-        M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = body.inertia
-        f[b, 3:] -= np.cross(w[b], body.inertia @ w[b])
-    G, inverse = rows["G"], np.linalg.inv(M)
-    lam = np.linalg.lstsq(G @ inverse @ G.T, G @ inverse @ f.ravel() + rows["gamma"], rcond=1e-11)[0]
-    return (inverse @ (f.ravel() - G.T @ lam)).reshape(n, 6), lam
-
-
-@pytest.mark.parametrize("rotation", [np.eye(3), Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()])
+@pytest.mark.parametrize("rotated", [False, True])
 @pytest.mark.parametrize("method", SPARSE)
-def test_all_rows_hold_and_multipliers_are_those_of_least_norm(method, rotation):
+def test_all_rows_hold_and_multipliers_are_those_of_least_norm(method, rotated):
     """Six loops of which 18 rows are dropped; in turned axes no row belongs to the normal of the plane alone."""
-    problem = turned(ladder(6), rotation)
+    problem = turned(ladder(6), ROTATION) if rotated else ladder(6)
     solution = lieeuler.integrate(problem, method, t_eval=T, **SPARSE[method])
     assert solution.stats.redundant_rows == 18
     accuracy.assert_on_the_constraints(solution, problem)
     for k in range(len(T)):
-        a, lam = index1(problem, solution.x[k], solution.R[k], solution.v[k], solution.w[k])
+        a, lam = accuracy.dense_index1(problem, solution.x[k], solution.R[k], solution.v[k], solution.w[k])
         # eps times the condition of G M^-1 G^T, some 1e4 here, for the dense check
         assert np.abs(np.hstack([solution.a[k], solution.alpha[k]]) - a).max() < 1e-10 * np.abs(a).max()
         assert np.abs(solution.lam[k] - lam).max() < 1e-10 * np.abs(lam).max()
@@ -114,14 +90,14 @@ def test_rows_are_chosen_afresh_where_the_plane_of_the_loops_turns(method):
     for level, bound in ROUNDING.items():  # rows are chosen afresh only now and then: dropped rows lose digits
         name = level if level == "orthogonality" else f"constraint_{level}"
         assert solution.stats.maxima[name] < bound, level
-    a, lam = index1(problem, solution.x[-1], solution.R[-1], solution.v[-1], solution.w[-1])
+    a, lam = accuracy.dense_index1(problem, solution.x[-1], solution.R[-1], solution.v[-1], solution.w[-1])
     assert np.abs(solution.lam[-1] - lam).max() < 1e-9 * np.abs(lam).max()  # condition 1e5 of the dense check's matrix
     assert np.abs(np.hstack([solution.a[-1], solution.alpha[-1]]) - a).max() < 1e-9 * np.abs(a).max()
 
 
-@pytest.mark.parametrize("rotation", [np.eye(3), Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()])
+@pytest.mark.parametrize("rotated", [False, True])
 @pytest.mark.parametrize("spring", [False, True])
-def test_one_newton_iteration_a_step(rotation, spring):
+def test_one_newton_iteration_a_step(rotated, spring):
     """Eliminated bodies leave the coupling by joints and springs out of the matrix; the linear solve has it again, also
     where loads across the plane make the hinges carry torques."""
     problem = ladder(3)
@@ -130,6 +106,7 @@ def test_one_newton_iteration_a_step(rotation, spring):
         ends = np.array([0, 0, 0.1]), np.array([0, 0.1, 0])
         forces = (lieeuler.LinearSpring(1, 7, *ends, stiffness=300.0, free_length=0.4),)
         problem = dataclasses.replace(problem, forces=forces)
-    stats = lieeuler.integrate(turned(problem, rotation), "DAE1L_LSE", t_eval=T, step=1e-3).stats
+    problem = turned(problem, ROTATION) if rotated else problem
+    stats = lieeuler.integrate(problem, "DAE1L_LSE", t_eval=T, step=1e-3).stats
     assert stats.redundant_rows > 0
     assert stats.newton_iterations < 1.2 * stats.steps

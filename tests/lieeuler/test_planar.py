@@ -20,7 +20,7 @@ TURNING = ("torsion_wheel", "hinge_pendulum")
 
 
 def turned(problem, Q):
-    """The problem in a world turned by Q (3, 3), its bodies' axes turned at random."""
+    """The problem in a world turned by Q (3, 3), its bodies' axes turned at random; forces are linear springs."""
     P = Rotation.random(problem.n, random_state=3).as_matrix()
 
     def item(thing):
@@ -40,7 +40,7 @@ def turned(problem, Q):
               for b, T in zip(problem.bodies, P, strict=True)]
     R = Q @ problem.R @ np.swapaxes(P, 1, 2)
     return lieeuler.Problem(bodies, [item(j) for j in problem.joints], Q @ problem.gravity, problem.x @ Q.T, R,
-                            problem.v @ Q.T, np.einsum("bij,bj->bi", P, problem.w))
+                            problem.v @ Q.T, np.einsum("bij,bj->bi", P, problem.w), [item(f) for f in problem.forces])
 
 
 @pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE1H_LSE", "generalized_alpha", "rattle4", "rkmk4"])

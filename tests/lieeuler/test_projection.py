@@ -7,24 +7,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lieeuler import _kernel
+from tests.lieeuler.accuracy import EPS, mass_matrix
 from tests.lieeuler.systems import SYSTEMS, hung_by_both_ends
 from tests.lieeuler.test_redundant import FOUR_BAR, linkage
 
-EPS = np.finfo(float).eps
 PROBLEMS = {
     "double pendulum": SYSTEMS["double_pendulum"],  # a tree
     "heavy top": SYSTEMS["heavy_top"],
     "hung by both ends": lambda: hung_by_both_ends(3),  # a loop without redundant rows
     "four-bar": lambda: linkage(FOUR_BAR),  # a loop with three
 }
-
-
-def mass_matrix(problem):
-    M = np.zeros((6 * problem.n, 6 * problem.n))
-    for b, body in enumerate(problem.bodies):
-        M[6 * b:6 * b + 3, 6 * b:6 * b + 3] = body.mass * np.eye(3)
-        M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = body.inertia
-    return M
 
 
 def moved(problem, x, turn):

@@ -12,14 +12,12 @@ import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 from tests import batch_oracle, oracle
 from tests.lieeuler.systems import SYSTEMS
+from tests.lieeuler.test_oracle import oracle_system
 
 
 def dense(problem):
     """The problem as the oracle has it, with its initial velocities."""
-    system = oracle.Chain([body.mass for body in problem.bodies], [body.inertia for body in problem.bodies],
-                          [(j.parent, j.child, j.parent_anchor, j.child_anchor) for j in problem.joints],
-                          problem.gravity)
-    return system, np.hstack([problem.v, problem.w]).ravel()
+    return oracle_system(problem), np.hstack([problem.v, problem.w]).ravel()
 
 
 def start_gradient(problem, h, duration):

@@ -149,14 +149,6 @@ def test_a_hinge_on_the_ground_turns_as_one_of_more_inertia():
         assert np.abs(getattr(runs[0], name) - getattr(runs[1], name)).max() < 1e-12, name
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    ({"inertia": 0.0}, "inertia"), ({"parent_axis": [0, 0, 0]}, "parent_axis"), ({"turns": 1}, "turns")])
-def test_a_wrong_rotor_is_named(change, words):
-    arguments = {"inertia": 0.1, "parent_axis": [0, 0, 1.0], "child_axis": [0, 0, 1.0]} | change
-    with pytest.raises(lieeuler.ArgumentError, match=words):
-        lieeuler.Rotor(**arguments)
-
-
 def test_a_symmetric_body_with_a_rotor_keeps_its_spin():
     """A spin-free frame would remove the spin from the rotor's rate."""
     scene = geared_arm(forces=())

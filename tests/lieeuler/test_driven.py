@@ -161,20 +161,6 @@ def test_the_clock_keeps_its_digits_over_many_steps():
     assert abs(run.v[-1, 0, 0] - float(kicks.sum())) < 1e-12
 
 
-@pytest.mark.parametrize(("make", "words"), [
-    (lambda: lieeuler.TimeFunction([[]]), "coefficient"),
-    (lambda: lieeuler.TimeFunction([[1.0], [2.0]]), "every piece needs a break"),
-    (lambda: lieeuler.TimeFunction([[1.0], [2.0]], breaks=[1.0, 0.0]), "increase"),
-    (lambda: lieeuler.TimeFunction(terms=[(1.0, 2.0)]), "amplitude"),
-    (lambda: lieeuler.TimeFunction(1.0), "rows of numbers"),
-    (lambda: lieeuler.ConstantLoad(0, factor=2.0), "TimeFunction"),
-    (lambda: lieeuler.SlideForce(0, 1, np.zeros(3), np.zeros(3), np.zeros(3), 1.0), "vanish"),
-])
-def test_wrong_arguments_are_named(make, words):
-    with pytest.raises(lieeuler.ArgumentError, match=words):
-        make()
-
-
 def test_steps_end_on_breaks():
     """A kink: with steps across it the methods of order eight would leave 1e-6 at this tolerance."""
     kink = lieeuler.TimeFunction([[0.0], [0.0, 50.0]], breaks=[0.0, 0.4321])

@@ -71,18 +71,33 @@ def test_wrong_bodies_are_refused(mass, inertia):
         lieeuler.Body(mass, inertia)
 
 
-@pytest.mark.parametrize("make", [
-    lambda: lieeuler.spherical_joint(-1, 0.5, [0, 0, 0], [0, 0, 1]),
-    lambda: lieeuler.spherical_joint(-1, 0, [0, 0], [0, 0, 1]),
-    lambda: lieeuler.revolute_joint(-1, 0, [0, 0, 0], [0, 0, 1], [0, 0, 0], [0, 0, 1]),
-    lambda: lieeuler.distance_joint(-1, 0, [0, 0, 0], [0, 0, 1], 0.0),
-    lambda: lieeuler.fixed_joint(-1, 0, [0, 0, 0], [0, 0, 1], 2 * np.eye(3)),
-    lambda: lieeuler.LinearSpring(-1, 0, [0, 0, 0], [0, 0, 1], -1.0, 0.0),
-    lambda: lieeuler.TorsionalSpring(-1, 0, [0, 0, 1], [0, 0, 1], 1.0, np.nan),
-    lambda: lieeuler.ConstantLoad(0, frame="sky"),
+Z = [0, 0, 1.0]
+
+
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda: lieeuler.spherical_joint(-1, 0.5, [0, 0, 0], Z), "child"),
+    (lambda: lieeuler.spherical_joint(-1, 0, [0, 0], Z), "parent_anchor"),
+    (lambda: lieeuler.revolute_joint(-1, 0, [0, 0, 0], Z, [0, 0, 0], Z), "axis"),
+    (lambda: lieeuler.distance_joint(-1, 0, [0, 0, 0], Z, 0.0), "length"),
+    (lambda: lieeuler.fixed_joint(-1, 0, [0, 0, 0], Z, 2 * np.eye(3)), "rotation"),
+    (lambda: lieeuler.LinearSpring(-1, 0, [0, 0, 0], Z, -1.0, 0.0), "stiffness"),
+    (lambda: lieeuler.TorsionalSpring(-1, 0, Z, Z, 1.0, np.nan), "rest_angle"),
+    (lambda: lieeuler.ConstantLoad(0, frame="sky"), "frame"),
+    (lambda: lieeuler.Rotor(0.0, Z, Z), "inertia"),
+    (lambda: lieeuler.Rotor(0.1, [0, 0, 0], Z), "parent_axis"),
+    (lambda: lieeuler.Rotor(0.1, Z, Z, turns=1), "turns"),
+    (lambda: lieeuler.rolling_sphere_joint(0, 1, np.zeros(3), np.zeros(3), Z, 0.3), "with the ground"),
+    (lambda: lieeuler.rolling_disk_joint(-1, 0, np.zeros(3), np.zeros(3), Z, [1.0, 0, 0], -0.3), "radius"),
+    (lambda: lieeuler.TimeFunction([[]]), "coefficient"),
+    (lambda: lieeuler.TimeFunction([[1.0], [2.0]]), "every piece needs a break"),
+    (lambda: lieeuler.TimeFunction([[1.0], [2.0]], breaks=[1.0, 0.0]), "increase"),
+    (lambda: lieeuler.TimeFunction(terms=[(1.0, 2.0)]), "amplitude"),
+    (lambda: lieeuler.TimeFunction(1.0), "rows of numbers"),
+    (lambda: lieeuler.ConstantLoad(0, factor=2.0), "TimeFunction"),
+    (lambda: lieeuler.SlideForce(0, 1, np.zeros(3), np.zeros(3), np.zeros(3), 1.0), "vanish"),
 ])
-def test_wrong_joints_and_forces_are_refused(make):
-    with pytest.raises(lieeuler.ArgumentError):
+def test_wrong_joints_and_forces_are_named(make, words):
+    with pytest.raises(lieeuler.ArgumentError, match=words):
         make()
 
 

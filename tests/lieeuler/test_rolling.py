@@ -267,13 +267,6 @@ def test_levels_held(name, method):
         assert found.stats.maxima[f"constraint_{level}"] < limits[level], level
 
 
-def test_the_plane_is_the_grounds():
-    with pytest.raises(lieeuler.ArgumentError, match="with the ground"):
-        lieeuler.rolling_sphere_joint(0, 1, np.zeros(3), np.zeros(3), [0, 0, 1.0], 0.3)
-    with pytest.raises(lieeuler.ArgumentError, match="radius"):
-        lieeuler.rolling_disk_joint(-1, 0, np.zeros(3), np.zeros(3), [0, 0, 1.0], [1.0, 0, 0], -0.3)
-
-
 def test_reductions_leave_rolling_alone():
     """A ball is a body of revolution, but its spin does not decouple when it rolls; a sleigh is no planar mechanism."""
     J = 0.1 * np.eye(3)

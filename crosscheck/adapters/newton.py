@@ -25,11 +25,14 @@ from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE
 from crosscheck.adapters.common.links import shortest_rotation
 from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
+from crosscheck.adapters.common.own_law import OwnLaw
+from crosscheck.adapters.mujoco.own_law import default
 from crosscheck.document.known import ORDERS, STATE, Known
 from crosscheck.errors import EngineError, foreign
 from crosscheck.files import aside
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.models import source
+from crosscheck.scene.states import States
 
 FORMS = {"Featherstone": "tree", "MuJoCoEuler": "tree", "MuJoCoImplicitfast": "tree", "MuJoCoRK4": "tree",
          "XPBD": "maximal", "SemiImplicit": "maximal"}
@@ -119,6 +122,11 @@ class Newton(Engine):
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """That of the method, as far as the forces are smooth: nothing locates events."""
         return min(order := self.orders.get(spec.method, 1), highest_order(scene) or order)
+
+    def own_law(self, scene: Scene, spec: RunSpec) -> States | None:
+        """That of MuJoCo's dry friction at its default softness, which Newton's MuJoCo methods leave as it is."""
+        own = spec.method.startswith("MuJoCo") and any(any(joint.dry_friction) for joint in scene.joints)
+        return OwnLaw(scene, default, self.name).states() if own else None
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if the state becomes infinite or NaN."""

@@ -141,6 +141,15 @@ def test_soft_friction_is_not_accused_of_how_it_holds(monkeypatch, engine, metho
         assert any(each.startswith("acceleration") for each in accused(judged(resting, shifted, method)))
 
 
+def test_accelerations_are_judged_where_a_stop_bounces(monkeypatch):
+    """The spring of an impact stands for a jump of velocities, and what it gives at an output time for nothing."""
+    def kinds(engine):
+        return {each.partition(":")[0] for each in accused(judged(scene("bounce"), engine, "RK4"))}
+
+    assert "acceleration" not in kinds(adapters.get("mujoco"))
+    assert "acceleration" in kinds(install(monkeypatch, Shifted(adapters.get("mujoco"))))
+
+
 OTHERS = [("pinocchio", name, method) for name in ("saturated", "motor", "following", "sampled", "soft")
           for method in ("SymplecticEuler", "RKMK4")]
 

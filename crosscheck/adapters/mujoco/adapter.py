@@ -118,7 +118,8 @@ class MuJoCo(Forms):
         model = build(scene, spec.method, stepping.fixed_step(scene, spec)[1], form, softness)
         data = mujoco.MjData(model)
         set_initial_state(scene, model, data)
-        bench, held = build(scene, "Euler", model.opt.timestep, form, softness, True), Held(scene, model.opt.timestep)
+        bench = build(models.without_bounces(scene), "Euler", model.opt.timestep, form, softness, True)
+        held = Held(scene, model.opt.timestep)
         accelerate, convert = _evaluation(scene, bench, held, form)
         with listening() as warnings, _controlled(models.controls(scene)):
             advance = _advance(scene, model, data, warnings, held)

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from crosscheck.errors import Unsupported
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.functions import TimeFunction, at
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.laws import Servo
+from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, Sensor, quaternion_from_rotation
 from crosscheck.scene.spanning import Branch, spanning_tree
@@ -67,6 +68,14 @@ def softened(scene: Scene, form: str) -> bool:
 def of_own_law(scene: Scene) -> bool:
     """Whether the model has dry friction or limits, which MuJoCo has as soft constraints."""
     return any(any(joint.dry_friction) or any(joint.limits) for joint in scene.joints)
+
+
+def without_bounces(scene: Scene) -> Scene:
+    """The scene with stops that bounce out of reach: what their springs exert in an impact stands for a jump of
+    velocities, and is no acceleration of the scene."""
+    return scene.replace(joints=tuple(
+        dataclasses.replace(joint, limits=tuple(Limits() if each and each.restitution else each
+                                                for each in joint.limits)) for joint in scene.joints))
 
 
 def obstacle(scene: Scene, form: str) -> str | None:

@@ -11,7 +11,7 @@ from crosscheck.scene.coordinates import at_start, rates
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import Scene
 from crosscheck.scene.models.features import closure_ends, turned_by
-from crosscheck.scene.models.neutral import Reading
+from crosscheck.scene.models.neutral import Reading, off
 from crosscheck.scene.schema import Content
 from crosscheck.scene.states import States
 
@@ -120,8 +120,7 @@ def loops(reading: Reading) -> None:
     m = reading.model
     closed = [e for e in range(m.neq) if m.eq_type[e] in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
              and reading.data.eq_active[e]]
-    off = int(m.opt.disableflags) & (mujoco.mjtDisableBit.mjDSBL_EQUALITY | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    if not closed or off:
+    if not closed or off(m, "EQUALITY", "CONSTRAINT"):
         return
     d = away(reading)
     mujoco.mj_fwdPosition(m, d)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crosscheck.scene.model import rotation_from_quaternion
-from crosscheck.scene.models.laws import body_label, label, off
-from crosscheck.scene.models.neutral import Reading
+from crosscheck.scene.models.neutral import Reading, body_label, joints_of, label, off
 from crosscheck.scene.schema import Content as Table
 
 if TYPE_CHECKING:
@@ -33,9 +32,9 @@ def _nonlinear(reading: Reading) -> None:
     m = reading.model
     for kind, flag, values, joints in (("stiffness", "SPRING", m.jnt_stiffnesspoly, np.arange(m.njnt)),
                                        ("damping", "DAMPER", m.dof_dampingpoly, m.dof_jntid)):
-        if not off(reading, flag):
+        if not off(m, flag):
             bent = joints[np.any(values.reshape(len(joints), -1), axis=1)].tolist()
-            reading.lost += [f"nonlinear {kind} of joint {label(reading, j)!r}" for j in dict.fromkeys(bent)]
+            reading.lost += [f"nonlinear {kind} of joint {label(m, j)!r}" for j in dict.fromkeys(bent)]
 
 
 def _tendons(reading: Reading) -> list[Table]:
@@ -46,8 +45,8 @@ def _tendons(reading: Reading) -> list[Table]:
     made: list[Table] = []
     for t in range(m.ntendon):
         k, c = float(m.tendon_stiffness[t]), float(m.tendon_damping[t])
-        k, c = (0.0 if off(reading, "SPRING") else k), (0.0 if off(reading, "DAMPER") else c)
-        hard = (m.tendon_limited[t] and not off(reading, "LIMIT")) or m.tendon_frictionloss[t] or m.tendon_armature[t]
+        k, c = (0.0 if off(m, "SPRING") else k), (0.0 if off(m, "DAMPER") else c)
+        hard = (m.tendon_limited[t] and not off(m, "LIMIT")) or m.tendon_frictionloss[t] or m.tendon_armature[t]
         bent = np.any(m.tendon_stiffnesspoly[t]) or np.any(m.tendon_dampingpoly[t])
         if not (k or c or hard or bent):
             continue
@@ -72,15 +71,14 @@ def _tendons(reading: Reading) -> list[Table]:
 def _compensation(reading: Reading) -> list[Table]:
     """MuJoCo's gravity compensation of bodies as constant forces."""
     m, d = reading.model, reading.data
-    if off(reading, "GRAVITY"):
+    if off(m, "GRAVITY"):
         return []
     made = []
-    idle = m.nactuator == 0 or off(reading, "ACTUATION")  # MuJoCo then leaves out what actuators should compensate
+    idle = m.nactuator == 0 or off(m, "ACTUATION")  # MuJoCo then leaves out what actuators should compensate
     for body in np.flatnonzero(m.body_gravcomp):
         group, above, carried = int(reading.groups[body]), int(body), set()
         while above:
-            first = int(m.body_jntadr[above])
-            carried |= {bool(m.jnt_actgravcomp[j]) for j in range(first, first + int(m.body_jntnum[above]))}
+            carried |= {bool(m.jnt_actgravcomp[j]) for j in joints_of(m, above)}
             above = int(m.body_parentid[above])
         if not group or (idle and carried == {True}):
             continue
@@ -113,7 +111,7 @@ def _equalities(reading: Reading, joints: list[Table]) -> list[Table]:
 
     m, d = reading.model, reading.data
     made: list[Table] = []
-    if off(reading, "EQUALITY") or off(reading, "CONSTRAINT"):
+    if off(m, "EQUALITY", "CONSTRAINT"):
         return made
     kinds = mujoco.mjtEq
     for e in range(m.neq):

@@ -12,7 +12,7 @@ import numpy as np
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import quaternion_from_rotation
-from crosscheck.scene.models.neutral import Reading
+from crosscheck.scene.models.neutral import Reading, body_label, joints_of, label, off
 from crosscheck.scene.models.words import distinct
 from crosscheck.scene.schema import Content as Table
 
@@ -58,13 +58,6 @@ class Laws:
     idle: list[str] = dataclasses.field(default_factory=list)  # motors without a control
 
 
-def off(reading: Reading, flag: str) -> bool:
-    """Whether the model disables something."""
-    import mujoco
-
-    return bool(int(reading.model.opt.disableflags) & getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
-
-
 def find(reading: Reading, joints: list[Table], wants: Wants) -> Laws:
     """The laws; adds keys to `joints`, what a scene cannot hold to `reading.lost`, what is dropped to `.noted`."""
     laws, places = Laws(), _places(reading, joints)
@@ -75,23 +68,13 @@ def find(reading: Reading, joints: list[Table], wants: Wants) -> Laws:
     return laws
 
 
-def label(reading: Reading, j: int) -> str:
-    """The name of a joint of the model."""
-    return str(reading.model.jnt(j).name or f"joint {j}")
-
-
-def body_label(m: Any, body: int) -> str:
-    """The name of a body of the model."""
-    return str(m.body(body).name or f"body {body}") if body else "ground"
-
-
 def _places(reading: Reading, joints: list[Table]) -> dict[int, tuple[Table, int, float]]:
     """(table, index of the coordinate, its sign) of each joint of the model that is a coordinate of a scene's joint."""
     m, by_child = reading.model, {table["child"]: table for table in joints}
     places: dict[int, tuple[Table, int, float]] = {j: (table, 0, 1.0) for j, table in reading.chained.items()}
     for group, body in reading.bodies.items():
         table = by_child.get(body.name)
-        ids = range(int(m.body_jntadr[group]), int(m.body_jntadr[group]) + int(m.body_jntnum[group]))
+        ids = joints_of(m, group)
         if ids and ids[0] in places:
             continue
         if table is None or not JOINT_TYPES[table["type"]].is_elastic:
@@ -114,10 +97,10 @@ def _given(table: Table, key: str, k: int, value: Any, other: Any) -> None:
 
 def _friction(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants) -> None:
     m = reading.model
-    if off(reading, "FRICTIONLOSS") or off(reading, "CONSTRAINT"):
+    if off(m, "FRICTIONLOSS", "CONSTRAINT"):
         return
     for j in sorted({int(m.dof_jntid[dof]) for dof in range(m.nv) if m.dof_frictionloss[dof]}):
-        words = f"dry friction of joint {label(reading, j)!r}"
+        words = f"dry friction of joint {label(m, j)!r}"
         if wants.friction == "drop":
             reading.noted.append(words)
         elif j not in places or "mimic" in places[j][0]:
@@ -129,12 +112,12 @@ def _friction(reading: Reading, places: dict[int, tuple[Table, int, float]], wan
 
 def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants, laws: Laws) -> None:
     m, d = reading.model, reading.data
-    if off(reading, "LIMIT") or off(reading, "CONSTRAINT"):
+    if off(m, "LIMIT", "CONSTRAINT"):
         return
     for j in range(m.njnt):
         if not m.jnt_limited[j] or np.abs(m.jnt_range[j]).min() >= UNREACHABLE:
             continue
-        words = f"limits of joint {label(reading, j)!r}"
+        words = f"limits of joint {label(m, j)!r}"
         if wants.limits == "drop":
             reading.noted.append(words)
             continue
@@ -158,11 +141,11 @@ def _actuators(reading: Reading, places: dict[int, tuple[Table, int, float]], wa
     """Actuators as servos. A motor with no control does nothing and is listed as such."""
     m = reading.model
     on: dict[int, list[str]] = {}
-    for a in range(0 if off(reading, "ACTUATION") else m.nactuator):
+    for a in range(0 if off(m, "ACTUATION") else m.nactuator):
         if int(m.opt.disableactuator) >> int(m.actuator_group[a]) & 1:
             continue
         name, joint, control = str(m.actuator(a).name or ""), joint_of(m, a), wants.controls.get(a)
-        which = f"of joint {label(reading, joint)!r}" if joint >= 0 and not name else repr(name or f"actuator {a}")
+        which = f"of joint {label(m, joint)!r}" if joint >= 0 and not name else repr(name or f"actuator {a}")
         words = f"actuator {which}"
         if wants.actuators == "drop":
             if control is not None or acts(reading, a):
@@ -206,7 +189,7 @@ def acts(reading: Reading, a: int) -> bool:
 def _clipped(reading: Reading, a: int, control: float) -> float:
     m = reading.model
     its = int(m.actuator_ctrladr[a])
-    if m.actuator_ctrllimited[its] and not off(reading, "CLAMPCTRL"):
+    if m.actuator_ctrllimited[its] and not off(m, "CLAMPCTRL"):
         return float(np.clip(control, *m.actuator_ctrlrange[its]))
     return float(control)
 
@@ -257,14 +240,14 @@ def _clamp(reading: Reading, j: int, place: tuple[Table, int, float] | None, law
     """Cut what a single servo gives to the range of the actuator force on its joint; otherwise that is lost."""
     m = reading.model
     if count != 1 or place is None:
-        reading.lost.append(f"range of the actuator force on joint {label(reading, j)!r}")
+        reading.lost.append(f"range of the actuator force on joint {label(m, j)!r}")
         return
     servo = next(force for force in laws.forces if force["joint"] == place[0]["name"])
     lower, upper = sorted(place[2] * m.jnt_actfrcrange[j])
     first, last = servo.get("effort_limit", [-np.inf, np.inf])
     ends = [float(np.clip(first, lower, upper)), float(np.clip(last, lower, upper))]
     if ends[0] >= ends[1]:
-        reading.lost.append(f"range of the actuator force on joint {label(reading, j)!r}")
+        reading.lost.append(f"range of the actuator force on joint {label(m, j)!r}")
         return
     servo["effort_limit"] = ends
 
@@ -325,7 +308,7 @@ def _within(reading: Reading, a: int, control: Table) -> None:
     """Raise if a control that depends on time may leave the range in which MuJoCo would clip it."""
     m = reading.model
     its = int(m.actuator_ctrladr[a])
-    if not m.actuator_ctrllimited[its] or off(reading, "CLAMPCTRL"):
+    if not m.actuator_ctrllimited[its] or off(m, "CLAMPCTRL"):
         return
     if control.get("type") == "sine":
         size, middle = sum(abs(row[0]) for row in control["terms"]), control.get("offset", 0.0)
@@ -344,7 +327,7 @@ def _within(reading: Reading, a: int, control: Table) -> None:
 def colliding(reading: Reading) -> list[tuple[int, int, float]]:
     """(geom, geom, margin) of the pairs between which MuJoCo would look for contacts that push."""
     m = reading.model
-    if off(reading, "CONTACT") or off(reading, "CONSTRAINT"):
+    if off(m, "CONTACT", "CONSTRAINT"):
         return []
     weld, types, affinities, bodies = reading.groups, m.geom_contype, m.geom_conaffinity, m.geom_bodyid
     parents = weld[m.body_parentid]
@@ -357,7 +340,7 @@ def colliding(reading: Reading) -> list[tuple[int, int, float]]:
         others = some[i + 1:]
         own, theirs = groups[a], groups[others]
         meet = (own != theirs) & ((types[a] & affinities[others]) | (types[others] & affinities[a]) != 0)
-        if not off(reading, "FILTERPARENT"):
+        if not off(m, "FILTERPARENT"):
             meet &= (own == 0) | (theirs == 0) | ((own != parents[theirs]) & (theirs != parents[own]))
         margins |= {(a, b): float(m.geom_margin[a] + m.geom_margin[b]) for b in others[meet].tolist()
                   if (int(bodies[a]), int(bodies[b])) not in excluded}

@@ -84,12 +84,31 @@ def grouped(model: mujoco.MjModel) -> np.ndarray:
     return groups
 
 
-def gravity(model: mujoco.MjModel) -> np.ndarray:
-    """(3,) the gravity of a compiled model, m/s^2; zero if its flag disables it."""
+def off(model: mujoco.MjModel, *flags: str) -> bool:
+    """Whether a compiled model disables one of these."""
     import mujoco
 
-    weightless = int(model.opt.disableflags) & mujoco.mjtDisableBit.mjDSBL_GRAVITY
-    return np.zeros(3) if weightless else np.array(model.opt.gravity)
+    return any(int(model.opt.disableflags) & getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}") for flag in flags)
+
+
+def label(model: mujoco.MjModel, j: int) -> str:
+    """The name of a joint of the model."""
+    return str(model.jnt(j).name or f"joint {j}")
+
+
+def body_label(model: mujoco.MjModel, body: int) -> str:
+    """The name of a body of the model."""
+    return str(model.body(body).name or f"body {body}") if body else "ground"
+
+
+def joints_of(model: mujoco.MjModel, body: int) -> list[int]:
+    """The joints of a body of the model."""
+    return [*range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])]
+
+
+def gravity(model: mujoco.MjModel) -> np.ndarray:
+    """(3,) the gravity of a compiled model, m/s^2; zero if its flag disables it."""
+    return np.zeros(3) if off(model, "GRAVITY") else np.array(model.opt.gravity)
 
 
 def bodies(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Rigid]:
@@ -112,8 +131,8 @@ def bodies(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Rigid]:
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, first, twist, 0)
         v = twist[3:] + cross(twist[:3], centre - data.xpos[first])
         local = R.T @ inertia @ R
-        name = model.body(first).name or f"body {first}"
-        rigid[first] = Rigid(first, name, mass, centre, (local + local.T) / 2, R, v, twist[:3].copy())
+        rigid[first] = Rigid(first, body_label(model, first), mass, centre, (local + local.T) / 2, R, v,
+                             twist[:3].copy())
     return rigid
 
 
@@ -126,19 +145,16 @@ def body_table(body: Rigid) -> Table:
 
 def joint_tables(reading: Reading) -> list[Table]:
     """One of [[joints]] for every body that is not free, or several with light bodies between them."""
-    return [table for group in reading.bodies for table in _hanging(reading, group)]
-
-
-def _hanging(reading: Reading, group: int) -> list[Table]:
-    """The joint of a group, which may stand for several in the model; none if the group is free, a chain if none fits.
-    """
-    ids = range(int(reading.model.body_jntadr[group]), int(reading.model.body_jntadr[group])
-                + int(reading.model.body_jntnum[group]))
-    table = _alone(reading, group)
-    if table is not None:
-        return [table]
-    return _chain(reading, group, list(ids)) if reading.model.jnt_type[ids[0]] != 0 and not _is_free(
-        reading, group) else []
+    tables: list[Table] = []
+    for group in reading.bodies:
+        ids = joints_of(reading.model, group)
+        if _is_free(reading, group, ids):
+            _plain(reading, ids, "a free body")
+        elif table := _alone(reading, group, ids):
+            tables.append(table)
+        else:
+            tables += _chain(reading, group, ids)
+    return tables
 
 
 def _chain(reading: Reading, group: int, ids: list[int]) -> list[Table]:
@@ -176,23 +192,13 @@ def _chain(reading: Reading, group: int, ids: list[int]) -> list[Table]:
     return made
 
 
-def _alone(reading: Reading, group: int) -> Table | None:
-    """The joint that stands for all joints of a group; None if the group is free or nothing fits."""
-    import mujoco
-
-    m, d = reading.model, reading.data
-    first = int(m.body_jntadr[group])
-    ids = list(range(first, first + int(m.body_jntnum[group])))
-    letters = {mujoco.mjtJoint.mjJNT_HINGE: "h", mujoco.mjtJoint.mjJNT_SLIDE: "s", mujoco.mjtJoint.mjJNT_BALL: "b",
-               mujoco.mjtJoint.mjJNT_FREE: "f"}
-    kinds = "".join(letters[mujoco.mjtJoint(m.jnt_type[j])] for j in ids)
+def _alone(reading: Reading, group: int, ids: list[int]) -> Table | None:
+    """The joint that stands for all joints of a group that is not free; None if nothing fits."""
+    m, d, first = reading.model, reading.data, ids[0]
+    kinds = "".join("fbsh"[m.jnt_type[j]] for j in ids)  # free, ball, slide, hinge
     parent = int(reading.groups[m.body_parentid[group]])
-    turning = [j for j, kind in zip(ids, kinds, strict=True) if kind == "h"]
-    slides = [j for j, kind in zip(ids, kinds, strict=True) if kind == "s"]
-    axes = {j: d.xaxis[j] for j in ids}
-    anchors = {j: d.xanchor[j] for j in ids}
-    size = max(1.0, float(np.abs(d.xanchor).max()))
-    together = all(np.linalg.norm(anchors[j] - anchors[turning[0]]) < ALIGNED * size for j in turning)
+    turning, slides = [j for j in ids if m.jnt_type[j] == 3], [j for j in ids if m.jnt_type[j] == 2]
+    axes, anchors, together = d.xaxis, d.xanchor, _meet(d, turning)
     name = next((m.jnt(j).name for j in [*turning, *ids] if m.jnt(j).name), f"{reading.bodies[group].name} joint")
 
     def table(kind: str, at: np.ndarray, parent_axis: np.ndarray | None = None, child_axis: np.ndarray | None = None,
@@ -206,12 +212,9 @@ def _alone(reading: Reading, group: int) -> Table | None:
                      "child_axis": reading.direction(group, parent_axis if child_axis is None else child_axis)}
         return made
 
-    if _is_free(reading, group):
-        _plain(reading, ids, "a free body")
-        return None
     if len(ids) > 1 and kinds.strip("b") and sorted(kinds) != ["h", "s"] and _has_coordinates(reading, ids):
         return None  # a spherical, universal or planar joint has no place for springs and the like
-    if kinds == "b" or (kinds == "hhh" and together and _independent(axes, ids)):
+    if kinds == "b" or (kinds == "hhh" and together and _independent(axes[ids])):
         _plain(reading, ids, "a spherical joint")
         return table("spherical", anchors[ids[0]])
     if kinds == "h":
@@ -244,33 +247,32 @@ def _has_coordinates(reading: Reading, ids: list[int]) -> bool:
         (m.jnt_limited, ids))))
 
 
-def _is_free(reading: Reading, group: int) -> bool:
+def _meet(d: mujoco.MjData, ids: list[int]) -> bool:
+    """Whether the anchors of some joints coincide."""
+    size = max(1.0, float(np.abs(d.xanchor).max()))
+    return all(np.linalg.norm(d.xanchor[j] - d.xanchor[ids[0]]) < ALIGNED * size for j in ids)
+
+
+def _is_free(reading: Reading, group: int, ids: list[int]) -> bool:
     """Whether the joints of a group on the ground leave it free, as three slides and then a ball or three hinges do."""
-    m, d, first = reading.model, reading.data, int(reading.model.body_jntadr[group])
-    ids = list(range(first, first + int(m.body_jntnum[group])))
+    m, d = reading.model, reading.data
     kinds = [int(m.jnt_type[j]) for j in ids]
     if kinds == [0]:
         return True
     if kinds not in ([2, 2, 2, 1], [2, 2, 2, 3, 3, 3]) or reading.groups[m.body_parentid[group]] != 0:
         return False
-    axes = {j: d.xaxis[j] for j in ids}
-    size = max(1.0, float(np.abs(d.xanchor).max()))
-    together = all(np.linalg.norm(d.xanchor[j] - d.xanchor[ids[3]]) < ALIGNED * size for j in ids[3:])
-    return _independent(axes, ids[:3]) and (len(ids) == 4 or (together and _independent(axes, ids[3:])))
+    return _independent(d.xaxis[ids[:3]]) and (len(ids) == 4 or (_meet(d, ids[3:]) and _independent(d.xaxis[ids[3:]])))
 
 
-def _independent(axes: dict[int, np.ndarray], ids: list[int]) -> bool:
+def _independent(axes: np.ndarray) -> bool:
     """Whether three axes are independent, well away from gimbal lock."""
-    return abs(float(np.linalg.det(np.array([axes[j] for j in ids])))) > 1e-3
+    return abs(float(np.linalg.det(axes))) > 1e-3
 
 
 def _dof(reading: Reading, j: int) -> tuple[float, float, float, float]:
     """Armature, damping, stiffness and rest position of a joint with one coordinate; zero if the flags disable them."""
-    import mujoco
-
     m = reading.model
-    flags, bit = int(m.opt.disableflags), mujoco.mjtDisableBit
-    damped, sprung = not flags & bit.mjDSBL_DAMPER, not flags & bit.mjDSBL_SPRING
+    damped, sprung = not off(m, "DAMPER"), not off(m, "SPRING")
     dof, at = int(m.jnt_dofadr[j]), int(m.jnt_qposadr[j])
     return (float(m.dof_armature[dof]), float(m.dof_damping[dof]) if damped else 0.0,
             float(m.jnt_stiffness[j]) if sprung else 0.0, float(m.qpos_spring[at]))
@@ -308,14 +310,10 @@ def _pair(reading: Reading, parent: int, group: int, hinge: int, slide: int) -> 
 
 def _plain(reading: Reading, ids: list[int], kind: str) -> None:
     """List as lost the armature, damping and stiffness of joints that become part of another joint."""
-    import mujoco
-
     m = reading.model
-    damped = not int(m.opt.disableflags) & mujoco.mjtDisableBit.mjDSBL_DAMPER
     for j in ids:
         dofs = range(int(m.jnt_dofadr[j]), int(m.jnt_dofadr[j]) + (6, 3, 1, 1)[int(m.jnt_type[j])])
-        values = _dof(reading, j)
-        label = m.jnt(j).name or f"joint {j}"
-        present = {"armature": any(m.dof_armature[dof] for dof in dofs), "stiffness": values[2] != 0,
-                   "damping": damped and any(m.dof_damping[dof] for dof in dofs)}
-        reading.lost += [f"{key} of joint {label!r}, which is part of {kind}" for key, has in present.items() if has]
+        present = {"armature": any(m.dof_armature[dof] for dof in dofs), "stiffness": _dof(reading, j)[2] != 0,
+                   "damping": not off(m, "DAMPER") and any(m.dof_damping[dof] for dof in dofs)}
+        name = label(m, j)
+        reading.lost += [f"{key} of joint {name!r}, which is part of {kind}" for key, has in present.items() if has]

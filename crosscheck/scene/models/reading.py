@@ -248,15 +248,15 @@ def _inside(m: Any, q: np.ndarray) -> list[str]:
     """Put hinges and slides that are outside their limits a little inside, in place; which, in words."""
     import mujoco
 
-    bit, told = mujoco.mjtDisableBit, []
-    if int(m.opt.disableflags) & (bit.mjDSBL_LIMIT | bit.mjDSBL_CONSTRAINT):
-        return []
+    told: list[str] = []
+    if neutral.off(m, "LIMIT", "CONSTRAINT"):
+        return told
     for j in np.flatnonzero((m.jnt_limited != 0) & (m.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE))).tolist():
         (lower, upper), at = m.jnt_range[j], int(m.jnt_qposadr[j])
         if not lower <= q[at] <= upper:
             reach = min(ROOM, (upper - lower) / 2)
             q[at] = np.clip(q[at], lower + reach, upper - reach)
-            told.append(f"the reference of joint {m.jnt(j).name or f'joint {j}'!r}, which its limits exclude: it "
+            told.append(f"the reference of joint {neutral.label(m, j)!r}, which its limits exclude: it "
                         f"starts at {q[at]:.4g}")
     return told
 

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from crosscheck.document import QUANTITIES, Finding, Order
-from crosscheck.errors import ArgumentError
 from crosscheck.judge import known, tolerances
 from crosscheck.judge.claim import Trace
 from crosscheck.judge.crossings import late
@@ -49,12 +48,12 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Trace]], truth: Refere
     order : the documented order
     orders : the observed orders, which are used for the quantities in `failing`
     """
-    if len(runs) < 2:
-        return [Finding(f"limit {name}", "unjudged", None, None, unit, "a limit needs two runs that reach their end")
+    finest = sorted(dict(runs).items(), key=lambda run: run[0])[:2]
+    if len(finest) < 2:
+        return [Finding(f"limit {name}", "unjudged", None, None, unit, "a limit needs runs at two steps that reach "
+                        "their end")
                 for name, unit in QUANTITIES.items()]
-    (coarse_step, coarse), (fine_step, fine) = sorted(runs, key=lambda run: -run[0])[-2:]
-    if not fine_step < coarse_step:
-        raise ArgumentError(f"runs: two different steps are wanted, not {fine_step:g} s twice")
+    (fine_step, fine), (coarse_step, coarse) = finest
     findings, scale = [], tolerances.scales(scene, truth)
     by_events = late(scene, truth, coarse_step) if order == 1 else {}
     for name, unit in QUANTITIES.items():

@@ -67,9 +67,9 @@ def judge_substeps(scene: Scene, traj: Trace, truth: Reference, order: int, aske
         return []
     counted = _counted(scene, traj) / asked
     most, value, like, what = MORE, counted, 0.0, "as many as were asked for"
-    if truth.events and finest is not None and finest[1] > asked:
-        most, value = FEWEST, (_counted(scene, finest[0]) - _counted(scene, traj)) / (finest[1] - asked)
-        what = "its own count, without what events take at any step"
+    if truth.events and finest is not None and finest[1] > asked and (
+            more := (_counted(scene, finest[0]) - _counted(scene, traj)) / (finest[1] - asked)) * FEWEST > 1.0:
+        most, value, what = FEWEST, more, "its own count, without what events take at any step"
     elif counted > MORE:
         what = "its own count"
     elif scene.has_laws:

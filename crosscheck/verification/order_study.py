@@ -20,7 +20,7 @@ from crosscheck.judge.defects import NORMS
 from crosscheck.judge.metrics import PLATEAU, errors
 from crosscheck.judge.plan import RTOLS
 from crosscheck.judge.richardson import judge_limit
-from crosscheck.judge.substeps import judge_substeps
+from crosscheck.judge.substeps import MORE, judge_substeps
 from crosscheck.judge.verdict import judge_orders, undecided
 from crosscheck.references.base import Reference
 from crosscheck.references.maximal import fastest
@@ -63,6 +63,7 @@ class _Ladder:
         self.cell, self.order, self.scene, self.reference = cell, order, scene, reference
         self.rungs: list[Rung] = []
         self.runs: list[tuple[float, Trajectory]] = []
+        self.told: list[float] = []  # of each run: the step that it says it took, over the one asked for
         self.cut = self.refused = self.message = ""
         self._costs: list[float] = []  # s
 
@@ -84,6 +85,8 @@ class _Ladder:
         traj = outcome.trajectory
         missed = errors(self.scene, traj, self.reference.states, self.reference.horizon)
         used = traj.stats.get("step")
+        if self.order is not None:
+            self.told.append((used or size) / steps_per_sample(self.scene, size)[1])
         self.runs.append((used or size, traj))
         self.rungs.append(Rung(
             step=used or step, rtol=rtol, wall_time=float(traj.wall_time), steps=int(traj.steps),
@@ -148,6 +151,9 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     if ladder.cut and len(ladder.rungs) < FEWEST:
         return ladder.study([Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
                                      f"order not measured: {ladder.cut}") for quantity in QUANTITIES])
+    if ladder.told and max(ladder.told) > MORE * min(ladder.told):
+        why = "largest over smallest part of the step asked for that runs of a study say they took: no order"
+        return ladder.study([Finding("steps", "fail", max(ladder.told) / min(ladder.told), MORE, "1", why)])
     scale = tolerances.scales(scene, reference)
     eps = adapters.get(cell.way.engine).eps
     plateaus = {quantity: tolerances.plateau(scene, reference, scale.of(quantity), order, eps)

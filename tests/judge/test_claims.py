@@ -115,10 +115,11 @@ def test_a_plain_method_that_diverges_says_nothing_of_the_run():
     assert judge_substeps(scene, run, truth(scene), 4, run.steps)[0].status == "ok"
 
 
-@pytest.mark.parametrize(("hidden_steps", "in_vain", "status"), [(1, 0, "ok"), (1, 40, "ok"), (2, 0, "fail")])
-def test_what_finding_events_takes_is_no_hidden_step(tmp_path, hidden_steps, in_vain, status):
+@pytest.mark.parametrize(("steps", "in_vain", "status"), [
+    ((0.005, 0.001), 0, "ok"), ((0.005, 0.001), 40, "ok"), ((0.0025, 0.0005), 0, "fail"), ((0.001, 0.001), 0, "fail")])
+def test_what_finding_events_takes_is_no_hidden_step(tmp_path, steps, in_vain, status):
     scene = pendulum(tmp_path, {"position": 1.2, "limits": {"lower": 1.15}}, duration=0.2, samples=5)
-    runs = [crosscheck.run(scene, "lieeuler", "rkmk4", step=step / hidden_steps) for step in (0.005, 0.001)]
+    runs = [crosscheck.run(scene, "lieeuler", "rkmk4", step=step) for step in steps]  # of 5 and 1 ms asked for
     assert truth(scene).events
     coarse, fine = (dataclasses.replace(run, steps=run.steps + in_vain) for run in runs)
     assert judge_substeps(scene, coarse, truth(scene), 4, 40, (fine, 200))[0].status == status
@@ -138,6 +139,19 @@ def test_steps_taken_in_vain_to_find_an_event_are_rejected_steps(tmp_path):
 def test_hidden_steps_fail_everywhere(scene, order, count):
     found = substeps(hidden(Right, count), scene, f"RKMK{order}", order)
     assert found.status == ("ok" if count == 1 else "fail"), found
+
+
+class Deaf(Right):
+    """Takes a step of its own, whatever it is asked for, and says so."""
+
+    def run(self, scene, spec):
+        return super().run(scene, dataclasses.replace(spec, step=0.01))
+
+
+def test_an_engine_that_takes_its_own_step_fails_and_its_study_ends(monkeypatch):
+    run = judged(monkeypatch, Deaf(), "single_pendulum", "RKMK4", rungs=3)
+    assert run.outcome == "fail"
+    assert {each.status for each in run.findings if each.kind == "steps"} == {"fail"}
 
 
 def test_a_study_looks_for_hidden_steps(monkeypatch):

@@ -179,10 +179,10 @@ class _Walker:
         taken = self._busy() - start
         if not isinstance(outcome, Ran):
             return replace(step, reason=outcome.why), taken
-        traj, until = outcome.trajectory, self._last + 1
-        error = float(np.abs(traj.x[:until] - self._truth.states.x[:until]).max())
-        used = traj.stats.get("step", step.step) if step.rtol is None else None
-        return replace(step, form=traj.form, steps=traj.steps, step=used, cost=cost,
+        raw, until = outcome.raw, self._last + 1
+        error = float(np.abs(raw.states.x[:until] - self._truth.states.x[:until]).max())
+        used = raw.step if step.rtol is None else None
+        return replace(step, form=raw.form, steps=raw.steps, step=used, cost=cost,
                        error=error if math.isfinite(error) else None), taken
 
     def _timed(self, step: Step) -> tuple[Outcome, float]:
@@ -194,10 +194,10 @@ class _Walker:
         costs: list[float] = []
         while True:
             began = self._busy()
-            outcome = lasting(attempt(self._scene, step, monitor=False))
+            outcome = lasting(attempt(self._scene, step, monitor=False, derived=False))
             if not isinstance(outcome, Ran):
                 return outcome, math.inf
-            costs.append(min(outcome.trajectory.wall_time, self._busy() - began))
+            costs.append(min(outcome.raw.wall_time, self._busy() - began))
             if len(costs) == TRIES or sum(costs) > SHORT:
                 return outcome, min(costs)
 

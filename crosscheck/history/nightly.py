@@ -62,7 +62,6 @@ class Night:
     exit_code: int
     summary: str
     changes: list[Change]
-    resumed: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,7 +135,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
         _point_latest(out, folder.name)
         standalone.tell(out / LATEST)
     _prune(out, keep)
-    return Night(folder, exit_code, text, changes, session.continued)
+    return Night(folder, exit_code, text, changes)
 
 
 def _old(path: Path) -> bool:

@@ -192,14 +192,10 @@ struct EulerStep {
   }
   // Lam = duration * lam
   void store_multipliers(double duration) {
-    for (int k = 0; k < nodes.parts(); ++k)
-      for (int r = 0; r < plan.part(k).rows(); ++r)
-        state.lam[plan.part(k).row + r] = z[3 * nodes.lam(k) + r] / duration;
+    plan.for_rows([&](int row, int place) { state.lam[row] = z[3 * nodes.lam(0) + place] / duration; });
   }
   void guess_multipliers(double duration, std::vector<double>& z) const {
-    for (int k = 0; k < nodes.parts(); ++k)
-      for (int r = 0; r < plan.part(k).rows(); ++r)
-        z[3 * nodes.lam(k) + r] = duration * state.lam[plan.part(k).row + r];
+    plan.for_rows([&](int row, int place) { z[3 * nodes.lam(0) + place] = duration * state.lam[row]; });
   }
 
   void follow_choice() {
@@ -369,7 +365,7 @@ class EulerStepper {
     else
       predictor.guess(at.z);
     at.remove_null_space(at.z);
-    std::swap(at.start, at.state);
+    swap(at.start, at.state);
     std::swap(at.start_joints, at.joints);
     at.state.frames.follow(at.start.frames, at.h);
     at.measure_scales();
@@ -504,9 +500,9 @@ class EulerStepper {
   void guess_afresh() {
     auto& at = equations_.at;
     std::fill(at.z.begin(), at.z.end(), 0.0);
-    std::swap(at.start, at.state);
+    swap(at.start, at.state);
     equations_.guess(at.z);
-    std::swap(at.start, at.state);
+    swap(at.start, at.state);
     at.remove_null_space(at.z);
   }
 

@@ -192,9 +192,7 @@ class HamiltonEquations {
 
   // Whether only rows of joints couple bodies: there are no dampers, and no loops whose dependent rows must be kept.
   static bool eliminates(const Plan& plan, Level level) {
-    const std::vector<Force>& forces = plan.system.forces;
-    return plan.plain() && (plan.forest || (level != Level::velocity && plan.independent)) &&
-           std::all_of(forces.begin(), forces.end(), [](const Force& f) { return f.damping == 0; });
+    return plan.plain() && (plan.forest || (level != Level::velocity && plan.independent)) && !plan.system.damped();
   }
 
   bool fill_core() {

@@ -209,7 +209,7 @@ class LagrangeEquations {
         plain_(correction == Correction::plain),
         gains_(gains),
         alpha_(alpha),
-        damped_(damped(plan)),
+        damped_(plan.system.damped()),
         force_share_(alpha ? alpha->force_share() : 1),
         velocity_share_(alpha ? alpha->velocity_share() : 1),
         increments_(at.system),
@@ -241,10 +241,6 @@ class LagrangeEquations {
 
   static bool splits(const Plan& plan, Level level) {
     return level == Level::stabilised && StabilisedSolve::suits(plan);
-  }
-  static bool damped(const Plan& plan) {
-    const std::vector<Force>& forces = plan.system.forces;
-    return std::any_of(forces.begin(), forces.end(), [](const Force& f) { return f.damping != 0; });
   }
   bool stabilised() const { return at.level == Level::stabilised; }
   // theta: the time for which a force acts in a step.
@@ -416,7 +412,7 @@ class LagrangeEquations {
   static bool eliminates(const Plan& plan, Level level) {
     const System& system = plan.system;
     // With independent rows this is not exact; Newton's iteration corrects the coupling of bodies that is left out.
-    if (plan.independent && level == Level::position) return StabilisedSolve::suits(plan) && !damped(plan);
+    if (plan.independent && level == Level::position) return StabilisedSolve::suits(plan) && !plan.system.damped();
     if (plan.independent) return splits(plan, level);
     return level != Level::acceleration && system.forces.empty() && plan.plain() && plan.forest &&
            std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {

@@ -65,7 +65,7 @@ class Extrapolation {
   Status accept(double h) {
     plan_next(h);
     h_ = h, refused_ = false;
-    std::swap(state_, next_);
+    std::ranges::swap(state_, next_);
     scales_ = Scales::of(system_, state_, slowest_);
     node_count_ = 0;
     return projection_.confirm_rank();

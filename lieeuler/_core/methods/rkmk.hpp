@@ -105,7 +105,7 @@ class MuntheKaas {
   }
 
   Status accept() {
-    std::swap(state_, next_);
+    std::ranges::swap(state_, next_);
     scales_ = Scales::of(system_, chart_.state(state_), slowest_);
     interpolates_ = false;
     return chart_.confirm_rank();
@@ -199,13 +199,13 @@ class MuntheKaas {
 
   // Terms of the continuous extension in Hairer's form: s (d_0 + (1-s) (d_1 + s (d_2 + (1-s) (d_3 + ...)))).
   Status interpolate(Counters& counters) {
-    std::swap(state_, next_);  // the chart is that of the step's start
+    std::ranges::swap(state_, next_);  // the chart is that of the step's start
     Status status = Status::success;
     for (size_t i = 0; i < extra_.size() && status == Status::success; ++i) {
       combine(extra_[i], y_.data());
       status = evaluate(slope(end() + 1 + i), h_ * extra_nodes_[i], counters);
     }
-    std::swap(state_, next_);
+    std::ranges::swap(state_, next_);
     if (status != Status::success) return status;
     double *const d0 = dense_terms_.data(), *const d1 = d0 + size_, *const d2 = d1 + size_;
     for (size_t i = 0; i < size_; ++i) {

@@ -28,7 +28,6 @@ inline nb::object make_array(std::vector<double> data, std::initializer_list<siz
   return nb::cast(nb::ndarray<nb::numpy, double>(kept->data(), shape.size(), shape.begin(), owner));
 }
 
-inline Vec3 vec3(const double* p) { return {p[0], p[1], p[2]}; }
 inline Mat3 mat3(const double* p) { return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(p); }
 inline void put(std::vector<double>& out, size_t at, const Vec3& v) { std::copy_n(v.data(), 3, out.data() + at); }
 inline void put(std::vector<double>& out, size_t at, const Mat3& R) {
@@ -51,8 +50,8 @@ inline State make_state(const System& system, const Array& x, const Array& R, co
   State state(system);
   for (size_t b = 0; b < n; ++b) {
     const size_t body = index * n + b;
-    state.frames[b] = {vec3(x.data() + 3 * body), mat3(R.data() + 9 * body)};
-    state.u[b] = {vec3(v.data() + 3 * body), vec3(w.data() + 3 * body)};
+    state.frames[b] = {load3(x.data() + 3 * body), mat3(R.data() + 9 * body)};
+    state.u[b] = {load3(v.data() + 3 * body), load3(w.data() + 3 * body)};
   }
   return state;
 }

@@ -65,21 +65,14 @@ inline Run implicit(CoordinateMap map, const Method& method, const std::vector<d
           steps.size() + 1, monitored, duration_of(steps, counts)};
 }
 
-// A run by steppers from a shelf, made of the plan and `given`; of_joints: and of the nodes of its tree. go(stepper,
-// plan, initial, record, interrupted) is the run itself.
+// A run by steppers from a shelf, made of the plan, `given` and, of a tree's joints, its nodes. go(stepper, plan,
+// initial, record, interrupted) is the run itself.
 template <class Stepper, class Go, class... Arguments>
-auto of_bodies(const Go& go, const Arguments&... given) {
+auto lent(const Go& go, const Arguments&... given) {
   return [=, shelf = std::make_shared<Shelf<Stepper>>()](const Plan& plan, const State& initial, const Record& record,
-                                                         const Interrupted& interrupted) {
-    return shelf->lend(plan, [&](Stepper& by) { return go(by, plan, initial, record, interrupted); }, given...);
-  };
-}
-template <class Stepper, class Go>
-auto of_joints(const Go& go, const Tableau& given) {
-  return [=, shelf = std::make_shared<Shelf<Stepper>>()](const std::vector<JointNode>& nodes, const Plan& plan,
-                                                         const State& initial, const Record& record,
-                                                         const Interrupted& interrupted) {
-    return shelf->lend(plan, [&](Stepper& by) { return go(by, plan, initial, record, interrupted); }, given, nodes);
+                                                         const Interrupted& interrupted, const auto&... nodes) {
+    return shelf->lend(
+        plan, [&](Stepper& by) { return go(by, plan, initial, record, interrupted); }, given..., nodes...);
   };
 }
 
@@ -90,8 +83,8 @@ inline Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps,
                       const Interrupted& interrupted) {
     return run(by, plan, initial, steps, counts, monitored, record, interrupted);
   };
-  Run run{of_bodies<FixedMuntheKaas<BodyChart>>(go, tableau), steps.size() + 1, monitored, duration_of(steps, counts)};
-  run.by_joints = of_joints<FixedMuntheKaas<JointChart>>(go, tableau);
+  Run run{lent<FixedMuntheKaas<BodyChart>>(go, tableau), steps.size() + 1, monitored, duration_of(steps, counts)};
+  run.by_joints = lent<FixedMuntheKaas<JointChart>>(go, tableau);
   if (!monitored && tableau.stages.size() + 2 <= kMostSlopes) run.in_lanes = ExplicitRun{tableau, steps, counts};
   return run;
 }
@@ -108,13 +101,13 @@ inline auto choose_steps(const std::vector<double>& t_eval, double rtol, bool mo
 }
 template <class Stepper, class... Arguments>
 inline Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitored, const Arguments&... given) {
-  return {of_bodies<Stepper>(choose_steps(t_eval, rtol, monitored), given...), t_eval.size(), monitored, t_eval.back()};
+  return {lent<Stepper>(choose_steps(t_eval, rtol, monitored), given...), t_eval.size(), monitored, t_eval.back()};
 }
 
 inline Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored,
                                 bool conserves) {
   Run run = adaptive<AdaptiveMuntheKaas<BodyChart>>(t_eval, rtol, monitored, tableau, conserves);
-  run.by_joints = of_joints<AdaptiveMuntheKaas<JointChart>>(choose_steps(t_eval, rtol, monitored), tableau);
+  run.by_joints = lent<AdaptiveMuntheKaas<JointChart>>(choose_steps(t_eval, rtol, monitored), tableau);
   return run;
 }
 

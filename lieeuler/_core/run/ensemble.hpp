@@ -17,15 +17,15 @@ struct Run {
   double begin = 0;  // s, the time of the initial state
   std::variant<std::monostate, TaylorRun, ExplicitRun> in_lanes = {};
   // The same in the coordinates of a tree's joints, for methods that can.
-  std::function<Outcome(const std::vector<JointNode>&, const Plan&, const State& initial, const Record&,
-                        const Interrupted&)>
+  std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&,
+                        const std::vector<JointNode>&)>
       by_joints = {};
   std::vector<JointNode> nodes = {};  // of the tree; none: the bodies' coordinates
 
   Outcome operator()(const Plan& plan, const State& initial, const Record& record,
                      const Interrupted& interrupted) const {
     return nodes.empty() ? run(plan, initial, record, interrupted)
-                         : by_joints(nodes, plan, initial, record, interrupted);
+                         : by_joints(plan, initial, record, interrupted, nodes);
   }
 };
 

@@ -6,10 +6,9 @@ import functools
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import lieeuler
-from tests import oracle
+from tests.lieeuler import accuracy
 from tests.lieeuler.systems import SYSTEMS
 from tests.lieeuler.test_oracle import oracle_system
 
@@ -61,25 +60,11 @@ def test_index_3_acceleration_after_the_first_step(method):
 
 @functools.cache
 def truth(system):
-    """Index-1 equations in the oracle's dense form by DOP853: x, R, u and lam at eleven times in one second."""
-    problem = SYSTEMS[system]()
-    dense, n = oracle_system(problem), problem.n
-
-    def unpack(y):
-        return (y[:3 * n].reshape(n, 3), y[3 * n:12 * n].reshape(n, 3, 3)), y[12 * n:]
-
-    def rate(_, y):
-        q, u = unpack(y)
-        a, _ = dense.index1(q, u)
-        spins = np.array([R @ oracle.hat(w) for R, w in zip(q[1], u.reshape(n, 6)[:, 3:], strict=True)])
-        return np.concatenate([u.reshape(n, 6)[:, :3].ravel(), spins.ravel(), a])
-
-    t = np.linspace(0, 1, 11)
-    start = np.concatenate([problem.x.ravel(), problem.R.ravel(), np.hstack([problem.v, problem.w]).ravel()])
-    y = solve_ivp(rate, (0, 1), start, "DOP853", t, rtol=1e-13, atol=1e-14).y.T
-    states = [unpack(row) for row in y]
-    return (t, np.array([q[0] for q, _ in states]), np.array([q[1] for q, _ in states]),
-            np.array([u for _, u in states]), np.array([dense.index1(q, u)[1] for q, u in states]))
+    """x, R, u and lam of the library's scene of this name at eleven times in one second."""
+    exact, problem = accuracy.truth(system, 1.0, 11), SYSTEMS[system]()
+    u = np.concatenate([exact.v, exact.w], axis=2).reshape(11, -1)
+    lam = [accuracy.dense_index1(problem, *state)[1] for state in zip(exact.x, exact.R, exact.v, exact.w, strict=True)]
+    return np.linspace(0, 1, 11), exact.x, exact.R, u, np.array(lam)
 
 
 FIRST_ORDER = [name for name, method in lieeuler.METHODS.items() if method.order == 1]

@@ -20,10 +20,10 @@ from crosscheck.scene.constraints import Constraints
 from lieeuler import _kernel
 from tests import oracle
 from tests.lieeuler.accuracy import agrees_with_order, observed_orders
+from tests.lieeuler.test_constraints import assert_derivatives
 from tests.lieeuler.test_oracle import assert_agrees
 
 SCENES = ("chaplygin_sleigh", "rolling_disk", "wobbling_disk", "rolling_ball")
-STEP = 1e-5
 FIXED = [name for name, method in lieeuler.METHODS.items() if "step" in method.controls]
 ADAPTIVE = [name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls]
 
@@ -69,26 +69,11 @@ def test_derivatives_of_rows(kind, seed):
             return
     (u, d), lam = rng.standard_normal((2, 6)), rng.standard_normal(joint.rows)
 
-    def values(x, R, u):
-        return _kernel.constraints(plan, x, R, u[None, :3].copy(), u[None, 3:].copy(), lam)
+    def bound(here):
+        names = ("gamma", "G", "geometric_stiffness", "velocity_slope")
+        return 1e-7 * (1 + max(np.abs(here[name]).max() for name in names)) ** 2
 
-    def slope(function, direction):
-        ends = []
-        for sign in (1, -1):
-            step = sign * STEP * direction
-            ends.append(function(x + step[:3], R @ Rotation.from_rotvec(step[3:]).as_matrix()))
-        return (ends[0] - ends[1]) / (2 * STEP)
-
-    here = values(x, R, u)
-    scale = 1 + max(np.abs(here[key]).max() for key in ("gamma", "G", "geometric_stiffness", "velocity_slope"))
-    bound = 1e-7 * scale**2  # differences: STEP^2 = 1e-10 and eps / STEP = 2e-11, times third derivatives
-    assert np.abs(slope(lambda x, R: values(x, R, u)["phi"], d)[0] - (here["G"] @ d)[0]) < bound
-    assert not here["phi"][1:].any()
-    assert np.abs(slope(lambda x, R: values(x, R, u)["G"] @ u, d) - here["velocity_slope"] @ d).max() < bound
-    assert np.abs(slope(lambda x, R: values(x, R, u)["G"] @ u, u) - here["gamma"]).max() < bound
-    assert np.abs(slope(lambda x, R: values(x, R, u)["G"].T @ lam, d) - here["geometric_stiffness"] @ d).max() < bound
-    by_velocity = (values(x, R, u + STEP * d)["gamma"] - values(x, R, u - STEP * d)["gamma"]) / (2 * STEP)
-    assert np.abs(by_velocity - here["gamma_velocity_slope"] @ d).max() < bound
+    assert_derivatives(plan, x, R, u, d, lam, bound, positions=[0])
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -105,7 +105,7 @@ def _symmetric(*half: float) -> tuple[float, ...]:
 
 # Published weights. They sum to one, which fixes the middle one. METHODS uses for each order the weights of least error
 # at equal cost: rattle4 has a tenth of the error of FOREST_RUTH_4 and half that of MCLACHLAN_4, rattle6 0.3 times that
-# of YOSHIDA_6, rattle8 0.8 times that of KAHAN_LI_8 (docs/theory.md, section 9).
+# of YOSHIDA_6, rattle8 that of KAHAN_LI_8 (docs/theory.md, section 9).
 FOREST_RUTH_4 = _symmetric(1 / (2 - 2 ** (1 / 3)))
 """Order 4, 3 stages; Forest and Ruth, doi:10.1016/0167-2789(90)90019-L."""
 SUZUKI_4 = _symmetric(*2 * (1 / (4 - 4 ** (1 / 3)),))

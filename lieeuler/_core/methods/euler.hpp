@@ -235,7 +235,7 @@ struct EulerStep {
   const Level level;
   bool index1_output;
   const bool solves_velocities;
-  bool owes_output = false;  // (a, lam) of the index-1 system; the saddle point is factored
+  bool owes_output = false;  // (a, lam), which output() completes; for index-1 values the saddle point is factored
   const bool second_order;   // whether the matrix holds second derivatives of the constraints
   const bool has_others;     // whether there are rows of slip, mimics or rotors
   const Nodes nodes;         // layout of the unknowns z
@@ -310,6 +310,7 @@ class Predictor {
 //
 //   EulerStep<Map> at
 //   Status begin(), finish()              at the start of a run and at the end of a step
+//   void output()                         (a, lam) that finish() owes
 //   void guess(z)                         without earlier solutions
 //   Status residual(z, r); bool factor(), solve_linear(r), exact_matrix()
 //   bool fall_back()                      takes another matrix, if the iteration with the present one fails
@@ -407,10 +408,10 @@ class EulerStepper {
 
   size_t unknowns() const { return equations_.at.z.size(); }
   int redundant_rows() const { return equations_.at.saddle.redundant(); }
-  // With index-1 output, accelerations and multipliers are computed when they are asked for.
+  // Accelerations and multipliers are computed when they are asked for.
   const State& state() {
     auto& at = equations_.at;
-    if (std::exchange(at.owes_output, false)) at.saddle.accelerate(at.joints, at.state);
+    if (std::exchange(at.owes_output, false)) equations_.output();
     return at.state;
   }
   const Constraints& joints() const { return equations_.at.joints; }

@@ -22,19 +22,6 @@
 
 namespace lieeuler {
 
-// a = M^-1 (f - G^T lam) with the multipliers in `state`.
-inline void accelerations_from_multipliers(const Plan& plan, const Constraints& joints, State& state) {
-  const System& system = plan.system;
-  generalized_forces(system, state.frames, state.u, state.angles, state.a);
-  for (const PlacedPart& placed : plan.parts) {
-    Vec3 lam = Vec3::Zero();
-    for (int r = 0; r < placed.part->rows(); ++r) lam[r] = state.lam[placed.part->row + r];
-    joints.subtract_reaction(placed, lam, state.a);
-  }
-  for (int b = 0; b < system.n(); ++b) state.a[b] = velocity(system.bodies[b], state.a[b]);
-  state.a[system.n()] = Twist{};
-}
-
 template <class Map>
 class HamiltonEquations {
  public:
@@ -126,9 +113,33 @@ class HamiltonEquations {
       for (size_t i = 0; i < rates_.size(); ++i) rotor_momenta_[i] += mu_[at.plan.part(at.plan.rotors[i]).row];
       for (size_t r = 0; r < mu_.size(); ++r) at.state.lam[r] += mu_[r] / at.h;
     }
-    at.owes_output = at.index1_output;  // factored above: index-1 output comes with stabilised
-    if (!at.index1_output && !rattle_) accelerations_from_multipliers(at.plan, at.joints, at.state);
+    at.owes_output = at.index1_output || !rattle_;  // factored above: index-1 output comes with stabilised
     return Status::success;
+  }
+  // a = M^-1 (f - G^T lam). Multipliers of the step act at q_n. Around a loop large ones cancel at thin bodies there,
+  // but no more at q: with redundant rows those are taken that come nearest at q to the impulse of the joints, p less
+  // p_n and its forces.
+  void output() {
+    if (at.index1_output) return at.saddle.accelerate(at.joints, at.state);
+    std::vector<Twist>& a = at.state.a;
+    if (at.level == Level::stabilised && at.saddle.redundant() > 0 && !at.has_others) {
+      std::vector<Vec3> rows(at.plan.count(), Vec3::Zero());
+      for (int b = 0; b < at.system.n(); ++b) {
+        const Twist pushed = canonical_momentum(at.system.bodies[b], at.start.u[b]) + at.h * at.force[b];
+        a[b] = {pushed.v - momentum_[b].v, transposed_times(rotations_[b], pushed.w) - momentum_[b].w};
+      }
+      at.saddle.solve(a, rows, true);
+      for (int k = 0; k < at.plan.count(); ++k) store(rows[k], &at.z[3 * at.nodes.lam(k)]);
+      at.store_multipliers(at.h);
+    }
+    generalized_forces(at.system, at.state.frames, at.state.u, at.state.angles, a);
+    for (const PlacedPart& placed : at.plan.parts) {
+      Vec3 lam = Vec3::Zero();
+      std::copy_n(&at.state.lam[placed.part->row], placed.part->rows(), lam.data());
+      at.joints.subtract_reaction(placed, lam, a);
+    }
+    for (int b = 0; b < at.system.n(); ++b) a[b] = velocity(at.system.bodies[b], a[b]);
+    a[at.system.n()] = Twist{};
   }
 
  private:

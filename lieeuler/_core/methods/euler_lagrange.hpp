@@ -201,6 +201,7 @@ class LagrangeEquations {
     for (int b = 0; b < at.system.n(); ++b) at.state.a[b] = (at.state.u[b] - at.start.u[b]) / at.h;
     return Status::success;
   }
+  void output() { at.saddle.accelerate(at.joints, at.state); }
 
  private:
   LagrangeEquations(const Plan& plan, Level level, bool index1_output, Gains gains, Correction correction,

@@ -107,8 +107,8 @@ MUTANTS = (
      "Values"),
 )
 TESTS = ("constraints", "so3", "adapter", "oracle", "methods", "taylor", "rkmk", "driven", "rolling", "mimic",
-         "armature", "generalized_alpha", "redundant", "many_loops", "projection", "seulex", "joint_tree", "spin_free",
-         "free_bodies", "compositions", "correction", "integrate")
+         "armature", "generalized_alpha", "redundant", "many_loops", "planar", "projection", "seulex", "joint_tree",
+         "spin_free", "free_bodies", "compositions", "correction", "integrate")
 FIRST = {"axis_rows": "driven", "forces": "adapter", "contact": "rolling", "so3": "so3", "mimic": "mimic",
          "body_chart": "rkmk", "euler_lagrange": "oracle", "euler_hamilton": "oracle",
          "generalized_alpha": "generalized_alpha", "system": "spin_free", "rkmk": "rkmk", "joint_chart": "joint_tree",

@@ -182,6 +182,13 @@ def test_steadily_rolling_disk_in_closed_form(method):
     assert np.abs(found.R[:, 0] - attitude).max() < CLOSED
 
 
+@pytest.mark.parametrize("name", SCENES)
+def test_series_and_stages_end_at_one_place(name):
+    problem, t = build_problem(crosscheck.load_scene(name)), [0, 0.5]
+    series, stages = (lieeuler.integrate(problem, method, None, t, rtol=1e-12) for method in ("taylor", "rkmk853"))
+    assert np.abs(series.R[-1] - stages.R[-1]).max() < CLOSED
+
+
 @functools.cache
 def with_truth(name, T):
     """The scene, its problem and its states by the maximal formulation of truth, which meets the other to 1e-13."""

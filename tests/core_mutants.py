@@ -112,7 +112,7 @@ TESTS = ("constraints", "so3", "adapter", "oracle", "methods", "taylor", "rkmk",
 FIRST = {"axis_rows": "driven", "forces": "adapter", "contact": "rolling", "so3": "so3", "mimic": "mimic",
          "body_chart": "rkmk", "euler_lagrange": "oracle", "euler_hamilton": "oracle",
          "generalized_alpha": "generalized_alpha", "system": "spin_free", "rkmk": "rkmk", "joint_chart": "joint_tree",
-         "motion_series": "taylor", "term_series": "taylor", "contact_series": "rolling", "turning": "taylor",
+         "motion_series": "taylor", "term_series": "taylor", "contact_series": "rolling", "turning": "planar",
          "extrapolation": "seulex", "saddle_solver": "driven", "stabilised": "methods", "tree_schur": "rkmk",
          "small_schur": "taylor", "independent_rows": "redundant", "free_bodies": "free_bodies",
          "compensated": "compositions"}

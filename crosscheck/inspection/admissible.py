@@ -8,8 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from crosscheck.scene import mechanics
+from crosscheck.scene.assembly import projected
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene, quaternion_from_rotation
+from crosscheck.scene.schema import EntryError
 from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
 
@@ -19,8 +21,6 @@ TURN = 0.1, 0.4
 The distance is halved until the joints can be closed there.
 """
 
-_CLOSED = 1e-14  # times the scene's length; Newton's method reaches a few eps
-_ITERATIONS = 30
 _HALVINGS = 20
 
 
@@ -48,14 +48,11 @@ def basis(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray) 
 
 def states(scene: Scene, count: int, seed: int) -> States:
     """The start, then `count` random states. Each is moved in an admissible direction, and its joints are closed."""
-    constraints = Constraints(scene)
-    rng = np.random.default_rng(seed)
-    poses = [(scene.x0, scene.R0)] + [_pose(scene, constraints, rng) for _ in range(count)]
-    x, R = (np.array(part) for part in zip(*poses, strict=True))
-    u = np.concatenate([scene.v0, scene.w0], axis=1).ravel()
-    rates = [u] + [_velocity(scene, constraints, rng, u, *pose) for pose in poses[1:]]
-    v, w = np.split(np.reshape(rates, (count + 1, scene.n, 6)), 2, axis=2)
-    return States(np.zeros(count + 1), x, R, v, w)
+    constraints, rng = Constraints(scene), np.random.default_rng(seed)
+    starts = [_placed(scene, constraints, rng) for _ in range(count)]
+    every = [scene, *(_moving(scene, start, constraints, rng) for start in starts)]
+    return States(np.zeros(count + 1), *(np.array([getattr(one, name) for one in every])
+                                         for name in ("x0", "R0", "v0", "w0")))
 
 
 def posed(scene: Scene, at: States, k: int) -> Scene:
@@ -64,74 +61,38 @@ def posed(scene: Scene, at: States, k: int) -> Scene:
     return scene.replace(bodies=bodies_at(scene, state))
 
 
-def _pose(scene: Scene, constraints: Constraints, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A random pose near the start with closed joints."""
-    N = basis(scene, constraints, scene.x0, scene.R0)
-    step = (N @ rng.normal(size=N.shape[1])).reshape(-1, 6)
-    L = length(scene)
-    step *= rng.uniform(*TURN) / max(np.abs(step[:, :3]).max() / L, np.abs(step[:, 3:]).max(), np.finfo(float).tiny)
-    for _ in range(_HALVINGS):
-        pose = _close(scene, constraints, *_moved(scene.x0, scene.R0, step), L)
-        if pose is not None:
-            return pose
-        step = step / 2
-    return scene.x0, scene.R0  # the bodies cannot move
-
-
-def _close(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray,
-           L: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Close the joints by Newton's method with the least mass-weighted change; None if no pose nearby is found."""
-    B = inverse_root_mass(scene)
-    for _ in range(_ITERATIONS):
-        phi = constraints.position(x[None], R[None])[0]
-        if not np.abs(phi).max(initial=0.0) > _CLOSED * max(1.0, L):
-            return x, R
-        scaled = constraints.jacobian(x[None], R[None])[0] @ B
-        change = (B @ np.linalg.lstsq(scaled, -phi, rcond=mechanics.RANK_TOLERANCE)[0]).reshape(-1, 6)
-        if not np.abs(change).max() < max(1.0, L):
-            return None
-        x, R = _moved(x, R, change)
-    return None
-
-
-def closed(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray
-           ) -> tuple[np.ndarray, ...] | None:
-    """The admissible state (x, R, v, w) nearest to a given one; None if no pose nearby closes the joints."""
-    pose = _close(scene, constraints, x, R, length(scene))
-    if pose is None:
+def near(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> Scene | None:
+    """The scene in an admissible state close to a given one, (n, ...); None if its joints cannot be closed there."""
+    state = Configuration(x, quaternion_from_rotation(R), v, w)
+    try:
+        return projected(scene, scene.replace(bodies=bodies_at(scene, state)))
+    except EntryError:
         return None
-    u = _projected(scene, constraints, np.concatenate([v, w], axis=1).ravel(), *pose)
-    return (*pose, *np.split(u.reshape(scene.n, 6), 2, axis=1))
 
 
-def _moved(x: np.ndarray, R: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """x + dx and R exp(hat(theta)) for step (n, 6) = (dx, theta)."""
+def _placed(scene: Scene, constraints: Constraints, rng: np.random.Generator) -> Scene:
+    """The scene in a random pose near its start."""
     from scipy.spatial.transform import Rotation
 
-    turned = Rotation.from_matrix(R) * Rotation.from_rotvec(step[:, 3:])
-    return x + step[:, :3], turned.as_matrix()
+    N = basis(scene, constraints, scene.x0, scene.R0)
+    step = (N @ rng.normal(size=N.shape[1])).reshape(-1, 6)
+    step *= rng.uniform(*TURN) / max(np.abs(step[:, :3]).max() / length(scene), np.abs(step[:, 3:]).max(),
+                                     np.finfo(float).tiny)
+    for _ in range(_HALVINGS):
+        turned = scene.R0 @ Rotation.from_rotvec(step[:, 3:]).as_matrix()
+        if (found := near(scene, scene.x0 + step[:, :3], turned, scene.v0, scene.w0)) is not None:
+            return found
+        step = step / 2
+    return scene  # the bodies cannot move
 
 
-def _velocity(scene: Scene, constraints: Constraints, rng: np.random.Generator, u: np.ndarray, x: np.ndarray,
-              R: np.ndarray) -> np.ndarray:
-    """The start's velocities plus random ones of their size, projected on those that the joints allow at this pose."""
-    N = basis(scene, constraints, x, R)
-    extra = N @ rng.normal(size=N.shape[1])
+def _moving(scene: Scene, placed: Scene, constraints: Constraints, rng: np.random.Generator) -> Scene:
+    """The placed scene with the start's velocities plus random ones of their size, as joints and drives allow."""
+    N = basis(scene, constraints, placed.x0, placed.R0)
+    extra = (N @ rng.normal(size=N.shape[1])).reshape(-1, 6)
     L = length(scene)
     size = max(np.abs(scene.w0).max(initial=0.0), np.abs(scene.v0).max(initial=0.0) / L, 1.0)
-    turning, moving = np.abs(extra.reshape(-1, 6)[:, 3:]).max(), np.abs(extra.reshape(-1, 6)[:, :3]).max() / L
-    extra *= rng.uniform(0.5, 1.0) * size / max(turning, moving, np.finfo(float).tiny)
-    return _projected(scene, constraints, u + extra, x, R)
-
-
-def _projected(scene: Scene, constraints: Constraints, u: np.ndarray, x: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """The velocity nearest to u, in the metric of the masses, that the joints and drives allow at a pose."""
-    N = basis(scene, constraints, x, R)
-    B, M = inverse_root_mass(scene), np.linalg.inv(mechanics.inverse_mass(scene))
-    allowed: np.ndarray = N @ (N.T @ M @ u)
-    if constraints.drives:  # plus the velocity of least energy that follows the drives
-        rest = np.zeros((1, scene.n, 3))
-        rate = -constraints.velocity(x[None], R[None], rest, rest)[0]
-        scaled = constraints.jacobian(x[None], R[None])[0] @ B
-        allowed += B @ np.linalg.lstsq(scaled, rate, rcond=mechanics.RANK_TOLERANCE)[0]
-    return allowed
+    extra *= rng.uniform(0.5, 1.0) * size / max(np.abs(extra[:, 3:]).max(), np.abs(extra[:, :3]).max() / L,
+                                                np.finfo(float).tiny)
+    found = near(scene, placed.x0, placed.R0, scene.v0 + extra[:, :3], scene.w0 + extra[:, 3:])
+    return placed if found is None else found

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from crosscheck.inspection import admissible
-from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import at_start, relative_pose
 from crosscheck.scene.file import as_scene
 from crosscheck.scene.mechanics import index1, torsion_angles
@@ -429,7 +428,7 @@ class _Comparison:
         one, other = self.one.scene, self.other.scene
         if len(self.bodies) - 1 != one.n or one.n != other.n:
             return None
-        at, constraints = admissible.states(one, STATES, SEED), Constraints(other)
+        at = admissible.states(one, STATES, SEED)
         order = [self.bodies[k] for k in range(one.n)]
         Q = np.array([self.Q[k] for k in range(one.n)])
         worst, size = 0.0, float(np.linalg.norm(one.gravity)) or 1.0
@@ -438,11 +437,11 @@ class _Comparison:
             x[order], v[order] = at.x[state], at.v[state]
             R[order], w[order] = at.R[state] @ np.swapaxes(Q, 1, 2), np.einsum("kij,kj->ki", Q, at.w[state])
             with np.errstate(all="ignore"):
-                closed = admissible.closed(other, constraints, x, R, v, w)
+                closed = admissible.near(other, x, R, v, w)
             if closed is None:
                 return None
-            (a, alpha), (a2, alpha2) = (_rates(one, (at.x[state], at.R[state], at.v[state], at.w[state])),
-                                        (part[order] for part in _rates(other, closed)))
+            (a, alpha), (a2, alpha2) = (_rates(one, (at.x[state], at.R[state], at.v[state], at.w[state])), (
+                part[order] for part in _rates(other, (closed.x0, closed.R0, closed.v0, closed.w0))))
             gap = np.abs(np.einsum("kij,kj->ki", Q, alpha) - alpha2).max(initial=np.abs(a - a2).max(initial=0.0))
             worst, size = max(worst, float(gap)), max(size, float(np.abs(a).max()), float(np.abs(alpha).max()))
         return worst / size
@@ -535,8 +534,7 @@ def _alike(a: object, b: object, scale: float | None = None) -> bool:
         return a == b or abs(a - b) <= TOLERANCE * (max(abs(a), abs(b)) if scale is None else scale)
     if isinstance(a, tuple) and isinstance(b, tuple):
         if scale is None:
-            numbers = [abs(float(value)) for value in np.ravel([*_numbers(a), *_numbers(b)]) if math.isfinite(value)]
-            scale = max(numbers, default=0.0)
+            scale = max((abs(each) for each in (*_numbers(a), *_numbers(b)) if math.isfinite(each)), default=0.0)
         return len(a) == len(b) and all(_alike(*pair, scale) for pair in zip(a, b, strict=True))
     return bool(a == b)
 

@@ -19,7 +19,7 @@ from crosscheck.scene.armature import rotors
 from crosscheck.scene.checks import Draft, Start
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import zero_attitude
-from crosscheck.scene.mechanics import index1
+from crosscheck.scene.mechanics import index1, inverse_mass
 from crosscheck.scene.model import Scene, quaternion_from_rotation
 from crosscheck.scene.models import apart, import_model
 from crosscheck.scene.models import source as sources
@@ -223,11 +223,8 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     G = Constraints(scene).jacobian(*state[:2])[0]
     J = np.linalg.lstsq(np.concatenate([G, S]), np.concatenate([np.zeros((len(G), len(S))), np.eye(len(S))]),
                         rcond=None)[0]
-    blocks = np.zeros((6 * scene.n, 6 * scene.n))
-    for k, body in enumerate(scene.bodies):
-        blocks[6 * k:6 * k + 3, 6 * k:6 * k + 3] = body.mass * np.eye(3)
-        blocks[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = body.inertia
-    M = J.T @ blocks @ J + np.diag([(joint.armature or (0.0,))[0] for joint in scene.joints])
+    armature = [(joint.armature or (0.0,))[0] for joint in scene.joints]
+    M = J.T @ np.linalg.inv(inverse_mass(scene)) @ J + np.diag(armature)
 
     def coordinates(one: Scene) -> np.ndarray:
         a, alpha, _ = index1(one, *state)

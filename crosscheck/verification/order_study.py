@@ -18,7 +18,7 @@ from crosscheck.judge import tolerances
 from crosscheck.judge.crossings import late
 from crosscheck.judge.defects import NORMS
 from crosscheck.judge.metrics import PLATEAU, errors
-from crosscheck.judge.plan import RTOLS
+from crosscheck.judge.plan import RTOLS, STUDY_SAMPLES
 from crosscheck.judge.richardson import judge_limit
 from crosscheck.judge.substeps import MORE, judge_substeps
 from crosscheck.judge.verdict import judge_orders, undecided
@@ -213,8 +213,11 @@ def judge_tolerances(rungs: Sequence[Rung], floor: float, order: int | None = No
     seen = [(rung.rtol, error) for rung in rungs
             if rung.rtol and (error := rung.errors.get("position")) is not None and PLATEAU * floor < error]
     why = "errors fall as the tolerance does: least squares in the logarithms over the tolerances or their finer half"
-    if len(seen) < FEWEST or len({rung.steps for rung in rungs}) < FEWEST:
+    counts = {rung.steps or 0 for rung in rungs}
+    if len(seen) < FEWEST or len(counts) < FEWEST:
         return [Finding("order rtol", "unjudged", None, least, "1", why, "too few tolerances above rounding")]
+    if min(counts) <= STUDY_SAMPLES and max(counts) < FEWEST_COUNTED * STUDY_SAMPLES:
+        return [Finding("order rtol", "unjudged", None, least, "1", why, "output times set most of the few steps")]
     asked, errors = np.log(np.array(seen)).T
     slope = max(float(np.polyfit(asked[first:], errors[first:], 1)[0])
                 for first in (0, len(seen) // 2) if len(seen) - first >= FEWEST)

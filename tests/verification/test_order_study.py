@@ -154,6 +154,9 @@ def test_errors_of_an_adaptive_method_have_to_follow_its_tolerance():
     ways = {"steps": (6, 10, 10, 26, 35, 51, 76), "rtols": RTOLS}
     assert slope(top, **ways) == "ok"
     assert slope((*top[:3], 9e-7, 8e-7, 7e-7, 9e-7), **ways) == "fail"
+    quadruped = (1.4e-8, 1.4e-8, 5.5e-9, 4.5e-10, 4.7e-11, 1.2e-9, 7.6e-11)  # the same, in 42 steps at most
+    assert slope(quadruped, (6, 6, 10, 11, 19, 27, 42), rtols=RTOLS) == "unjudged"
+    assert slope(quadruped, (6, 6, 10, 11, 19, 27, 84), rtols=RTOLS) == "fail"
 
 
 def test_an_adaptive_method_of_order_one_may_take_the_steps_that_it_needs():

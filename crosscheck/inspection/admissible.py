@@ -80,8 +80,8 @@ def _placed(scene: Scene, constraints: Constraints, rng: np.random.Generator) ->
                                      np.finfo(float).tiny)
     for _ in range(_HALVINGS):
         turned = scene.R0 @ Rotation.from_rotvec(step[:, 3:]).as_matrix()
-        if (found := near(scene, scene.x0 + step[:, :3], turned, scene.v0, scene.w0)) is not None:
-            return found
+        if (closed := near(scene, scene.x0 + step[:, :3], turned, scene.v0, scene.w0)) is not None:
+            return closed
         step = step / 2
     return scene  # the bodies cannot move
 
@@ -94,5 +94,5 @@ def _moving(scene: Scene, placed: Scene, constraints: Constraints, rng: np.rando
     size = max(np.abs(scene.w0).max(initial=0.0), np.abs(scene.v0).max(initial=0.0) / L, 1.0)
     extra *= rng.uniform(0.5, 1.0) * size / max(np.abs(extra[:, 3:]).max(), np.abs(extra[:, :3]).max() / L,
                                                 np.finfo(float).tiny)
-    found = near(scene, placed.x0, placed.R0, scene.v0 + extra[:, :3], scene.w0 + extra[:, 3:])
-    return placed if found is None else found
+    moving = near(scene, placed.x0, placed.R0, scene.v0 + extra[:, :3], scene.w0 + extra[:, 3:])
+    return placed if moving is None else moving

@@ -114,6 +114,7 @@ class Plateau:
     floor: float  # errors below `PLATEAU` floors are rounding
     ceiling: float = 0.0  # errors below it are rounding if they stop falling, see `_stalled`
     order: int = 0  # the documented order
+    rate: float = 0.0  # as floor, of errors that rounding makes at a step h: rate / h
 
 
 EXACT = Plateau(0.0)
@@ -142,7 +143,7 @@ def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Pla
     with np.errstate(divide="ignore", invalid="ignore"):
         slopes = np.diff(np.log(e)) / np.diff(np.log(h)) if len(h) > 1 else np.empty(0)
     neighbours = tuple(float(slope) for slope in slopes)
-    good = np.isfinite(e) & (e > PLATEAU * plateau.floor) & (e > 0)
+    good = np.isfinite(e) & (e > PLATEAU * np.maximum(plateau.floor, plateau.rate / h)) & (e > 0)
     first = int(np.argmax(good)) if good.any() else 0
     last = first
     while last < len(h) and good[last]:

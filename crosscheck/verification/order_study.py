@@ -156,7 +156,10 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
         return ladder.study([Finding("steps", "fail", max(ladder.told) / min(ladder.told), MORE, "1", why)])
     scale = tolerances.scales(scene, reference)
     eps = adapters.get(cell.way.engine).eps
-    plateaus = {quantity: tolerances.plateau(scene, reference, scale.of(quantity), order, eps)
+    # In single precision velocities have the rounding of positions over the step, where joints are held by positions.
+    rates = {"velocity": eps * scale.of("position"), "angular velocity": eps} if eps > tolerances.EPS else {}
+    plateaus = {quantity: dataclasses.replace(tolerances.plateau(scene, reference, scale.of(quantity), order, eps),
+                                              rate=rates.get(quantity, 0.0))
                 for quantity in QUANTITIES}
     findings, orders = judge_orders(order, ladder.rungs, plateaus)
     hopeless = [finding.value is not None and not finding.value <= HOPELESS * finding.bound

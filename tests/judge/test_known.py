@@ -137,7 +137,8 @@ def test_a_defect_of_another_version_form_or_kind_is_not_excused():
 RISING = [entry for _, entry in KNOWN if entry.rising]
 
 
-@pytest.mark.parametrize("entry", RISING, ids=[f"{entry.methods[0]}-{','.join(entry.scenes)}" for entry in RISING])
+@pytest.mark.parametrize("entry", RISING, ids=[
+    f"{entry.methods[0]}-{'everywhere' if callable(entry.scenes) else ','.join(entry.scenes)}" for entry in RISING])
 def test_rounding_that_adds_up_excuses_neither_a_wrong_model_nor_a_lower_order(entry):
     """A wrong model leaves an error that no step changes, and a method of a lower order one that falls."""
     kinds = [kind for kind in entry.kinds if kind.startswith("order")]

@@ -171,3 +171,15 @@ def test_errors_that_vanish_are_no_slope():
     plateau = Plateau(0.0, 1e-8, 4)
     assert observed_order([0.4, 0.2, 0.1, 0.05], [1e-9, 0.0, 1e-15, 1e-15], plateau).observed is None
     assert observed_order([0.4, 0.2, 0.1, 0.05], [0.0, 0.0, 0.0, 0.0], plateau).observed is None
+
+
+def test_what_rounding_of_positions_is_over_the_step_tells_no_order_of_velocities():
+    """MuJoCo Warp's Euler in maximal form on the double pendulum; errors that stop falling above that are the method's.
+    """
+    steps = [4e-3 / 2**k for k in range(8)]
+    values = np.array([1.23e-2, 3.51e-3, 3.19e-3, 2.07e-3, 8.61e-4, 7.39e-4, 1.97e-3, 1.41e-3])
+    plateau = Plateau(1e-7, 2e-3, 1, rate=2.0**-23 * 4.0)
+    assert observed_order(steps, values, Plateau(1e-7, 2e-3, 1), 4).observed < 0.9  # fails
+    assert observed_order(steps, values, plateau, 4).observed is None
+    assert observed_order(steps, values + 0.1, plateau, 4).observed < 0.1
+    assert observed_order(steps, 1e3 * np.array(steps), plateau, 4).observed == pytest.approx(1.0)

@@ -345,8 +345,10 @@ def _solver(scene: Scene, model: Any, spec: RunSpec, h: float) -> Any:
 
     tight = spec.softness != "default"
     if spec.method.startswith("MuJoCo"):
-        return solvers.SolverMuJoCo(model, integrator=spec.method.removeprefix("MuJoCo").lower(),
-                                    disable_contacts=True, kinematic_switchable_roots=False)
+        with warnings.catch_warnings():  # of an order of joints that is not MuJoCo's; Newton goes from one to the other
+            warnings.simplefilter("ignore", UserWarning)
+            return solvers.SolverMuJoCo(model, integrator=spec.method.removeprefix("MuJoCo").lower(),
+                                        disable_contacts=True, kinematic_switchable_roots=False)
     if spec.method == "XPBD":
         return solvers.SolverXPBD(model, angular_damping=0.0, **(XPBD if tight else {}))
     if spec.method == "SemiImplicit":

@@ -35,7 +35,8 @@ class Warp(Forms):
     eps = 2.0**-23
     pace = 4
     known_defects = (Known(("4",), ("Euler", "implicitfast"), ("heavy_top",), None,
-                           {"energy": 1.4e9, "level acceleration": 2.4e4}, GYROSCOPIC, practical=True),)
+                           {"energy": 1.4e9, "level velocity": 16, "level acceleration": 2.4e4}, GYROSCOPIC,
+                           practical=True),)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why MuJoCo Warp cannot run this, or None."""

@@ -81,7 +81,10 @@ def judge_repeat(traj: Trace, repeat: Answer, own: Defects, soft: bool = False, 
     jumps = differences(repeat.begins, States(*(getattr(traj, name)[repeat.marks[:-1]] for name in "txRvw")))
     begun = JUMP * (np.max([jumps[name].max(axis=1) / units[name] for name in QUANTITIES], axis=0)
                     + _unknown(own, repeat) + between)
-    rounded, exact, missed = (_added(own, repeat, begun, each) for each in (rounding, ROUNDINGS * rounding, method))
+    # A method of order 1 that takes an event at the end of a step may take it one step later by rounding.
+    decided = np.where(own.flow.eventful & (own.claim.order == 1), method, 0.0)
+    rounded, exact, missed = (_added(own, repeat, begun, each) for each in (
+        rounding, np.maximum(ROUNDINGS * rounding, decided), method))
     seen = np.where(own.flow.regular, 1.0, 0.0)
     ratio = np.max([gaps[name] / units[name] for name in QUANTITIES], axis=0)
     ratio = np.where(np.isfinite(ratio), ratio, np.inf)

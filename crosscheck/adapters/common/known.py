@@ -45,6 +45,12 @@ def scene_of(name: str) -> Scene | None:
         return None
 
 
+def with_balls(engine: Engine, scene: str, form: str | None) -> bool:
+    """Whether a scene has spherical joints."""
+    loaded = scene_of(scene)
+    return loaded is not None and any(joint.type == "spherical" for joint in loaded.joints)
+
+
 @functools.lru_cache(maxsize=64)
 def naive(engine: Engine, scene: str, form: str | None) -> str:
     """Whether summed joint velocities show on a scene.

@@ -143,10 +143,9 @@ def _measure(scene: Scene, traj: Trace, truth: Reference, claim: Claim, scale: S
             units = scale.units[pose], scale.units[rate] / scale.rate
             grown = crossed(flow, floor[pose] / units[0], floor[rate] / units[1], None)
             floor[pose], floor[rate] = (part * unit for part, unit in zip(grown, units, strict=True))
-    if claim.eps > tolerances.EPS and claim.step:
-        # Velocities that are differences of positions over a step carry their roundings, 1e-4 m/s at 1 ms and 1 m.
-        for name, size in (("velocity", scale.length), ("angular velocity", 1.0)):
-            floor[name] = floor[name] + 4 * claim.eps * size / claim.step
+    if claim.step:
+        for name, spacing in tolerances.differenced(scale.length, claim.eps).items():
+            floor[name] = floor[name] + 4 * spacing / claim.step
     opening = {level: getattr(traj, f"constraint_{level}") for level in ("position", "velocity")}
     growth = math.log(10.0 * max(1.0, truth.amplification))
     run = Defects(flow, claim, scale, tolerances.grading(scene), growth, vectors, floor, opening, ())

@@ -138,6 +138,14 @@ def plateau(scene: Scene, truth: Reference, size: float, order: int, eps: float 
     return Plateau(floor, float(np.sqrt(eps)) * size, order)
 
 
+def differenced(length: float, eps: float) -> dict[str, float]:
+    """Rounding of velocities that are differences of positions over a step, times the step; none of double precision.
+
+    It is 1e-4 m/s at 1 ms and 1 m.
+    """
+    return {"velocity": eps * length, "angular velocity": eps} if eps > EPS else {}
+
+
 def fixed_step(scene: Scene, truth: Reference, order: int, step: float,
                amplification: float | None = None, eps: float = EPS) -> dict[str, Tol]:
     """Bounds of the errors per quantity for a method of this documented order with a fixed step (s).

@@ -63,7 +63,7 @@ class _Ladder:
         self.cell, self.order, self.scene, self.reference = cell, order, scene, reference
         self.rungs: list[Rung] = []
         self.runs: list[tuple[float, Trajectory]] = []
-        self.told: list[float] = []  # of each run: the step that it says it took, over the one asked for
+        self.asked: list[int] = []  # steps wanted of each run, of a method with a fixed step
         self.cut = self.refused = self.message = ""
         self._costs: list[float] = []  # s
 
@@ -86,7 +86,7 @@ class _Ladder:
         missed = errors(self.scene, traj, self.reference.states, self.reference.horizon)
         used = traj.stats.get("step")
         if self.order is not None:
-            self.told.append((used or size) / steps_per_sample(self.scene, size)[1])
+            self.asked.append(steps_per_sample(self.scene, size)[0] * (self.scene.samples - 1))
         self.runs.append((used or size, traj))
         self.rungs.append(Rung(
             step=used or step, rtol=rtol, wall_time=float(traj.wall_time), steps=int(traj.steps),
@@ -151,13 +151,15 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     if ladder.cut and len(ladder.rungs) < FEWEST:
         return ladder.study([Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
                                      f"order not measured: {ladder.cut}") for quantity in QUANTITIES])
-    if ladder.told and max(ladder.told) > MORE * min(ladder.told):
+    parts = [told * asked for (_, traj), asked in zip(ladder.runs, ladder.asked, strict=True)
+             if (told := traj.stats.get("step"))]
+    if parts and max(parts) > MORE * min(parts):
         why = "largest over smallest part of the step asked for that runs of a study say they took: no order"
-        return ladder.study([Finding("steps", "fail", max(ladder.told) / min(ladder.told), MORE, "1", why)])
+        return ladder.study([Finding("steps", "fail", max(parts) / min(parts), MORE, "1", why)])
     scale = tolerances.scales(scene, reference)
     eps = adapters.get(cell.way.engine).eps
     # In single precision velocities have the rounding of positions over the step, where joints are held by positions.
-    rates = {"velocity": eps * scale.of("position"), "angular velocity": eps} if eps > tolerances.EPS else {}
+    rates = tolerances.differenced(scale.of("position"), eps)
     plateaus = {quantity: dataclasses.replace(tolerances.plateau(scene, reference, scale.of(quantity), order, eps),
                                               rate=rates.get(quantity, 0.0))
                 for quantity in QUANTITIES}
@@ -176,9 +178,8 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     limits = judge_limit(scene, ladder.runs, reference, order, orders, low, eps)
     # Hidden sub-steps show in the coarsest run, if none failed.
     whole = ladder.runs and len(ladder.runs) == len(ladder.rungs)
-    counts = [steps_per_sample(scene, rung.step or 0.0)[0] * (scene.samples - 1) for rung in ladder.rungs]
-    substeps = judge_substeps(scene, ladder.runs[0][1], reference, order, counts[0],
-                              (ladder.runs[-1][1], counts[-1])) if whole else []
+    substeps = judge_substeps(scene, ladder.runs[0][1], reference, order, ladder.asked[0],
+                              (ladder.runs[-1][1], ladder.asked[-1])) if whole else []
     return ladder.study([*findings, *limits, *substeps], orders)
 
 

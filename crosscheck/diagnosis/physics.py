@@ -220,8 +220,8 @@ class Terms:
     def _spins(self, p: Physics) -> tuple[np.ndarray, np.ndarray]:
         """J w and w x J w. Like the weights below, they are kept as long as the parameters are the same arrays."""
         if self._spinning is None or self._spinning[0] is not p.inertias:
-            spin = (p.inertias[self.points.copy] @ self.points.w[..., None])[..., 0]
-            self._spinning = p.inertias, spin, cross(self.points.w, spin)
+            inertias, w = p.inertias[self.points.copy], self.points.w
+            self._spinning = p.inertias, (inertias @ w[..., None])[..., 0], mechanics.gyroscopic(inertias, w)
         return self._spinning[1], self._spinning[2]
 
     def _weights(self, p: Physics) -> tuple[np.ndarray, ...]:

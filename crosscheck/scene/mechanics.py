@@ -184,7 +184,7 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
     """
     f = np.zeros((len(x), scene.n, 6))
     f[:, :, :3] = scene.masses[:, None] * scene.gravity
-    f[:, :, 3:] = -cross(w, np.einsum("njk,tnk->tnj", scene.inertias, w))
+    f[:, :, 3:] = -gyroscopic(scene.inertias, w)
     if angles is None:
         angles = torsion_angles(scene, R)
     states = States(np.zeros(len(x)), x, R, v, w)
@@ -201,6 +201,17 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
                 q = _position(scene, joint, k, x, R, angles)
                 _add_along(f, R, joint, _slides(joint, k), limits.force(q, _rate(joint, k, states)))
     return f.reshape(len(x), 6 * scene.n)
+
+
+def gyroscopic(inertias: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """w x J w in body axes, N m, of inertias (..., n, 3, 3) and angular velocities w (..., n, 3).
+
+    Computed as w x (J - s I) w with s the middle entry on the diagonal: equal moments cancel in the matrix, exactly,
+    where their products would leave a rounding error that spins up a needle.
+    """
+    middle = np.sort(np.diagonal(inertias, axis1=-2, axis2=-1), axis=-1)[..., 1]
+    spread = inertias - middle[..., None, None] * np.eye(3)
+    return cross(w, (spread @ w[..., None])[..., 0])
 
 
 def force_on_bodies(scene: Scene, force: Force, states: Motion, angles: dict[str, np.ndarray]) -> np.ndarray:

@@ -371,6 +371,22 @@ def test_free_body_feels_gravity_and_eulers_torque_only(seed):
     np.testing.assert_allclose(residual, 0, atol=1000 * EPS * 50)  # torques up to 50 N m, inertia of condition < 50
 
 
+def test_a_thin_body_is_not_spun_up_by_rounding():
+    """J alpha = -w x J w of needles along each axis, whose moment about it is a millionth of those across."""
+    rng = np.random.default_rng(5)
+    w = rng.normal(size=(50, 1, 3))
+    states = [np.broadcast_to(each, (50, *each.shape)) for each in (np.zeros((1, 3)), np.eye(3)[None])]
+    for axis in range(3):
+        J = np.diag(np.where(np.arange(3) == axis, 1e-7, rng.uniform(0.1, 1.0)))
+        scene = make_scene([Body("needle", 1.0, J, *[[1, 0, 0, 0], *[[0, 0, 0]] * 3])], [], gravity=np.zeros(3))
+        alpha = mechanics.index1(scene, *states, np.zeros_like(w), w)[1]
+        with mpmath.workdps(40):
+            I = [mpmath.mpf(moment) for moment in np.diag(J)]
+            exact = [[(I[j] - I[k]) * spin[j] * spin[k] / I[i] for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))]
+                     for spin in w[:, 0].tolist()]
+        assert np.abs(alpha[:, 0] - np.array(exact, dtype=float)).max() < 1e-15 * (w**2).sum(axis=-1).max()
+
+
 def test_spring_of_zero_length_exerts_no_force():
     body = Body("b", 1.0, np.eye(3), [1, 0, 0, 0], [0, 0, 0], [0, 0, 0], [1.0, 0, 0])
     spring = Force("linear_spring", GROUND, 0, None, {"parent_point": (0, 0, 0), "child_point": (0, 0, 0),

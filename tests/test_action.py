@@ -84,7 +84,7 @@ def test_nights_are_compared_and_what_became_worse_is_annotated(tmp_path):
     assert ended == 0, printed
     assert "first run, nothing to compare with" in summary
     assert "::error" not in printed
-    assert {"index.html", "badge.svg"} <= {path.name for path in (tmp_path / "crosscheck-report").iterdir()}
+    assert {"index.html", "results.json"} <= {path.name for path in (tmp_path / "crosscheck-report").iterdir()}
     (tmp_path / "crosscheck-report").rename(tmp_path / "report-of-the-first-night")  # a runner starts empty
     ended, printed, output, _ = step(tmp_path, "Run", given, CROSSCHECK_TEST_SEED="coefficient", PYTHONPATH=str(SEEDS))
     assert (ended, output) == (1, "code=1\n"), printed

@@ -30,10 +30,10 @@ STATIC = ("report.css", "theme.js", "site.js", "tables.js", "decision.js", "emph
 
 
 def write_report(document: Document, folder: Path) -> None:
-    """Write pages, their data, summary.md, results.csv, .parquet and .json, junit.xml and badge.svg into a new folder.
+    """Write pages, their data, summary.md, results.csv, results.json and junit.xml into a new folder.
 
-    Without the extra `report`, only the files that need no template are written; without the extra `data`, no Parquet
-    file. `render_again` can write the missing files later.
+    Without the extra `report`, only the files that need no template are written. `render_again` can write the missing
+    files later.
 
     Parameters
     ----------
@@ -43,8 +43,6 @@ def write_report(document: Document, folder: Path) -> None:
     folder.mkdir(parents=True)
     for name, content in _files(document) if installed("jinja2", "plotly") else _tables(document):
         put(folder / name, content)
-    if installed("pyarrow"):
-        exports.write_parquet(document, folder / "results.parquet")
 
 
 def installed(*modules: str) -> bool:
@@ -63,8 +61,6 @@ def render_again(folder: Path) -> Path:
         if name != "results.json":
             put(folder / name, content)
             kept.discard(name)
-    if installed("pyarrow"):
-        exports.write_parquet(document, folder / "results.parquet")
     # Remove pages of an earlier version, which would have dead links.
     for name in kept:
         if name.endswith((".html", ".js")) and is_file_of_report(folder / name):
@@ -104,7 +100,7 @@ def pages_in_order(folder: Path) -> list[Path]:
 
 
 def _files(document: Document) -> Iterator[tuple[str, str]]:
-    """Name and text of every file of a report except Parquet."""
+    """Name and text of every file of a report."""
     import plotly.offline
 
     yield "index.html", pages.index(document)
@@ -131,12 +127,11 @@ def _tables(document: Document) -> Iterator[tuple[str, str]]:
             yield pages.data_file(scene), exports.curves_script(document, scene)
     yield "results.csv", exports.table(document)
     yield "junit.xml", exports.junit(document)
-    yield "badge.svg", exports.badge(document)
     yield "results.json", json.dumps(schema.plain(document), separators=(",", ":"), allow_nan=False)
 
 
-FILES = frozenset({"index.html", "plotly.min.js", "runs.js", "summary.md", "results.csv", "results.parquet",
-                   "junit.xml", "badge.svg", "results.json", "report.pdf", standalone.FILE, *STATIC})
+FILES = frozenset({"index.html", "plotly.min.js", "runs.js", "summary.md", "results.csv", "junit.xml",
+                   "results.json", "report.pdf", standalone.FILE, *STATIC})
 """Files of a report, apart from the pages and curves of scenes, engines and studies, and the folder of figures."""
 
 FIGURES = "figures"

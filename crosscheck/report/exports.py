@@ -1,4 +1,4 @@
-"""The results for other programs (CSV, Parquet, JUnit XML, a badge) and for the scripts of the pages.
+"""The results for other programs (CSV, JUnit XML) and for the scripts of the pages.
 
 The data of the figures are script files next to the pages: runs.js for all pages, scene-*.js with the curves.
 """
@@ -11,7 +11,6 @@ import json
 import operator
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -19,19 +18,13 @@ import msgspec
 from crosscheck.document import EULER, LEVELS, QUANTITIES, Document, Record, Scene
 from crosscheck.document.curves import RunCurves, SceneCurves
 from crosscheck.document.part import Part
-from crosscheck.files import cell, readable, replacing
+from crosscheck.files import cell, readable
 from crosscheck.report import identity
-from crosscheck.report.headline import number, sentence, state
-
-LETTER = 7
-"""Width of a letter in pixels. `textLength` stretches the text to it, whatever the font."""
-
-COLOURS = {0: "#1a7f37", 1: "#b3261e"}
-"""Colour by exit code. White letters on both have a contrast above 4.5."""
+from crosscheck.report.headline import number, sentence
 
 
 def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
-    """The columns of results.csv and results.parquet: titles with units, and functions that read a record's value."""
+    """The columns of results.csv: titles with units, and functions that read a record's value."""
     hashes = {scene.name: scene.hash for scene in document.scenes}
     titled: list[tuple[str, Callable[[Record], object]]] = [
         (name, operator.attrgetter(name))
@@ -76,18 +69,6 @@ def table(document: Document) -> str:
     return stream.getvalue()
 
 
-def write_parquet(document: Document, path: Path) -> None:
-    """Write the same table as a Parquet file. An existing file is replaced as a whole."""
-    import pyarrow
-    from pyarrow import parquet
-
-    arrays = {title: pyarrow.array(list(map(value, document.records))) for title, value in columns(document)}
-    # A column without any value is one of numbers.
-    typed = {title: each.cast("float64") if each.null_count == len(each) else each for title, each in arrays.items()}
-    with replacing(path) as aside:
-        parquet.write_table(pyarrow.table(typed), aside)
-
-
 def junit(document: Document) -> str:
     """JUnit XML: a suite per scene, a case per run. A known defect passes, and the case's output has its reason."""
     root = ElementTree.Element("testsuites", name="crosscheck verify")
@@ -116,23 +97,6 @@ def junit(document: Document) -> str:
         suite.set("tests", str(len(records)))
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + readable(ElementTree.tostring(root, encoding="unicode")) + "\n"
-
-
-def badge(document: Document) -> str:
-    """A small SVG for a README, with the numbers of runs that pass, pass partly and fail."""
-    failing = sum(record.outcome in ("fail", "error") for record in document.records)
-    passing = sum(state(record) in ("pass", "known") for record in document.records)
-    part = sum(state(record) == "partly" for record in document.records)
-    counts = {"pass": passing, "partly": part, "fail": failing}
-    told = ", ".join(f"{count} {word}" for word, count in counts.items() if count) or "nothing ran"
-    colour = COLOURS.get(document.exit_code, "#5f6368") if any(counts.values()) else "#5f6368"
-    left, right = (LETTER * len(word) + 12 for word in ("crosscheck", told))
-    return (f'<svg xmlns="http://www.w3.org/2000/svg" width="{left + right}" height="20" role="img" '
-            f'aria-label="crosscheck: {told}"><title>crosscheck: {told}</title>'
-            f'<rect width="{left}" height="20" fill="#444"/><rect x="{left}" width="{right}" height="20" '
-            f'fill="{colour}"/><g fill="#fff" font-family="Verdana,sans-serif" font-size="11">'
-            f'<text x="6" y="14" textLength="{left - 12}">crosscheck</text>'
-            f'<text x="{left + 6}" y="14" textLength="{right - 12}">{told}</text></g></svg>\n')
 
 
 DIGITS = 5

@@ -38,7 +38,7 @@ def test_every_file_is_there(folder):
                      "study-convergence.html", "study-speed.html", "study-conservation.html", "runs.js", "report.css",
                      "theme.js", "site.js", "sites.js", "tables.js", "decision.js", "plots.js", "study.js", "scene.js",
                      "emphasis.js", "pens.js", "geometry.js", "playback.js", "plotly.min.js", "summary.md",
-                     "results.csv", "results.parquet", "junit.xml", "badge.svg", "results.json"}
+                     "results.csv", "junit.xml", "results.json"}
     assert all(report.is_file_of_report(path) for path in folder.iterdir())
 
 
@@ -62,15 +62,6 @@ def test_csv_keeps_full_precision_and_every_run(folder, results):
         rows = list(csv.DictReader(stream))
     assert [row["outcome"] for row in rows] == ["pass", "fail", "unsupported", "known"]
     assert float(rows[0]["position max error [m]"]) == results.records[0].errors["position"].max
-
-
-def test_parquet_holds_the_same_table(folder):
-    import pandas
-
-    table, same = pandas.read_csv(folder / "results.csv"), pandas.read_parquet(folder / "results.parquet")
-    assert list(same) == list(table)
-    for title in table.select_dtypes("number"):
-        assert same[title].astype(float).equals(table[title].astype(float)), title
 
 
 def test_json_is_strict_and_without_curves(folder):
@@ -186,8 +177,7 @@ def test_the_pages_are_rendered_again_alike_from_what_the_report_holds(folder, t
     assert report.render_again(copy) == copy / "index.html"
     assert {path.name for path in copy.iterdir()} == set(before)
     for name, content in before.items():
-        if not name.endswith(".parquet"):
-            assert (copy / name).read_bytes() == content, name
+        assert (copy / name).read_bytes() == content, name
 
 
 @pytest.mark.parametrize(("change", "said"), [

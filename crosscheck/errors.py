@@ -79,7 +79,7 @@ def writing(out: object) -> Iterator[None]:
 EXTRAS = {
     "mujoco": "mujoco", "pinocchio": "pinocchio", "pin": "pinocchio", "exudyn": "exudyn", "pydrake": "drake",
     "dartpy": "dart", "heyoka": "truth", "pandas": "data", "pyarrow": "data", "xarray": "data", "jinja2": "report",
-    "plotly": "report", "matplotlib": "report", "pypdf": "report", "psycopg": "history",
+    "plotly": "report", "matplotlib": "report", "psycopg": "history",
     "distributed": "cluster", "dask": "cluster", "rerun": "rerun", "drake": "drake", "dart": "dart",
 }
 """The extra of pyproject.toml that installs a module or an engine."""

@@ -25,17 +25,14 @@ from crosscheck.cli.console import complain, console, figures, key, print_table,
 from crosscheck.cli.options import Control, Drop, EngineNames, Keyframe, Limits, SceneNames, scene_files
 from crosscheck.document import EULER, Asked, Document, Record, grouped
 from crosscheck.errors import ArgumentError, counted, install, unknown
-from crosscheck.files import put
 from crosscheck.history import nightly as nights
 from crosscheck.jobs.table import Table
 from crosscheck.judge import overrides
 from crosscheck.recordings import published
 from crosscheck.report import check_out, schema, write
-from crosscheck.report.figures import find_browser, write_figures, write_pdf
+from crosscheck.report.figures import write_figures
 from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, share_words, state
 from crosscheck.report.overview import worst_first
-from crosscheck.report.pages import cover
-from crosscheck.report.schema import read_document
 from crosscheck.scene.file import as_scene, load_scene
 from crosscheck.studies.paper import bundle
 from crosscheck.studies.paper.figures import FORMATS
@@ -285,36 +282,23 @@ def sweep(
                "'lieeuler-crosscheck[report]')")
 
 
-RENDERED = ("html", "pdf", "svg")
+RENDERED = ("html", "svg")
 
 
 def report(
     run: Annotated[Path, typer.Argument(help="folder of a report, or its results.json")] = Path("reports/latest"),
     format_: Annotated[str, typer.Option("--format", help=(
-        "html: write the pages again; pdf: a summary and the overview in report.pdf, printed by Chromium; svg: the "
-        "main plots in figures/"))] = "html",
-    appendix: Annotated[bool, typer.Option("--appendix", help="pdf: add all other pages")] = False,
+        "html: write the pages again; svg: the main plots in figures/"))] = "html",
 ) -> None:
     """Render a finished run again from its results.json, without running anything."""
     folder = run.parent if run.name == "results.json" else run
     if format_ not in RENDERED:
-        raise ArgumentError(f"--format {format_!r} is unknown: choose {', '.join(RENDERED[:-1])} or {RENDERED[-1]}")
+        raise ArgumentError(f"--format {format_!r} is unknown: choose {' or '.join(RENDERED)}")
     if not folder.is_dir():
         raise ArgumentError(f"{run}: no such folder; name one that `crosscheck verify` wrote, such as reports/latest")
     if format_ == "svg":
         written = write_figures(site.load_report(folder), folder / site.FIGURES)
         typer.echo(f"{len(written)} figures: {folder / site.FIGURES}")
-    elif format_ == "pdf":
-        browser = find_browser()
-        site.render_again(folder)
-        document = read_document(folder / "results.json")
-        put(folder / "summary.html", cover(document))
-        pages = [folder / "summary.html", *site.pages_in_order(folder)[:None if appendix else 1]]
-        try:
-            write_pdf(pages, folder / "report.pdf", browser, f"crosscheck, {document.meta.time[:10]}")
-        finally:
-            (folder / "summary.html").unlink()
-        typer.echo(f"report: {folder / 'report.pdf'}")
     else:
         typer.echo(f"report: {site.render_again(folder)}")
 

@@ -93,12 +93,6 @@ def load_report(folder: Path) -> Document:
     return replace(document, scenes=scenes, records=records)
 
 
-def pages_in_order(folder: Path) -> list[Path]:
-    """The pages of a report in reading order: overview, scenes, studies, engines."""
-    return [folder / "index.html", *(page for kind in ("scene", "study", "engine")
-                                     for page in sorted(folder.glob(f"{kind}-*.html")))]
-
-
 def _files(document: Document) -> Iterator[tuple[str, str]]:
     """Name and text of every file of a report."""
     import plotly.offline
@@ -131,7 +125,7 @@ def _tables(document: Document) -> Iterator[tuple[str, str]]:
 
 
 FILES = frozenset({"index.html", "plotly.min.js", "runs.js", "summary.md", "results.csv", "junit.xml",
-                   "results.json", "report.pdf", standalone.FILE, *STATIC})
+                   "results.json", standalone.FILE, *STATIC})
 """Files of a report, apart from the pages and curves of scenes, engines and studies, and the folder of figures."""
 
 FIGURES = "figures"

@@ -1,4 +1,4 @@
-"""The look of a run, the same in HTML, SVG, PDF and the terminal: hue by engine; shade, dash and marker by method.
+"""The look of a run, the same in HTML, SVG and the terminal: hue by engine; shade, dash and marker by method.
 
 Colours are made in OKLCH, in which equal steps of lightness look equal (https://bottosson.github.io/posts/oklab).
 Of the first `SHADES` times `DASHES` runs of an engine, no two have the same colour and dash. A method that `METHODS`

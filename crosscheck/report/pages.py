@@ -148,11 +148,6 @@ def index(document: Document) -> str:
     return _overview("index.html.j2", document)
 
 
-def cover(document: Document) -> str:
-    """The first page of the PDF: the most important results on one sheet."""
-    return _overview("cover.html.j2", document)
-
-
 def summary(document: Document) -> str:
     """The content of the first page as Markdown, for a terminal or a pull request."""
     return _overview("summary.md.j2", document)

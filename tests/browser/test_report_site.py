@@ -4,13 +4,10 @@ import csv
 import io
 import itertools
 import re
-import shutil
 from pathlib import Path
 
 import pytest
 
-from crosscheck.cli.verify import report
-from crosscheck.errors import ArgumentError
 from crosscheck.scene.file import load_scene
 
 SCENE = "scene-double_pendulum.html"
@@ -271,42 +268,11 @@ def test_a_plot_gives_its_data_as_csv_and_itself_as_svg(watched, document):
 
 
 def test_the_page_to_print_draws_everything_at_once_in_light_colours(watched):
-    page = watched.open(SCENE + "?print=1")
+    page = watched.open(SCENE)
     page.emulate_media(color_scheme="dark", media="print")
+    page.wait_for_function("window.Plotly")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     assert page.evaluate("[...document.querySelectorAll('[data-figure]')].every(e => e.childNodes.length)")
     assert page.evaluate("document.documentElement.dataset.theme") == "light"
     assert not page.locator("header").is_visible()
     assert page.evaluate("document.querySelector('main').getBoundingClientRect().width") == 700
-
-
-def test_the_report_prints_to_one_pdf(browser, site, tmp_path):
-    from pypdf import PdfReader
-
-    from crosscheck.report.figures import write_pdf
-
-    printed = PdfReader(write_pdf([site / "index.html", site / "engine-mujoco.html"], tmp_path / "report.pdf"))
-    assert [mark.title for mark in printed.outline] == ["index", "engine-mujoco"]
-    text = " ".join(" ".join(page.extract_text().split()) for page in printed.pages)
-    assert "What changed since the last run" in text
-    assert "largest position error (m)" in text  # the axis of a figure: it was drawn before it was printed
-    with pytest.raises(ArgumentError, match=r"missing\.html"):
-        write_pdf([site / "missing.html"], tmp_path / "none.pdf", "/bin/false")
-
-
-@pytest.mark.slow  # a browser starts for each page
-def test_the_pdf_begins_with_a_summary_of_one_page(browser, site, tmp_path):
-    from pypdf import PdfReader
-
-    folder = tmp_path / "report"
-    shutil.copytree(site, folder)
-    report(folder, "pdf")
-    short = PdfReader(folder / "report.pdf")
-    assert [(mark.title, short.get_destination_page_number(mark)) for mark in short.outline] == [
-        ("summary", 0), ("index", 1)]
-    assert short.metadata.title.startswith("crosscheck, 20")
-    first = " ".join(short.pages[0].extract_text().split())
-    assert first.startswith("Report of crosscheck, 20")
-    assert "What is wrong" in first  # the rest of the word has a ligature
-    assert not (folder / "summary.html").exists()
-    report(folder, "pdf", appendix=True)
-    assert len(PdfReader(folder / "report.pdf").outline) == 1 + len(pages(site))

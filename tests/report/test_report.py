@@ -20,7 +20,7 @@ from crosscheck.document import (
 )
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.judge.plan import Profile
-from crosscheck.report import exports, figures, schema
+from crosscheck.report import exports, schema
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell
@@ -269,16 +269,6 @@ def test_figures_for_papers_are_the_same_every_time(folder, tmp_path):
     text = (tmp_path / "one" / "scene-single_pendulum-position-error.svg").read_text(encoding="utf-8")
     assert "position error (m)" in text  # text, not outlines of letters
     assert "fake Plain" in text
-
-
-def test_pdf_without_a_browser_says_what_to_do(folder, monkeypatch):
-    monkeypatch.setenv("PATH", "")
-    monkeypatch.delenv("CROSSCHECK_BROWSER", raising=False)
-    with pytest.raises(ArgumentError, match="apt-get install chromium"):
-        figures.find_browser()
-    monkeypatch.setenv("CROSSCHECK_BROWSER", "no-such-browser")
-    with pytest.raises(ArgumentError, match="CROSSCHECK_BROWSER=no-such-browser"):
-        figures.find_browser()
 
 
 def test_the_command_renders_and_refuses(folder, tmp_path):

@@ -4,7 +4,6 @@ window.Figures = (function () {
   const SMALLEST = 1e-18;  // where an exact zero is drawn on a logarithmic axis
   const MOST_NAMES = 14;  // lines that are named at their ends; of more, hovering tells the names
   const {emphasise, point, isolate, legend} = window.Emphasis;
-  const printed = new URLSearchParams(window.location.search).has("print");
 
   const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const narrow = () => window.innerWidth < 600;
@@ -266,8 +265,7 @@ window.Figures = (function () {
       if (near.length && !waiting.length) library().then(next);
       waiting.push(...near.map((entry) => entry.target));
     }, {rootMargin: "400px"});
-    if (printed) all.forEach(ready);
-    else window.addEventListener("load", () => {
+    window.addEventListener("load", () => {
       all.forEach((element) => watcher.observe(element));
       setTimeout(library);
     });
@@ -278,7 +276,7 @@ window.Figures = (function () {
     };
     document.addEventListener("themechange", refresh);
     const anew = () => all.forEach((element) => { clear(element); draw(element); });
-    if (!printed) ["beforeprint", "afterprint"].forEach((event) => window.addEventListener(event, () => {
+    ["beforeprint", "afterprint"].forEach((event) => window.addEventListener(event, () => {
       if (window.Plotly) anew();
     }));
     refreshed?.();

@@ -5,9 +5,6 @@
   const system = window.matchMedia("(prefers-color-scheme: dark)");
   const WORDS = {auto: "as the system has them", light: "light", dark: "dark"};
   const ORDER = ["auto", "light", "dark"];
-  // The address asks for the page as it is to be printed: light, as wide as paper, all figures drawn.
-  const printed = new URLSearchParams(window.location.search).has("print");
-  if (printed) root.classList.add("printed");
   let choice = "auto";
   try {
     choice = window.localStorage.getItem("crosscheck-theme") ?? "auto";
@@ -22,7 +19,7 @@
     document.dispatchEvent(new Event("themechange"));
   }
   function apply() {
-    show(printed || (choice === "auto" ? !system.matches : choice === "light") ? "light" : "dark");
+    show((choice === "auto" ? !system.matches : choice === "light") ? "light" : "dark");
     const button = document.getElementById("theme");
     if (!button) return;
     const words = "colours: " + WORDS[choice];
@@ -35,11 +32,10 @@
   // Nothing can be clicked on paper, so printing opens what is folded.
   const unfold = () => document.querySelectorAll("details.card, details.section, #reasons").forEach((each) => { each.open = true; });
   window.addEventListener("beforeprint", () => { root.classList.add("printed"); show("light"); unfold(); });
-  window.addEventListener("afterprint", () => { root.classList.toggle("printed", printed); apply(); });
+  window.addEventListener("afterprint", () => { root.classList.remove("printed"); apply(); });
 
   document.addEventListener("DOMContentLoaded", () => {
     apply();
-    if (printed) unfold();
     document.getElementById("theme").addEventListener("click", () => {
       choice = ORDER[(ORDER.indexOf(choice) + 1) % ORDER.length];
       try {

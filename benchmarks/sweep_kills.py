@@ -8,20 +8,44 @@ and started again at its address, and the same command goes on.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import random
+import socket
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.sweep_overhead import dask_cluster, free_port
-
 SWEEP = {"scenes": ["single_pendulum"], "engines": {"lieeuler": ["DAE1L_LSE", "rattle2"]}, "steps": [1e-3, 5e-4],
          "samples": 6, "duration": 1.0, "perturb": {"angular_velocity": 1e-3, "count": 100, "seed": 7}}
+
+
+def free_port() -> int:
+    """A port of this machine that nothing listens on."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+@contextlib.contextmanager
+def dask_cluster(folder: Path, port: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """The address of a scheduler with two workers on this machine, and the processes of both."""
+    address = f"tcp://127.0.0.1:{port}"
+    commands = [["distributed.cli.dask_scheduler", "--port", str(port), "--no-dashboard"],
+                ["distributed.cli.dask_worker", address, "--nthreads", "1", "--nworkers", "2", "--no-dashboard"]]
+    running = [subprocess.Popen([sys.executable, "-m", *command], cwd=folder, stdout=subprocess.DEVNULL,
+                                stderr=subprocess.DEVNULL) for command in commands]
+    try:
+        time.sleep(10)  # until both workers have registered
+        yield address, running
+    finally:
+        for process in reversed(running):
+            process.terminate()
+            process.wait()
 
 
 def start(request: Path, out: Path, *more: str) -> subprocess.Popen[bytes]:

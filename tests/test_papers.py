@@ -23,8 +23,7 @@ EPS = float(np.finfo(float).eps)
 PAGE = (ROOT / "docs" / "papers.md").read_text("utf-8")
 SHORTER = {"crosscheck paper": ["--duration", "0.1", "--step", "0.01", "--format", "svg", "--method", "DAE1L_LSE"],
            "crosscheck study": ["--steps", "2000"], "crosscheck run": ["--duration", "0.1"], "crosscheck support": [],
-           "python -m benchmarks.orthogonality": ["--steps", "200"],
-           "python -m benchmarks.euler_parameters": ["--steps", "200"], "python -m pytest": ["--collect-only"]}
+           "python -m pytest": ["--collect-only"]}
 """Added to a command, by how it begins; an option given twice counts as it is given last."""
 
 
@@ -41,8 +40,7 @@ FOUR = "single_pendulum double_pendulum triple_pendulum heavy_top"
 
 
 @pytest.mark.parametrize("command", [
-    *(pytest.param(command, marks=pytest.mark.slow if FOUR in command or "euler_parameters" in command else ())
-      for command in commands()),
+    *(pytest.param(command, marks=pytest.mark.slow if FOUR in command else ()) for command in commands()),
     *(command.replace(FOUR, "heavy_top") for command in commands() if FOUR in command)])
 def test_command_runs(command, tmp_path, monkeypatch):
     start = next(start for start in SHORTER if command.startswith(start))

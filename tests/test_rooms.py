@@ -53,6 +53,15 @@ def test_a_seeded_import_is_found(tmp_path, edges, module, line, said):
     assert said in new.pop()
 
 
+def test_files_that_name_a_type_are_counted(tmp_path):
+    texts = {"one": 'TYPE = "revolute"', "two": "revolute = 'a revolute joint'  # revolute", "three": "planar: str",
+             "four": 'def f(kind): return kind in ("planar", "joint_force")'}
+    (tmp_path / "crosscheck").mkdir()
+    for name, text in texts.items():
+        (tmp_path / "crosscheck" / f"{name}.py").write_text(text, "utf-8")
+    assert list(rooms.report(tmp_path))[-2:] == ["files that name a joint type 2", "files that name a force type 1"]
+
+
 def test_a_seeded_circle_is_found():
     loop = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}
     assert rooms.circles(loop) == [["a", "b", "c"]]

@@ -1,4 +1,4 @@
-"""Measure the structure of `crosscheck` from its imports: rooms, floors, imports between rooms, circles.
+"""Measure the structure of `crosscheck`: rooms, floors, imports between rooms, circles, files that name a type.
 
     python tools/rooms.py [FOLDER]        FOLDER: a checkout; default: the one this file is in
     python tools/rooms.py --picture FILE  writes the picture in CONTRIBUTING.md, as SVG
@@ -50,6 +50,12 @@ MAY_IMPORT: dict[str, set[str]] = {
 says the same to type checkers and is not read here."""
 
 Edges = dict[str, set[str]]
+
+TYPES = {
+    "joint": {"spherical", "universal", "revolute", "cylindrical", "prismatic", "planar", "fixed", "distance",
+              "point_on_line", "point_on_plane", "knife_edge", "rolling_disk", "rolling_sphere"},
+    "force": {"linear_spring", "torsional_spring", "constant_force", "constant_torque", "joint_torque", "joint_force"}}
+"""What scene files call joints and forces. A file that names one may have to change for one more."""
 
 
 def modules(root: Path) -> dict[str, Path]:
@@ -141,9 +147,17 @@ def violations(edges: Edges) -> list[str]:
     return found
 
 
+def naming(known: Mapping[str, Path], words: set[str]) -> list[str]:
+    """The modules of crosscheck with a text constant that is one of these words."""
+    return [name for name, file in known.items() if name.startswith("crosscheck.") and any(
+        isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in words
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))))]
+
+
 def report(root: Path) -> Iterable[str]:
     """Lines of the summary."""
-    edges = imports(modules(root))
+    known = modules(root)
+    edges = imports(known)
     rooms = between(edges)
     loops = circles(rooms)
     yield f"rooms {len(rooms)}"
@@ -158,6 +172,8 @@ def report(root: Path) -> Iterable[str]:
     broken = violations(edges)
     yield from broken
     yield f"imports against the rule {len(broken)}"
+    for kind, words in TYPES.items():
+        yield f"files that name a {kind} type {len(naming(known, words))}"
 
 
 WIDTH, HEIGHT, ACROSS, UP = 118, 28, 132, 64

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lieeuler
-from benchmarks.ladder import ladder
+from lieeuler.types import GROUND
 from tests.lieeuler import accuracy
 from tests.lieeuler.test_methods import ROUNDING
 from tests.lieeuler.test_planar import turned
@@ -18,6 +18,43 @@ SPARSE = {"DAE1L_LSE": {"step": 2e-3}, "DAE1H_LSE": {"step": 2e-3}, "rattle2": {
           "rkmk853": {"rtol": 1e-10}, "taylor": {"rtol": 1e-10}}
 T = np.linspace(0, 0.2, 5)
 ROTATION = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
+LINK, RUNG = 0.5, 0.6  # m
+Y = (0.0, 1.0, 0.0)
+
+
+def ladder(loops):
+    """A planar ladder at rest: two hanging rails of n links, a rung at every level, levels leaning to alternate sides.
+
+    n loops of four bars: three bodies, one degree of freedom and three rows too many each.
+    """
+    angles = 0.4 * np.sin(np.arange(1, loops + 1))
+    R_rail = [np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]) for a in angles]
+    bodies, joints, x, R = [], [], [], []
+
+    def add(position, attitude, length, upright):
+        across, along = length**2 / 12, 1e-3
+        moments = (across, across, along) if upright else (along, across, across)
+        bodies.append(lieeuler.Body(1.0, np.diag(moments)))
+        x.append(position), R.append(attitude)
+        return len(bodies) - 1
+
+    up, down, half = np.array([0, 0, LINK / 2]), np.array([0, 0, -LINK / 2]), np.array([RUNG / 2, 0, 0])
+    nodes = [np.zeros(3), np.array([RUNG, 0, 0])]
+    above = [(GROUND, nodes[0]), (GROUND, nodes[1])]
+    for level in range(loops):
+        rails = []
+        for side in range(2):
+            rail = add(nodes[side] - R_rail[level] @ up, R_rail[level], LINK, upright=True)
+            parent, anchor = above[side]
+            joints.append(lieeuler.revolute_joint(parent, rail, anchor, up, Y, Y))
+            nodes[side] = nodes[side] + R_rail[level] @ (down - up)
+            above[side] = rail, down
+            rails.append(rail)
+        rung = add((nodes[0] + nodes[1]) / 2, np.eye(3), RUNG, upright=False)
+        joints.append(lieeuler.revolute_joint(rails[0], rung, down, -half, Y, Y))
+        joints.append(lieeuler.revolute_joint(rails[1], rung, down, half, Y, Y))
+    still = np.zeros((len(bodies), 3))
+    return lieeuler.Problem(bodies, joints, [0, 0, -9.81], np.array(x), np.array(R), still, still)
 
 
 @pytest.mark.parametrize("rotated", [False, True])

@@ -46,8 +46,7 @@ SMOKE = "--profile smoke --jobs 1 --out out"
 SHORTER = {
     "run": "--duration 0.1", "verify": SMOKE, "nightly": f"{SMOKE} --scene single_pendulum --engine lieeuler",
     "study work-precision": "--repeats 1 --time-limit 0.002 --no-bound --duration 0.1 --out out",
-    "study stability": "--time-limit 0.01 --duration 0.1 --method rattle2 --jobs 1 --out out",
-    "study drift": "--steps 2000 --out out", "study chaos": "--duration 2 --out out",
+    "study drift": "--steps 2000 --out out",
     "-m benchmarks.fuzz": "--count 20", "-m benchmarks.interruption": "--bodies 8 --repeats 1",
     "-m pytest": "--collect-only"}
 """Added to a command, by how it begins; an option given twice counts as it is given last."""

@@ -14,7 +14,6 @@ from crosscheck.cli.options import Engines, chosen, figure
 from crosscheck.cli.options import figures as shown
 from crosscheck.errors import counted
 from crosscheck.studies import study as studies
-from crosscheck.studies.chaos import ChaosAsk, ChaosStudy
 from crosscheck.studies.drift import DriftAsk, DriftStudy
 from crosscheck.studies.stability import Stability, StabilityAsk
 from crosscheck.studies.study import Ask, Study, StudyDocument
@@ -35,7 +34,7 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="folder of the page, JSON
 
 @app.callback()
 def alone() -> None:
-    """Work against precision, drift over long runs, largest usable steps, chaos."""
+    """Work against precision, drift over long runs, largest usable steps."""
 
 
 def _conduct(study: Study[Asked, Any, Doc], ask: Asked, out: Path) -> Doc:
@@ -131,71 +130,18 @@ def drift(
 def stability(
     scene: Annotated[Names, options.scenes('the scenes tagged "hard", both pendulums and the heavy top')] = None,
     engine: Engines = None,
-    method: Annotated[Names, options.methods("all with a fixed step")] = None,
-    time_limit: Annotated[float, options.time_limit("longer ones are not tried")] = 2.0,
     jobs: Annotated[int, typer.Option(min=1, help="worker processes")] = 2,
-    coordinate_map: options.CoordinateMap = None,
-    step: Annotated[float | None, typer.Option(min=1e-9, help="s, the common step; default: one that suits each scene")
-                    ] = None,
-    duration: options.Duration = None,
-    fresh: Annotated[bool, typer.Option(help="take no searches, which have times, from earlier studies")] = True,
+    fresh: Annotated[bool, typer.Option(help="take no ladders, which have times, from earlier studies")] = True,
     out: Out = Path("reports/stability"),
 ) -> None:
-    """Find the largest usable step (end error below 10 %), the error at a common step, and how larger steps fail.
+    """Tell the largest usable step of every method, and how larger ones fail, from the ladders that `advise` climbs.
 
     A study that was killed continues when it is started again with the same arguments.
     """
-    ask = StabilityAsk(chosen(scene), chosen(engine), chosen(method), time_limit, jobs, step, duration, fresh=fresh,
-                       coordinate_map=coordinate_map)
-    document = _conduct(Stability(), ask, out)
-    terminal = console(200)
-    columns = [key("scene"), key("run"), *figures("largest step, s", "steps", "error there", "ms", "common step, s"),
-               words("error there"), words("how unusable runs ended")]
-    print_table(terminal, columns, [
-        (row.scene, f"{row.engine} {row.method}", figure(row.h_max, row.outcome), figure(row.steps, digits="d"),
-         *shown((row.error, row.milliseconds, row.common_step)), figure(row.common_error, row.common_outcome),
-         row.failures or row.reason)
-        for row in document.rows if row.outcome != "unsupported"])
-    best = [key("scene"), words("in-house"), *figures("step, s"), words("stock"), *figures("step, s", "ratio"),
-            words("any other"), *figures("step, s", "ratio")]
-    lines = [(line.scene, line.own, figure(line.own_h_max), line.stock, figure(line.stock_h_max),
-              figure(line.ratio), line.any, figure(line.any_h_max), figure(line.ratio_any))
-             for line in document.scenes if line.own]
-    if lines:
-        say("The largest steps of in-house methods, of engines that step by themselves (stock), and of all others, "
-            "with the engines to which this package adds a stepper; ratio: the in-house step over theirs")
-        print_table(terminal, best, lines)
-    left = sum(row.outcome == "unsupported" for row in document.rows)
-    say(f"{counted(len(document.rows), 'combination')}, {left} of them unsupported by their engine (reasons in "
-        f"stability.csv), {document.meta.seconds:.0f} s with {counted(jobs, 'worker process', 'worker processes')}")
-    _tell_page(out)
-
-
-@app.command()
-def chaos(
-    scene: Annotated[Names, options.scenes("thrown_double thrown_triple")] = None,
-    engine: Engines = None,
-    method: Annotated[Names, options.methods("rattle2 rattle4 DAE1L_LSE DAE1H_LSE RK4 RK44 RKMK4")] = None,
-    duration: Annotated[float, typer.Option(min=1.0, help="s, of each run")] = 2000.0,
-    step: Step = 2.0**-8,
-    time_limit: Annotated[float, options.time_limit("longer ones are left out")] = 120.0,
-    coordinate_map: options.CoordinateMap = None,
-    out: Out = Path("reports/chaos"),
-) -> None:
-    """Compare distributions of energies and heights in chaotic scenes, beyond the time up to which trajectories agree.
-
-    Exit code 0: no distribution differs; 1: one does.
-    """
-    ask = ChaosAsk(chosen(scene), chosen(engine), chosen(method), time_limit, duration, step,
-                   coordinate_map=coordinate_map)
-    document = _conduct(ChaosStudy(), ask, out)
-    columns = [key("scene"), key("run"), *figures("horizon, s", "until, s", "energy error", "momentum error"),
-               words("worst observable"), *figures("distance", "effective samples", "p"), words("verdict")]
+    document = _conduct(Stability(), StabilityAsk(chosen(scene), chosen(engine), jobs=jobs, fresh=fresh), out)
+    columns = [key("scene"), key("run"), *figures("largest step, s", "rtol", "error there, m", "ms", "breaks at"),
+               words("how")]
     print_table(console(200), columns, [
-        (run.scene, run.label, *shown((run.horizon, run.duration, run.energy_error, run.momentum_error)), run.worst,
-         *shown((run.distance, run.effective, run.p)), run.verdict or f"{run.status}: {run.reason}")
-        for run in document.runs])
-    say(f"By chance alone one study in {1 / document.false_alarm:.0f} finds a difference: the smallest p of a run is "
-        f"compared with {document.false_alarm:g} over the number of all comparisons")
+        (line.scene, line.label, *shown((line.step, line.rtol, line.error, line.milliseconds, line.breaks_at)),
+         line.reason) for line in document.lines])
     _tell_page(out)
-    raise typer.Exit(int(any(run.verdict == "differs" for run in document.runs)))

@@ -1,1 +1,1 @@
-"""One file per question: work and precision, drift, stability, chaos."""
+"""One file per question: work and precision, drift, stability."""

@@ -8,17 +8,27 @@ steps n is "round-off" if it is at most n^0.6.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import operator
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
 
+from crosscheck.document import Way, extended
+from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported, said
+from crosscheck.running.attempt import Ran, attempt
+from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.mechanics import kinetic_energy
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-from crosscheck.studies.long_runs import LongRun, begun, long_run, long_ways, run_all
 from crosscheck.studies.study import Ask, StudyDocument, StudyMeta, Work
+from crosscheck.verification.ladder import GradedWay, ways
+
+METHODS = ("rattle2", "rattle4", "DAE1L_LSE", "DAE1H_LSE", "RK4", "RK44", "RKMK4")
+"""The default methods: symmetric ones, the two Euler methods that satisfy all levels, and Runge-Kutta of order 4."""
+
+PROBE = 2000
+"""Steps of a short run, from which the time of the long run is estimated."""
 
 TREND = 0.05
 """Largest share of the band that slope times duration may have in an error without trend."""
@@ -38,9 +48,15 @@ SAMPLES = 10_001
 """Number of output times. It makes the slope that is fitted to a band without trend smaller than 5 % of the band."""
 
 
-class Drift(LongRun, frozen=True, kw_only=True):
+class Drift(Way, frozen=True, kw_only=True):
     """One long run. Energy errors are over the largest kinetic energy, momentum errors over the largest momentum."""
 
+    scene: str
+    label: str
+    duration: float  # s
+    status: str = "success"  # or "skipped", "unsupported", "failed"
+    reason: str = ""
+    wall_time: float | None = None  # s
     steps: int
     energy_band: float | None = None  # largest minus smallest error
     energy_slope: float | None = None  # 1/s, by least squares
@@ -93,6 +109,36 @@ def judge(t: np.ndarray, errors: np.ndarray, steps: int) -> tuple[float, float, 
     return band, slope, trend, exponent, verdict
 
 
+class TooLong(ArgumentError):
+    """A run would take longer than the limit."""
+
+
+def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[GradedWay]:
+    """The ways for long runs: every method with a fixed step, in the first form that can model the scene."""
+    first: dict[tuple[str, str], GradedWay] = {}
+    for way in ways(scene, engines, ask.methods or METHODS, asked_map=ask.coordinate_map)[0]:
+        if not way.adaptive:
+            first.setdefault((way.engine, way.method), way)
+    return list(first.values())
+
+
+def long_run(row: Drift, scene: Scene, time_limit: float) -> Trajectory:
+    """The trajectory of a row. Raises `TooLong` if a short run predicts more than `time_limit` (s) of stepping."""
+    def over(scene: Scene) -> Trajectory:
+        outcome = attempt(scene, row, monitor=False)
+        if isinstance(outcome, Ran):
+            return outcome.trajectory
+        raise outcome.error
+
+    step = row.step or row.duration
+    steps = round(row.duration / step)
+    if steps > 2 * PROBE:
+        expected = over(scene.replace(duration=PROBE * step, samples=2)).wall_time / PROBE * steps
+        if expected > time_limit:
+            raise TooLong(f"it would take about {expected:.0f} s, the limit is {time_limit:g} s")
+    return over(scene)
+
+
 def measured(drift: Drift, long: Scene, time_limit: float) -> Drift:
     """Make the run of a row and return the row with the values from its samples."""
     traj = long_run(drift, long, time_limit)
@@ -138,9 +184,24 @@ class DriftStudy:
         done: list[Drift] = []
         for scene in work.scenes:
             long = scene.replace(duration=steps * ask.step, samples=intervals + 1)
-            rows = [begun(Drift, long, way, ask.step, steps=steps) for way in long_ways(scene, work.engines, ask)]
-            run_all(work, long, rows, done, functools.partial(measured, long=long, time_limit=ask.time_limit))
+            rows = [extended(Drift, way, scene=scene.name, label=way.label, duration=long.duration, step=ask.step,
+                             steps=steps) for way in long_ways(scene, work.engines, ask)]
+            for index, start in enumerate(rows):
+                work.progress(index, len(rows), f"{scene.name}: {start.label}")
+                done.append(_finished(work, long, start))
+                work.keep(done)
 
     def document(self, ask: DriftAsk, meta: StudyMeta, results: list[Drift]) -> DriftDocument:
         """The document with all runs."""
         return DriftDocument(study=self.name, meta=meta, runs=results)
+
+
+def _finished(work: Work[DriftAsk, Drift], long: Scene, start: Drift) -> Drift:
+    """The row of a run with its results. One without results has the reason, and is tried again after a kill."""
+    try:
+        return work.once(long, start.engine, start, lambda: measured(start, long, work.ask.time_limit))
+    except TooLong as limit:
+        return msgspec.structs.replace(start, status="skipped", reason=str(limit))
+    except CrosscheckError as error:
+        status = "unsupported" if isinstance(error, Unsupported) else "failed"
+        return msgspec.structs.replace(start, status=status, reason=said(error))

@@ -113,6 +113,10 @@ class Walk:
         """The runs of a method, coarse to fine."""
         return sorted((step for step in self.steps if step.method == method), key=lambda step: step.fineness)
 
+    def useless(self, step: Step) -> bool:
+        """Whether a run failed, or is wrong by more than a tenth of the scene's size."""
+        return step.error is None or step.error > USELESS * self.size
+
     def reaching(self, error: float) -> list[Step]:
         """The coarsest run of each method with at most this error, the cheapest method first."""
         coarsest: dict[str, Step] = {}
@@ -350,12 +354,8 @@ def choose(walk: Walk, wanted: float, scene: str) -> Advice:
 
 
 def breaks_at(walk: Walk, best: Step) -> float | None:
-    """Step (s) or rtol of the finest of the useless runs that are coarser than `best`.
-
-    A run is useless if it failed or if its error exceeds a tenth of the scene's size. None if no run is useless.
-    """
-    broken = [step for step in walk.of(best.method) if step.fineness < best.fineness
-              and (step.error is None or step.error > USELESS * walk.size)]
+    """Step (s) or rtol of the finest of the useless runs that are coarser than `best`. None if no run is useless."""
+    broken = [step for step in walk.of(best.method) if step.fineness < best.fineness and walk.useless(step)]
     return (broken[-1].step or broken[-1].rtol) if broken else None
 
 

@@ -12,9 +12,8 @@ from crosscheck.history.overview import write_history, write_trend
 from crosscheck.history.runs import open_store, run_from_document, save, series
 from crosscheck.report.standalone import write_page
 from crosscheck.running import provenance
-from crosscheck.studies.chaos import ChaosAsk, ChaosStudy, Comparison
 from crosscheck.studies.drift import Drift, DriftAsk, DriftStudy
-from crosscheck.studies.stability import Row, Stability, StabilityAsk
+from crosscheck.studies.stability import Line, Stability, StabilityAsk
 from crosscheck.studies.study import StudyMeta, write_folder
 from crosscheck.studies.work_precision import (
     Known,
@@ -29,8 +28,8 @@ from crosscheck.sweeps import summary
 from tests.history.store.documents import document as night
 from tests.history.store.documents import record
 
-PAGES = ("work-precision/index.html", "stability/index.html", "drift/index.html", "chaos/index.html",
-         "sweep/index.html", "history/index.html", "history/trend.html")
+PAGES = ("work-precision/index.html", "stability/index.html", "drift/index.html", "sweep/index.html",
+         "history/index.html", "history/trend.html")
 
 SCENES = ("single_pendulum", "fast_top_1500", "sleeping_top_below")
 WAYS = (("lieeuler", "DAE1H_LSE"), ("lieeuler", "rkmk853"), ("mujoco", "implicitfast"), ("pinocchio", "RKMK8"),
@@ -44,20 +43,14 @@ def meta(**more):
 
 
 def stability(out):
-    """With a failure of every kind."""
-    rows = []
-    for index, (scene, (engine, method)) in enumerate(itertools.product(SCENES, WAYS)):
-        if index == 4:
-            found = {"outcome": "unsupported", "reason": "no such joint"}
-        elif index == 7:
-            found = {"outcome": "none within the limit", "reason": "finer runs would take more than 1 s " * 5,
-                     "failures": "diverged 3"}
-        else:
-            found = {"outcome": "usable", "h_max": 0.3 / (1 + index) ** 2, "steps": 10 + index, "error": 0.09,
-                     "milliseconds": 1.5, "common_step": 0.01, "common_outcome": "usable", "common_error": 1e-5 * index,
-                     "failures": "inaccurate 3, map_domain 2"}
-        rows.append(Row(engine, method, scene=scene, **found))
-    write_folder(out, Stability().document(StabilityAsk(), meta(), rows), rows)
+    """A method with a step and one with a tolerance, a failure of every kind."""
+    ways = [(*each, size) for each in itertools.product(SCENES, WAYS) for size in ("step", "rtol")]
+    lines = [Line(engine, method, scene=scene, error=0.09, milliseconds=1.5, breaks_at=0.6 / (1 + index) ** 2,
+                  reason="an error of 0.42 m", **{size: 0.3 / (1 + index) ** 2})
+             for index, (scene, (engine, method), size) in enumerate(ways)]
+    lines[4] = Line("mujoco", "", scene=SCENES[0], reason="no such joint")
+    lines[7] = Line(*WAYS[3], scene=SCENES[0], breaks_at=1e-3, reason="the run diverged " * 8)
+    write_folder(out, Stability().document(StabilityAsk(), meta(), lines), lines)
 
 
 def work_precision(out):
@@ -81,8 +74,8 @@ def work_precision(out):
     write_folder(out, document, study.rows(document))
 
 
-def long_runs(drift, chaos):
-    """Drift and chaos: runs that end and runs that fail."""
+def drift(out):
+    """Runs that end and one that fails."""
     each = [{"scene": scene, "engine": engine, "method": method, "form": None, "label": f"{engine} {method}",
              "step": 2.0**-8, "duration": 100.0} for scene, (engine, method) in itertools.product(SCENES, WAYS)]
     lost = {"status": "failed", "reason": "diverged"}
@@ -90,11 +83,7 @@ def long_runs(drift, chaos):
         "wall_time": 0.3, "energy_band": 1e-6, "energy_slope": 1e-12, "energy_growth": 0.5, "energy_trend": 0.01,
         "energy_verdict": "without trend", "momentum_band": 1e-14, "momentum_verdict": "round-off",
         "constraint_position": 1e-15, "orthogonality": 1e-15})) for index, one in enumerate(each)]
-    write_folder(drift, DriftStudy().document(DriftAsk(), meta(), runs), runs)
-    compared = [Comparison(**one, horizon=12.0, comparisons=15, **(lost if index == 2 else {
-        "verdict": "agrees", "worst": "kinetic energy", "distance": 0.03, "effective": 400.0, "p": 0.2,
-        "energy_error": 1e-9, "momentum_error": 1e-12})) for index, one in enumerate(2 * each)]
-    write_folder(chaos, ChaosStudy().document(ChaosAsk(), meta(), compared), compared)
+    write_folder(out, DriftStudy().document(DriftAsk(), meta(), runs), runs)
 
 
 def sweep(out):
@@ -126,10 +115,10 @@ def history(out):
 
 def write_all(home):
     """Every page of `PAGES` into this folder."""
-    for name in ("stability", "work-precision", "drift", "chaos", "sweep"):
+    for name in ("stability", "work-precision", "drift", "sweep"):
         (home / name).mkdir()
     stability(home / "stability")
     work_precision(home / "work-precision")
-    long_runs(home / "drift", home / "chaos")
+    drift(home / "drift")
     sweep(home / "sweep")
     history(home / "history")

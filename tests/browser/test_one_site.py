@@ -101,7 +101,7 @@ def test_a_phone_shows_the_first_rows_of_a_long_table_until_asked(watched):
     page = watched.open("drift/index.html")
     rows, shown = (page.locator(f"table[data-filter='runs'] tbody tr{which}") for which in ("", ":visible"))
     assert rows.count() == shown.count() == 15  # not long
-    page.goto(watched.folder.as_uri() + "/chaos/index.html")
+    page.goto(watched.folder.as_uri() + "/stability/index.html")
     assert (rows.count(), shown.count()) == (30, 8)
     assert page.locator(".filter [role=status]").inner_text() == "8 of 30"
     page.get_by_role("searchbox", name="filter the rows").fill("top 1500")

@@ -56,8 +56,7 @@ def made_up():
 
 
 STUDIES = {"work-precision": pages_making.work_precision, "stability": pages_making.stability,
-           "drift": lambda out: pages_making.long_runs(out / "drift", out / "chaos"),
-           "chaos": lambda out: pages_making.long_runs(out / "drift", out / "chaos")}
+           "drift": pages_making.drift}
 
 HISTORY = {"history": ["show"], "history list": ["list"],
            "history trend": ["trend", "position error", "--scene", "double_pendulum", "--engine", "pinocchio",

@@ -12,14 +12,18 @@ INSTALL = $(PY) -m pip install --quiet --disable-pip-version-check --no-compile 
 KERNEL := $(wildcard lieeuler/_core/*/*)
 
 # Tests and notebooks start some hundred processes, which share the bytecode of what they import.
-test docs: export PYTHONPYCACHEPREFIX := $(CURDIR)/build/bytecode
-test docs: export PYTHONDONTWRITEBYTECODE :=
+test test-all docs: export PYTHONPYCACHEPREFIX := $(CURDIR)/build/bytecode
+test test-all docs: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help ready setup verify smoke sample docs test sanitize coverage lint benchmark clean
+# Marks of tests/marks.toml: a push runs what is quick and the core of what is slow. `make test MARKS=study` runs studies.
+MARKS ?= not slow or core
+
+.PHONY: help ready setup verify smoke sample docs test test-all sanitize coverage lint benchmark clean
 
 help:
 	@echo "make verify     run every method and engine over the scenes, write reports/latest/index.html"
-	@echo "make test       run the tests"
+	@echo "make test       run the tests of a push, four minutes"
+	@echo "make test-all   run all tests but the studies"
 	@echo "make smoke      the main job in half a minute"
 	@echo "make sample     a small report of three scenes in reports/sample"
 	@echo "make docs       the documents and the API as a site in build/docs"
@@ -77,7 +81,10 @@ sample: ready
 	@$(VENV)/bin/crosscheck verify --profile smoke --scene single_pendulum --scene double_pendulum --scene heavy_top --out reports/sample || test $$? -eq 1
 
 test: setup
-	@$(PY) -m pytest -m "not slow" -n $(JOBS) --dist worksteal
+	@$(PY) -m pytest -m "$(MARKS)" -n $(JOBS) --dist worksteal $(PYTEST)
+
+test-all:
+	@$(MAKE) -s test MARKS="not study"
 
 sanitize: setup
 	@tools/sanitize

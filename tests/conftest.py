@@ -7,10 +7,12 @@ import signal
 import pytest
 from hypothesis import settings
 
-from crosscheck.jobs import table, threads
 from tests.databases import postgresql_server, url  # noqa: F401 - fixtures
+from tools.marks import Marks
 
-threads.limit()
+# Matrices are so small that more threads take ten times as long. It counts only before NumPy is first imported.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
 
 # Shared machines stall: an example is never late. All draw the same; `--hypothesis-profile explore` draws others.
 settings.register_profile("house", deadline=None, derandomize=True)
@@ -25,9 +27,20 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark tests by what they cost; `tools/marks.py` tells how."""
+    marks = Marks()
+    for item in items:
+        for name in marks.of(item.nodeid):
+            item.add_marker(name)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _tables(tmp_path_factory):
     """Tests leave no rows to users and take none of theirs; what a module prepares is in one table."""
+    from crosscheck.jobs import table
+
     folder = tmp_path_factory.mktemp("rows")  # one folder for all: making a thousand reads the names of a thousand
     os.environ[table.VARIABLE] = str(folder / "rows.sqlite")
     return (str(folder / f"{number}.sqlite") for number in itertools.count())
@@ -36,6 +49,8 @@ def _tables(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def _rows_of_the_test(monkeypatch, _tables):
     """Every test begins with an empty table."""
+    from crosscheck.jobs import table
+
     monkeypatch.setenv(table.VARIABLE, next(_tables))
 
 

@@ -1,4 +1,4 @@
-"""Wrong equations in the kernel, and which of them its quick tests let live.
+"""Wrong equations in the kernel, and which of them its tests let live.
 
     python -m tests.core_mutants                 all
     python -m tests.core_mutants --only 3 17     these; numbers as they are printed
@@ -156,7 +156,7 @@ def build(folder: Path) -> None:
 def fails(folder: Path, name: str, number: int) -> bool:
     """Whether a test file fails with this mutant, -1: without any."""
     file = "tests/adapters/test_lieeuler.py" if name == "adapter" else f"tests/lieeuler/test_{name}.py"
-    command = [ROOT / "tools" / "with_kernel", folder, "-x", "-q", "-m", "not slow", file]
+    command = [ROOT / "tools" / "with_kernel", folder, "-x", "-q", "-m", "not study", file]
     try:
         subprocess.run(command, capture_output=True, check=True,
                        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS)),

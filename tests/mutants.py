@@ -1,4 +1,4 @@
-"""Mutants of the sources, one wrong thing each, and which of them the quick tests of their folder let live.
+"""Mutants of the sources, one wrong thing each, and which of them the tests of their folder let live.
 
     python -m tests.mutants judge                        a sample of 100, seeded
     python -m tests.mutants scene --count 40 --seed 7    another one
@@ -268,7 +268,7 @@ def anew(mutant: Mutant, args: list[str]) -> int:
     return pytest.main(["-x", *OPTIONS, *args])
 
 
-OPTIONS = ("-q", "-m", "not slow", "-p", "no:cacheprovider", "-p", "no:xdist")
+OPTIONS = ("-q", "-m", "not study", "-p", "no:cacheprovider", "-p", "no:xdist")
 
 
 def main() -> None:

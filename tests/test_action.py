@@ -77,7 +77,6 @@ def test_lines_of_the_summary_are_annotations(tmp_path):
     assert summary == (tmp_path / "crosscheck-report" / "summary.txt").read_text()
 
 
-@pytest.mark.slow
 def test_nights_are_compared_and_what_became_worse_is_annotated(tmp_path):
     given = {"scenes": "single_pendulum", "engines": FEW}
     ended, printed, _, summary = step(tmp_path, "Run", given)

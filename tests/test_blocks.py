@@ -178,7 +178,6 @@ def report(tmp_path_factory):
     return out
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("block", "command"), COMMANDS)
 def test_a_command_runs(block, command, report, tmp_path, monkeypatch):
     words = words_of(command)
@@ -205,9 +204,7 @@ FIXTURES = re.compile(r"def test_\w+\(\w")
 
 
 @pytest.mark.parametrize("block", [
-    pytest.param(block, id=f"{block.document}:{block.line}",
-                 marks=pytest.mark.slow if FIXTURES.search(block.text) else ())
-    for block in RUN if block.language == "python"])
+    pytest.param(block, id=f"{block.document}:{block.line}") for block in RUN if block.language == "python"])
 def test_python_runs(block, tmp_path, monkeypatch):
     desk(block, tmp_path)
     monkeypatch.chdir(tmp_path)

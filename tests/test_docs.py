@@ -151,7 +151,6 @@ def test_the_bibliography_is_whole():
     assert {key for key in entries if key not in cited and dois.get(key) not in named} == set()
 
 
-@pytest.mark.slow  # .ci/run builds it by `make docs`
 def test_the_site_is_built_without_warnings_and_asks_no_network(tmp_path):
     pytest.importorskip("sphinx")
     done = subprocess.run([sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", ROOT / "docs", tmp_path],

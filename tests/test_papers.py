@@ -40,7 +40,7 @@ FOUR = "single_pendulum double_pendulum triple_pendulum heavy_top"
 
 
 @pytest.mark.parametrize("command", [
-    *(pytest.param(command, marks=pytest.mark.slow if FOUR in command else ()) for command in commands()),
+    *commands(),
     *(command.replace(FOUR, "heavy_top") for command in commands() if FOUR in command)])
 def test_command_runs(command, tmp_path, monkeypatch):
     start = next(start for start in SHORTER if command.startswith(start))

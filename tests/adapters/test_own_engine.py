@@ -208,7 +208,6 @@ def test_the_documented_adapter_works(tmp_path):
         crosscheck.run(brief, f"{path}:SciPy", "DOP853", step=1e-3)
 
 
-@pytest.mark.slow  # two minutes of compiling
 @pytest.mark.parametrize("method", ["SymplecticEuler", "RKMK4", "RKMK8"])
 def test_compiled_pinocchio_takes_the_steps_of_its_adapter(method):
     compiled, plain = (crosscheck.run("double_pendulum", engine, method, step=0.01, samples=11)

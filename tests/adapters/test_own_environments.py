@@ -103,9 +103,8 @@ def test_newtons_servos_limits_and_friction(method, keys, bound):
 
 
 @pytest.mark.parametrize(("engine", "method"), [
-    ("newton", "Featherstone"), *(pytest.param(*way, marks=pytest.mark.slow) for way in (
-        ("newton", "MuJoCoEuler"), ("newton", "XPBD"), ("warp", "Euler"), ("sapien", "TGS"), ("sapien", "PGS"),
-        ("pybullet", "SemiImplicitEuler"), ("mjx", "Euler")))])
+    ("newton", "Featherstone"), ("newton", "MuJoCoEuler"), ("newton", "XPBD"), ("warp", "Euler"), ("sapien", "TGS"),
+    ("sapien", "PGS"), ("pybullet", "SemiImplicitEuler"), ("mjx", "Euler")])
 def test_the_order_of_bodies_is_that_of_the_file_alone(engine, method):
     """Newton's Featherstone takes the number of a joint for that of its body: 0.14 m off within 0.4 s."""
     if engine not in adapters.names():
@@ -116,7 +115,6 @@ def test_the_order_of_bodies_is_that_of_the_file_alone(engine, method):
     assert np.abs(there.back(other).x - plain.x).max() < 30 * max(adapters.get(engine).eps, 1e-12)
 
 
-@pytest.mark.slow
 def test_warp_has_room_for_all_rows_of_constraints():
     """Those of 64 balls are 192; with room for 64 the chain was 2e-3 m off, and a quadruped 0.13 m."""
     if "warp" not in adapters.names():
@@ -194,7 +192,6 @@ print("same")
 """
 
 
-@pytest.mark.slow
 def test_recorded_steps_are_the_steps_of_newton_to_the_bit():
     python = versions.present("newton")
     if python is None:
@@ -205,7 +202,6 @@ def test_recorded_steps_are_the_steps_of_newton_to_the_bit():
     assert done.stdout == "same\n", done.stderr
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("engine", "method", "name", "order", "steps"), [
     ("mjx", "Euler", "double_pendulum", 1, (2e-3, 1e-3, 5e-4)),
     ("mjx", "implicitfast", "double_pendulum", 1, (2e-3, 1e-3, 5e-4)),

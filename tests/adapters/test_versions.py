@@ -139,7 +139,6 @@ def test_its_environment_gets_all_that_the_adapters_import():
     assert {"numpy", "scipy", "msgspec", "mpmath", "psutil", "typer", "rich"} & set(loaded) <= set(versions.NEEDED)
 
 
-@pytest.mark.slow
 def test_what_changed_in_mujoco_between_two_releases():
     """RK4 on a ball joint: 3.3.7 adds the velocities of the stages before it turns the body, 4.0.0 does not."""
     old, new = "mujoco==3.3.7", "mujoco==4.0.0"

@@ -18,14 +18,10 @@ VIEWS = {"wide-light": (1280, "light"), "phone-dark": (390, "dark"), "wide-dark"
          "phone-light": (390, "light")}
 
 
-def views(*quick):
-    """The test in every view; all but these are slow."""
-    return pytest.mark.parametrize("watched", [
-        pytest.param(view, id=name, marks=() if name in quick else pytest.mark.slow) for name, view in VIEWS.items()],
-        indirect=True)
+in_every_view = pytest.mark.parametrize("watched", VIEWS.values(), ids=VIEWS, indirect=True)
 
 
-@views("wide-light", "phone-dark")
+@in_every_view
 def test_the_decision_answers_and_the_address_keeps_it(watched, document):
     page = watched.open("index.html")
     page.select_option("#decide-engine", "mujoco")
@@ -54,7 +50,7 @@ OPACITIES = """() => [...document.querySelectorAll("[data-figure='speed'] .trace
   .filter((node) => node.__data__?.[0]?.trace?.meta).map((node) => [node.__data__[0].trace.meta, node.style.opacity])"""
 
 
-@views("wide-light")
+@in_every_view
 def test_a_click_isolates_a_run_and_escape_ends_it(watched):
     page = watched.open(SCENE)
     page.wait_for_selector("[data-figure='speed'] .main-svg")
@@ -70,7 +66,7 @@ def test_a_click_isolates_a_run_and_escape_ends_it(watched):
     assert {opacity for _, opacity in page.evaluate(OPACITIES)} == {""}
 
 
-@views("wide-light")
+@in_every_view
 def test_no_two_rendered_lines_are_alike(watched):
     page = watched.open(SCENE)
     page.select_option("#group", label="every run")
@@ -88,8 +84,8 @@ PAGES = ("index.html", SCENE, "engine-mujoco.html", "study-convergence.html", "s
 
 
 @pytest.mark.parametrize(("name", "watched"), [
-    pytest.param(name, view, id=f"{name}-{place}", marks=() if place == list(VIEWS)[index % 2] else pytest.mark.slow)
-    for index, name in enumerate(PAGES) for place, view in VIEWS.items()], indirect=["watched"])
+    pytest.param(name, view, id=f"{name}-{place}") for name in PAGES for place, view in VIEWS.items()],
+    indirect=["watched"])
 def test_pages_are_accessible(watched, name):
     page = watched.open(name)
     page.wait_for_load_state("load")
@@ -97,7 +93,7 @@ def test_pages_are_accessible(watched, name):
     watched.assert_accessible()
 
 
-@views("phone-dark")
+@in_every_view
 def test_the_run_selector_drives_playback_and_the_address_keeps_the_view(watched):
     page = watched.open(SCENE)
     page.select_option("#run", label="mujoco RK4")
@@ -118,7 +114,7 @@ def test_the_run_selector_drives_playback_and_the_address_keeps_the_view(watched
     assert page.locator("[data-body]").text_content() == "lower"
 
 
-@views("wide-light")
+@in_every_view
 def test_a_change_before_the_event_of_the_last_one_stays(watched):
     page = watched.open(SCENE)
     page.evaluate("""() => new Promise((heard) => {
@@ -134,7 +130,7 @@ def test_a_change_before_the_event_of_the_last_one_stays(watched):
 STAGE = "document.getElementById('stage').dataset"
 
 
-@views("wide-light")
+@in_every_view
 def test_views_stand_beside_each_other_and_the_address_keeps_them(watched):
     page = watched.open(SCENE)
     page.select_option("#views", "beside")
@@ -186,7 +182,7 @@ def test_a_joint_that_opens_reddens_and_errors_have_their_power_of_ten(watched, 
     assert page.locator("#power").inner_text() == "× 10¹"
 
 
-@views("phone-dark")
+@in_every_view
 def test_one_cursor_follows_playback_on_every_plot_over_time(watched):
     page = watched.open(SCENE)
     page.locator("#motion").scroll_into_view_if_needed()

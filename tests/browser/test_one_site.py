@@ -17,8 +17,7 @@ def pages(home):
 
 
 @pytest.mark.parametrize(("name", "watched"), [
-    pytest.param(name, view, id=f"{name}-{view[0]}", marks=[] if (index + shift) % 2 else pytest.mark.slow)
-    for index, name in enumerate(PAGES) for shift, view in enumerate((WIDE, PHONE))], indirect=["watched"])
+    pytest.param(name, view, id=f"{name}-{view[0]}") for name in PAGES for view in (WIDE, PHONE)], indirect=["watched"])
 def test_every_page_has_the_menus_fits_and_is_accessible(watched, name):
     page = watched.open(name)
     page.wait_for_load_state("load")

@@ -53,7 +53,6 @@ def test_every_page_draws_all_its_figures_and_is_no_wider_than_the_window(watche
 
 @pytest.mark.parametrize("watched", [{"viewport": {"width": 390, "height": 844}, "color_scheme": "dark"}],
                          indirect=True)
-@pytest.mark.slow  # every page at 390 px: minutes without a graphics card
 def test_pages_fit_a_phone(watched):
     check_pages(watched, ["index.html", SCENE, "engine-mujoco.html", "study-conservation.html"])
 

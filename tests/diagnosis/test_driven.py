@@ -97,7 +97,6 @@ class Wrong:
         return self._engine.run(self._change(scene), spec)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [None, *MISTAKES])
 def test_explain_names_a_wrong_drive_and_nothing_where_there_is_none(name):
     scene = load_scene("driven_double_pendulum")

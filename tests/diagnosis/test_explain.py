@@ -40,8 +40,7 @@ def on_mujoco(*cases):
 
 @pytest.mark.parametrize("name", [
     "inertia point", "inertia frame", "quaternion order",
-    *(pytest.param(name, marks=pytest.mark.slow) for name in (
-        "gravity size", "gravity sign", "gravity axis", "quaternion conjugated", "velocity frame"))])
+    "gravity size", "gravity sign", "gravity axis", "quaternion conjugated", "velocity frame"])
 def test_a_wrong_model_in_mujoco_is_named(pendulum, name):
     answer = explain(pendulum, on_mujoco(case(name, pendulum)), "RK4")
     assert answer.names == (name,), answer.sentence
@@ -57,11 +56,11 @@ def test_the_fitted_magnitude_is_the_true_one(pendulum):
 
 
 @pytest.mark.parametrize(("flaws", "name"), [
-    pytest.param({"joint_damping": 0.05}, "extra damping", marks=pytest.mark.slow),
+    ({"joint_damping": 0.05}, "extra damping"),
     ({"softness": (5e3, 20.0)}, "soft constraint"),
     ({"gain": (5.0, 5.0)}, "stabilisation gain"),
-    pytest.param({"naive": True}, "group update", marks=pytest.mark.slow),  # as Pinocchio's below
-    pytest.param({"substeps": 3}, "hidden sub-steps", marks=pytest.mark.slow),
+    ({"naive": True}, "group update"),  # as Pinocchio's below
+    ({"substeps": 3}, "hidden sub-steps"),
     ({"substeps": 2}, "hidden sub-steps"),
     ({"euler": True}, "order of the step"),
 ])
@@ -70,8 +69,8 @@ def test_a_wrong_step_is_named(pendulum, flaws, name):
     assert answer.names == (name,), answer.sentence
 
 
-@pytest.mark.parametrize("name", ["spring free length", pytest.param("spring stiffness", marks=pytest.mark.slow),
-                                  pytest.param("missing spring", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["spring free length", "spring stiffness",
+                                  "missing spring"])
 def test_a_wrong_spring_is_named(sprung, name):
     wrong = misbuilt.build([case(name, sprung)], adapters.get("lieeuler"))
     answer = explain(sprung, wrong, "rattle4")
@@ -85,7 +84,7 @@ def test_two_causes_at_once_are_both_named(pendulum):
 
 @pytest.mark.parametrize("wrong", [
     misbuilt.inertia(lambda s, k: TURN @ s.inertias[k] @ TURN.T),
-    pytest.param(misbuilt.gravity(lambda g: np.roll(g, 2)), marks=pytest.mark.slow)])
+    misbuilt.gravity(lambda g: np.roll(g, 2))])
 def test_a_group_update_is_told_from_a_low_order_beside_a_wrong_model(pendulum, wrong):
     # Unless the copy on which rotations should commute allows for the model, they do not.
     answer = explain(pendulum, misbuilt.Misbuilt(Stepper(Flaws(naive=True)), (wrong,)), "RK4")
@@ -114,20 +113,18 @@ def test_velocities_may_be_misread_after_attitudes():
     assert answer.names == ("quaternion conjugated", "velocity frame"), answer.sentence
 
 
-@pytest.mark.parametrize("naive", [pytest.param(True, marks=pytest.mark.slow), False])
+@pytest.mark.parametrize("naive", [True, False])
 def test_a_soft_joint_does_not_cover_a_lower_order(naive):
     # At the first steps tried the runs explode, at the next the joint's own error hides that of the attitudes.
     answer = explain(load_scene("double_pendulum"), Stepper(Flaws(softness=(1.5e4, 40.0), naive=naive)), "RK4")
     assert set(answer.names) == {"soft constraint", *(["group update"] if naive else [])}, answer.sentence
 
 
-@pytest.mark.slow
 def test_a_fitted_magnitude_is_judged_by_the_noise_it_was_fitted_in():
     # Gravity comes out 4e-8 off, as the accelerations are: far more than the noise of the states.
     assert one(9102, 1)["score"] == "named"
 
 
-@pytest.mark.slow
 def test_a_pair_is_sought_from_every_start_of_its_causes():
     pytest.importorskip("pinocchio")
     result = one(9428, 2)  # a turned inertia that a fit from small angles does not reach beside another cause
@@ -226,7 +223,6 @@ def test_what_cannot_run_is_one_clear_error(pendulum):
         explain(pendulum, Breaks(), "RK4")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2])
 def test_random_causes_on_random_scenes_are_never_named_wrongly(count):
     """Twenty seeds each; the figures of many more come from `python -m benchmarks.explain_study`."""

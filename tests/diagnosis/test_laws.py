@@ -123,8 +123,7 @@ NAMED = {"friction 5 % high": "friction", "restitution .6 instead of .5": "resti
          "saturation is ignored": "no saturation", "delay is ignored": "delay"}
 
 
-@pytest.mark.parametrize("what", [pytest.param(what, marks=() if what == "restitution .6 instead of .5" else
-                                               pytest.mark.slow) for what in NAMED])
+@pytest.mark.parametrize("what", NAMED)
 def test_explain_names_the_law_that_an_engine_has_wrong(monkeypatch, tmp_path, what):
     mistake = next(each for each in MISTAKES if each.what == what)
     get, wrong = adapters.get, Wrong(mistake)

@@ -40,17 +40,16 @@ def ratio_times(factor):
 
 @pytest.mark.parametrize(("change", "name", "words"), [
     (with_mimics(lambda mimic: None), "missing mimic", "joint 'elbow' does not follow joint 'base'"),
-    pytest.param(ratio_times(-1), "mimic sign", "with the ratio 2.5 in place of -2.5", marks=pytest.mark.slow),
-    pytest.param(ratio_times(1.001), "mimic ratio", "-2.5025 in place of -2.5", marks=pytest.mark.slow),
-    pytest.param(with_mimics(lambda mimic: dataclasses.replace(mimic, ratio=1 / mimic.ratio)), "mimic direction",
-                 "-0.4 in place of -2.5", marks=pytest.mark.slow)])
+    (ratio_times(-1), "mimic sign", "with the ratio 2.5 in place of -2.5"),
+    (ratio_times(1.001), "mimic ratio", "-2.5025 in place of -2.5"),
+    (with_mimics(lambda mimic: dataclasses.replace(mimic, ratio=1 / mimic.ratio)), "mimic direction",
+     "-0.4 in place of -2.5")])
 def test_a_wrong_mimic_is_named(change, name, words):
     found = explain(arm(), engine(change))
     assert [cause.name for cause in found.causes] == [name], found.sentence
     assert words in found.causes[0].magnitude
 
 
-@pytest.mark.slow
 def test_a_wrong_offset_is_named(tmp_path):
     path = tmp_path / "arm.toml"
     path.write_text((SCENARIOS / "coupled_arm.toml").read_text().replace("offset = 0.4", "offset = 0.42"))
@@ -60,13 +59,11 @@ def test_a_wrong_offset_is_named(tmp_path):
     assert "0.42 in place of 0.4" in found.causes[0].magnitude
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("base", ["pinocchio", "lieeuler", "mujoco"])
 def test_no_mimic_is_blamed_where_all_are_right(base):
     assert explain(arm(), engine(lambda scene: scene, base)).outcome == "agrees"
 
 
-@pytest.mark.slow
 def test_no_mimic_is_blamed_for_a_wrong_mass():
     def heavier(scene):
         body = dataclasses.replace(scene.bodies[1], mass=1.2 * scene.bodies[1].mass)

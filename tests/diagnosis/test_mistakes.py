@@ -15,11 +15,7 @@ from tests.right_engines import TABLEAUX, Adaptive, Floats, Matrices, Millimetre
 SEED = 41
 RIGHT = ("single_pendulum", "double_pendulum", "heavy_top", "hinge_pendulum", "four_bar", "universal_pendulum",
          "spring_pendulum", "cylindrical_pendulum", "prismatic_slider", "triple_pendulum")
-SAMPLE = [("single_pendulum", Adaptive, "DP5")]
 CASES = [(mistake, name) for mistake in MISTAKES for name in mistake.scenes]
-QUICK = [("x at the joint", "single_pendulum"), ("gyroscopic factor", "single_pendulum"),
-         ("no centripetal term", "single_pendulum"), ("float32 states", "single_pendulum"),
-         ("slow clock", "single_pendulum")]
 
 
 @functools.cache
@@ -28,17 +24,14 @@ def answered(key, name):
     return scored(next(each for each in MISTAKES if each.key == key), name, SEED)
 
 
-@pytest.mark.parametrize(("key", "name"), [
-    pytest.param(mistake.key, name, marks=() if (mistake.key, name) in QUICK else pytest.mark.slow)
-    for mistake, name in CASES])
+@pytest.mark.parametrize(("key", "name"), [(mistake.key, name) for mistake, name in CASES])
 def test_a_mistake_is_neither_acquitted_nor_named_wrongly(key, name):
     score, answer = answered(key, name)
     assert score in ("named", "equally", "unknown"), answer.sentence
     assert answer.exit_code > 0
 
 
-@pytest.mark.parametrize("cause", [
-    pytest.param(cause, marks=() if cause == "soft constraint" else pytest.mark.slow) for cause in LIKE])
+@pytest.mark.parametrize("cause", LIKE)
 def test_a_look_alike_is_not_named(cause):
     mistake = next(each for each in MISTAKES if each.key == LIKE[cause])
     assert cause not in mistake.names
@@ -50,23 +43,19 @@ def test_every_cause_has_a_look_alike():
     assert {name for mistake in MISTAKES for name in mistake.names} <= LIKE.keys()
 
 
-@pytest.mark.parametrize(("key", "name"), [
-    pytest.param(mistake.key, name, marks=() if (mistake.key, name) in QUICK[:1] else pytest.mark.slow)
-    for mistake, name in CASES])
+@pytest.mark.parametrize(("key", "name"), [(mistake.key, name) for mistake, name in CASES])
 def test_there_is_no_tick_where_verify_fails(key, name):
     scene, engine = made(next(each for each in MISTAKES if each.key == key), name, SEED)
     if of_verdict.judged(Subject(engine, Way(engine.name, method_of(engine, scene))), scene, None).outcome == "fail":
         assert answered(key, name)[1].exit_code > 0
 
 
-@pytest.mark.slow
 def test_few_stay_unknown():
     scores = [answered(mistake.key, name)[0] for mistake, name in CASES]
     assert len(MISTAKES) >= 60
     assert scores.count("unknown") <= 0.1 * len(scores)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum", "spring_pendulum", "hinge_pendulum",
                                   "torsion_wheel", "four_bar", "damped_pendulum", "loaded_pendulum", "rod_pendulum",
                                   "universal_pendulum", "triple_pendulum", "branching_tree"])
@@ -83,8 +72,7 @@ def right_engines():
             if not (engine is Millimetres and name in ("spring_pendulum", "cylindrical_pendulum", "prismatic_slider"))]
 
 
-@pytest.mark.parametrize(("name", "engine", "method"), [
-    pytest.param(*case, marks=() if case in SAMPLE else pytest.mark.slow) for case in right_engines()])
+@pytest.mark.parametrize(("name", "engine", "method"), right_engines())
 def test_right_engines_are_accused_of_nothing(name, engine, method):
     scene = scene_of(name)
     answer = explain(scene.replace(duration=min(scene.duration, 0.75), samples=16), engine(), method)

@@ -84,7 +84,6 @@ def test_a_known_defect_in_the_order_study_is_told_with_its_reason(monkeypatch):
     assert (answer.outcome, answer.verdict.split("; ")) == ("agrees", ["known", "summed velocities"])
 
 
-@pytest.mark.slow
 def test_a_tolerance_that_is_too_loose_is_named():
     class Loose(Adaptive):
         def run(self, scene, spec):

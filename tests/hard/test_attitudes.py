@@ -113,7 +113,6 @@ def test_angular_momentum_holds_over_many_flips(method):
     assert np.sum(np.diff(np.sign(traj.w[:, 0, 1])) != 0) > 10
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rattle2", "rattle4", "rattle8"])
 def test_a_thousand_flips_keep_energy_and_momentum(method):
     """3.1 s to a flip; a symmetric and symplectic method has no trend in the energy."""

@@ -24,8 +24,6 @@ from crosscheck.verification import job
 from tests.history.test_nightly import FEW, QUICK, TEN, history_names
 from tests.killing import rows
 
-pytestmark = pytest.mark.slow  # each starts several runs
-
 SWEEP = {"scenes": ["single_pendulum"], "engines": {"lieeuler": ["rattle2"]}, "steps": [1e-2], "samples": 2,
          "duration": 0.1, "perturb": {"attitude": 1e-3, "count": 100}}
 PENDULUM = ("single_pendulum", "--engine", "lieeuler", "--method", "rattle2", "--step", "1e-3")

@@ -25,7 +25,6 @@ def chain(count, **options):
     return make_scene(bodies, joints, duration=0.1, samples=3, **options)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["DAE3L_LE", "DAE2L_LSE", "DAE1H_LSE", "rattle2", "rattle4", "rkmk4"])
 @pytest.mark.parametrize("count", [256, 1024])
 def test_long_chains_stay_closed_and_keep_their_energy(count, method):
@@ -42,7 +41,6 @@ def test_long_chains_stay_closed_and_keep_their_energy(count, method):
     assert error < {True: 20 * step, False: 0.1 * step}[method.startswith("DAE")]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["DAE2L_LSE", "DAE1H_LSE", "rattle2"])
 def test_iterations_of_a_step_do_not_grow_with_the_chain(method):
     """Cost is iterations by bodies, for elimination from the leaves costs as much for each."""

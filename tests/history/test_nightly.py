@@ -119,7 +119,6 @@ def test_a_night_computes_again_what_an_edited_helper_made(tmp_path, monkeypatch
     assert counts[0] == counts[1] == counts[2] - 1 > 1
 
 
-@pytest.mark.slow
 def test_thirty_kills_at_random_moments(undisturbed, tmp_path):
     """Where a night has ended, another one follows in an empty folder, with an empty table."""
     generator, kills, nights = random.Random(35), 0, 0
@@ -194,7 +193,6 @@ def test_two_nights_in_one_folder_exclude_each_other(tmp_path):
         nightly.nightly(tmp_path, nightly.Wanted("smoke", ["single_pendulum"], ["lieeuler"]))
 
 
-@pytest.mark.slow
 def test_ten_unchanged_nights_raise_no_alarm_and_a_slowdown_of_thirty_per_cent_does(tmp_path):
     out = tmp_path / "nightly"
     for _ in range(11):

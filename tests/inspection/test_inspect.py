@@ -62,7 +62,6 @@ def test_all_engines_agree_with_truth(name: str) -> None:
     assert {one.engine for one in found.probes} == set(ENGINES)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(set(scene_names()) - set(SMALL)))
 def test_all_engines_agree_with_truth_on_every_scene(name: str) -> None:
     found = inspect(crosscheck.load_scene(name), ENGINES)

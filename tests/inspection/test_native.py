@@ -290,7 +290,6 @@ def test_files_are_read_where_only_the_engine_is_installed(engine, tmp_path):
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "3\n"
 
 
-@pytest.mark.slow
 def test_the_inertial_rotation_that_an_old_mujoco_loses_is_named(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(PLAIN)

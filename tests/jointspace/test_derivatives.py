@@ -183,8 +183,8 @@ def test_verdicts_on_engines(scene, source, right, cause):
     assert bool(cause) == bool(verdict.cause)
 
 
-@pytest.mark.parametrize(("source", "module"), [("drake:autodiff", "pydrake"), pytest.param(
-    "mjx:jacfwd", "jax", marks=pytest.mark.slow), pytest.param("mjx:jacrev", "jax", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("source", "module"), [
+    ("drake:autodiff", "pydrake"), ("mjx:jacfwd", "jax"), ("mjx:jacrev", "jax")])
 def test_automatic_derivatives_where_they_are_installed(source, module):
     pytest.importorskip(module)
     scene = arm(3, seed=4).replace(forces=())

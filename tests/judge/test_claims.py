@@ -54,7 +54,6 @@ def test_a_tolerance_that_is_taken_for_another_fails(monkeypatch, times, status)
     assert run.outcome == {"ok": "pass"}.get(status, status), run.findings
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize(("times", "outcome"), [(1, "pass"), (100, "fail"), (1000, "fail")])
 def test_every_tolerance_that_is_taken_for_another_fails(monkeypatch, times, outcome, scene):
@@ -132,7 +131,6 @@ def test_steps_taken_in_vain_to_find_an_event_are_rejected_steps(tmp_path):
     assert run.stats["rejected_steps"] > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", PLANS)
 @pytest.mark.parametrize("order", [1, 2, 4])
 @pytest.mark.parametrize("count", [1, 2, 5])

@@ -15,7 +15,6 @@ from tests.strangers import KINDS, METHODS, TABLE, Honest
 
 STEPS = {"first": 2e-4, "second": 1e-3, "fourth": 2e-3, "RK4": 4e-3, "DP5": 1e-3}
 CASES = [(wrong, method, scene) for wrong in TABLE for method in wrong.methods for scene in wrong.scenes]
-QUICK = [next(case for case in CASES if case[0].kind == kind) for kind in KINDS]
 
 
 def judged(engine, method, scene):
@@ -24,30 +23,16 @@ def judged(engine, method, scene):
         return run_cell(Cell(scene, Way(name, method), plan, study=False))
 
 
-def named(cases):
-    return pytest.mark.parametrize(("wrong", "method", "scene"), [
-        pytest.param(*case, id=f"{case[0].kind}, {case[0].name}, {case[1]}") for case in cases])
-
-
 def test_there_are_enough_of_every_kind():
     assert len(TABLE) >= 60
     assert {wrong.kind for wrong in TABLE} == set(KINDS)
 
 
-def fails(wrong, method, scene):
+@pytest.mark.parametrize(("wrong", "method", "scene"), [
+    pytest.param(*case, id=f"{case[0].kind}, {case[0].name}, {case[1]}") for case in CASES])
+def test_no_wrong_engine_passes(wrong, method, scene):
     run = judged(wrong.make(), method, scene)
     assert run.outcome == "fail", [(each.kind, each.value, each.bound) for each in run.findings]
-
-
-@named(QUICK)
-def test_a_wrong_engine_fails(wrong, method, scene):
-    fails(wrong, method, scene)
-
-
-@pytest.mark.slow
-@named(CASES)
-def test_no_wrong_engine_passes(wrong, method, scene):
-    fails(wrong, method, scene)
 
 
 @pytest.mark.parametrize("scene", ["single_pendulum", "double_pendulum"])

@@ -63,7 +63,6 @@ def test_right_methods_are_accused_of_nothing(name, method):
     accuses_nobody(name, method)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "method"), cases(True))
 def test_right_methods_are_accused_of_nothing_on_twelve_scenes(name, method):
     accuses_nobody(name, method)

@@ -12,15 +12,13 @@ METHOD, LATE = "DAE1L_LSE", 0.5
 CASES = [(scene, number) for scene in PLANS for number in NUMBERS]
 
 
-@pytest.mark.parametrize(("scene", "number"), [
-    pytest.param(*case, marks=() if case == ("single_pendulum", "mass") else pytest.mark.slow) for case in CASES])
+@pytest.mark.parametrize(("scene", "number"), CASES)
 def test_a_thousandth_late_is_caught(scene, number):
     with adapters.lent(completed(Altered(), "altered", "1")) as engine:
         assert caught(engine, scene, METHOD, number, AIM, LATE)
 
 
-@pytest.mark.parametrize("scene", [
-    pytest.param(scene, marks=() if scene == "single_pendulum" else pytest.mark.slow) for scene in PLANS])
+@pytest.mark.parametrize("scene", PLANS)
 def test_the_same_run_without_it_is_not(scene):
     with adapters.lent(completed(Altered(), "altered", "1")) as engine:
         assert not caught(engine, scene, METHOD, NUMBERS[0], 0.0, LATE)

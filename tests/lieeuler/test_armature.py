@@ -61,14 +61,12 @@ def test_kernel_agrees_with_dense_algebra(what, method):
     compared(SCENES[what](), method, 2e-2, 2)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", [*FIRST_ORDER, "rattle2", "generalized_alpha"])
 @pytest.mark.parametrize("what", SCENES)
 def test_kernel_agrees_with_dense_algebra_in_every_method(what, method):
     compared(SCENES[what](), method, 1e-2, 5)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["DAE2L_LSE", "DAE2H_LE", "DAE1H_LSE"])
 @pytest.mark.parametrize("coordinate_map", ["cayley", "ccsk"])
 def test_other_maps_agree_with_dense_algebra(method, coordinate_map):
@@ -110,7 +108,6 @@ def test_order(method):
     assert agrees_with_order(found, method), found
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", [name for name, method in lieeuler.METHODS.items() if "step" in method.controls])
 def test_order_of_every_method(method):
     found = orders_of(method)

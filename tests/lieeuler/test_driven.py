@@ -48,7 +48,6 @@ def test_order(method):
     check_order("driven_double_pendulum", method)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("method", of_order(8))
 def test_order_of_every_method(name, method):
@@ -62,8 +61,7 @@ def check_order(name, method):
 
 
 @pytest.mark.parametrize(("name", "duration"), [
-    ("driven_cart", 1.2), ("driven_double_pendulum", 2.0),
-    pytest.param("driven_slider_crank", 2.0, marks=pytest.mark.slow)])
+    ("driven_cart", 1.2), ("driven_double_pendulum", 2.0), ("driven_slider_crank", 2.0)])
 @pytest.mark.parametrize("method", ["rkmk54", "rkmk853", "taylor", "seulex"])
 def test_errors_of_adaptive_methods_follow_the_tolerance(name, duration, method):
     """Over breaks too, of the cart; the crank is prescribed."""

@@ -204,7 +204,6 @@ def test_random_mechanisms_finish_or_say_why_not(seed):
             np.testing.assert_array_equal(first, second)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("chunk", range(4))
 @pytest.mark.parametrize("draw", ["mechanisms", "calls"])
 def test_five_hundred_draws(draw, chunk):

@@ -70,7 +70,7 @@ def test_order_two_in_states_and_multipliers(make, radius):
         accuracy.assert_on_the_constraints(run, problem)
 
 
-@pytest.mark.parametrize("name", ["stiff_spring", pytest.param("stiff_damped", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["stiff_spring", "stiff_damped"])
 def test_long_steps_over_hard_springs(name):
     """Within a tenth of the size of the system in eight steps, where implicit Euler needs 32 and RATTLE 512."""
     scene = accuracy.scene(name, 1.0, 2)

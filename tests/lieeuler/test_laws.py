@@ -296,7 +296,6 @@ def test_wrong_records_are_refused(make, word):
         make()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE2H_LSE"])
 @pytest.mark.parametrize("kind", ["slide", "turn"])
 def test_a_million_steps_of_stick_and_slip_do_not_drift(kind, method):

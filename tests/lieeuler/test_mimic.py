@@ -35,7 +35,6 @@ STEPS = {"rattle4": (1 / 80, 1 / 160, 1 / 320), "rattle6": (1 / 40, 1 / 60, 1 / 
          "rkmk853": (0.3 / 20, 0.3 / 24, 0.3 / 28, 0.3 / 32)}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", [*FIRST_ORDER, "rattle2", "generalized_alpha", "rkmk54", *STEPS])
 def test_order_of_other_methods(method):
     steps = STEPS.get(method) or LADDERS[lieeuler.METHODS[method].order]

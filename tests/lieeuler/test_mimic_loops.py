@@ -43,7 +43,6 @@ def five_bar(folder, ratio):
     return followed(crosscheck.load_scene(path), "c", "a", ratio)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [-1.0, -0.5])
 def test_a_mimic_takes_one_of_two_freedoms(ratio, tmp_path):
     """With -1 the cranks move in mirror image, with -.5 they do not."""

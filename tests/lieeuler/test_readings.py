@@ -65,7 +65,6 @@ def test_dae2h_le_opens_the_joint_until_it_ends(name):
     assert all(1.5 < later / sooner < 2.5 for sooner, later in itertools.pairwise(ends))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum"])
 def test_the_oracle_of_dae2h_le_ends_there_too(name):
     """A dense step with Newton's matrix by differences, without the kernel, fails too: it is the method."""
@@ -93,8 +92,7 @@ def test_the_batch_oracle_is_the_oracle():
     assert batch_oracle.turning_point(system, q, u, h) == 1
 
 
-@pytest.mark.parametrize(("name", "h"), [("single_pendulum", 5e-3), ("double_pendulum", 5e-3), pytest.param(
-    "chain_64", 1e-3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("name", "h"), [("single_pendulum", 5e-3), ("double_pendulum", 5e-3), ("chain_64", 1e-3)])
 def test_the_step_that_newton_fails_has_no_solution(name, h):
     """The solutions that come from vanishing steps turn back before this one: no iteration could have found one."""
     problem = SYSTEMS[name]() if name in SYSTEMS else build_problem(crosscheck.load_scene(name))

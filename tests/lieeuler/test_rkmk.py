@@ -99,7 +99,6 @@ def test_error_is_proportional_to_the_tolerance(system, duration, method):
         assert 0.8 < slope < 1.2, (quantity, slope)
 
 
-@pytest.mark.slow  # truth at a thousand samples
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_samples_between_steps_are_as_accurate_as_steps(method):
     """A thousand samples do not change the steps; their errors are like those at the ends of steps."""

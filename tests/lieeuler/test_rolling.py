@@ -110,7 +110,7 @@ DENSE = [name for name, method in lieeuler.METHODS.items() if method.formulation
 
 
 @pytest.mark.parametrize("method", [*DENSE, "generalized_alpha", "rattle2"])
-@pytest.mark.parametrize("name", [pytest.param("chaplygin_sleigh", marks=pytest.mark.slow), "wobbling_disk"])
+@pytest.mark.parametrize("name", ["chaplygin_sleigh", "wobbling_disk"])
 def test_kernel_agrees_with_dense_oracle(name, method):
     scene, h, steps = crosscheck.load_scene(name), 1e-2, 6
     solution = lieeuler.integrate(build_problem(scene), method, h, [0, steps * h])
@@ -208,7 +208,6 @@ def orders_of(name, method):
     return observed_orders(scene, method, LADDERS.get(lieeuler.METHODS[method].order, OF_ORDER_8[name]), truth)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["wobbling_disk", "chaplygin_sleigh", "rolling_ball"])
 @pytest.mark.parametrize("method", [name for name in FIXED if name not in ADAPTIVE])
 def test_order_of_every_method(name, method):
@@ -221,7 +220,6 @@ def test_orders_of_a_few():
         assert abs(orders_of("wobbling_disk", method)[0] - order) < 0.15
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "method"), [(name, method) for name in OF_ORDER_8 for method in ADAPTIVE
                                               if (name, method) != ("chaplygin_sleigh", "rkmk853")])
 def test_error_is_proportional_to_rtol(name, method):

@@ -335,8 +335,7 @@ def test_steps_of_runge_kutta_against_complex_steps(method):
         np.testing.assert_allclose([made.turn[-1, 0, 1], made.w[-1, 0, 1]], y.imag / SMALL, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("path", ["gravity.2", *(pytest.param(path, marks=pytest.mark.slow) for path in NUMBERS
-                                                 if path != "gravity.2")])
+@pytest.mark.parametrize("path", NUMBERS)
 def test_methods_that_choose_their_steps_against_forty_digits(path):
     """Their derivative is that of the motion: differences of a series with forty digits."""
     mp = pytest.importorskip("mpmath").mp.clone()

@@ -98,7 +98,6 @@ def stiff_truth(name):
     return s, solve_ivp(rate, (0, s.duration), start, "DOP853", t_eval=s.t, rtol=1e-11, atol=1e-12).y.T
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stiff_spring", "stiff_damped"])
 def test_stiff_springs(name):
     """1e-6 over a second: the tolerance is of that size, and the second's growth of errors is below tenfold."""

@@ -26,11 +26,9 @@ FIGURES = {"chrono_spherical": (2, 1e-4, 1e-3), "nesc_brick": (2, 0.0, 1e-11), "
 Tables of ADAMS are off by more than their digits, the reference of the IVP test set by 1e-9, NESC by 1e-11, what was
 sent to the IFToMM library by 3e-5 to 1e-2 and, with another inertia, by 2e-2; a heavy top to five digits is right.
 """
-SLOW = ("squeezer", "iftomm_slider_crank")  # for their truths
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ())
-                                  for name in FIGURES])
+@pytest.mark.parametrize("name", FIGURES)
 def test_figures_are_compared_with_truth_and_never_make_it(name):
     count, low, high = FIGURES[name]
     told = published.figures([name], ["lieeuler"])

@@ -18,8 +18,12 @@ from tests.recordings.motions import SCENES, TIMES, arm, lawful, solved, tumbler
 pd = pytest.importorskip("pandas")
 
 KEYS = ("position", "attitude", "velocity", "angular_velocity", "joint_position", "joint_velocity")
-QUICK_RIGHT = (0, 5, 11, 14, 19, 23, 27, 28, 30, 34, 36, 40, 41, 43, 44, 46, 48, 50, 52, 54, 56)
-QUICK_WRONG = (2, 10, 19, 22, 32, 37, 41, 44, 49, 53, 55, 61, 69, 75, 80, 81, 82, 83, 84, 85, 86)
+NAMED = ("tumbler: gravity sign", "slider: mass", "arm: parent anchor", "slider: free length",
+         "tumbler: start velocity", "top: conjugate", "tumbler: spin in world axes", "slider: millimetres",
+         "arm: offset", "top: another point", "top: axes", "top: early sample", "top: held sample", "tumbler: clamp",
+         "imu: acceleration without gravity", "imu: lever of an accelerometer", "imu: accelerometer in g",
+         "imu: gyroscope late", "imu: sign of a gyroscope", "imu: gravity", "sled: dry friction")
+"""Wrong recordings whose cause has to be found."""
 
 
 @pytest.fixture(scope="module")
@@ -42,21 +46,18 @@ def keys(case):
     return (*KEYS, *(["acceleration", "rate"] if case.scene == "imu" else []))
 
 
-@pytest.mark.parametrize("index", [pytest.param(k, marks=() if k in QUICK_RIGHT else pytest.mark.slow)
-                                   for k in range(len(RIGHT))])
-def test_right_recordings_pass(scenes, index, tmp_path):
-    verdict = judged(scenes, RIGHT[index], tmp_path)
+@pytest.mark.parametrize("case", RIGHT, ids=lambda case: f"{case.scene}: {case.style}")
+def test_right_recordings_pass(scenes, case, tmp_path):
+    verdict = judged(scenes, case, tmp_path)
     assert verdict.outcome == "pass", str(verdict)
     assert verdict.cause is None
 
 
-@pytest.mark.parametrize("index", [pytest.param(k, marks=() if k in QUICK_WRONG else pytest.mark.slow)
-                                   for k in range(len(WRONG))])
-def test_wrong_recordings_fail_and_no_cause_is_false(scenes, index):
-    case = WRONG[index]
+@pytest.mark.parametrize("case", WRONG, ids=lambda case: f"{case.scene}: {case.kind}")
+def test_wrong_recordings_fail_and_no_cause_is_false(scenes, case):
     verdict = crosscheck.judge_recording(scenes[case.scene], case.make(), tolerance=dict.fromkeys(keys(case), 1e-5))
     assert verdict.outcome == "fail", str(verdict)
-    if index in QUICK_WRONG:
+    if f"{case.scene}: {case.kind}" in NAMED:
         assert verdict.cause is not None, str(verdict)
     if verdict.cause is not None:
         assert any(name.startswith(case.names) for name in verdict.cause.split(" or ")), str(verdict)

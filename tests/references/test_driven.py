@@ -12,7 +12,6 @@ NAMES = ("driven_double_pendulum", "driven_cart")
 PRESCRIBED = ("driven_slider_crank",)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_three_formulations_agree(name):
     scene = load_scene(name)
@@ -52,8 +51,8 @@ def late(function):
     return lambda value, t, *rest: function(value, t - 1e-9, *rest)
 
 
-@pytest.mark.parametrize("module", [world_loads, pytest.param(natural_loads, marks=pytest.mark.slow),
-                                    pytest.param(taylor, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("module", [world_loads, natural_loads,
+                                    taylor])
 def test_a_function_that_is_late_by_a_nanosecond_or_off_by_as_much_is_seen(module, monkeypatch):
     """1e-9 s times rates of some 30 1/s: far above 1e-12, and below what one would see in a figure."""
     scene = load_scene("driven_cart").replace(duration=0.4, samples=3)
@@ -75,7 +74,6 @@ def _weaker(original):
     return expression
 
 
-@pytest.mark.slow
 def test_a_joint_force_left_out_is_seen(monkeypatch):
     scene = load_scene("driven_cart").replace(duration=0.4, samples=3)
     right = maximal.Maximal(scene).run().x

@@ -68,9 +68,9 @@ def test_accelerations_of_unequal_masses_keep_their_digits(name, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["needle", "axis_flip",
-                                  pytest.param("light_heavy", marks=pytest.mark.slow),
-                                  pytest.param("heavy_light", marks=pytest.mark.slow),
-                                  pytest.param("taut_chain", marks=pytest.mark.slow)])
+                                  "light_heavy",
+                                  "heavy_light",
+                                  "taut_chain"])
 def test_hard_scenes_have_a_truth(name):
     reference = compute(load_scene(name))
     assert reference.disagreement <= reference.allowed <= 1e-11

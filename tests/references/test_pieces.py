@@ -159,8 +159,6 @@ AGREE = {
     "a chain of three laws": lambda f: arm(f, {"position": 0.8, "dry_friction": 0.4, "limits": {"lower": -0.6}},
                                            {"dry_friction": 0.1}, forces=[servo("j2", effort_limit=1.0)]),
 }
-QUICK = ("motor line on an arm", "stop kicks a resting joint", "static above sliding",
-         "force that jumps", "friction in a loop")
 EVENTS = {"two joints stick and slip": {"sticks", "slips"}, "servo saturates on an arm": {"saturates", "unsaturates"},
           "stop that bounces": {"hits_upper"}, "two stops that do not": {"hits_upper", "hits_lower", "leaves_lower"},
           "static above sliding": {"slips", "reverses", "sticks"},
@@ -169,8 +167,7 @@ EVENTS = {"two joints stick and slip": {"sticks", "slips"}, "servo saturates on 
           "friction in a loop": {"reverses"}, "both of a cylinder": {"hits_upper", "reverses"}}
 
 
-@pytest.mark.parametrize("case", [pytest.param(case, marks=() if case in QUICK else pytest.mark.slow)
-                                  for case in AGREE])
+@pytest.mark.parametrize("case", AGREE)
 def test_both_references_agree_with_the_same_events(tmp_path, case):
     """Other events would be an error; positions and attitudes agree to 1e-11."""
     reference = compute(AGREE[case](tmp_path))

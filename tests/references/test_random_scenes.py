@@ -3,19 +3,14 @@
 import pytest
 
 from crosscheck.references import agreement, compute, natural
-from tests.references.random_scenes import KINDS, scene_of
+from tests.references.random_scenes import scene_of
 
 COUNT = 200
 WITNESS = 1e-13
 """What the witness itself leaves: Taylor series of extended precision, states in double."""
 
 
-LONG = 5
-"""A seed whose truth takes minutes."""
-
-
-@pytest.mark.parametrize("seed", [
-    pytest.param(seed, marks=() if seed < len(KINDS) and seed != LONG else pytest.mark.slow) for seed in range(COUNT)])
+@pytest.mark.parametrize("seed", range(COUNT))
 def test_truth_says_how_wrong_it_is(seed):
     scene = scene_of(seed)
     found = compute(scene)

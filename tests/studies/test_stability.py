@@ -57,7 +57,6 @@ def test_the_command_and_its_page(tmp_path, monkeypatch):
     assert "mujoco RK4" in (tmp_path / "index.html").read_text()
 
 
-@pytest.mark.slow  # that of drift is quick
 def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
     # an edit of the package between the two changes the code, so that the study starts afresh
     monkeypatch.setattr(study.provenance, "code_digest", lambda *_: 64 * "0")

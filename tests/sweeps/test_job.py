@@ -201,7 +201,6 @@ def test_a_killed_client_goes_on_where_it_was(local, tmp_path):
     pd.testing.assert_frame_equal(frame, local[1])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("where", ["here", "on Dask"])
 def test_a_sweep_of_300_cells_killed_at_thirty_random_moments(where, tmp_path):
     """No cell is computed twice but those at work, and the frame is that of a sweep without kills."""

@@ -56,7 +56,6 @@ def test_scenes_and_engines_of_ones_own_travel_by_their_contents(tmp_path, monke
     assert list(frame.status) == ["success"]
 
 
-@pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_records(tmp_path, monkeypatch):
     import distributed
 

@@ -102,7 +102,6 @@ def test_the_page_fills_as_runs_end(tmp_path, monkeypatch):
         assert f"{filling} have not ended" in text if filling else "have not ended" not in text
 
 
-@pytest.mark.slow
 def test_thirty_kills_at_random_moments(undisturbed, tmp_path):
     generator = random.Random(35)
     kills = 0

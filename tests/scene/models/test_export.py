@@ -47,8 +47,7 @@ WELDED = {"branching_tree", "fixed_pair"}
 """Scenes with a fixed joint, whose two bodies an import makes one."""
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] if name == "chain_64" else [])
-                                  for name in crosscheck.scenes()])
+@pytest.mark.parametrize("name", crosscheck.scenes())
 def test_every_scene_of_the_library_goes_through_mjcf_or_is_refused_by_name(name, tmp_path):
     scene, path = crosscheck.load_scene(name), tmp_path / "robot.xml"
     if name in NOT_MJCF:

@@ -23,7 +23,6 @@ from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE, scene_of
-from crosscheck.adapters.common.links import shortest_rotation
 from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco.own_law import default
@@ -33,6 +32,7 @@ from crosscheck.files import aside
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.models import source
 from crosscheck.scene.states import States
+from crosscheck.scene.vectors import shortest_rotation
 
 FORMS = {"Featherstone": "tree", "MuJoCoEuler": "tree", "MuJoCoImplicitfast": "tree", "MuJoCoRK4": "tree",
          "XPBD": "maximal", "SemiImplicit": "maximal"}
@@ -306,8 +306,8 @@ def build(scene: Scene) -> Any:
     for link in tree.links(scene):
         axial = link.type in ("revolute", "prismatic")
         # Of a joint's axes XPBD holds those at right angles to its motion, so that one of them has to be along it.
-        own = shortest_rotation(np.eye(3)[0], link.parts[0].axis) if axial else np.eye(4)[0]
-        outer = quaternion_from_rotation(open_tree.zero_attitude(scene, link) @ rotation_from_quaternion(own))
+        turn = shortest_rotation(np.eye(3)[0], link.parts[0].axis) if axial else np.eye(3)
+        outer, own = quaternion_from_rotation(np.array([open_tree.zero_attitude(scene, link) @ turn, turn]))
         ends = {"parent_xform": warp.transform(*link.parent_anchor, *outer[list(XYZW)]),
                 "child_xform": warp.transform(*link.child_anchor, *own[list(XYZW)])}
         if axial:

@@ -16,10 +16,10 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
-from crosscheck.adapters.common.links import shortest_rotation
 from crosscheck.document.known import ORDERS, STATE, Known
 from crosscheck.files import aside
-from crosscheck.scene.model import GROUND, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Scene, quaternion_from_rotation
+from crosscheck.scene.vectors import shortest_rotation
 
 FASTEST = 1e9
 """Where velocities are clamped, SI; by default angular ones at 50 or 100 rad/s."""
@@ -117,8 +117,8 @@ def articulated(sapien: Any, scene: Scene, world: Any) -> list[Any]:
         joint, joint.name = part.joint, str(link.body)
         joint.type = "revolute_unwrapped" if link.type == "revolute" else link.type
         # the axis of a joint is x of its frames
-        own = shortest_rotation(np.eye(3)[0], link.parts[0].axis) if link.dofs else np.eye(4)[0]
-        outer = quaternion_from_rotation(open_tree.zero_attitude(scene, link) @ rotation_from_quaternion(own))
+        turn = shortest_rotation(np.eye(3)[0], link.parts[0].axis) if link.dofs else np.eye(3)
+        outer, own = quaternion_from_rotation(np.array([open_tree.zero_attitude(scene, link) @ turn, turn]))
         joint.pose_in_parent, joint.pose_in_child = (sapien.Pose(link.parent_anchor, outer),
                                                      sapien.Pose(link.child_anchor, own))
         if link.dofs:

@@ -25,7 +25,7 @@ from crosscheck.scene.model import Scene
 
 _DIGEST = "digest"
 
-SHARED = ("functions", "joints", "laws", "model", "states")
+SHARED = ("coordinates", "functions", "joints", "laws", "model", "states", "vectors")
 """Modules of `crosscheck.scene` that the formulas import, directly or not."""
 
 

@@ -28,7 +28,7 @@ from crosscheck.references.pieces import Crossing, Label, Values, first_crossing
 from crosscheck.references.taylor import SOURCE, Taylor
 from crosscheck.references.tree_loads import start_angle
 from crosscheck.scene.functions import Value, at
-from crosscheck.scene.model import Scene, rotation_from_quaternion
+from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 if TYPE_CHECKING:
@@ -85,12 +85,7 @@ class LawfulTaylor(Taylor):
     def _start_of(self, law: Law) -> float:
         """The angle at the start, from the joint's reference attitude, with the turns that the scene states."""
         joint = law.joint
-        angle = start_angle(joint, self.tree.start)
-        if joint.reference is not None:
-            frames = [np.eye(3) if body < 0 else self.scene.R0[body] for body in (joint.parent, joint.child)]
-            turn = frames[0].T @ frames[1] @ rotation_from_quaternion(joint.reference).T
-            spin = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-            angle = float(np.arctan2(0.5 * spin @ joint.parent_axis, 0.5 * (np.trace(turn) - 1.0)))
+        angle = start_angle(joint, self.tree.start, None if joint.reference is None else joint.reference.tolist())
         if joint.start is not None:
             angle += 2 * math.pi * round((joint.start[0] - angle) / (2 * math.pi))
         return angle

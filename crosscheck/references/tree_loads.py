@@ -123,23 +123,29 @@ def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[N
     return dot(axis, add(seen, scale(-1.0, frames[joint.parent].w)))
 
 
-def start_angle(joint: Joint, q: dict[int, list[Number]]) -> float:
-    """Angle in (-pi, pi] of a joint's child relative to its parent, from their quaternions.
+def shortest_turn(joint: Joint) -> list[float]:
+    """Quaternion of the shortest turn of a joint's child axis to its parent axis.
 
-    The rotation relative Q0^T, with Q0 the shortest rotation from child axis to parent axis, is about the parent axis:
-    its quaternion is (cos, axis sin) of half the angle.
+    For opposite axes it is a half turn about the coordinate direction nearest to normal to the parent's axis, made
+    normal to it.
     """
     a, c = joint.parent_axis, joint.child_axis
-    if np.linalg.norm(a + c) < 1e-6:  # a half turn, about the coordinate direction nearest to normal to the axis
+    turn = np.array([1.0 + a @ c, *np.cross(c, a)])
+    if np.linalg.norm(a + c) < 1e-6:
         normal = np.eye(3)[np.argmin(np.abs(a))]
-        normal = normal - (normal @ a) * a
-        shortest = [0.0, *(normal / np.linalg.norm(normal))]
-    else:
-        shortest = [1.0 + a @ c, *np.cross(c, a)]
-        shortest = [entry / np.linalg.norm(shortest) for entry in shortest]
+        turn = np.array([0.0, *(normal - (normal @ a) * a)])
+    return [float(entry) for entry in turn / np.linalg.norm(turn)]
+
+
+def start_angle(joint: Joint, q: dict[int, list[Number]], zero: list[float] | None = None) -> float:
+    """Angle in (-pi, pi] of a joint's child from its attitude `zero` in the parent, by default the shortest turn.
+
+    `q`: the quaternions of the bodies. The rotation relative zero^T is about the parent axis: its quaternion is (cos,
+    axis sin) of half the angle.
+    """
     relative = quaternion_product(conjugate(q[joint.parent]), q[joint.child])
-    turn = quaternion_product(relative, conjugate(shortest))
-    angle = 2 * np.arctan2(np.dot(a, turn[1:]), turn[0])
+    turn = quaternion_product(relative, conjugate(zero or shortest_turn(joint)))
+    angle = 2 * np.arctan2(np.dot(joint.parent_axis, turn[1:]), turn[0])
     return float(angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi)))
 
 

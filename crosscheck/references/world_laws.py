@@ -15,8 +15,7 @@ from crosscheck.references.maximal import ATOL, DAMPING, DEPENDENT, Maximal, Rot
 from crosscheck.references.modes import Law, Machine, Mode, Number, Part, laws_of
 from crosscheck.references.pieces import Label, Values
 from crosscheck.references.world import Motion, cross
-from crosscheck.references.world_loads import starting_angle
-from crosscheck.references.world_rows import zero_turn
+from crosscheck.scene.coordinates import angle_from, zero_attitude
 from crosscheck.scene.functions import at
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -53,13 +52,7 @@ class LawfulMaximal(Maximal):
     def _start_of(self, law: Law) -> float:
         joint = law.joint
         frames = [self.scene.R0[body] if body >= 0 else np.eye(3) for body in (joint.parent, joint.child)]
-        relative = frames[0].T @ frames[1]
-        if joint.reference is None:
-            angle = starting_angle(relative, joint.parent_axis, joint.child_axis)
-        else:
-            normal = np.linalg.svd(joint.parent_axis[None])[2][1]
-            seen = relative @ zero_turn(joint).T @ normal
-            angle = float(np.arctan2(joint.parent_axis @ np.cross(normal, seen), normal @ seen))
+        angle = float(angle_from(zero_attitude(joint), joint.parent_axis, frames[0].T @ frames[1]))
         turns = 0.0 if joint.start is None else np.round((joint.start[0] - angle) / (2 * np.pi))
         return angle + 2 * np.pi * float(turns)
 

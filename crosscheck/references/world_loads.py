@@ -12,8 +12,10 @@ from __future__ import annotations
 import numpy as np
 
 from crosscheck.references.world import Motion, cross, turned
+from crosscheck.scene.coordinates import angle_from
 from crosscheck.scene.functions import at
 from crosscheck.scene.model import Force, Scene
+from crosscheck.scene.vectors import shortest_rotation
 
 AT_CENTRE = np.zeros(3)
 
@@ -53,7 +55,8 @@ class TorsionalSpring:
         self.parent, self.child, self.axis = joint.parent, joint.child, joint.parent_axis
         self.stiffness, self.rest_angle, self.damping = p["stiffness"], p["rest_angle"], p["damping"]
         frames = [scene.R0[body] if body >= 0 else np.eye(3) for body in (joint.parent, joint.child)]
-        self.start = starting_angle(frames[0].T @ frames[1], joint.parent_axis, joint.child_axis)
+        zero = shortest_rotation(joint.child_axis, joint.parent_axis)
+        self.start = float(angle_from(zero, joint.parent_axis, frames[0].T @ frames[1]))
 
     def rate(self, motion: Motion) -> float:
         """d angle/dt."""
@@ -119,22 +122,3 @@ def spring_pull(stiffness: float, extension: float, damping: float, rate: float)
 def torsion(stiffness: float, twist: float, damping: float, rate: float) -> float:
     """Torque of a torsional spring-damper on the child."""
     return -(stiffness * twist + damping * rate)
-
-
-def starting_angle(relative: np.ndarray, parent_axis: np.ndarray, child_axis: np.ndarray) -> float:
-    """theta in (-pi, pi] of relative = exp(theta hat(parent axis)) Q0, Q0 the shortest turn from child to parent axis.
-
-    For opposite axes Q0 is the half turn about the coordinate direction most nearly normal to the parent's axis, made
-    normal to it.
-    """
-    normal = np.eye(3)[np.argmin(np.abs(parent_axis))]
-    normal = normal - (normal @ parent_axis) * parent_axis
-    normal /= np.linalg.norm(normal)
-    middle = child_axis + parent_axis
-    size = np.linalg.norm(middle)
-    half_turn = normal if size < 1e-6 else middle / size  # Q0: half turns about child axis, then middle
-    pointer = 2 * half_turn * (half_turn @ normal) - normal  # half turn of `normal` about the middle ...
-    if size >= 1e-6:
-        pointer = 2 * child_axis * (child_axis @ pointer) - pointer  # ... and about the child axis: Q0^T normal
-    seen = relative @ pointer
-    return float(np.arctan2(parent_axis @ np.cross(normal, seen), normal @ seen))

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.errors import Unsupported
-from crosscheck.references.world import HAT, Motion, back, centripetal, cross, dots, rotation, turned
+from crosscheck.references.world import HAT, Motion, back, centripetal, cross, dots, turned
+from crosscheck.scene.coordinates import angle_from, zero_attitude
 from crosscheck.scene.model import Joint, Scene
 
 ROLLING = ("knife_edge", "rolling_disk", "rolling_sphere")
@@ -222,17 +222,16 @@ class Coordinates:
         self.slides = [joint for joint in joints if joint.type == "prismatic"]
         self.across = Across([Row(joint, joint.parent_axis) for joint in self.slides], n) if self.slides else None
         self.shape = len(self.turns), n + 1, 6
-        self.zeros = [zero_turn(joint) for joint in self.turns]
-        self.normals = [np.linalg.svd(joint.parent_axis[None])[2][1] for joint in self.turns]
+        self.zeros = [zero_attitude(joint) for joint in self.turns]
         self.joints = [*self.turns, *self.slides]
 
     def values(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
         values, drifts, G = [], [], np.zeros(self.shape)
-        for row, (joint, zero, normal) in enumerate(zip(self.turns, self.zeros, self.normals, strict=True)):
+        for row, (joint, zero) in enumerate(zip(self.turns, self.zeros, strict=True)):
             parent, child = motion.R[joint.parent], motion.R[joint.child]
-            axis, seen = parent @ joint.parent_axis, child @ zero.T @ normal
-            values.append(np.arctan2(axis @ np.cross(parent @ normal, seen), parent @ normal @ seen))
+            axis = parent @ joint.parent_axis
+            values.append(angle_from(zero, joint.parent_axis, parent.T @ child))
             G[row, joint.child, 3:], G[row, joint.parent, 3:] = child.T @ axis, -joint.parent_axis
             drifts.append(np.cross(motion.omega[joint.parent], axis) @ motion.omega[joint.child])
         if self.across is not None:
@@ -289,23 +288,6 @@ class Coupled(Coordinates):
         turns = slice(len(self.turns))
         values[turns] -= 2 * np.pi * np.round((values[turns] - motion.hinges) / (2 * np.pi))
         return self.C @ (values - self.begun), np.tensordot(self.C, G, 1), self.C @ drifts
-
-
-def zero_turn(joint: Joint) -> np.ndarray:
-    """Attitude of the child in the parent at angle zero: as given, or the shortest turn of one axis to the other.
-
-    The latter is made of two half turns, about the child's axis and about the middle of both axes.
-    """
-    if joint.reference is not None:
-        given: np.ndarray = rotation(joint.reference[None])[0]
-        return given
-    a, c = joint.parent_axis, joint.child_axis
-    if np.linalg.norm(a + c) < 1e-6:
-        raise Unsupported("the axes of a driven hinge are opposite at angle zero")
-    middle = (a + c) / np.linalg.norm(a + c)
-    halves = [2 * np.outer(axis, axis) - np.eye(3) for axis in (middle, c)]
-    product: np.ndarray = halves[0] @ halves[1]
-    return product
 
 
 KINDS = (Coincidence, Perpendicular, Across, Rod)

@@ -13,9 +13,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from crosscheck.scene.contacts import CONTACTS, KnifeEdge
+from crosscheck.scene.coordinates import zero_attitude
 from crosscheck.scene.joints import Row
-from crosscheck.scene.model import Joint, rotation_from_quaternion
-from crosscheck.scene.vectors import cross, dot, normal_references, shortest_rotation
+from crosscheck.scene.model import Joint
+from crosscheck.scene.vectors import cross, dot, normal_references
 
 
 @dataclasses.dataclass(frozen=True)
@@ -236,6 +237,4 @@ def coordinate(joint: Joint) -> Basic | Angle:
         d = Separation(BodyVector(joint.parent, joint.parent_anchor), BodyVector(joint.child, joint.child_anchor))
         return Basic(BodyVector(joint.parent, joint.parent_axis), d)
     n1, _ = normal_references(joint.parent_axis)
-    zero = (shortest_rotation(joint.child_axis, joint.parent_axis) if joint.reference is None
-            else rotation_from_quaternion(joint.reference))
-    return Angle(joint.parent, joint.child, joint.parent_axis, joint.child_axis, n1, zero.T @ n1)
+    return Angle(joint.parent, joint.child, joint.parent_axis, joint.child_axis, n1, zero_attitude(joint).T @ n1)

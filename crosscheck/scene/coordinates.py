@@ -47,6 +47,13 @@ def zero_attitude(joint: Joint) -> np.ndarray:
     return np.eye(3)
 
 
+def angle_from(zero: np.ndarray, axis: np.ndarray, relative: np.ndarray) -> np.ndarray:
+    """The angle in (-pi, pi] of relative = exp(angle hat(axis)) zero, (...,); `relative` (..., 3, 3), `zero` (3, 3)."""
+    n1, n2 = normal_references(axis)
+    pointer = relative @ (zero.T @ n1)
+    return np.asarray(np.arctan2(pointer @ n2, pointer @ n1))
+
+
 def turned(axis: np.ndarray, angle: float) -> np.ndarray:
     """The rotation (3, 3) by `angle` (rad) about the unit vector `axis`."""
     hat = cross(axis, np.eye(3)).T
@@ -192,9 +199,7 @@ def _value(word: str, joint: Joint, relative: np.ndarray, d: np.ndarray) -> np.n
         inner = zero.T @ axis  # the parent's axis in the child's frame at zero, normal to the child's
         back = np.einsum("tji,j->ti", relative, axis)
         return np.asarray(-np.arctan2(back @ cross(joint.child_axis, inner), back @ inner))
-    n1, n2 = normal_references(axis)
-    pointer = relative @ (zero.T @ n1)
-    return np.asarray(np.arctan2(pointer @ n2, pointer @ n1))
+    return angle_from(zero, axis, relative)
 
 
 def _rate(word: str, joint: Joint, relative: np.ndarray, w: np.ndarray, rate: np.ndarray) -> np.ndarray:

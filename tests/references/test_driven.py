@@ -7,6 +7,9 @@ from crosscheck.references import compute, maximal, natural, natural_loads, tayl
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.file import load_scene
+from crosscheck.scene.functions import polynomial
+from crosscheck.scene.model import GROUND, Body, Joint
+from tests.scene_making import make_scene
 
 NAMES = ("driven_double_pendulum", "driven_cart")
 PRESCRIBED = ("driven_slider_crank",)
@@ -45,6 +48,19 @@ def test_the_truth_of_a_prescribed_crank_keeps_its_rows():
              rows.acceleration(states.x, states.R, states.v, states.w, states.a, states.alpha, states.t))
     # a coordinate whose second derivative is integrated twice: roundings of some hundred steps
     assert [np.abs(values).max() < 1e-13 * size for values, size in zip(found, (1, 5, 150), strict=True)] == [True] * 3
+
+
+def test_a_driven_hinge_may_have_opposite_axes_at_angle_zero():
+    """The child starts upside down, so that its own axis is minus the parent's; the angle is the drive's."""
+    z, still = np.array([0.0, 0.0, 1.0]), [0.0, 0.0, 0.0]
+    arm = Body("arm", 1.0, np.diag([0.2, 0.3, 0.4]), [0.0, 1.0, 0.0, 0.0], still, [0.5, 0.0, 0.0], still)
+    motor = Joint("motor", "revolute", GROUND, 0, np.zeros(3), np.array([-0.5, 0.0, 0.0]), z, -z,
+                  drive=polynomial((0.0, 0.0, 1.5)))
+    scene = make_scene([arm], [motor], samples=3)
+    found = compute(scene)
+    assert found.disagreement <= 1e-12
+    angles = np.arctan2(found.states.R[:, 0, 1, 0], found.states.R[:, 0, 0, 0])
+    np.testing.assert_allclose(angles, 1.5 * scene.t**2, rtol=0, atol=1e-13)
 
 
 def late(function):

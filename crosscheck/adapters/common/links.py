@@ -13,9 +13,16 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_product, rotation_from_quaternion
+from crosscheck.scene.model import (
+    GROUND,
+    Joint,
+    Scene,
+    quaternion_from_rotation,
+    quaternion_product,
+    rotation_from_quaternion,
+)
 from crosscheck.scene.spanning import spanning_tree
-from crosscheck.scene.vectors import normal_references, slide_direction
+from crosscheck.scene.vectors import normal_references, shortest_rotation, slide_direction
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 _ZERO = np.zeros(3)
@@ -134,7 +141,7 @@ def link(scene: Scene, joint: Joint, outward: bool = True) -> Link:
     (parent, parent_anchor, parent_axis), (body, child_anchor, axis) = ends if outward else ends[::-1]
     zero, kind = IDENTITY, JOINT_TYPES[joint.type]
     if kind.zero == "axes":
-        zero = shortest_rotation(joint.child_axis, joint.parent_axis)
+        zero = quaternion_from_rotation(shortest_rotation(joint.child_axis, joint.parent_axis))
         zero = zero if outward else zero * CONJUGATE
     elif kind.zero == "start":
         zero = relative_attitude(scene, parent, body)
@@ -180,19 +187,6 @@ def _rod(scene: Scene, joint: Joint, parent: int, body: int, outward: bool) -> t
 
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 """The product with a unit quaternion, entry by entry, is its inverse."""
-
-
-def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Unit quaternion of the shortest rotation that takes the unit vector `start` to `end`.
-
-    For opposite vectors it is half a turn about the first of `normal_references(end)`, as for torsion angles.
-    """
-    cosine = start @ end
-    if cosine < -1 + 1e-12:  # the formula below would lose every digit of the axis
-        return np.concatenate([[0.0], normal_references(end)[0]])
-    quaternion = np.concatenate([[1.0 + cosine], np.cross(start, end)])
-    turn: np.ndarray = quaternion / np.linalg.norm(quaternion)
-    return turn
 
 
 def relative_attitude(scene: Scene, parent: int, body: int) -> np.ndarray:

@@ -171,7 +171,7 @@ def _by_pieces(problem: Problem, arguments: Arguments, events: bool | None) -> S
                                             monitor=False)).unjudged()
 
     solution = Pieces(problem, solve, start, np.asarray(t, dtype=float), step, _located(method, events)).integrate()
-    return without.ended(solution)
+    return without.ended(without.closed(solution))
 
 
 def prepare(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
@@ -282,8 +282,12 @@ class PreparedRun:
         if self._word != "off":
             take_multipliers(self.problem, solution, angles)
             stats.reduce = self._word
+        return self.closed(solution, None if self._restored else opened)
+
+    def closed(self, solution: Solution, opened: tuple[bool, bool, bool] | None = None) -> Solution:
+        """The solution, whose status says whether a level that the method holds is open, which may be known."""
         if solution.status is Status.SUCCESS:
-            if self._restored:
+            if opened is None:
                 opened = held.opened(self.problem, solution)
             if opened != NONE_OPEN and any(map(operator.and_, self._held, opened)):
                 solution.status = Status.CONSTRAINTS_OPEN

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,8 @@ AGAIN = 3
 the method and the accelerations of the index-1 system, which differ by a part of the step, disagree on what follows."""
 CHATTER = 100
 """More changes than this at one time end the run: no mode agrees with its own accelerations."""
+COUPLED = 1e-9
+"""What an impulse along one coordinate changes of the rate of another one is rounding below this part of their own."""
 
 
 @dataclasses.dataclass
@@ -77,6 +79,20 @@ class State:
     w: np.ndarray
     q: np.ndarray
     rate: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Kick:
+    """What a unit impulse along a coordinate changes: v and w of the bodies, (n, 3), and the rates of the laws."""
+
+    v: np.ndarray
+    w: np.ndarray
+    rates: np.ndarray
+
+    def given(self, state: State, size: float) -> State:
+        """The state after an impulse of this size, N s or N m s."""
+        return dataclasses.replace(state, v=state.v + size * self.v, w=state.w + size * self.w,
+                                   rate=state.rate + size * self.rates)
 
 
 @dataclasses.dataclass
@@ -110,6 +126,7 @@ class Pieces:
 
     def __init__(self, problem: Problem, solve: Solve, start: Solve, t: np.ndarray, step: float | None,
                  located: bool) -> None:
+        self.begun = time.perf_counter()
         self.problem, self.solve, self.start, self.located = problem, solve, start, located
         self.laws, self.t = problem.laws, t
         self.events: list[tuple[float, int, str]] = []
@@ -342,28 +359,31 @@ class Pieces:
         tried = [whole]
         row, key = self._first(whole) or (FINE, key)
         values = self._values(whole, key)
-        (ta, fa), (tb, fb) = ((float(whole.solution.t[k]), values[k]) for k in (row - 1, row))
-        best, kept = (whole, row) if fa > 0.0 else (whole, row - 1), 0
+        before, after = ((float(whole.solution.t[k]), values[k], (whole, k)) for k in (row - 1, row))
+        (ta, fa, _), (tb, fb, _), kept = before, after, 0
         while fa > 0.0 > fb and tb - ta > 4e-16 * max(1.0, abs(tb)):
             middle = tb - fb * (tb - ta) / (fb - fa)
             if not ta < middle < tb:
                 break
-            best = self._run(state, np.array([middle])), 1
-            tried.append(best[0])
-            f = self._values(best[0], key)[-1]
+            reached = self._run(state, np.array([middle]))
+            tried.append(reached)
+            f = self._values(reached, key)[-1]
             if f >= 0:
-                ta, fa, fb, kept = middle, f, fb / 2 if kept > 0 else fb, 1
+                before = ta, fa, _ = middle, f, (reached, 1)
+                fb, kept = fb / 2 if kept > 0 else fb, 1
             else:
-                tb, fb, fa, kept = middle, f, fa / 2 if kept < 0 else fa, -1
+                after = tb, fb, _ = middle, f, (reached, 1)
+                fa, kept = fa / 2 if kept < 0 else fa, -1
+        best = (after if -after[1] < before[1] else before)[2]
         for each in tried:
             _took(each, best[1] if each is best[0] else 0)
         self._turn(*best)
         times = best[0].solution.t
         times[best[1]] = self._near(float(times[best[1]]), self.t)  # an output as near as this is at the event
-        reached = best[0].state(best[1])
-        if reached.t > state.t and reached.t in self.outputs:
+        there = best[0].state(best[1])
+        if there.t > state.t and there.t in self.outputs:
             self.rows.append((best[0].solution, best[1]))
-        return reached, key
+        return there, key
 
     # --- changes
 
@@ -434,56 +454,105 @@ class Pieces:
         if abs(state.rate[i]) == 0.0:
             return state
         was, self.modes[i].held = self.modes[i].held, False
-        change, gain, _ = self._response(state, i)
+        kick = self._responses(state, i)[1][i]
         self.modes[i].held = was
-        return self._kicked(state, change, -state.rate[i] / gain[i], gain)
+        return kick.given(state, -state.rate[i] / kick.rates[i])
 
-    def _response(self, state: State, i: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, float]:
-        """What a unit impulse along a coordinate changes: (v, w) of the bodies, and the rates of the laws.
-
-        Also the acceleration of the coordinate without it.
-        """
-        still, pushed = self._index1(state), self._index1(state, (i, self.push))
-        v, w = (getattr(pushed.solution, name)[0] - getattr(still.solution, name)[0] for name in ("a", "alpha"))
-        gain = (pushed.acceleration[0] - still.acceleration[0]) / self.push
-        if not gain[i] > 0.0:
+    def _responses(self, state: State, i: int, others: Iterable[int] = ()) -> tuple[Stretch, dict[int, Kick]]:
+        """The accelerations of the present modes, and what unit impulses along coordinates that can move change."""
+        still, kicks = self._index1(state), {}
+        for k in (i, *others):
+            pushed = self._index1(state, (k, self.push))
+            v, w = ((getattr(pushed.solution, name)[0] - getattr(still.solution, name)[0]) / self.push
+                    for name in ("a", "alpha"))
+            kick = Kick(v, w, (pushed.acceleration[0] - still.acceleration[0]) / self.push)
+            if kick.rates[k] > 0.0:
+                kicks[k] = kick
+        if i not in kicks:
             raise ArgumentError(f"an impulse along joint {self.laws[i].joint} moves nothing: its loop holds it")
-        return (v / self.push, w / self.push), gain, float(still.acceleration[0, i])
+        return still, kicks
 
-    def _kicked(self, state: State, change: tuple[np.ndarray, np.ndarray], size: float, gain: np.ndarray) -> State:
-        return dataclasses.replace(state, v=state.v + size * change[0], w=state.w + size * change[1],
-                                   rate=state.rate + size * gain)
+    def _at_stops(self, state: State) -> dict[int, int]:
+        """The coordinates that rest at rigid stops or reach them now, and the sides."""
+        found = {}
+        for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
+            if law.stops is None or law.stops.stiffness is not None:
+                continue
+            if mode.held and mode.stop:
+                found[i] = mode.stop
+                continue
+            for side in (-1, 1):
+                left, speed = side * (law.stops.edge(side) - state.q[i]), side * state.rate[i]
+                room = 1e-13 * max(1.0, abs(state.q[i])) + NEAR * max(1.0, abs(state.t)) * speed
+                if speed > 0.0 and left <= room:
+                    found[i] = side
+        return found
 
     def _impact(self, state: State, i: int, side: int) -> State:
-        """The state after the impact at a rigid stop. Friction gives no impulse: what it held may be kicked loose."""
-        stops, before = self.laws[i].stops, float(state.rate[i])
-        assert stops is not None
-        closed = {k for k, mode in enumerate(self.modes) if mode.held and mode.stop}
+        """The state after the impact at a rigid stop. Friction gives no impulse: what it held may be kicked loose.
+
+        Stops that act on each other share an impact: those that are reached now, and those at which others rest.
+        """
+        sides = {**self._at_stops(state), i: side}
+        closed = {k for k in sides if self.modes[k].held}
         loose = [k for k, mode in enumerate(self.modes) if mode.held and not mode.stop]
-        for k in loose:
+        for k in (*loose, *sides):
             self.modes[k].held = False
-        change, gain, acceleration = self._response(state, i)
-        after = 0.0 if closed else -stops.restitution * before
-        if after ** 2 <= LOWEST * max(0.0, side * acceleration) * max(1.0, abs(state.q[i])):
-            after = 0.0
-        state = self._kicked(state, change, (after - before) / gain[i], gain)
-        state.rate[i] = after
-        rest = {k for k in loose if abs(state.rate[k]) <= SETTLED * max(1.0, abs(before))}
-        for k in range(len(self.laws)):
-            mode, law = self.modes[k], self.laws[k]
-            if k in rest:
-                mode.held = True
-            elif law.static and k != i and not mode.held:
+        still, kicks = self._responses(state, i, sides.keys() - {i})
+        group = _acting_on(i, {k: kick.rates for k, kick in kicks.items()})
+        before = state.rate
+        state = self._rebound(state, {k: sides[k] for k in group}, kicks, side * float(still.acceleration[0, i]))
+        rest = {k for k in loose if abs(state.rate[k]) <= SETTLED * max(1.0, abs(before[i]))}
+        for k in rest | (closed - set(group)):
+            self.modes[k].held, state.rate[k] = True, 0.0
+        for k, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
+            if law.static and not mode.held and k not in group:
                 if k in loose:
                     self._tell(state.t, k, "slips")
                 mode.sign = 1 if state.rate[k] > 0 else -1
-        mode = self.modes[i]
-        if after == 0.0:
-            mode.held, mode.sign = True, 0
-            self._settle(state, {i} | rest)
-        else:
-            mode.stop, mode.sign = 0, (1 if after > 0 else -1) if self.laws[i].static else 0
+        for k in group:
+            mode, sign = self.modes[k], (1 if state.rate[k] > 0 else -1) if self.laws[k].static else 0
+            if k not in closed and k != i:
+                self._tell(state.t, k, "hits", sides[k])
+                state.q[k] = self.laws[k].stops.edge(sides[k])  # type: ignore[union-attr]
+            if state.rate[k] == 0.0:
+                mode.held, mode.stop, mode.sign = True, sides[k], 0
+            elif k in closed:
+                self._release(state, k, sign)
+            else:
+                mode.stop, mode.sign = 0, sign
+        if fresh := {k for k in group if self.modes[k].held} - closed:
+            self._settle(state, fresh | rest)
         self._cuts(state, told=True)
+        return state
+
+    def _rebound(self, state: State, sides: dict[int, int], kicks: dict[int, Kick], pressing: float) -> State:
+        """The state after the impulses of stops that share an impact; what comes to rest has the rate zero.
+
+        pressing: the acceleration into a stop that is alone, without which a low bounce goes on.
+        """
+        group = list(sides)
+        stops = [self.laws[k].stops for k in group]
+        bouncing = [k for k, each in zip(group, stops, strict=True) if each is not None and each.restitution > 0.0]
+        if len(group) > 1 and bouncing:
+            names = " and ".join(str(self.laws[k].joint) for k in group)
+            self._fail(Status.NOT_UNIQUE, f"at {state.t:.6g} s stops of the joints {names} act on each other, and that "
+                       f"of joint {self.laws[bouncing[0]].joint} bounces; end the run there")
+        away = -np.array([sides[k] for k in group])
+        S = np.array([kicks[k].rates[group] for k in group]).T
+        if len(group) > 1:
+            impulses = away * _pushes(away[:, None] * S * away, away * state.rate[group])
+            after = np.where(impulses, 0.0, state.rate[group] + S @ impulses)
+        else:
+            (i,), (each,) = group, stops
+            after = -(0.0 if each is None else each.restitution) * state.rate[group]
+            if after[0] ** 2 <= LOWEST * max(0.0, pressing) * max(1.0, abs(state.q[i])):
+                after[:] = 0.0
+            impulses = (after - state.rate[group]) / S[0]
+        for k, size in zip(group, impulses, strict=True):
+            state = kicks[k].given(state, float(size))
+        scale = SETTLED * max(1.0, float(np.abs(state.rate).max()))
+        state.rate[group] = np.where(np.abs(after) <= scale, 0.0, after) if len(group) > 1 else after
         return state
 
     def _settle(self, state: State, fresh: set[int], freed: int = -1) -> None:
@@ -600,7 +669,6 @@ class Pieces:
         IntegrationError
             The method failed within a piece, or the laws chatter; it holds the trajectory so far.
         """
-        begun = time.perf_counter()
         state, here, ahead, changes = self._begin(), 0, 4, 0
         for i, mode in enumerate(self.modes):  # a rate that leads into a stop at the start
             if mode.stop and not mode.held and self.laws[i].stops.stiffness is None:  # type: ignore[union-attr]
@@ -615,8 +683,8 @@ class Pieces:
             last = len(s.solution.t) - 1 if crossed is None else crossed[0] - 1
             self._keep(s, last)
             _took(s, last)
-            if crossed is None and s.solution.status is not Status.SUCCESS:
-                self._fail(s.solution.status, begun)
+            if crossed is None and s.solution.status not in (Status.SUCCESS, Status.CONSTRAINTS_OPEN):
+                self._fail(s.solution.status)
             before, state = state, s.state(last)
             self._turn(s, last)
             if crossed is None:
@@ -630,9 +698,9 @@ class Pieces:
             if state.t > before.t:
                 self._tick(state, told=True)
             if changes > CHATTER:
-                self._fail(Status.STEP_TOO_SMALL, begun, "changes of friction and stops follow each other without end: "
+                self._fail(Status.STEP_TOO_SMALL, "changes of friction and stops follow each other without end: "
                            "the motion has no unique continuation from here on")
-        return self._whole(Status.SUCCESS, begun)
+        return self._whole(Status.SUCCESS)
 
     def _ahead(self, here: int, most: int) -> int:
         """Number of intervals to the next sample of a servo, at most `most`."""
@@ -666,17 +734,17 @@ class Pieces:
         first = 1 if self.rows else 0
         self.rows += [(s.solution, row) for row in range(first, last + 1) if float(s.solution.t[row]) in self.outputs]
 
-    def _whole(self, status: Status, begun: float) -> Solution:
+    def _whole(self, status: Status) -> Solution:
         """The solution at the output times that were reached."""
         last, stats = self.rows[-1][0], _together(self.stats)
-        stats.wall_time = time.perf_counter() - begun
+        stats.wall_time = time.perf_counter() - self.begun
         arrays: dict[str, Any] = {name: np.array([getattr(s, name)[row] for s, row in self.rows])
                                   for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam")}
         return Solution(**arrays, status=status, stats=stats, method=last.method, t_end=float(arrays["t"][-1]),
                         events=tuple(self.events))
 
-    def _fail(self, status: Status, begun: float, why: str = "") -> None:
-        raise IntegrationError(status, why or status.advice, self._whole(status, begun))
+    def _fail(self, status: Status, why: str = "") -> None:
+        raise IntegrationError(status, why or status.advice, self._whole(status))
 
 
 def held_range(law: Law, mode: Mode) -> tuple[float, float]:
@@ -684,10 +752,32 @@ def held_range(law: Law, mode: Mode) -> tuple[float, float]:
     return (-math.inf if mode.stop > 0 else -law.static), (math.inf if mode.stop < 0 else law.static)
 
 
+def _acting_on(i: int, rates: dict[int, np.ndarray]) -> list[int]:
+    """The coordinates that impulses along coordinate i move, directly or over each other, of those whose are given."""
+    group = [i]
+    for k in group:
+        group += [j for j in rates if j not in group
+                  and abs(rates[k][j]) > COUPLED * math.sqrt(rates[k][k] * rates[j][j])]
+    return group
+
+
+def _pushes(S: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    """Impulses n >= 0 that leave no speed S n + speeds below zero, each zero or its speed: by K. G. Murty's rule of the
+    least index, Opsearch 11 (1974) 123."""
+    acting, tiny = speeds < 0.0, 1e-12 * float(np.abs(speeds).max())
+    while True:
+        n = np.zeros(len(speeds))
+        n[acting] = np.linalg.lstsq(S[np.ix_(acting, acting)], -speeds[acting], rcond=None)[0]
+        wrong = np.where(acting, n < 0.0, S @ n + speeds < -tiny)
+        if not wrong.any():
+            return n
+        acting[wrong.argmax()] ^= True
+
+
 def _took(s: Stretch, last: int) -> None:
     """Count the steps of a stretch after row `last` as rejected: they were taken in vain."""
     t, stats = s.solution.t, s.solution.stats
-    kept = round(stats.steps * float((t[last] - t[0]) / (t[-1] - t[0])))
+    kept = round(stats.steps * float((t[last] - t[0]) / (t[-1] - t[0]))) if last else 0
     stats.rejected_steps += stats.steps - kept
     stats.steps = kept
 

@@ -17,6 +17,7 @@ class Status(enum.StrEnum):
     MAP_DOMAIN = "map_domain"
     NON_FINITE = "non_finite"
     STEP_TOO_SMALL = "step_too_small"
+    NOT_UNIQUE = "not_unique"
     INTERRUPTED = "interrupted"
     CONSTRAINTS_OPEN = "constraints_open"
 
@@ -36,6 +37,8 @@ _ADVICE = {
     Status.NON_FINITE: "the state became infinite or not a number; take a smaller step",
     Status.STEP_TOO_SMALL: "step control asks for steps too small to end the run; take a larger rtol, or a method for "
                            "stiff forces; a mechanism near a singular position asks for it too",
+    Status.NOT_UNIQUE: "the motion has no unique continuation: stops that act on each other are hit at one instant, or "
+                       "one while another carries, and one of them bounces; end the run there",
     Status.INTERRUPTED: "interrupted by the user",
     Status.CONSTRAINTS_OPEN: "the run reached its end, and a constraint level that the method holds opened beyond 1e-8 "
                              "of the system's size (stats.maxima); take a smaller step, a method that holds all levels "

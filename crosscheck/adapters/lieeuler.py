@@ -15,7 +15,7 @@ from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats, steps_per_s
 from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.known import CONTRADICTORY
 from crosscheck.document.known import Known
-from crosscheck.errors import ArgumentError, CrosscheckError
+from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported
 from crosscheck.scene.coordinates import at_start, offset_from_half_turn, zero_attitude
 from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.joints import JOINT_TYPES
@@ -224,6 +224,8 @@ class LieEuler(Engine):
         ------
         IntegrationError
             The run ended early.
+        Unsupported
+            The motion has no unique continuation.
         ArgumentError
             An argument is wrong; the message is that of lieeuler.
         """
@@ -239,6 +241,12 @@ class LieEuler(Engine):
                 reduce=spec.reduce, conserve=bool(spec.conserve), polish=spec.polish is not False,
                 monitor=spec.monitor, events=spec.events)
         except lieeuler.IntegrationError as ended:
+            if ended.status is lieeuler.Status.NOT_UNIQUE:  # no method can go on there, and truth ends there
+                when, joint, _ = ended.solution.events[-1]
+                raise Unsupported(f"lieeuler {spec.method} on scene {scene.name!r}: the stop of joint "
+                                  f"{scene.joints[joint].name!r} is hit at {when:.6g} s while one that acts on it is, "
+                                  "or carries, and one of them bounces: no motion follows from that; ask for a shorter "
+                                  "duration") from ended
             raise IntegrationError(ended.status, ended.advice, ended.solution) from ended
         except lieeuler.LieEulerError as error:
             raise ArgumentError(str(error)) from error

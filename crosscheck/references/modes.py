@@ -29,6 +29,8 @@ SLACK = 1e-11
 """N m or N: a stop that carries nothing lets go beyond rounding."""
 CLOSED = 1e-6
 """Relative distance from a stop at which a motion that was held there still is."""
+COUPLED = 1e-12
+"""What an impulse at one stop changes of the rate at another one is rounding below this part of their own."""
 PILE = 1e-4
 """Bounces less than this (s) apart pile up."""
 SIDES = {-1: "lower", 1: "upper"}
@@ -276,6 +278,19 @@ def _box(law: Law, side: int) -> tuple[float, float]:
     return -math.inf if side > 0 else -static, math.inf if side < 0 else static
 
 
+def coupled(members: list[int], S: np.ndarray) -> list[list[int]]:
+    """The members in groups: no impulse along one of a group moves one of another."""
+    groups, left = list[list[int]](), list(members)
+    while left:
+        group = [left.pop(0)]
+        for i in group:
+            joined = [j for j in left if abs(S[i, j]) > COUPLED * math.sqrt(S[i, i] * S[j, j])]
+            group += joined
+            left = [j for j in left if j not in joined]
+        groups.append(sorted(group))
+    return groups
+
+
 class _Change:
     """One event: the mode while it changes."""
 
@@ -284,7 +299,6 @@ class _Change:
         self.names: dict[str, str] = {}
         self.resting: dict[int, int] = {}  # coordinates that came to rest, with the direction in which they moved
         self.hits: dict[int, int] = {}
-        self.freed: set[int] = set()
         self.cause = ""
 
     def listed(self) -> list[Event]:
@@ -335,39 +349,40 @@ class _Change:
         part = self.parts[i]
         self.name(i, f"leaves_{SIDES[part.side]}" if part.side else "slips")
         self.change(i, held=False, side=0, slip=direction if self.laws[i].friction else 0, way=direction)
-        self.freed.add(i)
 
     def impacts(self) -> None:
-        """Impulses of the rigid stops that are hit."""
+        """Impulses of the rigid stops that are hit; those that act on each other share an impact."""
         if not self.hits:
             return
-        closed = {i: part.side for i, part in enumerate(self.parts) if part.side and part.held}
-        involved = {**closed, **self.hits}
+        sides = {i: part.side for i, part in enumerate(self.parts) if part.side and part.held} | self.hits
         _, S = self.form.response(self.t, self.y)
         _, rate = self.moving()
-        elastic = [i for i in involved if self.laws[i].limits.restitution > 0.0]
-        if len(involved) > 1 and elastic:
-            names = " and ".join(repr(self.laws[i].joint.name) for i in involved)
-            self.cause = f"the stops of {names} act at one instant, and one of them bounces"
         impulses = np.zeros(len(self.laws))
-        if elastic:
-            for i in self.hits:
-                impulses[i] = -(1.0 + self.laws[i].limits.restitution) * rate[i] / S[i, i]
-        else:
-            K = sorted(involved)
-            lo, hi = (np.array([-np.inf if involved[i] > 0 else 0.0 for i in K]),
-                      np.array([np.inf if involved[i] < 0 else 0.0 for i in K]))
-            impulses[K] = self.form.choose(rate[K], S[np.ix_(K, K)], lo, hi)[0]
+        for group in coupled(sorted(sides), S):
+            if not self.hits.keys() & set(group):
+                continue
+            bounces = [self.laws[i].limits.restitution for i in group]
+            if len(group) == 1:
+                impulses[group] = -(1.0 + bounces[0]) * rate[group] / S[group, group]
+                continue
+            if any(bounces):
+                names = " and ".join(repr(self.laws[i].joint.name) for i in group)
+                self.cause = f"the stops of {names} act at one instant, and one of them bounces"
+            lo, hi = (np.array([-np.inf if sides[i] > 0 else 0.0 for i in group]),
+                      np.array([np.inf if sides[i] < 0 else 0.0 for i in group]))
+            impulses[group] = self.form.choose(rate[group], S[np.ix_(group, group)], lo, hi)[0]
         self.y = self.form.kicked(self.t, self.y, impulses)
         after = self.moving()[1]
         tiny = RESTING * max(1.0, np.abs(rate).max())
-        for i, side in involved.items():
+        for i, side in sides.items():
             if abs(after[i]) <= tiny:
                 end = self.laws[i].limits.lower if side < 0 else self.laws[i].limits.upper
                 self.y = self.form.settled(self.y, i, end, 0.0)
                 self.change(i, held=True, side=side, slip=0)
             elif i in self.hits:
                 self.bounce(i, side)
+            else:
+                self.free(i, -side)
         after = self.moving()[1]
         for i, part in enumerate(self.parts):
             if (part.held or self.laws[i].friction) and not (part.held and part.side) and abs(after[i]) > tiny:

@@ -48,7 +48,8 @@ def run(scene: Scene | str | os.PathLike[str], engine: str | Engine, method: str
     SceneError
         The scene is unknown, unreadable or wrong.
     Unsupported
-        The engine cannot model this scene at all, or not with this form, method or spin_free=True.
+        The engine cannot model this scene at all, or not with this form, method or spin_free=True; or the motion ends
+        where nothing says how it goes on.
     EngineError
         The engine failed or the run diverged. The message repeats what the engine said.
     lieeuler.IntegrationError

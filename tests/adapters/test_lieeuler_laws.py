@@ -12,6 +12,7 @@ from tests.law_mistakes import SCENES
 from tests.references.law_scenes import arm as swinging
 from tests.references.law_scenes import pendulum as hanging
 from tests.references.law_scenes import servo
+from tests.references.test_pieces import slides
 
 SAMPLED = {"type": "servo", "joint": "elbow", "target": 0.1, "proportional": 30.0, "derivative": 1.0, "period": 0.025,
            "delay": 1}
@@ -88,3 +89,12 @@ def test_events_are_those_of_truth(tmp_path, name):
         found = crosscheck.run(scene, "lieeuler", method, **size).events
         assert [event[1:] for event in found] == [event[1:] for event in exact]
         assert np.abs(np.array([event[0] for event in found]) - [event[0] for event in exact]).max() < near
+
+
+def test_a_motion_that_ends_is_refused_by_name(tmp_path):
+    """A carriage that is pressed on its stop carries another one that bounces: truth ends there as well."""
+    scene = slides(tmp_path, {"position": 0.5, "limits": {"upper": 0.5}},
+                   {"limits": {"upper": 0.5, "restitution": 0.5}}, gravity=(1.0, 0, 0), duration=1.9)
+    with pytest.raises(crosscheck.Unsupported, match=r"joint 'jb' is hit at 1 s .*a shorter duration"):
+        crosscheck.run(scene, "lieeuler", "rkmk4", step=0.1)
+    assert crosscheck.run(scene, "lieeuler", "rkmk4", step=0.1, duration=0.9).events == ()

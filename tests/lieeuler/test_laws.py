@@ -139,6 +139,81 @@ def test_closed_forms(case, kind, method):
     assert np.abs([a[0] - b[0] for a, b in zip(told, events, strict=False)] or [0.0]).max() < 10 * near
 
 
+def slides(q, rates, stops, weight, rides, masses=(1.0, 2.0)):
+    """Two slides along x, both on the ground, or the second one on the first."""
+    x = np.array([1.0, 0.0, 0.0])
+    bodies = [lieeuler.Body(mass, 0.1 * np.eye(3)) for mass in masses]
+    joints = [lieeuler.prismatic_joint(-1, 0, [0, 0, 0], [0, 0, 0], x, x, np.eye(3)),
+              lieeuler.prismatic_joint(0 if rides else -1, 1, [0, 1, 0], [0, 0, 0], x, x, np.eye(3))]
+    places, speeds = ([each[0], each[1] + each[0] * rides] for each in (q, rates))
+    laws = tuple(Law(k, lieeuler.Coordinate(x, x), q[k], stops=stop) for k, stop in enumerate(stops))
+    return lieeuler.Problem(bodies, joints, [-weight, 0, 0], [places[0] * x, places[1] * x + [0, 1, 0]],
+                            [np.eye(3)] * 2, [speed * x for speed in speeds], np.zeros((2, 3)), laws=laws)
+
+
+STOPPED = {"taylor": ({"rtol": 1e-13}, 1e-12), "rattle2": ({"step": 0.01}, 1e-12), "rkmk4": ({"step": 0.1}, 1e-12),
+           "DAE1L_LSE": ({"step": 1e-3}, 4e-3)}  # of constant accelerations all but the last one are exact
+
+
+@pytest.mark.parametrize("method", STOPPED)
+def test_a_weight_bounces_while_another_rests(method):
+    """It falls half a metre at 1 m/s^2 and leaves its stop at half its speed: .5 u - u^2 / 2 at u = t - 1."""
+    options, near = STOPPED[method]
+    problem = slides([0.0, 0.5], [0.0, 0.0], [Stops(0.0), Stops(0.0, restitution=0.5)], 1.0, rides=False)
+    solution = lieeuler.integrate(problem, method, t_eval=np.linspace(0.0, 1.9, 20), **options)
+    u = np.maximum(solution.t - 1.0, 0.0)
+    exact = np.where(u > 0, 0.5 * u - 0.5 * u ** 2, 0.5 - 0.5 * solution.t ** 2)
+    assert np.abs(solution.x[:, 1, 0] - exact).max() < near
+    assert not solution.x[:, 0].any()
+    assert [event[1:] for event in solution.events] == [(1, "hits_lower")]
+
+
+@pytest.mark.parametrize("method", STOPPED)
+def test_a_weight_that_rests_on_its_stop_is_kicked_off(method):
+    """The second slide, on the first, meets its upper stop at sqrt(8) m/s and takes it along at two thirds of that.
+
+    They fly for 2 v / g; the first lands, and the second goes on down as fast as it was.
+    """
+    options, near = STOPPED[method]
+    problem = slides([0.0, 0.0], [0.0, 3.0], [Stops(0.0), Stops(upper=0.5)], 1.0, rides=True)
+    solution = lieeuler.integrate(problem, method, t_eval=np.linspace(0.0, 4.2, 43), **options)
+    v, hit = 2 / 3 * np.sqrt(8.0), 3.0 - np.sqrt(8.0)
+    u, after = solution.t - hit, solution.t - hit - 2 * v
+    flight = np.where((u > 0) & (after < 0), v * u - 0.5 * u ** 2, 0.0)
+    rider = np.select([u < 0, after < 0], [3.0 * solution.t - 0.5 * solution.t ** 2, 0.5 + flight],
+                      0.5 - v * after - 0.5 * after ** 2)
+    assert np.abs(solution.x[:, :, 0] - np.stack([flight, rider], axis=1)).max() < near
+    assert [event[1:] for event in solution.events] == [(1, "hits_upper"), (0, "leaves_lower"), (0, "hits_lower"),
+                                                        (1, "leaves_upper")]
+
+
+@pytest.mark.parametrize("method", STOPPED)
+@pytest.mark.parametrize(("q", "rates", "weight"), [
+    ([0.5, 0.5], [-1.0, -1.0], 0.0), ([0.5, 0.5], [0.0, 0.1], 1.0), ([0.5, 0.2], [0.0, -0.1], 1.0),
+    ([0.5, 0.25], [0.0, 0.0], 1.0)])
+def test_two_slides_one_on_the_other_end_on_their_stops(method, q, rates, weight):
+    problem = slides(q, rates, [Stops(0.0, 2.0), Stops(0.0, 2.0)], weight, rides=True)
+    solution = lieeuler.integrate(problem, method, t_eval=np.linspace(0.0, 3.0, 20), **STOPPED[method][0])
+    assert solution.success
+    assert {event[1:] for event in solution.events} == {(0, "hits_lower"), (1, "hits_lower")}
+    assert np.abs(solution.x[-1, :, 0]).max() < 1e-13
+    assert np.abs(solution.v[-1]).max() < 1e-15
+
+
+@pytest.mark.parametrize("method", STOPPED)
+@pytest.mark.parametrize("rests", [False, True], ids=["both are hit", "one is hit, one carries"])
+def test_coupled_stops_of_which_one_bounces_end_the_run(method, rests):
+    """Which of them acts first decides what follows, and nothing decides that."""
+    both = [Stops(0.0, restitution=0.0 if rests else 0.5), Stops(0.0, restitution=0.5)]
+    problem = slides([0.0 if rests else 0.5, 0.5], [0.0 if rests else -1.0, -1.0], both, float(rests), rides=True)
+    with pytest.raises(lieeuler.IntegrationError, match="act on each other") as caught:
+        lieeuler.integrate(problem, method, t_eval=np.linspace(0.0, 1.0, 21), **STOPPED[method][0])
+    when = np.sqrt(2.0) - 1.0 if rests else 0.5
+    assert caught.value.status is lieeuler.Status.NOT_UNIQUE
+    assert caught.value.solution.t_end == pytest.approx(when, abs=0.05)
+    assert caught.value.solution.events[0][0] == pytest.approx(when, abs=2e-3)
+
+
 @pytest.mark.parametrize("delay", [0, 1, 2])
 @pytest.mark.parametrize("kind", ["slide", "turn"])
 def test_sampled_control_is_exact(kind, delay):

@@ -10,6 +10,7 @@ import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 from lieeuler import Status
 from tests.lieeuler.systems import SYSTEMS
+from tests.lieeuler.test_laws import slides
 from tests.lieeuler.test_redundant import linkage
 
 
@@ -20,6 +21,11 @@ def spring_at_rest(stiffness, free_length, start):
                             [np.zeros(3)], [np.zeros(3)], [spring])
 
 
+def stops_at_once():
+    """Two slides one on the other that reach their elastic stops at half a second."""
+    return slides([0.5, 0.5], [-1.0, -1.0], [lieeuler.Stops(0.0, restitution=0.5)] * 2, 0.0, rides=True)
+
+
 WAYS = {
     Status.SUCCESS: lambda: (SYSTEMS["double_pendulum"](), "rkmk4", {"step": 0.01}),
     Status.NEWTON_FAILED: lambda: (SYSTEMS["double_pendulum"](), "rattle2", {"step": 0.4}),
@@ -28,6 +34,7 @@ WAYS = {
     Status.NON_FINITE: lambda: (spring_at_rest(4.0, 0.5, 0.0), "taylor", {"rtol": 1e-8}),  # no direction, no series
     Status.STEP_TOO_SMALL: lambda: (spring_at_rest(1e30, 1.0, -1.5), "taylor", {"rtol": 1e-6}),
     Status.CONSTRAINTS_OPEN: lambda: (build_problem(crosscheck.load_scene("bricard")), "DAE2L_LE", {"step": 0.01}),
+    Status.NOT_UNIQUE: lambda: (stops_at_once(), "rkmk4", {"step": 0.01}),
     Status.INTERRUPTED: lambda: (SYSTEMS["double_pendulum"](), "rkmk4", {"step": 1e-7}),
 }  # fmt: skip
 
@@ -54,7 +61,7 @@ def test_a_run_ends_with_each_status(status):
     assert all(np.isfinite(getattr(solution, name)).all() for name in ("x", "R", "v", "w", "a", "alpha", "lam"))
 
 
-@pytest.mark.parametrize("status", [each for each in Status if each is not Status.INTERRUPTED])
+@pytest.mark.parametrize("status", [each for each in Status if each not in (Status.INTERRUPTED, Status.NOT_UNIQUE)])
 def test_a_member_of_an_ensemble_ends_with_each_status(status):
     problem, method, control = WAYS[status]()
     many = lieeuler.integrate_ensemble(problem, method, t_eval=[0.0, 8.0], v=problem.v[None], **control)

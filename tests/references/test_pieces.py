@@ -208,20 +208,74 @@ def test_a_graze_ends_the_truth(tmp_path):
     assert missed.events == ()
 
 
+def slides(folder, first, second, rides=True, masses=(1.0, 2.0), **keys):
+    """Two slides along x, the second one on the first or on the ground."""
+    bodies = [{"name": name, "mass": mass, "inertia": INERTIA} for name, mass in zip("ab", masses, strict=True)]
+    guide = {"type": "prismatic", "child_anchor": [0, 0, 0], "parent_axis": [1, 0, 0], "child_axis": [1, 0, 0],
+             "position": 0.0, "velocity": 0.0}
+    joints = [{**guide, "name": "ja", "parent": "ground", "child": "a", "parent_anchor": [0, 0, 0], **first},
+              {**guide, "name": "jb", "parent": "a" if rides else "ground", "child": "b", "parent_anchor": [0, 1, 0],
+               **second}]
+    return scene(folder, bodies, joints, **keys)
+
+
+def test_stops_that_do_not_act_on_each_other_have_impacts_of_their_own(tmp_path):
+    """A weight that falls half a metre leaves its stop at half its speed, while another one rests on its own."""
+    reference = compute(slides(tmp_path, {"limits": {"lower": 0.0, "restitution": 0.0}}, {
+        "position": 0.5, "limits": {"lower": 0.0, "restitution": 0.5}}, rides=False, gravity=(-1.0, 0, 0), duration=1.9,
+        samples=20))
+    u = np.maximum(reference.t - 1.0, 0.0)
+    exact = np.where(u > 0, 0.5 * u - 0.5 * u**2, 0.5 - 0.5 * reference.t**2)
+    assert reference.horizon == 1.9
+    np.testing.assert_allclose(reference.states.x[:, 1, 0], exact, rtol=0, atol=EXACT)
+    assert not reference.states.x[:, 0].any()
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
-def test_two_stops_at_once_end_it_unless_neither_bounces(tmp_path, restitution):
+def test_two_stops_at_once_that_do_not_act_on_each_other(tmp_path, restitution):
     """Without weight two hinges of their own turn at the same rate and reach their stops together."""
     keys = {"velocity": 1.0, "limits": {"upper": 0.2, "restitution": restitution}}
     bodies = [{"name": name, "mass": 1.0, "inertia": INERTIA} for name in "ab"]
     joints = [hinge(name, "ground", name, [0, 2.0 * k, 0], [0, 0, 0.3], **keys) for k, name in enumerate("ab")]
     reference = compute(scene(tmp_path, bodies, joints))
     assert [event[1:] for event in reference.events] == [("a", "hits_upper"), ("b", "hits_upper")]
+    assert reference.horizon == 1.0
+    np.testing.assert_allclose(reference.states.w[-1, :, 1], -restitution, rtol=0, atol=EXACT)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_two_stops_at_once_that_act_on_each_other_end_it_unless_neither_bounces(tmp_path, restitution):
+    keys = {"position": 0.5, "velocity": -1.0, "limits": {"lower": 0.0, "restitution": restitution}}
+    reference = compute(slides(tmp_path, keys, keys))
+    assert [event[1:] for event in reference.events] == [("ja", "hits_lower"), ("jb", "hits_lower")]
     if restitution:
-        assert reference.horizon == pytest.approx(0.2, abs=1e-12)
-        assert "'a' and 'b' act at one instant" in reference.horizon_cause
+        assert reference.horizon == pytest.approx(0.5, abs=1e-12)
+        assert "'ja' and 'jb' act at one instant" in reference.horizon_cause
     else:
         assert reference.horizon == 1.0
         assert not reference.states.v[-1].any()
+
+
+def test_a_bounce_on_a_stop_that_carries_ends_it(tmp_path):
+    reference = compute(slides(tmp_path, {"position": 0.5, "limits": {"upper": 0.5, "restitution": 0.0}}, {
+        "limits": {"upper": 0.5, "restitution": 0.5}}, gravity=(1.0, 0, 0), duration=1.9))
+    assert reference.horizon == pytest.approx(1.0, abs=1e-12)
+    assert "'ja' and 'jb' act at one instant" in reference.horizon_cause
+
+
+def test_an_impact_kicks_off_what_rests_on_its_stop(tmp_path):
+    """The second slide meets its upper stop at sqrt(8) m/s and takes the first along at two thirds of that."""
+    reference = compute(slides(tmp_path, {"limits": {"lower": 0.0}}, {"velocity": 3.0, "limits": {"upper": 0.5}},
+                               gravity=(-1.0, 0, 0), duration=4.2, samples=43))
+    v, u = 2 / 3 * math.sqrt(8.0), reference.t - 3.0 + math.sqrt(8.0)
+    after = u - 2 * v
+    flight = np.where((u > 0) & (after < 0), v * u - 0.5 * u**2, 0.0)
+    rider = np.select([u < 0, after < 0], [3.0 * reference.t - 0.5 * reference.t**2, 0.5 + flight],
+                      0.5 - v * after - 0.5 * after**2)
+    np.testing.assert_allclose(reference.states.x[:, :, 0], np.stack([flight, rider], axis=1), rtol=0, atol=5 * EXACT)
+    assert [event[1:] for event in reference.events] == [
+        ("jb", "hits_upper"), ("ja", "leaves_lower"), ("ja", "hits_lower"), ("jb", "leaves_upper")]
+    assert reference.horizon == 4.2
 
 
 BALL = {"bodies": [{"name": "b", "mass": 1.0, "inertia": [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -9,10 +11,13 @@ import importlib.metadata
 import json
 import os
 import pathlib
+import re
+import sys
 import tempfile
 import warnings
 import zipfile
 import zlib
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -31,21 +36,45 @@ SHARED = ("coordinates", "functions", "joints", "laws", "model", "states", "vect
 
 @functools.cache
 def formula_version() -> str:
-    """Digest of the code that makes references and of the versions of its libraries.
+    """Digest of the code that makes references, without what only explains it, and of the versions of its libraries.
 
     With it, results of an old formula are never used after an edit, even if nobody increases a version number.
     """
-    digest = hashlib.sha256()
     here = pathlib.Path(__file__).parent
     shared = [here.parent / "scene" / f"{name}.py" for name in SHARED]
-    for source in [*sorted(here.glob("*.py")), *shared]:
-        digest.update(source.read_bytes())
+    digest = hashlib.sha256(_meaning([*sorted(here.glob("*.py")), *shared]).encode())
     for library in ("heyoka", "scipy", "mpmath"):
         try:
             digest.update(importlib.metadata.version(library).encode())
         except importlib.metadata.PackageNotFoundError:  # an extra
             digest.update(b"none")
     return digest.hexdigest()
+
+
+def _meaning(sources: Sequence[pathlib.Path]) -> str:
+    """Digest of what these modules do. Parsing takes a tenth of a second, so it is kept by the digest of the texts."""
+    texts = [source.read_bytes() for source in sources]
+    kept = cache_folder() / f"meaning-{hashlib.sha256(b''.join([sys.version.encode(), *texts])).hexdigest()[:24]}"
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        if re.fullmatch("[0-9a-f]{64}", stored := kept.read_text()):
+            return stored
+    digest = hashlib.sha256()
+    for text in texts:
+        digest.update(meaning(text).encode())
+    with contextlib.suppress(OSError):
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_text(digest.hexdigest())
+    return digest.hexdigest()
+
+
+def meaning(text: bytes | str) -> str:
+    """The syntax tree of a module without docstrings, as text: comments and layout do not count either."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            node.body = [each for each in node.body if not (isinstance(each, ast.Expr) and isinstance(
+                each.value, ast.Constant))]
+    return ast.dump(tree)
 
 
 def path(scene: Scene) -> pathlib.Path:

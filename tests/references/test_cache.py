@@ -52,6 +52,38 @@ def same(one, other):
             np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
 
 
+PLAIN = "def double(x):\n    return 2 * x\n"
+
+
+@pytest.mark.parametrize("same", [
+    '"""Doubles."""\n\n' + PLAIN, PLAIN + '"Twice."',
+    "def double(x):  # x: a number\n    return (2\n            * x)\n",
+    'def double(x):\n    """Twice."""\n    return 2 * x'])
+def test_what_only_explains_is_no_part_of_the_key(same):
+    assert cache.meaning(same) == cache.meaning(PLAIN)
+
+
+@pytest.mark.parametrize("other", [PLAIN.replace("2", "3"), PLAIN.replace("* x", "* x * 1"), "LIMIT = 1\n" + PLAIN,
+                                   PLAIN.replace("return", "y ="), PLAIN.replace("2 * x", "'2 * x'")])
+def test_what_it_does_is_part_of_the_key(other):
+    assert cache.meaning(other) != cache.meaning(PLAIN)
+
+
+@pytest.mark.parametrize("stored", [None, "", "0" * 63, "\udcff"])
+def test_what_is_kept_of_the_meaning_is_the_meaning(folder, tmp_path, stored):
+    source = tmp_path / "module.py"
+    source.write_text(PLAIN)
+    found = cache._meaning([source])
+    kept, = folder.glob("meaning-*")
+    if stored is not None:
+        kept.write_bytes(stored.encode("utf-8", "surrogateescape"))
+    assert cache._meaning([source]) == found
+    source.write_text("# a comment\n" + PLAIN)
+    assert cache._meaning([source]) == found
+    source.write_text(PLAIN.replace("2", "3"))
+    assert cache._meaning([source]) != found
+
+
 def test_hit_does_not_compute(folder, single, counted):
     first = references.truth(single)
     references._kept.clear()
@@ -84,7 +116,7 @@ def test_a_longer_time_prolongs(folder, single, counted):
     assert [begin for begin, _ in counted] == sorted(begin for begin, _ in counted)
     assert counted[0][0] == 0.0 < counted[-1][0]
     same(found, at_once)
-    assert len(list(folder.iterdir())) == 1
+    assert len(list(folder.glob("*.*"))) == 1
 
 
 def test_a_shorter_truth_does_not_replace_a_longer_one(folder, single, counted):
@@ -95,7 +127,7 @@ def test_a_shorter_truth_does_not_replace_a_longer_one(folder, single, counted):
     short.prolong(0.2)
     cache.store(short)
     assert cache.path(single).read_bytes() == kept
-    assert len(list(folder.iterdir())) == 1
+    assert len(list(folder.glob("*.*"))) == 1
 
 
 def test_new_formulas_miss(folder, single, counted, monkeypatch):
@@ -167,7 +199,7 @@ def test_nothing_is_left_of_a_failed_write(folder, single, counted, monkeypatch)
     monkeypatch.setattr(cache.np, "savez", full)
     with pytest.warns(UserWarning, match="no space left"):
         references.truth(single)
-    assert list(folder.iterdir()) == []
+    assert list(folder.glob("*.*")) == []
 
 
 def test_two_processes_at_once(folder):
@@ -180,7 +212,7 @@ def test_two_processes_at_once(folder):
     results = [process.communicate(timeout=120) for process in racing]
     assert [process.returncode for process in racing] == [0, 0], results
     assert results[0][0] == results[1][0]
-    assert [file.suffix for file in folder.iterdir()] == [".npz"]
+    assert [file.suffix for file in folder.glob("*.*")] == [".npz"]
 
 
 def test_default_folder_is_the_users(monkeypatch, tmp_path):

@@ -231,7 +231,7 @@ class Engine:
         """The known defects that are about this run."""
         return tuple(
             entry for entry in self.known_defects
-            if entry.practical == run.practical and run.method in entry.methods
+            if run.method in entry.methods
             and any(f"{run.version}.".startswith(f"{version}.") for version in entry.versions)
             and (entry.forms is None or run.form in entry.forms)
             and (entry.scenes is None or (entry.scenes(self, run.scene, run.form) if callable(entry.scenes)

@@ -11,7 +11,7 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
-from crosscheck.adapters.common.known import GYROSCOPIC, with_balls
+from crosscheck.adapters.common.known import with_balls
 from crosscheck.document.known import Known
 from crosscheck.scene.model import GROUND, Scene
 
@@ -34,10 +34,8 @@ class Dart(open_tree.OpenTree):
     forces = ("torsional_spring",)
     floating = True
     known_defects = (
-        Known(("6",), methods, ("heavy_top",), ("tree",),
-              {"energy": 7e8, "level velocity": 8.7, "level acceleration": 2.3e4}, GYROSCOPIC, practical=True),
         Known(("6",), methods, with_balls, ("tree",), {
-            "interval attitude": 17, "interval position": 13.3, "interval velocity": 6.2}, SHORT_TURNS, always=False))
+            "interval attitude": 17, "interval position": 13.3, "interval velocity": 6.2}, SHORT_TURNS, always=False),)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why DART cannot run this here, or None."""

@@ -19,7 +19,6 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
-from crosscheck.adapters.common.known import GYROSCOPIC
 from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
 from crosscheck.document.known import Known
 from crosscheck.errors import EngineError, foreign
@@ -43,8 +42,6 @@ LAWS = ("Drake has no dry friction in joints, and limits and controllers only in
         "is none of the integrators here")
 """Why there are no force laws of joints, by the documentation of MultibodyPlant and JointActuator."""
 
-EXPLICIT = ("positions move with the velocities of the start of a step, and these change by the forces there, which "
-            "multiplies the energy of an oscillation at rate w by 1 + (w h)^2 a step, for any explicit Euler method")
 
 REJECTED = ("the step after a rejected one is not that of the method: on hinge_pendulum at 1e-6 its velocities are "
             "4.9e-5 to 5.7e-5 rad/s off Dormand and Prince's in 6.4 to 3.9 ms, where all other steps are theirs to "
@@ -68,10 +65,8 @@ class Drake(open_tree.OpenTree):
     floating = True
     reads = (".urdf", ".sdf", ".world")
     known_defects = (
-        *(Known(("1.51",), (method,), ("heavy_top",), ("tree",), {"energy": most}, reason, practical=True)
-          for method, most, reason in (("semi_explicit_euler", 7e8, GYROSCOPIC), ("explicit_euler", 1.2, EXPLICIT))),
         Known(("1.51",), ("bogacki_shampine3", "runge_kutta5"), lambda engine, scene, form: True, ("tree",),
-              {"rtol": 1.7}, REJECTED, always=False, margin=3.0))
+              {"rtol": 1.7}, REJECTED, always=False, margin=3.0),)
 
     def prefers_axes(self, scene: Scene, form: str | None) -> bool:
         """Roll, pitch and yaw of a ball are about axes that depend on the motion."""

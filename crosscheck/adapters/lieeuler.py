@@ -147,8 +147,6 @@ class IntegrationError(CrosscheckError, lieeuler.IntegrationError):
     """A run of lieeuler ended early: the error as one of crosscheck, with `status`, `advice` and `solution`."""
 
 
-UNSTABILIZED = ("nothing holds the positions: at this step the body leaves its joint, by decimetres with DAE2H_LE and "
-                "by metres with INDEX1_LE within the second, and its weight does work on the way")
 AXIAL = ("the discrete momentum about the needle's axis is J3 w3 (1 + h^2 w^2 J1 / (12 J3)) to second order, w the "
          "rate at which the axis turns: with J1 / J3 = 1e6 the spin comes right only where h^2 w^2 is far below 1e-5. "
          "The error is one of this spin alone, second order with that factor; with a spin-free frame, as in the "
@@ -167,8 +165,6 @@ KNOWN = (
         "interval attitude": 1.7, "interval angular velocity": 1.6}, AXIAL, always=False),
     Known(("0",), ("rattle8",), ("driven_cart",), None,
           {"order velocity": 3.9, "order angular velocity": 3.5}, OVERREACH, always=False),
-    Known(("0",), ("DAE2H_LE", "INDEX1_LE"), ("heavy_top",), None, {"energy": 2.7}, UNSTABILIZED,
-          practical=True),
 )
 
 

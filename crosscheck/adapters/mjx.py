@@ -17,7 +17,7 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping
-from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE, SUMMED, summed
+from crosscheck.adapters.common.known import NAIVE, SUMMED, summed
 from crosscheck.adapters.mujoco.adapter import Forms, sensed
 from crosscheck.adapters.mujoco.models import build, set_initial_state
 from crosscheck.document.known import Known
@@ -32,11 +32,9 @@ ROWS = 1024
 
 def _known(always: bool) -> tuple[Known, ...]:
     """Known defects; `always`: that of RK4 has to show, which single precision may hide."""
-    return (*(Known(("3",), ("RK4",), summed(word), ("tree",), kinds, NAIVE, always=surely)
-              for word, kinds, surely in (("surely", SUMMED, always), ("maybe", SUMMED, False),
-                                          ("surely", {"order intervals": 1.6}, False))),
-            Known(("3",), ("Euler", "implicitfast"), ("heavy_top",), None,
-                  {"energy": 1.4e9, "level velocity": 18, "level acceleration": 6.7e4}, GYROSCOPIC, practical=True))
+    return tuple(Known(("3",), ("RK4",), summed(word), ("tree",), kinds, NAIVE, always=surely)
+                 for word, kinds, surely in (("surely", SUMMED, always), ("maybe", SUMMED, False),
+                                             ("surely", {"order intervals": 1.6}, False)))
 
 
 class MJX(Forms):

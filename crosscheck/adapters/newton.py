@@ -22,7 +22,7 @@ import numpy as np
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.held import highest_order
-from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE, scene_of
+from crosscheck.adapters.common.known import NAIVE, scene_of
 from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco.own_law import default
@@ -66,10 +66,6 @@ BENT = ("all joints are springs of one stiffness, which the lightest body limits
 UNLOADED = ("joints are springs that begin without load, and bodies swing about what they bend under: velocities are "
             "off by 2.6e-2, 1.3e-2, 6.6e-3 m/s after 15 steps of 0.4, 0.2, 0.1 ms on hinge_pendulum, at its start and "
             "wherever a run begins; rounding then adds up, 3.6e-4, 6.7e-4, 1.2e-3 m at 50, 25, 12.5 us")
-LEFT_BEHIND = ("what a joint corrects turns a body but not its angular velocity, which stays in world axes, so that a "
-               "fast body loses spin: on heavy_top 13.4, 5.4, 2.3 rad/s of 150 in 1 s at 1, 0.5, 0.25 ms; the same "
-               "steps in NumPy lose 13.4, 5.4, 2.4 in double precision, and 0.06, 0.008, 0.001 if the velocity turns "
-               "with the body")
 KNOWN = (
     Known(("1.8",), ("MuJoCoRK4",), ("heavy_top",), ("tree",), {
         "order position": 1.8, "order attitude": 1.8, "order velocity": 1.6, "order angular velocity": 1.9}, NAIVE,
@@ -100,9 +96,6 @@ KNOWN = (
         "position": 4.7, "attitude": 1.6, "velocity": 8.0, "angular velocity": 4.8, "energy": 2.2,
         "interval velocity": 5.7, "interval angular velocity": 4.4, "level velocity": 1.3, "limit position": 4.5,
         "limit attitude": 14, "limit velocity": 52, "limit angular velocity": 53}, BENT, always=False, margin=2.0),
-    Known(("1.8",), ("Featherstone", "MuJoCoEuler", "MuJoCoImplicitfast"), ("heavy_top",), None,
-          {"energy": 5.3e8, "level velocity": 8.7}, GYROSCOPIC, practical=True),
-    Known(("1.8",), ("XPBD",), ("heavy_top",), None, {"energy": 2.1}, LEFT_BEHIND, practical=True),
 )
 
 

@@ -14,9 +14,7 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
-from crosscheck.adapters.common.known import GYROSCOPIC
 from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
-from crosscheck.document.known import Known
 from crosscheck.errors import EngineError
 from crosscheck.files import aside
 from crosscheck.scene.model import GROUND, Scene, quaternion_from_rotation
@@ -30,8 +28,6 @@ class PyBullet(open_tree.OpenTree):
     methods = ("SemiImplicitEuler",)
     package = "pybullet"
     reads = (".urdf", ".sdf", ".world")
-    known_defects = (Known(("3.2",), methods, ("heavy_top",), ("tree",), {"energy": 7.0e8, "level velocity": 9.5},
-                           GYROSCOPIC, practical=True),)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if the state becomes infinite or NaN."""

@@ -13,11 +13,9 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping
-from crosscheck.adapters.common.known import GYROSCOPIC
 from crosscheck.adapters.mujoco.adapter import Forms, sensed
 from crosscheck.adapters.mujoco.models import build, set_initial_state
 from crosscheck.adapters.newton import recorded, silent_warp
-from crosscheck.document.known import Known
 from crosscheck.errors import Unsupported
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -34,9 +32,6 @@ class Warp(Forms):
     package = "mujoco-warp"
     eps = 2.0**-23
     pace = 4
-    known_defects = (Known(("4",), ("Euler", "implicitfast"), ("heavy_top",), None,
-                           {"energy": 1.4e9, "level velocity": 16, "level acceleration": 2.4e4}, GYROSCOPIC,
-                           practical=True),)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why MuJoCo Warp cannot run this, or None."""

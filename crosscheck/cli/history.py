@@ -105,12 +105,11 @@ def trend(
     engine: Annotated[str, typer.Option(help="name of the engine")],
     method: Annotated[str, typer.Option(help="name of the method")],
     form: Annotated[str, typer.Option(help="tree, maximal or pivot; default: the engine's own choice")] = "",
-    coarse: Annotated[bool, typer.Option(help="the run at the coarse step a user might start with")] = False,
     page: Annotated[Path | None, typer.Option(help="also write a page with the curve")] = None,
     store: Store = None,
 ) -> None:
     """Print one figure over all runs, with its change points marked ◆."""
-    cell = (scene, engine, method, form, coarse)
+    cell = (scene, engine, method, form)
     if metric == OUTCOME:
         with _opened(store) as opened:
             told = stored.outcomes(opened, cell)

@@ -33,7 +33,7 @@ from crosscheck.report import check_out, schema, write
 from crosscheck.report.figures import write_figures
 from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, share_words, state
 from crosscheck.report.overview import worst_first
-from crosscheck.scene.file import as_scene, load_scene
+from crosscheck.scene.file import as_scene, load_scene, tagged
 from crosscheck.studies.paper import bundle
 from crosscheck.studies.paper.figures import FORMATS
 from crosscheck.studies.paper.runs import Request
@@ -82,9 +82,9 @@ def verify(
     """
     if jobs < 1:
         raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
-    if tag and not published.tagged(tag):
+    if tag and not tagged(*tag):
         raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
-    scene = [*(scenes or ()), *(scene or ()), *published.tagged(tag or ())] or None
+    scene = [*(scenes or ()), *(scene or ()), *tagged(*tag or ())] or None
     check_out(out)
     scene = scene_files(scene, drop, keyframe, control, limits)
     own = overrides.read(tolerance_file, tol or (), [sensor.name for each in (scene if tol or tolerance_file else None)
@@ -107,7 +107,7 @@ def verify(
         page = write(results, out)
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")
-    literature = published.figures(published.tagged(tag), tuple(results.meta.engines)) if tag else []
+    literature = published.figures(tagged(*tag), tuple(results.meta.engines)) if tag else []
     if as_json:
         more = {"published": [dataclasses.asdict(figure) for figure in literature]} if tag else {}
         options.print_json(schema.plain(results) | {"report": str(page)} | more)

@@ -126,7 +126,6 @@ class Plan(Part, frozen=True):
     steps: dict[int, float]
     ladders: dict[int, tuple[float, ...]]
     rtol: float = 1e-9
-    practical: float | None = None  # s; first-order methods also run at this coarse step, as a new user might
     samples: int = 251  # output times of the main run, enough for smooth curves on a screen
     duration: float | None = None  # s; main runs end here if the scene is longer
     budgeted: bool = False  # a limit on the cost or the user set the steps; they may be too coarse for any bound
@@ -335,7 +334,6 @@ class Record(Way, frozen=True, kw_only=True):
     version: str
     documented_order: int | None = None
     command: str = ""  # reproduces the run
-    practical: bool = False  # at a step too coarse for bounds of states, see `crosscheck.judge.verdict.judge_practical`
     own_environment: bool = False  # another version in its own environment, so that its times are not comparable
 
     status: str = ""  # as the engine says
@@ -384,7 +382,7 @@ class Change(Part, frozen=True, kw_only=True):
     kind: str  # one of `crosscheck.history.changes.KINDS`
     scene: str
     engine: str
-    method: str  # with the form and the coarse step, as on the pages
+    method: str  # with the form, as on the pages
     quantity: str
     before: float | str | None
     after: float | str | None

@@ -24,7 +24,6 @@ class Known:
     forms: tuple[str, ...] | None  # None: any form
     kinds: Mapping[str, float]  # of findings: the largest value over its bound that was measured; of orders, the lack
     reason: str
-    practical: bool = False  # shows at the plan's practical step, and is not looked for elsewhere
     always: bool = True  # it has to show in every such run: where it does not, it has vanished
     margin: float = 10.0  # times the largest measured size beyond which it excuses nothing: errors move by a few
     rising: bool = False  # of orders it excuses only those of errors that rise as steps shrink

@@ -48,10 +48,7 @@ def figures(record: Record, scene: Scene) -> list[Figure]:
         listed.append(Figure("momentum error", "kg m^2/s", record.momentum_error, rounding=rounding.get("momentum")))
     listed += _levels(record)
     listed += _costs(record)
-    # At coarse steps rounding may be magnified without bound, so that changes are no findings.
-    free = record.practical
-    return [figure._replace(value=float(figure.value), rounding=None if free else figure.rounding)
-            for figure in listed if math.isfinite(figure.value)]
+    return [figure._replace(value=float(figure.value)) for figure in listed if math.isfinite(figure.value)]
 
 
 def _rounding(scene: Scene, steps: int) -> dict[str, float]:

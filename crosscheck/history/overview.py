@@ -95,7 +95,7 @@ def courses(store: Engine, metrics: Sequence[str], limit: int) -> tuple[list[Sto
         for row in connection.execute(sqlalchemy.select(t.results, t.runs.c.name.label("run"))
                                       .select_from(t.results.join(t.runs))
                                       .where(among).order_by(t.runs.c.started, t.results.c.id)):
-            key = (row.scene, row.engine, row.method, row.form, bool(row.practical))
+            key = (row.scene, row.engine, row.method, row.form)
             course = by_cell.setdefault(key, Course(row.label, [None] * len(runs),
                                                   {name: [None] * len(runs) for name in metrics}))
             course.outcomes[place[row.run]] = row.outcome

@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, NamedTuple
 from crosscheck.document import Document
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.history.figures import Figure, figures
-from crosscheck.history.schema import migrate, tables
+from crosscheck.history.schema import prepare, tables
 from crosscheck.jobs.database import database
 from crosscheck.verification.speed import spread
 
 if TYPE_CHECKING:
     from sqlalchemy import ColumnElement, Connection, Engine, Row
 
-CellKey = tuple[str, str, str, str, bool]
-"""Scene, engine, method, form ("" if the engine chose it), and whether the step is the coarse one."""
+CellKey = tuple[str, str, str, str]
+"""Scene, engine, method, form ("" if the engine chose it)."""
 
 EMPTY = ("the store has no run yet: `crosscheck nightly` makes one, `crosscheck history add reports/latest` takes in "
          "one of `crosscheck verify`")
@@ -31,7 +31,7 @@ EMPTY = ("the store has no run yet: `crosscheck nightly` makes one, `crosscheck 
 DEFAULT = Path("reports/history.sqlite")
 """The store if none is named, relative to the current folder."""
 
-KEY = ("scene", "engine", "method", "form", "practical")
+KEY = ("scene", "engine", "method", "form")
 """Columns of a `CellKey`."""
 
 
@@ -79,12 +79,12 @@ class StoredRun:
 
 
 def open_store(where: str | Path | None = None) -> Engine:
-    """Open the store at `where`. If needed, it is made, or updated to the newest schema.
+    """Open the store at `where`. If needed, it is made.
 
     `where` is as in `crosscheck.jobs.database.database`; None: the environment variable CROSSCHECK_STORE, or else
     `DEFAULT`. Raises `ArgumentError` if it cannot be used or is not a store of crosscheck.
     """
-    return database(where or os.environ.get("CROSSCHECK_STORE") or DEFAULT, "--store", migrate)
+    return database(where or os.environ.get("CROSSCHECK_STORE") or DEFAULT, "--store", prepare)
 
 
 def run_from_document(name: str, document: Document, good: bool = False) -> StoredRun:
@@ -95,7 +95,7 @@ def run_from_document(name: str, document: Document, good: bool = False) -> Stor
     results = {}
     for record in document.records:
         form = "" if record.default_form else record.form or ""
-        key = (record.scene, record.engine, record.method, form, bool(record.practical))
+        key = (record.scene, record.engine, record.method, form)
         scene = scenes[record.scene]
         results[key] = StoredResult(key, scene.hash, record.label, record.step, record.rtol,
                                     record.outcome, record.message,
@@ -201,7 +201,7 @@ def load(store: Engine, name: str) -> StoredRun:
         results, kept = {}, {}
         for each in connection.execute(sqlalchemy.select(t.results).where(t.results.c.run_id == row.id)
                                        .order_by(t.results.c.id)):
-            key = (each.scene, each.engine, each.method, each.form, bool(each.practical))
+            key = (each.scene, each.engine, each.method, each.form)
             kept[each.id] = results[key] = StoredResult(key, each.scene_hash, each.label, each.step, each.rtol,
                                                         each.outcome, each.message, {})
         for each in connection.execute(sqlalchemy.select(t.metrics).join(t.results).where(
@@ -305,7 +305,7 @@ def usual(store: Engine, run: StoredRun, metric: str, limit: int = 10, fewest: i
             t.results.c.run_id.in_(numbers), t.metrics.c.name == metric)).all()
     values: dict[CellKey, list[float]] = {}  # the newest first
     for row in sorted(rows, key=lambda row: numbers.index(row.run_id)):
-        key = (row.scene, row.engine, row.method, row.form, bool(row.practical))
+        key = (row.scene, row.engine, row.method, row.form)
         now = run.results.get(key)
         if now is not None and (row.scene_hash, row.step, row.rtol) == (now.scene_hash, now.step, now.rtol):
             values.setdefault(key, []).append(row.value)

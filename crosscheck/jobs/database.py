@@ -21,7 +21,7 @@ PATIENCE = 60.0
 
 
 def database(where: str | Path, option: str, prepare: Callable[[Engine], object]) -> Engine:
-    """Connect to the database at `where`, after `prepare`, which makes or updates its schema.
+    """Connect to the database at `where`, after `prepare`, which makes its tables.
 
     Parameters
     ----------

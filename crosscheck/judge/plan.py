@@ -46,8 +46,7 @@ PLANS = {
         1: EULER_LADDER, 4: halved(2e-2), 5: halved(1e-2), 6: parts(0.4, 12, 16, 20, 24),
         8: parts(0.4, 16, 20, 24, 28)}),
     "heavy_top": Plan(0.1, {1: 5e-6, 2: 2e-5, 4: 1e-4, 8: 5e-4}, {
-        1: halved(4e-5), 2: halved(2e-4), 4: halved(4e-3), 6: parts(0.02, 5, 6, 8, 10), 8: parts(0.02, 4, 6, 8, 10)},
-        practical=1e-3),
+        1: halved(4e-5), 2: halved(2e-4), 4: halved(4e-3), 6: parts(0.02, 5, 6, 8, 10), 8: parts(0.02, 4, 6, 8, 10)}),
 }
 
 ORDERS = (1, 2, 4, 6, 8)

@@ -152,7 +152,7 @@ def judge_invariants(scene: Scene, traj: Trace, truth: Reference, bounds: Bounds
             _judged("momentum", momentum, turn, "kg m^2/s", where, none or "momentum" in bounds.empty)]
 
 
-def judge_practical(scene: Scene, traj: Trace, truth: Reference) -> Finding:
+def judge_coarse(scene: Scene, traj: Trace, truth: Reference) -> Finding:
     """Judge the energy of a run at a coarse step: its error must not exceed the energy to lift all bodies to the top.
 
     If other forces or drives act, the range of the true kinetic energy is added, which without gravity comes from them
@@ -171,7 +171,7 @@ def judge_practical(scene: Scene, traj: Trace, truth: Reference) -> Finding:
 
 
 def judge_without_truth(scene: Scene, traj: Trace) -> Finding:
-    """Judge the energy of a run without truth: as `judge_practical`, for scenes that conserve energy."""
+    """Judge the energy of a run without truth: as `judge_coarse`, for scenes that conserve energy."""
     change = float(np.abs(traj.energy - traj.energy[0]).max())
     if scene.forces or scene.has_laws:
         return Finding("energy", "unjudged", change, None, "J", "forces may change the energy, and no truth tells how")
@@ -290,7 +290,7 @@ def settle(run: Record, findings: list[Finding], defects: Sequence[Known], messa
             findings.append(Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
                                     f"{entry.reason}", "if the engine was mended, remove the entry"))
     outcome = outcome_of(findings)
-    if outcome == "pass" and (run.practical or _share(judged_until, run.duration) < 1):
+    if outcome == "pass" and _share(judged_until, run.duration) < 1:
         outcome = "partly"
     if outcome == "unjudged":
         still = next((each for each in findings if each.kind in ("rest", "precision")), None)
@@ -363,8 +363,6 @@ def _share(judged: float | None, duration: float | None) -> float:
 
 def word(run: Record) -> str:
     """The outcome in words, with the share of the run over which its motion was judged if that is not all of it."""
-    if run.outcome in ("pass", "partly") and run.practical:
-        return "stable"
     said = "pass" if run.outcome == "partly" else run.outcome
     share = _share(run.judged_until, run.duration)
     return (f"{said} over {100 * share:.2g} %" if share < 1 and run.outcome in ("pass", "partly", "known") else said)

@@ -17,7 +17,7 @@ from crosscheck.recordings.reading import Group
 from crosscheck.references import dense
 from crosscheck.running.arguments import best_method
 from crosscheck.running.run import run
-from crosscheck.scene.file import load_scene, scene_names
+from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Published, Scene, rotation_from_quaternion
 from crosscheck.scene.states import Motion
 
@@ -45,11 +45,6 @@ class Figure:
     def differs(self) -> bool:
         """Whether the figure is not truth, beyond its printed digits and the error of truth."""
         return self.truth > self.error + 4 * self.known
-
-
-def tagged(tags: Sequence[str]) -> list[str]:
-    """Names of the built-in scenes with one of these tags."""
-    return [name for name in scene_names() if set(tags) & set(load_scene(name).tags)] if tags else []
 
 
 def figures(names: Sequence[str], engines: Sequence[str]) -> list[Figure]:

@@ -103,7 +103,7 @@ DIGITS = 5
 """Significant digits of numbers in runs.js. results.json has all digits."""
 
 RUN_KEYS = ("scene", "engine", "version", "label", "form", "method", "outcome", "word", "step", "rtol",
-            "documented_order", "practical", "own_environment", "judged_until", "energy_error", "orthogonality")
+            "documented_order", "own_environment", "judged_until", "energy_error", "orthogonality")
 RUNG_KEYS = ("step", "rtol", "errors", "wall_time", "guide")
 CURVES = "window.CROSSCHECK_CURVES = "
 

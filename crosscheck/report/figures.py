@@ -51,8 +51,7 @@ def write_figures(document: Document, folder: Path) -> list[Path]:
                                 "axes.grid": True, "grid.color": "#dddddd", "legend.fontsize": 7,
                                 "lines.linewidth": 1.1}):
         for scene in document.scenes:
-            runs = [record for record in document.records
-                    if record.scene == scene.name and not record.practical]
+            runs = [record for record in document.records if record.scene == scene.name]
             for end, figure in figures(scene, runs):
                 path = folder / f"{Path(pages.scene_file(scene)).stem}-{end}.svg"
                 figure.savefig(path, format="svg", metadata={"Date": None}, bbox_inches="tight")
@@ -63,7 +62,7 @@ def write_figures(document: Document, folder: Path) -> list[Path]:
 def figures(scene: Scene, runs: Sequence[Record]) -> Iterator[tuple[str, Any]]:
     """The last part of the file name, and the figure, for every figure of a scene that has data."""
     of_engine = identity.of_runs((record.engine, record.label) for record in runs)
-    looks = {record.label: of_engine[record.engine][identity.base(record.label)] for record in runs}
+    looks = {record.label: of_engine[record.engine][record.label] for record in runs}
     times = scene.curves.t
     alone = [record for record in runs if record.curves.drawn]
     if alone:

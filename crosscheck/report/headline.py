@@ -22,23 +22,20 @@ OUTCOMES = {"pass": ("✓", "pass", "behaves as documented: every check within i
 
 def state(record: Record) -> str:
     """The outcome of a run, which also says how much of it was judged. Runs are coloured and counted by this state."""
-    if record.outcome == "pass" and (record.partly or record.practical):
-        return "partly"  # older files have the outcome "pass" here
     if record.outcome == "unjudged" and any(finding.kind == "step" for finding in record.findings):
         return "budgeted"
     return record.outcome
 
 
 def judged_share(records: Sequence[Record]) -> float | None:
-    """The average share of their time over which the motion of runs was judged; None if all are at coarse steps."""
-    shares = [(record.judged_until or 0.0) / record.duration for record in records
-              if not record.practical and record.duration]
+    """The average share of their time over which the motion of runs was judged; None if none has a duration."""
+    shares = [(record.judged_until or 0.0) / record.duration for record in records if record.duration]
     return sum(shares) / len(shares) if shares else None
 
 
 def share_words(share: float | None) -> str:
     """A share from `judged_share` in words."""
-    return "at coarse steps" if share is None else f"over {100 * share:.0f} % of the time"
+    return "" if share is None else f"over {100 * share:.0f} % of the time"
 
 
 SPARED = 2
@@ -62,8 +59,7 @@ def _passing(document: Document) -> str:
     records = [record for record in document.records if record.scene not in lost]
     count = {outcome: sum(state(record) == outcome for record in records) for outcome in OUTCOMES}
     failing = [record for record in records if record.outcome in ("fail", "error")]
-    part = [record for record in records if state(record) == "partly" and not record.practical]
-    coarse = count["partly"] - len(part)
+    part = [record for record in records if state(record) == "partly"]
     if count["pass"] and count["pass"] + count["unsupported"] == len(records) and not count["partly"]:
         made = "that could be made " if count["unsupported"] else ""
         return f"The only run {made}passes" if count["pass"] == 1 else f"All {count['pass']} runs {made}pass"
@@ -73,8 +69,6 @@ def _passing(document: Document) -> str:
         reasons = Counter(record.not_judged for record in part if record.not_judged).most_common(1)
         said.append(f"{len(part)} more over part of {'its' if len(part) == 1 else 'their'} time "
                     f"({100 * share:.0f} %{f', since {reasons[0][0]}' if reasons else ''})")
-    if coarse:
-        said.append(f"{coarse} more at coarse steps, by energy and constraints alone")
     if count["budgeted"]:
         said.append(f"{count['budgeted']} at steps too coarse to judge")
     if count["unjudged"]:
@@ -134,18 +128,14 @@ def why_no_truth(scene: Scene) -> str:
 
 
 def partly(document: Document) -> str:
-    """How many runs were judged over a part of their length only, or not by their motion; "" if none."""
-    records = document.records
-    short = sum(record.partly and record.outcome in ("pass", "partly", "known") for record in records)
-    stable = sum(record.word == "stable" for record in records)
-    said = [f"{short} of them judged over a part of their time only" if short else "",
-            f"{stable} only by energy and held constraints" if stable else ""]
-    return ", ".join(each for each in said if each)
+    """How many runs were judged over a part of their length only; "" if none."""
+    short = sum(record.partly and record.outcome in ("pass", "partly", "known") for record in document.records)
+    return f"{short} of them judged over a part of their time only" if short else ""
 
 
 def span(record: Record) -> str:
     """In words, over what part of its length the motion of a run was judged."""
-    if record.practical or record.outcome == "unjudged":
+    if record.outcome == "unjudged":
         return "motion not judged"
     if record.judged_until is None or record.duration is None:
         return ""

@@ -11,7 +11,6 @@ import dataclasses
 import hashlib
 import itertools
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from crosscheck.document import grouped
@@ -86,7 +85,7 @@ def looks(labels: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Look]]:
 
 def of_runs(runs: Iterable[tuple[str, str]]) -> dict[str, dict[str, Look]]:
     """`looks` of runs, given as (engine, label)."""
-    return looks({engine: list(dict.fromkeys(base(label) for _, label in own))
+    return looks({engine: list(dict.fromkeys(label for _, label in own))
                   for engine, own in grouped(runs, lambda run: run[0]).items()})
 
 
@@ -106,11 +105,6 @@ def look(engine: str, place: int) -> Look:
     marker = MARKERS[place % len(MARKERS)]
     return Look(_hex(LIGHT[shade], CHROMA, hue), _hex(DARK[shade], 0.8 * CHROMA, hue),
                 DASHES[(place // SHADES + shade) % len(DASHES)], *marker)
-
-
-def base(label: str) -> str:
-    """The label that determines the look of a run. A run at the coarse step has the look of its method."""
-    return re.sub(r" at [^ ]+ ms$", "", label)
 
 
 def _hex(lightness: float, chroma: float, hue: float) -> str:

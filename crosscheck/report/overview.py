@@ -44,7 +44,7 @@ def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
     Runs that pass over a part of their time count, too.
     """
     best: dict[str, dict[str, Record]] = {scene.name: {} for scene in document.scenes}
-    passing = (record for record in document.records if record.outcome in ("pass", "partly") and not record.practical
+    passing = (record for record in document.records if record.outcome in ("pass", "partly")
                and not math.isinf(record.judged_error))
     for (scene, engine), records in _pairs(passing).items():
         best[scene][engine] = min(records, key=lambda record: record.judged_error)
@@ -81,26 +81,10 @@ def recommended(scenes: Sequence[Scene]) -> list[Advice]:
 
 
 def by_method(document: Document) -> dict[str, list[tuple[str, dict[str, Record]]]]:
-    """Runs that are not at coarse steps, by engine: rows of (label, run of each scene)."""
-    fine = grouped((record for record in document.records if not record.practical), lambda record: record.label)
-    rows = [(label, {record.scene: record for record in records}) for label, records in fine.items()]
+    """Runs by engine: rows of (label, run of each scene)."""
+    labelled = grouped(document.records, lambda record: record.label)
+    rows = [(label, {record.scene: record for record in records}) for label, records in labelled.items()]
     return grouped(rows, lambda row: next(iter(row[1].values())).engine)
-
-
-@dataclasses.dataclass(frozen=True)
-class Coarse:
-    """Runs of one scene at one step that is too coarse for bounds of the motion."""
-
-    scene: str
-    step: float  # s
-    records: list[Record]
-
-
-def at_coarse_steps(document: Document) -> list[Coarse]:
-    """Runs at steps too coarse for bounds of the motion, grouped by scene and step."""
-    coarse = grouped((record for record in document.records if record.practical),
-                     lambda record: (record.scene, record.step or 0.0))
-    return [Coarse(name, step, records) for (name, step), records in coarse.items()]
 
 
 MATTERS = {**dict.fromkeys(QUANTITIES, "error of the motion beyond its bound"),

@@ -32,8 +32,7 @@ from crosscheck.report.headline import (
 )
 from crosscheck.report.identity import for_scripts
 
-STUDIES = {"convergence": "Convergence", "speed": "Speed against error", "conservation": "Energy and constraints",
-           "coarse": "At a coarse step"}
+STUDIES = {"convergence": "Convergence", "speed": "Speed against error", "conservation": "Energy and constraints"}
 """Titles of the studies by the keys in their file names."""
 
 
@@ -123,8 +122,7 @@ def studies(document: Document) -> dict[str, str]:
     records = document.records
     made = {"convergence": any(record.orders for record in records),
             "speed": any(record.ladder or record.timing for record in records),
-            "conservation": any(record.levels for record in records),
-            "coarse": any(record.practical for record in records)}
+            "conservation": any(record.levels for record in records)}
     return {key: title for key, title in STUDIES.items() if made[key]}
 
 
@@ -158,7 +156,7 @@ def _overview(template: str, document: Document) -> str:
     return _render(
         template, document, "index", matrix=overview.by_method(document), cells=overview.by_scene_and_engine(document),
         shares=overview.judged_shares(document),
-        practical=overview.at_coarse_steps(document), headline=headline(document), partly=partly(document),
+        headline=headline(document), partly=partly(document),
         by_engine={engine: overview.counted([record for record in records if record.engine == engine])
                    for engine in document.meta.engines},
         counts=overview.summary_counts(records), worst=overview.worst_first(records, document.changes),
@@ -192,9 +190,8 @@ def engine(document: Document, name: str) -> str:
 def study(document: Document, key: str) -> str:
     """The page of one study over all scenes."""
     titles = {each.name: each.title for each in document.scenes}
-    records = [record for record in document.records if record.practical == (key == "coarse")]
-    return _render(f"study-{key}.html.j2", document, f"study {key}", records=records, titles=titles,
-                   title=STUDIES[key], practical=overview.at_coarse_steps(document))
+    return _render(f"study-{key}.html.j2", document, f"study {key}", records=document.records,
+                   titles=titles, title=STUDIES[key])
 
 
 def support_rows(document: Document, described: Scene) -> list[Support]:
@@ -205,6 +202,5 @@ def support_rows(document: Document, described: Scene) -> list[Support]:
 def paper_rows(records: Sequence[Record]) -> list[Record]:
     """The rows of the table of [P1]: its eight methods in its order, then every run of the other engines."""
     euler = [record for method in EULER for record in records
-             if record.engine == "lieeuler" and record.method == method and not record.practical]
-    return euler + [record for record in records if record.engine != "lieeuler" and record.errors
-                    and not record.practical]
+             if record.engine == "lieeuler" and record.method == method]
+    return euler + [record for record in records if record.engine != "lieeuler" and record.errors]

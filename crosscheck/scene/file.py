@@ -35,6 +35,11 @@ def scene_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _folder().glob("*.toml")))
 
 
+def tagged(*tags: str) -> list[str]:
+    """Names of the built-in scenes with one of these tags, as their files say, which are not checked."""
+    return [name for name in scene_names() if set(tags) & set(read_scene(name)[1].get("tags", ()))]
+
+
 _carried: dict[str, Content] = {}  # contents from another machine, by their names there
 
 

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from crosscheck.document import Way
 from crosscheck.jobs.drive import Crash, Limits, run_tasks
 from crosscheck.jobs.workers.process import GIGABYTE
-from crosscheck.scene.file import load_scene, scene_names
+from crosscheck.scene.file import load_scene, tagged
 from crosscheck.studies.study import STAGE, Ask, StudyDocument, StudyMeta, Work
 from crosscheck.verification.advice import Walk, prepare
 
@@ -58,7 +58,7 @@ class Stability:
     @property
     def scenes(self) -> tuple[str, ...]:
         """Ordinary scenes, then the hard ones."""
-        return (*ALSO, *(name for name in scene_names() if "hard" in load_scene(name).tags))
+        return (*ALSO, *tagged("hard"))
 
     def measure(self, work: Work[StabilityAsk, Line]) -> None:
         """Climb the ladders of every engine on every scene in worker processes."""

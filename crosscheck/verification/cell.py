@@ -28,9 +28,9 @@ from crosscheck.judge.substeps import MORE
 from crosscheck.judge.vanishing import within
 from crosscheck.judge.verdict import (
     SINGLE,
+    judge_coarse,
     judge_invariants,
     judge_levels,
-    judge_practical,
     judge_rest,
     judge_states,
     judge_without_truth,
@@ -57,14 +57,13 @@ def run_cell(cell: Cell) -> Record:
     """Run and judge one cell. A failing run gets a verdict, too."""
     way, plan = cell.way, cell.plan
     version = engine_version(way.engine)
-    run = extended(Record, way, scene=cell.scene, version=version, practical=cell.practical)
+    run = extended(Record, way, scene=cell.scene, version=version)
     if version == NOT_INSTALLED:
         return replace(run, outcome="unsupported", message=NOT_INSTALLED)
     scene = load(cell.scene, plan, cell.whole)
     engine = adapters.get(way.engine)
     order = engine.documented_order(scene, RunSpec(way.method, step=plan.step(1), form=way.form))
-    way = replace(way, step=None if order is None else plan.practical if cell.practical else plan.step(order),
-                  rtol=plan.rtol if order is None else None)
+    way = replace(way, step=None if order is None else plan.step(order), rtol=plan.rtol if order is None else None)
     spec = RunSpec(way.method, **way.arguments)
     run = replace(run, step=way.step, rtol=way.rtol, documented_order=order, command=cell.command(way))
     reason = engine.unsupported(scene, spec)
@@ -123,7 +122,7 @@ def judge_run(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str],
         return _unless_passing(settled(main.run, main.findings), f"no truth: {' '.join(str(error).split())}")
     main = _main_run(Asked(run, scene, traj), reference, window, held, budgeted=True)
     coarse = any(finding.kind == "step" for finding in main.findings)
-    findings = [*main.findings, *([judge_practical(scene, traj, reference)] if coarse else [])]
+    findings = [*main.findings, *([judge_coarse(scene, traj, reference)] if coarse else [])]
     return settled(main.run, findings, main.message, main.judged, main.why, main.whole)
 
 
@@ -173,15 +172,13 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     run, scene, scale = asked.run, asked.scene, tolerances.scales(asked.scene, reference)
     nothing = Covered(np.zeros(len(traj.t) - 1, bool))
     engine = adapters.get(run.engine)
-    if not np.isfinite(traj.x).all() or (run.practical and engine.eps <= tolerances.EPS):
-        return _Seen(tolerances.EPS, [] if run.practical else unjudged("the run is not finite"), [], [], nothing)
+    if not np.isfinite(traj.x).all():
+        return _Seen(tolerances.EPS, unjudged("the run is not finite"), [], [], nothing)
     again = asked.repeat(scale.length)
     soft = engine.soft_laws and any(any(joint.dry_friction) or any(joint.limits) for joint in scene.joints)
     eps = max(tolerances.EPS, min(engine.eps, SINGLE))
     if eps > tolerances.EPS and not isinstance(again, str):
         eps = seen_eps(traj, again, {name: scale.of(name) for name in QUANTITIES}, engine.eps, SINGLE)
-    if run.practical:
-        return _Seen(eps, [], [], [], nothing)
     try:
         beside = _beside(asked, traj, reference, again, eps, soft)
         intervals, covered = judge_intervals(scene, traj, beside.ended or beside.runs, beside.apart)
@@ -261,21 +258,14 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
         traj = dataclasses.replace(traj, steps=steps)
     seen = _intervals(asked, traj, reference)
     claim = Claim(run.documented_order, _asked_step(run, scene), run.rtol, seen.eps)
-    judged = None
-    if run.practical:
-        bounds, missed = None, errors(scene, traj, reference.states)
-        findings = [judge_practical(scene, traj, reference)]
-        findings += [Finding(name, "unjudged", error.max, None, error.unit, "the step is too coarse for a bound",
-                             f"body {error.body}, t = {error.time:.4g} s") for name, error in missed.items()]
-    else:
-        findings, missed, bounds = judge_states(scene, traj, reference, window, claim)
-        findings += [*judge_invariants(scene, traj, reference, bounds), *seen.findings]
-        read, by_sensor = judge_sensors(
-            scene, traj, reference, bounds.until, bounds.states, claim, bool(bounds.empty & set(QUANTITIES)),
-            seen.runs[0] if seen.runs else None, adapters.get(run.engine).misreads)
-        findings, missed = findings + read, missed | by_sensor
-        judged = scene.duration * seen.covered.over(traj.t, bounds.reach)
-        findings += [] if judged else [too_coarse(claim, budgeted)]
+    findings, missed, bounds = judge_states(scene, traj, reference, window, claim)
+    findings += [*judge_invariants(scene, traj, reference, bounds), *seen.findings]
+    read, by_sensor = judge_sensors(
+        scene, traj, reference, bounds.until, bounds.states, claim, bool(bounds.empty & set(QUANTITIES)),
+        seen.runs[0] if seen.runs else None, adapters.get(run.engine).misreads)
+    findings, missed = findings + read, missed | by_sensor
+    judged = scene.duration * seen.covered.over(traj.t, bounds.reach)
+    findings += [] if judged else [too_coarse(claim, budgeted)]
     levels = judge_levels(scene, traj, reference, bounds, held, traj.maxima, seen.eps,
                           seen.runs[0] if seen.runs else None)
     return _Main(_measured(run, scene, asked.traj, reference, missed, held, traj.maxima),

@@ -39,11 +39,11 @@ from crosscheck.jobs.workers import output
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
-from crosscheck.judge.plan import PENDING, PLANS, Profile
+from crosscheck.judge.plan import PENDING, Profile
 from crosscheck.judge.plan import profile as profile_called
 from crosscheck.judge.verdict import beyond
 from crosscheck.running import cluster, provenance, support, versions
-from crosscheck.scene.file import load_scene, read_scene, scene_names
+from crosscheck.scene.file import load_scene, read_scene, scene_names, tagged
 from crosscheck.verification import advice, trust
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
@@ -105,9 +105,9 @@ ROW_TYPES = {"truth": SceneTruth, "cell": Record, "timing": tuple[list[list[Poin
 def select_scenes(names: Sequence[str] | None, every: bool = False) -> list[str]:
     """Names or paths of the scenes to run. Each is loaded once, so that a bad file is refused before anything runs.
 
-    If `names` is None, these are the scenes in `PLANS` or, with `every`, all of the library.
+    If `names` is None, these are the scenes with the tag "default" or, with `every`, all of the library.
     """
-    chosen = list(dict.fromkeys(names or (scene_names() if every else PLANS)))
+    chosen = list(dict.fromkeys(names or (scene_names() if every else tagged("default"))))
     for name in chosen:
         load_scene(name)
     return chosen
@@ -144,7 +144,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     Parameters
     ----------
     profile : "default", "smoke" or "full"
-    scenes : names or paths; None: those in `crosscheck.judge.plan.PLANS`, or all with the profile "full"
+    scenes : names or paths; None: those with the tag "default", or all with the profile "full"
     engines, methods : names; None: all
     jobs : number of worker processes
     progress : called as tasks end
@@ -296,14 +296,14 @@ def _truths(stages: Stages, keys: Callable[..., str], names: list[str], settings
 
 def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, overrides: Overrides, asked: Asked
              ) -> list[Cell]:
-    """The cells with the plans of their scenes. Cells at a coarse step are left out if they cannot be judged."""
+    """The cells with the plans of their scenes."""
     plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
     without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
     return [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
                                 overrides=overrides, most_seconds=settings.most_seconds, way=replace(
                                     cell.way, coordinate_map=adapters.get(cell.way.engine).takes_map(
                                         asked.coordinate_map)))
-            for cell in cells if not (cell.practical and (cell.scene in without or asked.step is not None))]
+            for cell in cells]
 
 
 def _failure(result: Record | Crash) -> str:
@@ -362,8 +362,7 @@ def labels(runs: Sequence[Record]) -> list[str]:
     forms = grouped({(run.engine, run.method, run.form) for run in runs if run.form}, lambda each: each[:2])
     return [f"{run.engine} {run.method}"
             + (f" ({run.form})" if run.form and len(forms[run.engine, run.method]) > 1 else "")
-            + (f" with {run.coordinate_map}" if run.coordinate_map else "")
-            + (f" at {1e3 * run.step:g} ms" if run.practical and run.step else "") for run in runs]
+            + (f" with {run.coordinate_map}" if run.coordinate_map else "") for run in runs]
 
 
 def command(name: str, profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None,

@@ -69,7 +69,7 @@ def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> Sce
 def _as_asked(plan: Plan, asked: Asked) -> Plan:
     """The plan with the step and the duration of main runs that the user asked for."""
     if asked.step is not None:
-        plan = replace(plan, steps={1: asked.step}, practical=None, budgeted=True)
+        plan = replace(plan, steps={1: asked.step}, budgeted=True)
     return plan if asked.duration is None else replace(plan, duration=asked.duration)
 
 

@@ -33,7 +33,6 @@ class Cell:
     whole: bool = True  # whether the main run covers the whole scene or only its first window
     default_form: bool = True
     no_truth: str = ""  # why the scene has no truth; then only findings without truth are made
-    practical: bool = False  # runs at the plan's practical step, which is too coarse for bounds of states
     overrides: tuple[tuple[str, float, str], ...] = ()  # bounds set by the user, see `crosscheck.judge.overrides`
     most_seconds: float | None = None  # limit of processor time (s) of the order study
 
@@ -131,8 +130,4 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
         # The first usable form is the engine's default.
         cells += [Cell(scene_name, Way(engine_name, method, form=form), PENDING, True, profile.rungs, profile.whole,
                        form is None) for form in (None, *usable[1:])]
-        spec = RunSpec(method, step=1e-3)
-        if profile.whole and PLANS.get(scene_name, PENDING).practical and (
-                engine.documented_order(scene, spec) == 1 and not engine.unsupported(scene, spec)):
-            cells.append(Cell(scene_name, Way(engine_name, method), PENDING, study=False, practical=True))
     return cells

@@ -24,7 +24,7 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
 
     None if nothing can be recommended.
     """
-    passing = [record for record in records if record.outcome in ("pass", "partly") and not record.practical
+    passing = [record for record in records if record.outcome in ("pass", "partly")
                and math.isfinite(record.judged_error)]
     if scene.scales is None or not passing:
         return None

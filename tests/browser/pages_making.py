@@ -108,7 +108,7 @@ def history(out):
                    for method in ("RK4", "Euler")]
         save(store, run_from_document(f"{started[:10]}T02-00-00Z-00ff", night(records, started=started)))
     write_history(out, store)
-    found = series(store, "speed ratio", ("single_pendulum", "mujoco", "RK4", "", False))
+    found = series(store, "speed ratio", ("single_pendulum", "mujoco", "RK4", ""))
     write_trend(out / "trend.html", found, "single_pendulum", "mujoco", "mujoco RK4")
     store.dispose()
 

@@ -46,10 +46,6 @@ def test_errors_as_large_as_the_scene_are_not_compared():
     assert compare(run(record(error=4.0)), run(record(error=4.4))) == []
 
 
-def test_runs_at_the_coarse_step_are_not_compared_by_their_figures():
-    assert compare(run(record(practical=True)), run(record(error=1e-3, practical=True))) == []
-
-
 @pytest.mark.parametrize(("ratio", "deviation", "found"), [
     (0.0109, 1e-5, []),  # within 10 %
     (0.0090, 1e-5, [("speed", "mujoco RK4", False)]),
@@ -70,7 +66,7 @@ def test_a_run_is_slower_if_its_fastest_repeat_is(factors, found):
 
 
 def test_the_usual_spread_between_runs_counts_too():
-    cell = ("single_pendulum", "mujoco", "RK4", "", False)
+    cell = ("single_pendulum", "mujoco", "RK4", "")
     assert told(run(), run(record(ratio=0.013)), usual={cell: Usual(0.010, 8e-4)}) == []
 
 
@@ -89,7 +85,7 @@ def test_a_step_of_an_engine_of_the_user_is_timed_without_what_a_call_costs(monk
 
 
 def test_speeds_are_compared_with_the_usual_level_and_not_with_a_night_that_strayed():
-    usual = {("single_pendulum", "mujoco", "RK4", "", False): Usual(0.010, 2e-4)}
+    usual = {("single_pendulum", "mujoco", "RK4", ""): Usual(0.010, 2e-4)}
     strayed, slower = run(record(ratio=0.012)), run(record(ratio=0.013))
     assert told(strayed, slower) == []
     assert told(strayed, slower, usual=usual) == [("speed", "mujoco RK4", True)]
@@ -128,7 +124,7 @@ def test_an_engine_that_slows_down_as_a_whole_shows_through_the_noise_of_its_run
                      for factor in (1.0, 1.3))
     assert alarms <= 4  # of 200; a nightly run measures a suspect twice more
     assert found >= 190
-    cells = {("single_pendulum", "mujoco", f"M{number}", "", False): Usual(0.01, 1.2e-3) for number in range(14)}
+    cells = {("single_pendulum", "mujoco", f"M{number}", ""): Usual(0.01, 1.2e-3) for number in range(14)}
     assert told(noisy(1.0, 14, 1), noisy(1.35, 14, 3), usual=cells) == []  # nights differ as much
 
 

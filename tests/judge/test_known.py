@@ -20,10 +20,9 @@ from crosscheck.verification.task import Cell
 from tests import SCENARIOS
 
 
-def about(engine, method, scene, form="tree", version="4.1", practical=False):
+def about(engine, method, scene, form="tree", version="4.1"):
     """The entries about a run."""
-    run = Record(scene=scene, engine=engine, version=version, method=method, form=form, step=1e-3, documented_order=4,
-                   practical=practical)
+    run = Record(scene=scene, engine=engine, version=version, method=method, form=form, step=1e-3, documented_order=4)
     return defects(run)
 
 
@@ -158,14 +157,6 @@ def test_errors_larger_than_those_of_rounding_alone_are_not_excused_by_it(factor
     findings = [Finding("order attitude", "fail", -1.04, 0.9, "1", ""),
                 Finding("position", "ok", 1.6e-4 * factor, 0.32, "m", "")]
     assert settle(run, findings, defects(run)).outcome == outcome
-
-
-def test_what_newton_loses_on_the_fast_top_at_a_practical_step_is_known():
-    for method, form in (("Featherstone", "tree"), ("MuJoCoEuler", "tree"), ("XPBD", "maximal")):
-        entry, = about("newton", method, "heavy_top", form=form, version="1.8.0", practical=True)
-        assert entry.always
-        assert not about("newton", method, "single_pendulum", form=form, version="1.8.0", practical=True)
-    assert not about("newton", "SemiImplicit", "heavy_top", form="maximal", version="1.8.0", practical=True)
 
 
 def test_naive_rk4_shows_as_known_and_fails_once_it_is_fourth_order():

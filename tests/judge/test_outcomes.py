@@ -72,18 +72,17 @@ def test_bounds_judge_the_motion_unless_those_of_positions_or_attitudes_are_empt
         2.0, 2.0, 0.0]
 
 
-def settled(findings, entry=None, until=1.0, practical=False):
+def settled(findings, entry=None, until=1.0):
     run = Record(scene="single_pendulum", engine="fake", version="1", method="Plain", form=None, duration=1.0,
-                   practical=practical, errors={"position": Errors(unit="m", end=1.0, max=1.0, time=0.0, body="b")})
+                   errors={"position": Errors(unit="m", end=1.0, max=1.0, time=0.0, body="b")})
     return verdict.settle(run, findings, () if entry is None else (entry,), judged_until=until)
 
 
-@pytest.mark.parametrize(("until", "practical", "outcome"), [
-    (1.0, False, "pass"), (1.0, True, "partly"), (0.5, False, "partly"), (None, False, "pass"),
-    (1.0 - 1e-12, False, "pass"), (1.0 - 1e-6, False, "partly")])
-def test_a_pass_of_a_part_of_the_time_is_one_of_a_part(until, practical, outcome):
-    assert settled([found("position", "ok")], until=until, practical=practical).outcome == outcome
-    assert settled([found("position", "fail")], until=until, practical=practical).outcome == "fail"
+@pytest.mark.parametrize(("until", "outcome"), [
+    (1.0, "pass"), (0.5, "partly"), (None, "pass"), (1.0 - 1e-12, "pass"), (1.0 - 1e-6, "partly")])
+def test_a_pass_of_a_part_of_the_time_is_one_of_a_part(until, outcome):
+    assert settled([found("position", "ok")], until=until).outcome == outcome
+    assert settled([found("position", "fail")], until=until).outcome == "fail"
 
 
 def test_a_settled_run_says_what_was_judged_of_its_errors():
@@ -119,7 +118,7 @@ def test_a_known_defect_vanished_only_where_all_of_it_was_looked_for(monkeypatch
     (1.0, 10.0, True, "pass over 10 %"), (10.0, 10.0, False, "pass"), (None, 10.0, False, "pass"),
     (1.0, None, False, "pass"), (10.0 * (1 - 1e-10), 10.0, False, "pass"), (20.0, 10.0, False, "pass")])
 def test_words_claim_no_more_than_was_judged(until, duration, partly, word):
-    run = SimpleNamespace(judged_until=until, duration=duration, outcome="pass", practical=False)
+    run = SimpleNamespace(judged_until=until, duration=duration, outcome="pass")
     assert verdict.partly(run) == partly
     assert verdict.word(run) == word
     for outcome, said in (("fail", "fail"), ("unsupported", "unsupported"), ("error", "error")):
@@ -127,10 +126,6 @@ def test_words_claim_no_more_than_was_judged(until, duration, partly, word):
         assert verdict.word(run) == said
     run.outcome = "known"
     assert verdict.word(run).startswith("known over" if partly else "known")
-    run.practical, run.outcome = True, "known"
-    assert verdict.word(run).startswith("known")
-    run.outcome = "partly"
-    assert verdict.word(run) == "stable"
 
 
 def test_undecided_orders_are_low_measured_and_neither_settled_nor_exhausted():
@@ -179,7 +174,7 @@ def test_a_coarse_run_may_change_its_energy_by_what_lifting_all_bodies_takes(sce
     lift = 2 * sum(scene.masses) * 9.81 * scale.reach
     monkeypatch.setattr(verdict, "_conservative", lambda *_: conserved)
     for share, status in ((0.99, "ok"), (1.01, "fail")):
-        judged = verdict.judge_practical(scene, run_of(truth, share * lift, scene=scene), truth)
+        judged = verdict.judge_coarse(scene, run_of(truth, share * lift, scene=scene), truth)
         assert judged.status == (status if conserved else "ok")  # beyond the horizon the work of drives is unknown
         assert judged.bound == pytest.approx(lift / scale.kinetic)
 
@@ -191,7 +186,7 @@ def test_a_coarse_run_without_gravity_may_change_its_energy_by_what_motors_turn_
     kinetic = mechanics.kinetic_energy(scene, truth.states)
     for share, status in ((0.9, "ok"), (1.1, "fail")):
         run = run_of(truth, share * np.ptp(kinetic), scene=scene)
-        assert verdict.judge_practical(scene, run, truth).status == status
+        assert verdict.judge_coarse(scene, run, truth).status == status
 
 
 def test_without_truth_the_lifted_energy_and_that_of_the_start_bound_the_change():

@@ -12,7 +12,7 @@ from crosscheck.document.known import Known
 from crosscheck.judge import known
 from crosscheck.judge.metrics import Plateau
 from crosscheck.judge.plan import halved
-from crosscheck.judge.verdict import judge_orders, word, worst
+from crosscheck.judge.verdict import judge_orders, worst
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.speed import MOST_TIMED, Timing, time_cells
 from crosscheck.verification.task import Cell
@@ -197,21 +197,6 @@ def test_a_step_too_coarse_to_judge_leaves_a_run_unjudged_where_a_budget_chose_i
         record = run_cell(Cell("single_pendulum", Way("fake", "Plain"), plan, False))
         assert record.outcome == outcome
         assert "step" in kinds(record, "unjudged")
-
-
-def test_a_practical_step_is_judged_by_energy_and_held_levels(monkeypatch):
-    plan = replace(PLAN, practical=0.02)
-
-    def judge(size):
-        install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=size, held=frozenset({"acceleration"})))
-        return run_cell(Cell("single_pendulum", Way("fake", "Plain"), plan, study=False, practical=True))
-
-    # Errors of 0.02 m/s after 10 s hardly change the energy; 20 m/s are more than any fall from top to bottom gives.
-    mild, wild = judge(0.1), judge(100.0)
-    assert (mild.outcome, word(mild)) == ("partly", "stable")
-    assert "position" in kinds(mild, "unjudged")
-    assert "energy" in kinds(wild, "fail")
-    assert mild.step == 0.02
 
 
 def entry(*found):

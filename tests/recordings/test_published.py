@@ -6,6 +6,7 @@ import pytest
 
 import crosscheck
 from crosscheck.recordings import published
+from crosscheck.scene.file import tagged
 from tests.recordings.motions import SCENES
 
 FIGURE = """
@@ -37,7 +38,7 @@ def test_figures_are_compared_with_truth_and_never_make_it(name):
         assert low <= figure.truth <= high, figure
         assert figure.engines["lieeuler"] < 1e-10
     assert any(figure.differs for figure in told) == (name != "heavy_top")
-    assert name in published.tagged(["published"])
+    assert name in tagged("published")
 
 
 def test_a_figure_counts_not_for_the_hash(tmp_path):

@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from crosscheck.adapters import get
-from crosscheck.report.identity import DASHES, METHODS, SHADES, base, look, looks
+from crosscheck.report.identity import DASHES, METHODS, SHADES, look, looks
 
 LABELS = {"lieeuler": 24, "mujoco": 10, "pinocchio": 8, "exudyn": 15, "drake": 3}
 """Sixty runs of five engines."""
@@ -60,8 +60,3 @@ def test_a_method_looks_the_same_whichever_others_are_beside_it(engine):
     assert looks({engine: [f"{engine} mine", last]})[engine][last] == every[last]
     forms = looks({engine: [f"{last}{form}" for form in ("", " (tree)", " (maximal)", " (pivot)", " (tree, ccsk)")]})
     assert len({(each.light, each.dash) for each in forms[engine].values()}) == 5
-
-
-def test_a_coarse_run_looks_as_its_method_does():
-    assert base("mujoco RK4 (maximal) at 1 ms") == "mujoco RK4 (maximal)"
-    assert base("lieeuler DAE1L_LSE") == "lieeuler DAE1L_LSE"

@@ -52,7 +52,6 @@ def test_the_headline_claims_no_more_than_was_found(results):
     assert headline.headline(made(results.scenes[:1], [])) == "Nothing was run"
     short = made(results.scenes[:1], [replace(passing, judged_until=1.0)]).records[0]
     assert (short.word, passing.word) == ("pass over 10 %", "pass")
-    assert made(results.scenes[:1], [replace(passing, practical=True)]).records[0].word == "stable"
 
 
 def test_the_headline_tells_passes_what_is_worse_and_what_was_not_judged_and_why(results):
@@ -143,15 +142,11 @@ def test_every_scene_has_a_page_of_its_own():
 
 
 def test_runs_at_too_coarse_steps_and_shares_of_time_stand_in_the_headline(results):
-    whole = replace(results.records[0], practical=False, outcome="pass")
+    whole = replace(results.records[0], outcome="pass")
     part = replace(whole, outcome="partly", judged_until=2.5, duration=10.0)
     coarse = replace(whole, outcome="unjudged", findings=[Finding("step", "ok", 1.0, 0.5, "s", "none is fine enough")])
     said = headline.headline(made(results.scenes[:1], [whole, part, part, coarse]))
     assert said == ("1 run passes, 2 more over part of their time (25 %), 1 at steps too coarse to judge, none fails")
-    rough = replace(whole, outcome="partly", practical=True)
-    assert "2 more over part of their time (25 %), 1 more at coarse steps, by energy and constraints alone" in (
-        headline.headline(made(results.scenes[:1], [whole, part, part, rough])))
-    assert headline.share_words(headline.judged_share([rough])) == "at coarse steps"
     ended = replace(part, not_judged="a monitor ended the scene")
     assert "(25 %, since a monitor ended the scene)" in headline.headline(made(results.scenes[:1], [whole, ended]))
     assert [headline.state(each) for each in (whole, part, coarse)] == ["pass", "partly", "budgeted"]

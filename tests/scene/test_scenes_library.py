@@ -7,7 +7,7 @@ import pytest
 
 import crosscheck
 from crosscheck.scene.constraints import Constraints
-from crosscheck.scene.file import load_scene, scene_names
+from crosscheck.scene.file import load_scene, scene_names, tagged
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import RANK_TOLERANCE
 from crosscheck.scene.model import GROUND, Scene
@@ -15,7 +15,7 @@ from crosscheck.scene.schema import FORCE_ENTRIES
 
 EPS = np.finfo(float).eps
 NAMES = scene_names()
-CORE = ("double_pendulum", "heavy_top", "single_pendulum", "triple_pendulum")
+DEFAULT = ("double_pendulum", "heavy_top", "single_pendulum", "triple_pendulum")
 STEP = 1e-3  # s; a few thousandths of the fastest oscillation in the library
 
 
@@ -50,8 +50,8 @@ def test_every_scene_says_what_it_is_and_starts_closed_to_rounding(library, name
     assert np.abs(constraints.velocity(*start(scene))).max(initial=0.0) <= 50 * EPS * max(speed, 1.0)
 
 
-def test_the_core_scenes_are_these(library):
-    assert tuple(name for name in NAMES if "core" in library[name].tags) == CORE
+def test_the_scenes_of_the_default_job_are_these():
+    assert tuple(tagged("default")) == DEFAULT
 
 
 def test_every_joint_and_force_type_occurs(library):

@@ -11,9 +11,6 @@ from crosscheck.adapters.base import Engine
 from crosscheck.document.known import ORDERS
 from crosscheck.scene.model import Scene
 
-GYROSCOPIC = ("the gyroscopic torque is taken at the start of the step, which multiplies the wobble of a body "
-              "spinning at rate w by about sqrt(1 + (w h)^2) a step; here w h = 0.15, and the run explodes within the "
-              "second; at the speeds it reaches rounding alone exceeds the bounds of the constraint levels")
 NAIVE = ("summing the joint velocities of the stages and integrating once is second order where a joint turns on "
          "SO(3): velocities at different attitudes do not add there; order 4 is what such code is written for")
 SINGULAR = ("nothing holds the positions, and where all bars lie on one line the constraints lose a rank: close to it "

@@ -6,7 +6,7 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine
 from crosscheck.adapters.common import open_tree
-from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE, SUMMED, scene_of, summed
+from crosscheck.adapters.common.known import NAIVE, SUMMED, scene_of, summed
 from crosscheck.document.known import ORDERS, Known
 from crosscheck.scene.model import Sensor
 from crosscheck.scene.sensors import Misreads, Reader, read
@@ -36,8 +36,6 @@ def _closes_loops(scene: str) -> bool:
 KNOWN = (
     Known(("3",), ("RK4",), summed("surely"), ("tree",), SUMMED, NAIVE),
     Known(("3",), ("RK4",), summed("maybe"), ("tree",), SUMMED, NAIVE, always=False),
-    Known(("4",), ("Euler", "implicitfast", "discrete"), ("heavy_top",), None,
-          {"energy": 7e8, "level velocity": 35, "level acceleration": 8.4e4}, GYROSCOPIC, practical=True),
     Known(("4",), ("discrete",), lambda engine, scene, form: form == "maximal" or _closes_loops(scene), None,
           {"acceleration": 120, "angular acceleration": 93}, DISCRETE, always=False),
     Known(("3", "4"), ("Euler", "implicit", "implicitfast", "RK4", "discrete"), _bounces, None, {

@@ -1,6 +1,6 @@
 """Known defects of Pinocchio's model and of the integrators of its adapter."""
 
-from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE, SINGULAR, SUMMED, naive, summed
+from crosscheck.adapters.common.known import NAIVE, SINGULAR, SUMMED, naive, summed
 from crosscheck.document.known import ORDERS, Known
 
 OPENED = f"{NAIVE}; it shows in every part of a run, and joints of bodies that are turned wrong by as much come apart"
@@ -29,6 +29,4 @@ KNOWN = (
     Known(("4",), ("SymplecticEuler",), ("four_bar",), ("maximal",), {
         "interval velocity": 4, "interval angular velocity": 4, "acceleration": 5, "angular acceleration": 5}, DRIFTING,
           always=False),
-    Known(("4",), ("SymplecticEuler",), ("heavy_top",), None,
-          {"energy": 7e8, "level acceleration": 3800}, GYROSCOPIC, practical=True),
 )

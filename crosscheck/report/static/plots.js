@@ -8,7 +8,7 @@ window.Figures = (function () {
   const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const narrow = () => window.innerWidth < 600;
 
-  // The look of every method is the document's (crosscheck.report.identity); a coarse run looks as its method does.
+  // The look of every method is the document's (crosscheck.report.identity).
   const {looks} = window.CROSSCHECK_RUNS;
   const dark = () => document.documentElement.dataset.theme === "dark";
   const parsed = new Map();
@@ -16,9 +16,9 @@ window.Figures = (function () {
     if (parsed.has(scene)) return parsed.get(scene);
     const runs = JSON.parse(window.CROSSCHECK_RUNS.runs[scene]);
     runs.forEach((run) => {
-      const [light, ondark, dash, symbol, sign] = looks[run.engine][run.label.replace(/ at [^ ]+ ms$/, "")];
+      const [light, ondark, dash, symbol, sign] = looks[run.engine][run.label];
       Object.defineProperty(run, "colour", {get: () => (dark() ? ondark : light)});
-      Object.assign(run, {dash, symbol: run.practical ? symbol + "-open" : symbol, sign});
+      Object.assign(run, {dash, symbol, sign});
     });
     parsed.set(scene, runs);
     return runs;
@@ -227,23 +227,21 @@ window.Figures = (function () {
 
   // Groups of runs to compare; `preferred` first.
   function groups(runs) {
-    const fine = (run) => !run.practical;
     const best = {};
-    runs.filter((run) => fine(run) && ["pass", "partly", "known", "unjudged"].includes(run.outcome)).forEach((run) => {
+    runs.filter((run) => ["pass", "partly", "known", "unjudged"].includes(run.outcome)).forEach((run) => {
       const error = run.errors.position?.max ?? Infinity;
       if (!best[run.engine] || error < (best[run.engine].errors.position?.max ?? Infinity)) best[run.engine] = run;
     });
-    const orders = [...new Set(runs.filter((run) => fine(run) && run.documented_order).map((run) => run.documented_order))];
+    const orders = [...new Set(runs.filter((run) => run.documented_order).map((run) => run.documented_order))];
     return [
       ["best of each engine", (run) => best[run.engine] === run],
-      ["eight Euler methods, best of each engine", (run) => fine(run) && (run.euler || best[run.engine] === run)],
-      ["eight Euler methods", (run) => fine(run) && run.euler],
-      ["established engines", (run) => fine(run) && run.engine !== "lieeuler"],
+      ["eight Euler methods, best of each engine", (run) => (run.euler || best[run.engine] === run)],
+      ["eight Euler methods", (run) => run.euler],
+      ["established engines", (run) => run.engine !== "lieeuler"],
       ...orders.sort((one, other) => one - other).map((order) => [
-        "order " + order, (run) => fine(run) && run.documented_order === order]),
-      ["adaptive", (run) => fine(run) && run.rtol],
-      ...Object.keys(looks).map((engine) => [engine, (run) => fine(run) && run.engine === engine]),
-      ["coarse steps", (run) => run.practical],
+        "order " + order, (run) => run.documented_order === order]),
+      ["adaptive", (run) => run.rtol],
+      ...Object.keys(looks).map((engine) => [engine, (run) => run.engine === engine]),
       ["every run", () => true],
     ].filter(([, keep]) => runs.some(keep));
   }

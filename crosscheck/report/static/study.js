@@ -21,7 +21,7 @@
     const again = groups.findIndex(([name]) => name === before);
     if (again >= 0) groupSelect.value = again;
   }
-  const chosen = () => (groupSelect ? ofScene().filter(groups[groupSelect.value][1]) : ofScene().filter((run) => !run.practical));
+  const chosen = () => (groupSelect ? ofScene().filter(groups[groupSelect.value][1]) : ofScene());
 
   Figures.makers.speed = () => Figures.speed(chosen());
   Figures.makers.convergence = () => {

@@ -12,7 +12,6 @@ import pytest
 import sqlalchemy
 
 from crosscheck.errors import ArgumentError
-from crosscheck.history import schema
 from crosscheck.history.runs import (
     Usual,
     baseline,
@@ -26,10 +25,10 @@ from crosscheck.history.runs import (
     set_good,
     usual,
 )
-from crosscheck.history.schema import VERSION, tables
+from crosscheck.history.schema import tables
 from tests.history.store.documents import document, many, record
 
-CELL = ("single_pendulum", "mujoco", "RK4", "", False)
+CELL = ("single_pendulum", "mujoco", "RK4", "")
 
 
 def writer(url, prefix, count, results):
@@ -106,77 +105,18 @@ def test_a_kill_during_a_write_leaves_whole_runs_only_and_the_next_write_works(u
     assert save(store, run_from_document("afterwards", document(many(3))))
 
 
-def old_store(url):
-    """A store as the first schema version left it, with a run that passed and one that failed."""
-    plain = url.replace("postgresql://", "postgresql+psycopg://")
-    engine = sqlalchemy.create_engine(plain)
-    with engine.begin() as connection:
-        schema.step(connection, 1)
-        for statement in (
-                "INSERT INTO schema_version VALUES (1, '2026-01-01')",
-                "INSERT INTO runs VALUES (1, 'old', '2026-01-01T02:00:00+00:00', 'full', '[]', 'crosscheck', 5.0, 0)",
-                "INSERT INTO runs VALUES (2, 'bad', '2026-01-02T02:00:00+00:00', 'full', '[]', 'crosscheck', 5.0, 1)",
-                "INSERT INTO environments VALUES (1, 'Linux', 'a processor', 2, '3.11.7', 'abc')",
-                "INSERT INTO versions VALUES (1, 'engine', 'mujoco', '3.9')",
-                "INSERT INTO results VALUES (1, 1, 'single_pendulum', 'h', 'mujoco', 'RK4', '', false, 'mujoco RK4', "
-                "0.001, NULL, 'pass', '')",
-                "INSERT INTO metrics VALUES (1, 'position error', 'm', 1.5e-7)"):
-            connection.execute(sqlalchemy.text(statement))
-        if engine.dialect.name == "postgresql":  # ids were given by hand
-            for table in ("runs", "results"):
-                connection.execute(sqlalchemy.text(f"SELECT setval('{table}_id_seq', 10)"))
-    engine.dispose()
-
-
-def test_an_old_schema_is_migrated_in_place_by_one_of_many(url):
-    old_store(url)
-    writers = [writer(url, prefix, 1, 2) for prefix in ("one", "two")]
-    for each in writers:
-        each.communicate(timeout=60)
-        assert each.returncode == 0
-    store = open_store(url)
-    run = load(store, "old")
-    assert run.good
-    assert not load(store, "bad").good
-    assert run.results[CELL].figures["position error"].value == 1.5e-7
-    assert run.results[CELL].figures["position error"].deviation is None
-    assert {each.name for each in recent(store)} == {"old", "bad", "one-0", "two-0"}
-    with store.connect() as connection:
-        assert list(connection.execute(sqlalchemy.select(tables().schema_version.c.version)).scalars()) == [1, 2]
-
-
-@pytest.mark.parametrize("start", [0, 1])
-def test_the_migrated_tables_are_those_of_the_queries(url, start):
-    if start:
-        old_store(url)
-    store = open_store(url)
-    inspector = sqlalchemy.inspect(store)
+def test_the_tables_are_those_of_the_queries(url):
+    inspector = sqlalchemy.inspect(open_store(url))
     for table in tables().metadata.sorted_tables:
         found = {column["name"]: column["nullable"] for column in inspector.get_columns(table.name)}
         assert found.keys() == {column.name for column in table.columns}
-        if store.dialect.name == "postgresql":  # SQLite calls the key of a table nullable
-            assert found == {column.name: column.nullable for column in table.columns}
 
 
-def test_a_killed_migration_leaves_the_old_schema(url, monkeypatch):
-    old_store(url)
-
-    def half(connection, number):
-        connection.execute(sqlalchemy.text("ALTER TABLE metrics ADD COLUMN deviation FLOAT"))
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(schema, "step", half)
-        with pytest.raises(KeyboardInterrupt):
-            open_store(url)
-    assert load(open_store(url), "old").results[CELL].figures["position error"].value == 1.5e-7
-
-
-def test_a_newer_schema_is_left_alone(url):
+def test_tables_of_something_else_are_left_alone(url):
     store = open_store(url)
     with store.begin() as connection:
-        connection.execute(tables().schema_version.insert().values(version=VERSION + 1, applied="later"))
-    with pytest.raises(ArgumentError, match=f"version {VERSION + 1}, this crosscheck knows {VERSION}"):
+        connection.execute(sqlalchemy.text("ALTER TABLE results ADD COLUMN colour TEXT"))
+    with pytest.raises(ArgumentError, match="its table results is not that of this crosscheck; name another store"):
         open_store(url)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.metadata
+import json
 import os
 import re
 import sys
@@ -47,6 +48,11 @@ ELSEWHERE = {"readme": "README.md", "changes": "CHANGELOG.md", "contributing": "
              "written": "reports/README.md"}
 """Pages whose text stands elsewhere in the repository."""
 
+STRUCT = re.compile(r'^class (\w+)\((\w+), frozen=True[^)]*\):\n    """(.*?)"""\n(.*?)(?=^\S|\Z)',
+                    re.DOTALL | re.MULTILINE)
+FIELD = re.compile(r"^    (\w+): ([^=#\n]+?)(?: = [^#\n]*?)?(?:  # (.*))?$", re.MULTILINE)
+"""A type of the results with its base, docstring and body, and a field with its type and comment."""
+
 LINK = re.compile(r"\]\(([^)#:\s]+)(#[^)\s]*)?\)")
 
 
@@ -87,6 +93,18 @@ def tolerances() -> str:
             f"\n## Constants\n\n| name | value | reason |\n|---|---|---|\n{constants}")
 
 
+def fields() -> str:
+    """All types of results.json with their fields, and what the comments beside them say."""
+    text = ""
+    for file in ("part.py", "__init__.py"):
+        source = (DOCS.parent / "crosscheck" / "document" / file).read_text(encoding="utf-8")
+        for name, base, said, body in STRUCT.findall(source):
+            rows = "".join(row(f"`{key}`", f"`{kind}`", comment) for key, kind, comment in FIELD.findall(body))
+            more = "" if base == "Part" else f" It has the keys of `{base}`, too."
+            text += f"\n## {name}\n\n{' '.join(said.split())}{more}\n\n| key | type | what |\n|---|---|---|\n{rows}"
+    return text
+
+
 def row(*cells: object) -> str:
     """A row of a table."""
     return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in cells) + " |\n"
@@ -98,8 +116,8 @@ def drawn(name: str) -> str:
 
 
 sys.path.insert(0, str(DOCS))  # gallery.py is beside this file
-MADE = {"commands": commands, "bounds": tolerances, "scenes": functools.partial(drawn, "gallery"),
-        "papers": functools.partial(drawn, "gains")}
+MADE = {"commands": commands, "bounds": tolerances, "results-schema": fields,
+        "scenes": functools.partial(drawn, "gallery"), "papers": functools.partial(drawn, "gains")}
 """What is added to a page when the site is built."""
 
 TAG = re.compile(r"\\tag\{([^}]*)\}")
@@ -132,8 +150,11 @@ ACCESS = [(re.compile(pattern), better) for pattern, better in (
 """What the pages of the theme lack for readers of screens and users of keys, as axe finds it."""
 
 
-def accessible(app: Sphinx, error: Exception | None) -> None:
-    """Mend the written pages."""
+def finish(app: Sphinx, error: Exception | None) -> None:
+    """Write the JSON Schema of results.json beside the pages, and mend these."""
+    from crosscheck.report.schema import json_schema
+
+    (Path(app.outdir) / "results-schema.json").write_text(json.dumps(json_schema(), indent=1), encoding="utf-8")
     for page in Path(app.outdir).rglob("*.html") if error is None else ():
         text = page.read_text(encoding="utf-8")
         for pattern, better in ACCESS:
@@ -143,7 +164,7 @@ def accessible(app: Sphinx, error: Exception | None) -> None:
 
 def setup(app: Sphinx) -> None:
     """Sphinx calls this."""
-    app.connect("build-finished", accessible)
+    app.connect("build-finished", finish)
     app.connect("source-read", take)
     app.add_html_math_renderer("mathml", (formula, None), (formula, None))
     app.add_css_file("site.css")

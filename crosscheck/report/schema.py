@@ -1,6 +1,6 @@
 """Write and read results.json with the types of `crosscheck.document`, and make its JSON Schema of them.
 
-docs/results-schema.md describes the file in words. Unknown keys are ignored, because a newer version may write more.
+Unknown keys are ignored, because a newer version may write more.
 """
 
 from __future__ import annotations
@@ -28,27 +28,14 @@ def plain(document: Document) -> dict[str, Any]:
 
 
 def from_plain(values: object) -> Document:
-    """The document from values that `plain` of this or an earlier release made.
+    """The document from values that `plain` made.
 
     Raises `msgspec.ValidationError`, which says what is wrong.
     """
     if not isinstance(values, dict) or values.get("schema") != SCHEMA:
         version = values.get("schema") if isinstance(values, dict) else None
         raise msgspec.ValidationError(f"schema {version!r} is not {SCHEMA}")
-    # Older documents have {} for unknown scales and speeds, and fewer keys in failed scenes.
-    failed = {"description": "", "source": "", "hash": "", "bodies": [], "duration": 0.0, "truth": None}
-    scenes = [{"title": scene.get("name"), **failed, **scene, "scales": scene.get("scales") or None}
-              if "failure" in scene else {**scene, "scales": scene.get("scales") or None}
-              for scene in _listed(values, "scenes")]
-    records = [{**record, "speed": record.get("speed") or None} for record in _listed(values, "records")]
-    return msgspec.convert({**values, "scenes": scenes, "records": records}, Document, str_keys=True)
-
-
-def _listed(values: dict[str, object], key: str) -> list[dict[str, object]]:
-    entries = values.get(key)
-    if not isinstance(entries, list) or not all(isinstance(each, dict) for each in entries):
-        raise msgspec.ValidationError(f"Expected `array` of `object` - at `$.{key}`")
-    return entries
+    return msgspec.convert(values, Document, str_keys=True)
 
 
 def read_document(path: Path) -> Document:

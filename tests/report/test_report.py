@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import runpy
 import shutil
 import xml.etree.ElementTree as ElementTree
 
@@ -29,7 +30,6 @@ from tests.fake_engine import FakeEngine, install
 from tests.report_making import CHANGES, document, made
 
 SCENE = "single_pendulum"
-DOCS = ROOT / "docs"
 
 
 def test_every_file_is_there(folder):
@@ -200,11 +200,20 @@ def test_a_wrong_results_json_is_refused_with_its_place(folder, tmp_path, change
 
 
 def test_the_schema_lists_every_key_that_is_written(folder, folder_without_truth):
-    """A new key must be described in `crosscheck.document` and docs/results-schema.md."""
     for each in (folder, folder_without_truth[1]):
         document = json.loads((each / "results.json").read_text(encoding="utf-8"))
         schema.from_plain(document)
         assert unlisted(document, schema.json_schema(), schema.json_schema()) == set()
+
+
+def test_the_page_of_the_schema_names_every_key():
+    conf = runpy.run_path(str(ROOT / "docs" / "conf.py"))
+    written = conf["fields"]()
+    sections = dict(re.findall(r"^## (\w+)$(.*?)(?=^## |\Z)", written, re.MULTILINE | re.DOTALL))
+    assert sections.keys() == schema.json_schema()["$defs"].keys() | {"Way", "Origin", "SceneTruth"}
+    for name, text in sections.items():
+        named = set(re.findall(r"^\| `(\w+)`", text, re.MULTILINE))
+        assert named == set(vars(getattr(types, name))["__annotations__"]), name
 
 
 def unlisted(value, described, whole, place="$"):
@@ -225,16 +234,6 @@ def unlisted(value, described, whole, place="$"):
     missing = {f"{place}.{key}" for key in set(value) - set(fitting)}
     return missing.union(*(unlisted(each, fitting[key], whole, f"{place}.{key}") for key, each in value.items()
                            if key in fitting))
-
-
-def test_the_schema_file_is_the_one_of_the_code():
-    text = (DOCS / "results-schema.json").read_text(encoding="utf-8")
-    assert json.loads(text) == schema.json_schema(), "python tools/schema.py writes it anew"
-    words_of_it = (DOCS / "results-schema.md").read_text(encoding="utf-8")
-    assert f"version {types.SCHEMA}" in words_of_it
-    for struct in (types.Document, types.Meta, types.Scene, types.Record, types.Finding):
-        for key in set(struct.__struct_fields__) - {"curves"}:  # in files of their own
-            assert f"`{key}`" in words_of_it, (struct.__name__, key)
 
 
 def test_changes_and_support_are_shown_where_the_document_has_them(results, tmp_path):
@@ -284,26 +283,3 @@ def test_the_command_renders_and_refuses(folder, tmp_path):
     assert "no such folder" in str(runner.invoke(app, ["report", str(tmp_path / "nowhere")]).exception)
 
 
-BEFORE = ROOT / "tests" / "report" / "results-before.json"
-"""What the release before the typed document wrote, cut down to five runs, and a scene that failed."""
-
-
-def test_a_results_file_of_before_is_read_and_written_with_the_same_figures(tmp_path):
-    old = json.loads(BEFORE.read_text(encoding="utf-8"))
-    found = schema.read_document(BEFORE)
-    assert found.scenes[-1].failure == "its worker died"
-    now = schema.plain(found)
-    for before, after in zip(old["records"], now["records"], strict=True):
-        for key in set(before) - {"speed"}:  # {} became null
-            assert contains(after[key], before[key]), key
-    report.write_report(found, tmp_path / "report")
-    assert (tmp_path / "report" / "scene-heavy_top.html").exists()
-
-
-def contains(after, before):
-    """Whether a present value contains everything of an earlier one."""
-    if isinstance(before, dict):
-        return all(key in after and contains(after[key], each) for key, each in before.items())
-    if isinstance(before, list):
-        return len(after) == len(before) and all(map(contains, after, before))
-    return after == before

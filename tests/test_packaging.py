@@ -17,7 +17,7 @@ from tests import ROOT
 
 FILE = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = FILE["project"]
-CORE = {"numpy", "scipy", "msgspec", "mpmath", "psutil", "typer", "rich", "sqlalchemy"}
+CORE = {"numpy", "scipy", "msgspec", "psutil", "typer", "rich", "sqlalchemy"}
 
 
 def names(requirements):

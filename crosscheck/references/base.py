@@ -77,7 +77,7 @@ class Reference:
     """
 
     states: States  # with a and alpha
-    source: str  # "closed form (Jacobi elliptic functions)" or "Taylor series (heyoka)"
+    source: str  # such as "Taylor series (heyoka), minimal coordinates"
     second_source: str  # the formulation it was compared with
     disagreement: float
     allowed: float

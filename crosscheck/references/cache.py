@@ -24,7 +24,7 @@ import numpy as np
 
 from crosscheck.files import cache_folder
 from crosscheck.references.base import End, Piece, TruthError
-from crosscheck.references.dense_output import GROWTH_POINTS, STATES, Truth
+from crosscheck.references.dense_output import GROWTH_POINTS, Truth
 from crosscheck.references.modes import Part
 from crosscheck.scene.model import Scene
 
@@ -43,7 +43,7 @@ def formula_version() -> str:
     here = pathlib.Path(__file__).parent
     shared = [here.parent / "scene" / f"{name}.py" for name in SHARED]
     digest = hashlib.sha256(_meaning([*sorted(here.glob("*.py")), *shared]).encode())
-    for library in ("heyoka", "scipy", "mpmath"):
+    for library in ("heyoka", "scipy"):
         try:
             digest.update(importlib.metadata.version(library).encode())
         except importlib.metadata.PackageNotFoundError:  # an extra
@@ -112,7 +112,6 @@ def _content(truth: Truth) -> dict[str, np.ndarray]:
     """A truth as named arrays."""
     assert truth.end is not None
     second = truth.second_end or End(np.zeros(0))
-    exact = sorted(truth.exact)
     content = {
         "start": [piece.start for piece in truth.pieces], "rest": [piece.rest for piece in truth.pieces],
         "length": [piece.length for piece in truth.pieces],
@@ -122,8 +121,7 @@ def _content(truth: Truth) -> dict[str, np.ndarray]:
         "laws": _written(truth.end), "second_laws": _written(second), "event_error": truth.event_error,
         "second_x": truth.second[0], "second_R": truth.second[1], "second_source": truth.second_source,
         "second_end": second.state, "second_time": [second.time, second.rest],
-        "third_x": truth.third[0], "third_R": truth.third[1], "exact_t": exact}
-    content |= {f"exact_{name}": np.array([truth.exact[t][k] for t in exact]) for k, name in enumerate(STATES)}
+        "third_x": truth.third[0], "third_R": truth.third[1]}
     return {name: np.asarray(value) for name, value in content.items()}
 
 
@@ -171,8 +169,6 @@ def _restored(scene: Scene, portable: bool, content: dict[str, Any]) -> Truth:
     truth.second_source = str(content["second_source"])
     if len(content["second_end"]):
         truth.second_end = _read_end(content["second_end"], content["second_time"], content["second_laws"])
-    columns = [content[f"exact_{name}"] for name in STATES]
-    truth.exact = {float(t): tuple(column[k] for column in columns) for k, t in enumerate(content["exact_t"])}
     if abs(truth.end.time - truth.reach) > 1e-12 * truth.reach or len(truth.second[0]) != len(truth.compared):
         raise ValueError("its parts are not of one length")
     begin = truth.on_series(np.zeros(1))

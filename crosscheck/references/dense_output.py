@@ -46,8 +46,6 @@ LOCATED = 1e-9
 """To how much of a second a monitor is located: one that fires before fires at the start."""
 COMPARED = np.arange(GROWTH_POINTS // 2, GROWTH_POINTS + 1, GROWTH_POINTS // 2)
 """Those of a piece at which two formulations are compared."""
-EXACT_APART = 6
-"""A closed form takes 10 ms at a time, and has no error that grows: it is compared at every sixth of these points."""
 STATES = ("x", "R", "v", "w", "a", "alpha")
 CHUNK = 500
 """Pieces whose derivatives are computed at once: a hundred arrays of such a size take 100 MB."""
@@ -81,7 +79,6 @@ class Truth:
         self.end: End | None = None
         self.second_end: End | None = None
         self.event_error = 0.0  # times of events apart, times jumps
-        self.exact: dict[float, tuple[np.ndarray, ...]] = {}
 
     @functools.cached_property
     def series(self) -> Taylor | Natural:
@@ -122,8 +119,7 @@ class Truth:
     def compared(self) -> np.ndarray:
         """0, and the times at which the formulations are compared, up to where perturbations grow too much."""
         inner = self.times[1:].reshape(-1, GROWTH_POINTS)[:, COMPARED - 1].ravel()
-        inner = inner[inner <= self._known_until]
-        return np.concatenate([[0.0], inner[::-EXACT_APART][::-1] if self.closed else inner])
+        return np.concatenate([[0.0], inner[inner <= self._known_until]])
 
     @functools.cached_property
     def _known_until(self) -> float:
@@ -155,17 +151,6 @@ class Truth:
         allowed, agreed = self._agreed(self.reach)
         return max(allowed, agreed.difference)
 
-    @functools.cached_property
-    def closed(self) -> bool:
-        """Whether the system has a closed form."""
-        from crosscheck.references import closed_form
-
-        try:
-            closed_form.solve(self.scene, np.zeros(1))
-        except Unsupported:
-            return False
-        return True
-
     def prolong(self, until: float) -> bool:
         """Compute it up to a time (s); whether that was needed.
 
@@ -179,24 +164,17 @@ class Truth:
         pieces, end = self.series.advance(self.end or self.series.begin, until)
         maxima = [self.series.derivative_maxima(pieces[k:k + CHUNK]) for k in range(0, len(pieces), CHUNK)]
         longer = Truth(self.scene, self.portable)
-        longer.__dict__ |= {"series": self.series, "closed": self.closed, "end": end, "keep": self.keep,
-                            "pieces": [*self.pieces, *pieces], "maxima": np.concatenate([self.maxima, *maxima])}
+        longer.__dict__ |= {"series": self.series, "end": end, "keep": self.keep, "pieces": [*self.pieces, *pieces],
+                            "maxima": np.concatenate([self.maxima, *maxima])}
         series = self.series
         longer.growth = (growth_over(series, longer.times) if isinstance(series, Taylor)
                          else sampled_growth(series, longer.times))
         longer._confirm(self)
-        longer.exact = self.exact
         self.__dict__ = longer.__dict__  # only now: an error leaves a shorter truth as it is
         return True
 
     def _confirm(self, before: Truth) -> None:
         """Solve the second formulation at the times of comparison that a shorter truth does not have."""
-        if self.closed:
-            from crosscheck.references import closed_form
-
-            states = closed_form.solve(self.scene, self.compared)
-            self.second, self.second_source = (states.x, states.R), closed_form.SOURCE
-            return
         other = self._other
         states, self.second_end = other.advance(before.second_end or other.begin,
                                                 self.compared[max(len(before.second[0]) - 1, 0):])
@@ -230,8 +208,6 @@ class Truth:
     def at(self, t: object) -> States:
         """States at increasing times (s), with accelerations; it is prolonged if it has to be.
 
-        They are those of the series, also where a closed form confirms it: that takes 10 ms for each time.
-
         Raises
         ------
         TruthError
@@ -242,8 +218,7 @@ class Truth:
             raise ValueError("times of a truth have to increase from 0 on")
         if len(t) and self.prolong(float(t[-1])):
             self._keep()
-        agreed = self._agreed(self.reach)[1]
-        return self._motion(agreed.second if agreed.chosen.source.startswith("closed") else agreed.chosen, t)
+        return self._motion(self._agreed(self.reach)[1].chosen, t)
 
     keep: Callable[[Truth], None] | None = None
     """What stores it after it was prolonged."""
@@ -261,22 +236,8 @@ class Truth:
         """States at times t of the formulation of that name."""
         if solved.source == self.series.source:
             return self.on_series(t)
-        if solved.source.startswith("closed"):
-            return self._exactly(t)
         states = self._other.run(np.union1d([0.0], t))
         return _picked(states, np.searchsorted(states.t, t))
-
-    def _exactly(self, t: np.ndarray) -> States:
-        """States of the closed form, each time of which is computed once."""
-        from crosscheck.references import closed_form
-
-        missing = np.array([time for time in t.tolist() if time not in self.exact])
-        if len(missing):
-            states = closed_form.solve(self.scene, missing)
-            self.exact = self.exact | {time: tuple(getattr(states, name)[k] for name in STATES)
-                                       for k, time in enumerate(missing.tolist())}
-            self._keep()
-        return States(t, *(np.array(column) for column in zip(*(self.exact[time] for time in t.tolist()), strict=True)))
 
     def _agreed(self, until: float) -> tuple[float, Agreement]:
         """What the conditioning explains of a difference up to a time, and the agreement there."""
@@ -302,16 +263,15 @@ class Truth:
     def _agree(self, count: int, allowed: float) -> Agreement:
         series, t = self._series_compared, self.compared
         other = Solved(_posed(t, self.second), self.second_source)
-        first, second = (other, series) if self.closed else (series, other)
         if self.portable:
-            apart = difference(self.scene, first.states, second.states, count)
+            apart = difference(self.scene, series.states, other.states, count)
             if apart.size > max(allowed, USABLE):
-                raise TruthError(f"{self.scene.name!r}: {first.source} and {second.source} disagree by "
+                raise TruthError(f"{self.scene.name!r}: {series.source} and {other.source} disagree by "
                                  f"{apart.size:.2e} at t = {t[apart.sample]:.6g} s in body "
                                  f"{self.scene.bodies[apart.body].name!r}; the scene's conditioning explains "
                                  f"{allowed:.2e}")
-            return Agreement(first, second, apart.size)
-        agreed = agree(self.scene, first, second, count, allowed, self._solved_thirdly)
+            return Agreement(series, other, apart.size)
+        agreed = agree(self.scene, series, other, count, allowed, self._solved_thirdly)
         if series not in (agreed.chosen, agreed.second) and (
                 difference(self.scene, series.states, agreed.second.states, count).size > USABLE):
             raise TruthError(f"{self.scene.name!r}: {agreed.outvoted}, by {agreed.chosen.source} and "

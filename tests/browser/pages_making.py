@@ -65,7 +65,7 @@ def work_precision(out):
                           reason="it left the page"))
         scenes.append(SceneLadders(
             name=scene, description="A scene", duration=1.0, rungs=rungs,
-            truth=Known(source="closed form", disagreement=1e-14, amplification=3.0),
+            truth=Known(source="Taylor series", disagreement=1e-14, amplification=3.0),
             frontier={"end position": frontier(curves(rungs))}))
     scenes.append(SceneLadders(name="lost", description="A scene", duration=1.0, failure="no truth", rungs=[],
                                frontier={}))

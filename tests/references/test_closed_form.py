@@ -1,11 +1,13 @@
-"""The Lagrange top by elliptic functions: printed digits, conserved quantities, other formulations, its limits."""
+"""Truth against elliptic functions; these, for tops, against printed digits, conserved quantities and their limits."""
 
 import numpy as np
 import pytest
 
 from crosscheck.errors import Unsupported
-from crosscheck.references import closed_form, compute, taylor
+from crosscheck.references import compute, taylor, truth
+from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import GROUND, rotation_from_quaternion
+from tests.references import closed_form
 
 PRINTED = 2e-15  # fifteen decimals are printed; half a unit of the last one and a few roundings of numbers below 1
 
@@ -74,7 +76,22 @@ def test_steady_precession(build):
 
 def test_long_run_follows_every_branch(build):
     """Precession and spin go through many periods; a lost branch would be an error of order one."""
-    assert compute(random_top(build, 11, duration=20.0)).source == closed_form.SOURCE
+    scene = random_top(build, 11, duration=20.0)
+    found, exact = compute(scene), closed_form.solve(scene)
+    for name in "xR":
+        np.testing.assert_allclose(getattr(found.states, name), getattr(exact, name), rtol=0, atol=found.error)
+
+
+@pytest.mark.parametrize("name", ["axis_flip", "fast_top_1500", "heavy_top", "needle", "nesc_brick",
+                                  "sleeping_top_above", "sleeping_top_below"])
+def test_the_truth_of_the_library_is_that_of_elliptic_functions(name):
+    """At five times up to the horizon, within the stated error."""
+    found = truth(load_scene(name))
+    taken = np.flatnonzero(found.states.t <= found.horizon)[[0, 1, 7, -2, -1]]
+    exact = closed_form.solve(load_scene(name), found.states.t[taken])
+    for quantity in "xR":
+        np.testing.assert_allclose(getattr(found.states, quantity)[taken], getattr(exact, quantity), rtol=0,
+                                   atol=found.error)
 
 
 @pytest.mark.parametrize(("change", "reason"), [

@@ -69,15 +69,6 @@ def test_maxima_are_those_of_the_time_asked_for():
     assert known.reference(short).position_derivatives[2] < 0.99 * known.reference(scene).position_derivatives[2]
 
 
-def test_a_closed_form_is_confirmed_and_dense():
-    scene = load_scene("heavy_top").replace(duration=0.1, samples=5)
-    known, reference = dense(scene), truth(scene)
-    assert reference.source.startswith("closed form")
-    states = known.at(scene.t)
-    np.testing.assert_allclose(states.x, reference.states.x, rtol=0, atol=known.error)
-    np.testing.assert_allclose(states.R, reference.states.R, rtol=0, atol=known.error)
-
-
 @pytest.mark.parametrize("times", [[-1.0], [0.2, 0.1], [np.nan]])
 def test_times_have_to_increase(times):
     with pytest.raises(ValueError, match="increase from 0"):

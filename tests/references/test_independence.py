@@ -43,16 +43,14 @@ def test_imports_nothing_under_test(file):
 
 SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "series",
           "tree_laws", "monitors"}
-CLOSED = {"closed_form"}
 MAXIMAL = {"maximal", "world", "world_rows", "world_loads", "world_laws"}
 NATURAL = {"natural", "natural_loads"}
 
 
 def test_the_formulations_share_no_equations():
-    """Each may use data and errors of the package; only closed forms may use the vector algebra of the series."""
-    parts = dict.fromkeys(CLOSED, (SERIES | MAXIMAL | NATURAL) - {"generic"})
-    parts |= dict.fromkeys(SERIES, MAXIMAL | CLOSED | NATURAL) | dict.fromkeys(MAXIMAL, SERIES | CLOSED | NATURAL)
-    parts |= dict.fromkeys(NATURAL, SERIES | CLOSED | MAXIMAL)
+    """Each may use data and errors of the package."""
+    parts = dict.fromkeys(SERIES, MAXIMAL | NATURAL) | dict.fromkeys(MAXIMAL, SERIES | NATURAL)
+    parts |= dict.fromkeys(NATURAL, SERIES | MAXIMAL)
     for name, others in parts.items():
         modules = {f"crosscheck.references.{other}" for other in others}
         assert not {module for module in imported(FOLDER / f"{name}.py") if belongs(module, modules)}, name

@@ -25,7 +25,7 @@ from tests.references.votes import accused
 
 
 @pytest.mark.parametrize(("name", "source"), [
-    ("single_pendulum", "Taylor"), ("double_pendulum", "Taylor"), ("heavy_top", "closed form"),
+    ("single_pendulum", "Taylor"), ("double_pendulum", "Taylor"), ("heavy_top", "Taylor"),
     ("triple_pendulum", "Taylor"),
 ])
 def test_built_in_scenes(name, source):
@@ -59,8 +59,7 @@ def test_seeded_sign_error_is_caught(double, monkeypatch, module, defect):
 def test_seeded_sign_error_is_caught_in_the_top(top, monkeypatch, defect):
     original = getattr(articulated, defect)
     monkeypatch.setattr(articulated, defect, lambda *arguments: [-entry for entry in original(*arguments)])
-    with pytest.raises(TruthError, match=r"'top': Taylor series \(heyoka\).*is off by.*by closed form"):
-        compute(top.replace(duration=0.2, samples=6))
+    assert accused(top.replace(duration=0.2, samples=6)).removeprefix("'top': ").startswith("Taylor series (heyoka)")
 
 
 def test_small_defect_is_caught_and_located(double, monkeypatch):

@@ -1,4 +1,4 @@
-"""Exact motion of the Lagrange top and of a free body by Jacobi elliptic functions and elliptic integrals.
+"""Oracle of truth: exact motion of a Lagrange top and of a free body by Jacobi elliptic functions and integrals.
 
 The top. A body turns about a fixed point (spherical joint to the ground), with the inertia of a body of revolution
 about the axis e from the joint to its centre of mass. With u = e . z (z up), A the inertia across the axis at the
@@ -38,7 +38,6 @@ import numpy as np
 from mpmath.ctx_mp import MPContext
 
 from crosscheck.errors import Unsupported
-from crosscheck.references import generic
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
@@ -58,18 +57,24 @@ def context() -> Context:
 def frame(mp: Context, along: Sequence[Precise]) -> Precise:
     """A right-handed orthonormal frame (columns) whose third vector points along the given one."""
     norm = mp.norm(mp.matrix(list(along)))
-    third = [mp.mpf(entry) / norm for entry in along]
+    third = mp.matrix(list(along)) / norm
     least = int(np.argmin([abs(entry) for entry in third]))
-    second = generic.cross(third, [float(k == least) for k in range(3)])
-    size = mp.sqrt(generic.dot(second, second))
-    second = [entry / size for entry in second]
-    return mp.matrix([generic.cross(second, third), second, third]).T
+    second = crossed(mp, third) * mp.matrix([float(k == least) for k in range(3)])
+    second /= mp.norm(second)
+    first = crossed(mp, second) * third
+    return mp.matrix([list(first), list(second), list(third)]).T
+
+
+def crossed(mp: Context, p: Precise) -> Precise:
+    """The matrix of p x (.)."""
+    return mp.matrix([[0, -p[2], p[1]], [p[2], 0, -p[0]], [-p[1], p[0], 0]])
 
 
 def attitude(mp: Context, quaternion: np.ndarray) -> Precise:
     """The rotation of a quaternion to all digits: an error of 1e-16 here would cause one of 1e-8 in a phase."""
     q = mp.matrix(quaternion.tolist())
-    return mp.matrix(generic.rotation([component / mp.norm(q) for component in q]))
+    hat = crossed(mp, (q / mp.norm(q))[1:4])
+    return mp.eye(3) + 2 * (q[0] / mp.norm(q)) * hat + 2 * hat * hat
 
 
 def euler(mp: Context, theta: Precise, phi: Precise, psi: Precise) -> Precise:
@@ -176,7 +181,6 @@ def _free_body(scene: Scene, times: np.ndarray) -> States:
     return States(times, *(array[:, None] for array in (x, R, v, w, a, alpha)))
 
 
-SOURCE = "closed form (Jacobi elliptic functions)"
 SYMMETRY = 4 * np.finfo(float).eps  # a body of revolution up to rounding of its inertia, relative
 POLE = 1e-20  # near the vertical the angles lose this factor in precision, and then jump by pi
 

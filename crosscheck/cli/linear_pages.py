@@ -15,13 +15,13 @@ from crosscheck.diagnosis.laws import LawAnswers
 from crosscheck.jointspace.derivatives import Derivatives, tangent_space
 from crosscheck.jointspace.modes import Modes
 from crosscheck.jointspace.motion import shifted
-from crosscheck.jointspace.parameters import unit
 from crosscheck.jointspace.sources import taken
 from crosscheck.jointspace.verdicts import Verdict
 from crosscheck.judge.tolerances import reach
 from crosscheck.report.standalone import page_of
 from crosscheck.scene.assembly import projected
 from crosscheck.scene.model import Scene
+from crosscheck.scene.paths import unit
 from crosscheck.verification.curves import drawing, quaternions
 
 PICTURES, SEEN = 120, 0.3

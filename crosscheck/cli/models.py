@@ -23,11 +23,12 @@ from crosscheck.inspection.diff import diff as compare
 from crosscheck.inspection.reproduce import reproduce as written
 from crosscheck.jointspace.derivatives import truth
 from crosscheck.jointspace.laws import smooth
+from crosscheck.jointspace.modes import at_speed
 from crosscheck.jointspace.modes import modes as find
-from crosscheck.jointspace.parameters import altered, unit
 from crosscheck.jointspace.verdicts import Verdict, judge
 from crosscheck.scene.models import import_file
 from crosscheck.scene.models.words import shortened
+from crosscheck.scene.paths import changed, unit
 
 
 def import_(
@@ -180,8 +181,8 @@ def modes(
             low, high = (float(each) for each in span.split(":"))
         except ValueError:
             raise ArgumentError(f"--over: {over!r} is not understood; write PATH=FROM:TO, such as speed=0:10") from None
-        over_numbers = {float(value): find(altered(asked, path, float(value))).eigenvalues
-                        for value in np.linspace(low, high, points)}
+        over_numbers = {value: find(at_speed(asked, value) if path == "speed" else changed(asked, {path: value})
+                                    ).eigenvalues for value in np.linspace(low, high, points).tolist()}
     told = {f"{value:.10g}": values for value, values in over_numbers.items()} or {"": small.eigenvalues}
     if out is not None:
         print(f"page: {write_modes(out, asked, small, path, over_numbers)}", file=sys.stderr)

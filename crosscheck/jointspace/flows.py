@@ -17,14 +17,14 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jointspace.derivatives import WEIGHTS
-from crosscheck.jointspace.motion import JointSpace, between, coordinates, posed
-from crosscheck.jointspace.parameters import altered, value_of
+from crosscheck.jointspace.motion import JointSpace, angles, between, coordinates, posed
 from crosscheck.references import compute
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
 from crosscheck.running.attempt import Ran, Way, attempt
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
+from crosscheck.scene.paths import changed, content_of, number_at, size_at
 from crosscheck.scene.states import States
 
 AGREED = 1e-7
@@ -48,7 +48,7 @@ class FlowDerivative:
     ----------
     coordinates : names of q, in order; rows and columns are those of q, then those of the rates v.
     matrix : (2n, 2n) with respect to (q, v) at the start. A ball has a small turn in its child's axes.
-    parameters : (2n, p) with respect to numbers of the scene, at the same joint coordinates and rates.
+    parameters : (2n, p) with respect to numbers of the scene's file.
     error : what truth claims, relative to the largest entry; that of differences for an engine.
     """
 
@@ -70,12 +70,13 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
     scene : a Scene, a built-in name or a path
     source : "truth", or "engine:method"
     step, **options : of the engine's run, as in `crosscheck.run`
-    parameters : paths of numbers, such as "bodies.upper.mass", "gravity.2" or "forces.0.stiffness"
+    parameters : paths of numbers of the scene's file, such as "bodies.upper.mass", "gravity.2" or
+        "joints.rail.damping"; the scene with another one is the edited file, read again
 
     Raises
     ------
     ArgumentError, SceneError, EngineError
-        An argument is wrong, or the engine fails.
+        An argument is wrong, a number cannot be changed by itself, or the engine fails.
     Unsupported
         The scene has no joint coordinates, or the events of its laws change with the start or a number.
     TruthError
@@ -88,13 +89,17 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
         raise ArgumentError(f"parameters: give a tuple of paths, ({parameters!r},)")
     loaded = loaded.replace(duration=float(duration), samples=2)
     space = JointSpace(loaded.lawless)
-    numbers = [value_of(loaded, path) for path in parameters]
+    content = content_of(loaded) if parameters else {}
+    numbers = [number_at(content, path) for path in parameters]
+    for path, value in zip(parameters, numbers, strict=True):
+        if isinstance(value, list):
+            raise ArgumentError(f"parameters: {path!r} is a list of numbers; name one of them, {path + '.0'!r}")
     end, error = (_exact(loaded), 1e-9) if source == "truth" else (_engine(source, step, options), 1e-10)
     base = end(loaded)
 
     def along(row: np.ndarray) -> np.ndarray:
-        return _difference(lambda s: end(loaded.replace(bodies=space.moved(*np.split(s * row, 2)).bodies)), base,
-                           loaded)
+        return _difference(lambda s: loaded.replace(bodies=space.moved(*np.split(s * row, 2)).bodies), end, loaded,
+                           base)
 
     if source == "truth" and not loaded.has_laws:
         matrix = jet(space)
@@ -107,8 +112,8 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
         matrix = np.stack([along(row) for row in np.eye(2 * space.size)], axis=1)
 
     def by(path: str, value: float) -> np.ndarray:
-        size = abs(value) or 1.0
-        return _difference(lambda s: end(altered(loaded, path, value + s * size)), base, loaded) / size
+        size = size_at(content, path)
+        return _difference(lambda s: changed(loaded, {path: value + s * size}), end, loaded, base) / size
 
     columns = np.array([by(*each) for each in zip(parameters, numbers, strict=True)]).reshape(-1, 2 * space.size).T
     return FlowDerivative(loaded.name, source, float(duration), loaded.coordinates, matrix, columns, error)
@@ -143,8 +148,8 @@ def _tangent(space: JointSpace) -> np.ndarray:
 
 def _exact(scene: Scene) -> End:
     if scene.has_laws:  # both formulations, which have to find the same events
-        return lambda changed: ((moved := compute(changed)).states, moved.events)
-    return lambda changed: (Maximal(changed).run(np.array([0.0, scene.duration])), ())
+        return lambda other: ((moved := compute(other)).states, moved.events)
+    return lambda other: (Maximal(other).run(np.array([0.0, other.duration])), ())
 
 
 def _engine(source: str, step: float | None, options: dict[str, Any]) -> End:
@@ -161,21 +166,24 @@ def _engine(source: str, step: float | None, options: dict[str, Any]) -> End:
     return end
 
 
-def _difference(end: Callable[[float], Ended], base: Ended, scene: Scene) -> np.ndarray:
-    """d/ds of the coordinates at the end, (2n,), at s = 0; the jumps at events are in it."""
+def _difference(made: Callable[[float], Scene], end: End, scene: Scene, base: Ended) -> np.ndarray:
+    """d/ds of the coordinates at the end of `made(s)`, (2n,), at s = 0; the jumps at events are in it."""
     def moved(size: float) -> np.ndarray:
-        states, events = end(size)
+        other = made(size)
+        states, events = end(other)
         if [event[1:] for event in events] != [event[1:] for event in base[1]]:
             raise Unsupported(f"derivative of the flow of {scene.name!r}: the events of its laws, or their order, "
                               "change with the start or the number, so that it has none")
-        return change(scene, base[0], states)
+        return change(scene, base[0], other, states)
 
     return np.asarray(sum(weight / STEP * (moved(k * STEP) - moved(-k * STEP)) for k, weight in WEIGHTS))
 
 
-def change(scene: Scene, base: States, other: States) -> np.ndarray:
-    """(q, v) of the last states of a run, minus those of another one, (2n,)."""
-    both = States(np.zeros(2), *(np.stack([one[-1], two[-1]]) for one, two in (
-        (base.x, other.x), (base.R, other.R), (base.v, other.v), (base.w, other.w))))
-    q, v = coordinates(scene, both)
-    return np.concatenate([between(scene, *q), v[1] - v[0]])
+def change(scene: Scene, base: States, other: Scene, states: States) -> np.ndarray:
+    """(q, v) of the last states of another scene minus those of the scene, (2n,), each by its own joints."""
+    (p, u), (q, v) = (coordinates(each, States(run.t[-1:], run.x[-1:], run.R[-1:], run.v[-1:], run.w[-1:]))
+                      for each, run in ((scene, base), (other, states)))
+    moved = between(scene, p[0], q[0])
+    turned = angles(scene)
+    moved[turned] -= 2 * np.pi * np.round(moved[turned] / (2 * np.pi))
+    return np.concatenate([moved, v[0] - u[0]])

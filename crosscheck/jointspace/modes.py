@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.errors import Unsupported
+from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jointspace.derivatives import linearised
 from crosscheck.jointspace.laws import smooth
 from crosscheck.jointspace.motion import TreeSpace
@@ -71,6 +71,16 @@ def modes(scene: Scene | str | os.PathLike[str]) -> Modes:
     shapes = tangent[:6 * loaded.n] @ vectors[:, order]
     sizes = np.linalg.norm(shapes, axis=0)
     return Modes(loaded.name, values[order], shapes / np.where(sizes > 0, sizes, 1.0))
+
+
+def at_speed(scene: Scene, speed: float) -> Scene:
+    """The scene with all velocities multiplied so that the first body's centre of mass has this speed (m/s)."""
+    now = float(np.linalg.norm(scene.v0[0]))
+    if now == 0.0:
+        raise ArgumentError(f"speed: the first body of scene {scene.name!r} is at rest")
+    return scene.replace(bodies=tuple(dataclasses.replace(
+        body, velocity=speed / now * body.velocity, angular_velocity=speed / now * body.angular_velocity)
+        for body in scene.bodies))
 
 
 def _eigen(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

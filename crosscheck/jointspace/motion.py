@@ -331,6 +331,14 @@ def turns(scene: Scene) -> list[slice]:
         f"{name[:-2]}ry", f"{name[:-2]}rz")]
 
 
+def angles(scene: Scene) -> np.ndarray:
+    """(n,) whether each coordinate is the angle of a joint."""
+    free = 6 * (scene.n - len({joint.child for joint in scene.joints}))
+    words = (word for joint in scene.joints for word in ("",) * 3 * (joint.kind.coordinates == ("ball",)) or
+             joint.kind.coordinates)
+    return np.array([*[False] * free, *(word.startswith("turn") for word in words)], bool)
+
+
 def between(scene: Scene, p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The change from positions p to q, (n,): of balls and free bodies the small turn in their own axes."""
     change = q - p

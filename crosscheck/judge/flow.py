@@ -16,7 +16,7 @@ import numpy as np
 from crosscheck.document import Scales
 from crosscheck.judge.claim import Trace
 from crosscheck.judge.crossings import Crossed
-from crosscheck.references.base import Reference
+from crosscheck.references.base import Reference, breaks
 from crosscheck.references.maximal import fastest
 from crosscheck.references.modes import Mode
 from crosscheck.scene import mechanics
@@ -243,12 +243,38 @@ def around(values: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(maximum_filter1d(values, min(count, 2 * values.shape[-1] - 1), axis=-1, mode="nearest"))
 
 
+Nodes = list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
 def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: int | None = None, runs: int = 1
-              ) -> tuple[States, list[tuple[np.ndarray, np.ndarray, np.ndarray]], np.ndarray]:
+              ) -> tuple[States, Nodes, np.ndarray]:
     """The states at the ends; a, R'' and alpha at the ends of `parts` equal parts, by default of all steps; the largest
     angular speed there (I,) in rad/s.
 
-    The intervals are those of so many `runs`, one after the other. `count` steps of Dormand and Prince's method of
+    The intervals are those of so many `runs`, one after the other. Their ends are met from break to break of functions
+    of time; nodes lie across them.
+    """
+    end, nodes, fast = _integrated(scene, begin, tau, np.full(len(tau), np.inf), count, parts, runs)
+    until, now, times = begin.t + tau, begin, np.array(breaks(scene))
+    first = np.searchsorted(times, begin.t, side="right")
+    last = np.searchsorted(times, until, side="right")
+    rounds = int((last - first).max(initial=0))
+    for k in range(rounds + 1 if rounds else 0):
+        cut = first + k < last
+        stop = np.where(cut, times[np.minimum(first + k, len(times) - 1)], until)
+        length = stop - now.t
+        steps = max(2, math.ceil(count * float((length / tau).max())))
+        now = _integrated(scene, now, length, np.where(cut, np.nextafter(stop, -np.inf), np.inf), steps, 1, runs)[0]
+        now.t = stop
+        end = now
+    return end, nodes, fast
+
+
+def _integrated(scene: Scene, begin: States, tau: np.ndarray, latest: np.ndarray, count: int, parts: int | None,
+                runs: int) -> tuple[States, Nodes, np.ndarray]:
+    """As `integrate`, with the functions of time as they are up to the times `latest`.
+
+    `count` steps of Dormand and Prince's method of
     order 8, between which its polynomials of degree 7 are taken. Attitudes are matrices, which stay orthogonal as far
     as the method is exact. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I,
     II.5 and II.6.
@@ -258,6 +284,7 @@ def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: i
     # In an interval that turns little, what combinations of rows are redundant changes little.
     combined = mechanics.Index1(scene).independent(begin.x, begin.R) if count * TURN <= 1.0 else None
     rates, each = rates_of(scene, combined, runs), tau[:, None, None]
+    span = np.where(tau > 0.0, tau, 1.0)[:, None]  # what is at its end already stays there
     nodes, fast, grid = [], np.zeros(len(tau)), np.linspace(0.0, 1.0, (parts or count) + 1).tolist()
 
     def states(y: np.ndarray) -> State:
@@ -268,10 +295,10 @@ def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: i
         return np.concatenate([part.reshape(len(tau), scene.n, -1) for part in state], axis=-1)
 
     def slope(share: float, y: np.ndarray) -> np.ndarray:
-        return np.asarray((each * flat(rates(begin.t + share * tau, *states(y)))).ravel())
+        return np.asarray((each * flat(rates(np.minimum(begin.t + share * tau, latest), *states(y)))).ravel())
 
     def keep(y: np.ndarray, dy: np.ndarray) -> None:
-        (_, R, _, w), (_, dR, a, alpha) = states(y), states((dy.reshape(len(tau), -1) / tau[:, None]).ravel())
+        (_, R, _, w), (_, dR, a, alpha) = states(y), states((dy.reshape(len(tau), -1) / span).ravel())
         nodes.append((a, dR @ _hat(w) + R @ _hat(alpha), alpha))
         np.maximum(fast, np.linalg.norm(w, axis=-1).max(axis=-1), out=fast)
 

@@ -7,12 +7,13 @@ angular velocities (rad/s) in body axes, attitudes by the angle (rad) of the rot
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from crosscheck.document import QUANTITIES, Errors, Order
 from crosscheck.errors import ArgumentError
+from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import Motion
 
@@ -96,6 +97,19 @@ def errors(scene: Scene, run: Motion, truth: Motion, until: float = np.inf) -> d
         body = int(np.unravel_index(int(np.argmax(values)), values.shape)[1])
         result[quantity] = Error(QUANTITIES[quantity], times, values.max(axis=1), scene.bodies[body].name)
     return result
+
+
+def energy_gap(scene: Scene, run: Motion, truth: Motion | None, maxima: Mapping[str, float]) -> float:
+    """The largest |E(t) - E(0) - work| of a run, J: of every step, by the `maxima` over them, if nothing does work.
+
+    Otherwise it is that of the samples. If there is truth, the work is that of the true motion.
+    """
+    energy = mechanics.energy(scene, run)
+    if scene.worked_on:
+        expected = energy[0] + mechanics.work(scene, run) if truth is None else mechanics.energy(scene, truth)
+        return float(np.abs(energy - expected).max())
+    kinetic = maxima.get("kinetic_energy", float(mechanics.kinetic_energy(scene, run).max(initial=0.0)) or 1.0)
+    return max(float(np.abs(energy - energy[0]).max()), maxima.get("energy_error", 0.0) * kinetic)
 
 
 STALLED = 0.75

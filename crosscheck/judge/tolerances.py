@@ -21,7 +21,9 @@ from crosscheck.document import QUANTITIES, Scales
 from crosscheck.judge.metrics import Plateau
 from crosscheck.references.base import Reference
 from crosscheck.references.maximal import fastest
+from crosscheck.scene import mechanics
 from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.states import Motion
 
 EPS = float(np.finfo(float).eps)
 
@@ -76,11 +78,15 @@ def at_rest(scene: Scene, truth: Reference) -> bool:
 
 def scales(scene: Scene, truth: Reference) -> Scales:
     """Lengths, speeds, rates and energies of a scene along its true motion."""
+    return scales_of(scene, truth.states)
+
+
+def scales_of(scene: Scene, states: Motion) -> Scales:
+    """Lengths, speeds, rates and energies of a scene along a motion."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
     levers += [float(np.linalg.norm(joint.parent_anchor)) for joint in scene.joints if joint.parent != GROUND]
     # A free body has no lever. Its length is its radius of gyration.
     gyration = np.sqrt(np.trace(scene.inertias, axis1=1, axis2=2) / (2.0 * scene.masses))
-    states = truth.states
     length = float(max([*levers, 0.0]) or gyration.max())
     fall = float(np.sqrt(np.linalg.norm(scene.gravity) / length))
     rates = np.linalg.norm(states.w, axis=-1)
@@ -95,6 +101,14 @@ def scales(scene: Scene, truth: Reference) -> Scales:
     return Scales(length=length, speed=speed, rate=rate or 1.0,
                   unit_rate=max(float(rates[0].max()), fall) or 1.0, reach=reach, kinetic=most,
                   momentum=float(scene.masses.sum() * reach * speed + inertia * rates.max()))
+
+
+def energy_size(scene: Scene, run: Motion, truth: Motion | None) -> float:
+    """What errors of the energy of a run are relative to, J: its largest kinetic energy, that of truth if there is one.
+    """
+    if truth is not None:
+        return scales_of(scene, truth).kinetic
+    return float(mechanics.kinetic_energy(scene, run).max()) or 1.0
 
 
 def derivative(truth: Reference, order: int, scale: Scales) -> float:

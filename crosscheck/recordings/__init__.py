@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from crosscheck.recordings.reading import suggest as suggest
 from crosscheck.references import dense
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
+from crosscheck.scene.paths import changed, content_of
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.vectors import exponential
 
@@ -140,7 +141,8 @@ def _tolerances(scene: Scene, tolerance: Mapping[str, float] | None) -> dict[str
 def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, float], steps: list[float],
            order: int | None) -> Verdict:
     fine = given[0]
-    system, truth, since, notes = _truth(scene, fine, start)
+    begun, truth, since, notes = _truth(scene, fine, start)
+    system = begun(scene)
     verdict = Verdict("measured", {}, None, None, None, None, scene=scene)
     lines = [f"{scene.name}: {fine.name}, {len(fine.t)} rows from {fine.t[0]:g} to {fine.t[-1]:g} s"]
     most = (min(truth.horizon, BEYOND * scene.duration) + since) * (1 + 1e-12)
@@ -177,7 +179,7 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     beyond = any(verdict.errors[key] > EXACT * verdict.floors[key] + 1e-9 for key in fine.keys)
     order_alone = bool(failed) and all(each.startswith("order") for each in failed)
     if beyond and (failed or not allowed) and not order_alone and (len(given) == 1 or limit is not None):
-        verdict.cause, said = _cause(system, limit or seen, verdict.until, limit is not None)
+        verdict.cause, said = _cause(scene, begun, limit or seen, verdict.until, limit is not None)
         lines += said
     verdict.cause = verdict.cause or next((each.partition(":")[0] for each in failed if each.startswith((
         "order", "wrong limit"))), None)
@@ -186,14 +188,14 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     return verdict
 
 
-def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Scene, Any, float, list[str]]:
-    """(scene as it starts, truth, time of the recording at which it starts, what to say)."""
+def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Callable[[Scene], Scene], Any, float, list[str]]:
+    """(what starts a scene as the recording, truth, time of the recording at which it starts, what to say)."""
     truth = dense(scene)
     truth.at(np.array([min(recording.t[-1], BEYOND * scene.duration)]))  # prolonged, so that its horizon is known
     notes: list[str] = []
     first = part_of(recording, slice(0, 5))
     if first.t[0] > truth.horizon:
-        return scene, truth, 0.0, notes
+        return lambda given: given, truth, 0.0, notes
     first = part_of(first, first.t <= truth.horizon)
     if start == "recorded":
         states = comparing.restored(scene, first, truth.at(first.t))
@@ -207,14 +209,17 @@ def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Scene, Any, 
         if first.t[0] > 0.0 and any(servo.period is not None for _, servo in scene.servos.values()):
             notes.append("sampled servos are taken to give nothing before their first sample")
         length = float(recording.t[-1] - first.t[0])
-        begun = restarted(scene, states, 0, min(max(length, 1e-9), BEYOND * scene.duration), scene.samples)
-        return begun, dense(begun), float(first.t[0]), notes
+
+        def begun(given: Scene) -> Scene:
+            return restarted(given, states, 0, min(max(length, 1e-9), BEYOND * scene.duration), scene.samples)
+
+        return begun, dense(begun(scene)), float(first.t[0]), notes
     seen = compare(scene, first, truth)
     for group, sizes, floor in zip(first.groups, seen.sizes, seen.floor, strict=True):
         if sizes[0] > 3 * floor[0] + SAME_START * max(1.0, float(np.abs(group.values[0]).max())):
             where = "the scene's start" if recording.t[0] == 0 else f"truth at {recording.t[0]:g} s"
             notes.append(f"{group.label} starts {sizes[0]:.3g} {group.unit} from {where}")
-    return scene, truth, 0.0, notes
+    return lambda given: given, truth, 0.0, notes
 
 
 def _sizes(seen: Differences, allowed: Mapping[str, float], lines: list[str]) -> list[str]:
@@ -386,9 +391,16 @@ def _vanishing(errors: list[np.ndarray], steps: list[float], floor: float, claim
     return _Limit(order, gain, spread * most + (1 + 2 * gain) * floor, False)
 
 
-def _cause(scene: Scene, seen: Differences, until: float, limit: bool) -> tuple[str | None, list[str]]:
+def _cause(scene: Scene, begun: Callable[[Scene], Scene], seen: Differences, until: float, limit: bool
+           ) -> tuple[str | None, list[str]]:
     """(the cause, what to say of it and of the others)."""
-    named, every = find_causes.find(scene, seen, until)
+    content, untried = {}, []
+    try:
+        content = content_of(scene) if scene.has_laws else {}
+    except ArgumentError as error:
+        untried = [f"other constants of laws are not tried: {error}"]
+    named, every = find_causes.find(begun(scene), seen, until, content,
+                                    lambda changes: begun(changed(scene, changes)))
     if len(named) == 1:
         return named[0].name, [f"cause: {named[0]} (explains {100 * (1 - named[0].left):.3g} % of the difference)"]
     if named:
@@ -397,7 +409,8 @@ def _cause(scene: Scene, seen: Differences, until: float, limit: bool) -> tuple[
     best = [each for each in every if each.left < 0.5][:1]
     more = f"; next to it: {best[0]}, which leaves {100 * best[0].left:.2g} %" if best else ""
     step = "" if limit else "; the error of too large a step is one as well, which a second file at another step shows"
-    return None, [f"cause: none of {len(every)} hypotheses explains nine tenths of the difference{more}{step}"]
+    return None, [f"cause: none of {len(every)} hypotheses explains nine tenths of the difference{more}{step}",
+                  *untried]
 
 
 def assert_recording(scene: Scene | str | os.PathLike[str], recording: Any, tolerance: Mapping[str, float],

@@ -7,7 +7,6 @@ it leaves less than a tenth of every difference, and if no other one of equal si
 from __future__ import annotations
 
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -23,7 +22,7 @@ from crosscheck.diagnosis.misreadings import placed, rolled
 from crosscheck.diagnosis.of_sensors import filtered, mistakes
 from crosscheck.diagnosis.physics import Physics, levers, of_scene
 from crosscheck.diagnosis.variants import close
-from crosscheck.errors import CrosscheckError
+from crosscheck.errors import ArgumentError, CrosscheckError
 from crosscheck.judge.flow import State
 from crosscheck.judge.substeps import TABLEAUX, exponential_step
 from crosscheck.recordings.comparing import Differences, Shown, gaps, norms, part_of
@@ -31,6 +30,7 @@ from crosscheck.references.maximal import fastest
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Force, Scene, quaternion_from_rotation
+from crosscheck.scene.schema import Content
 from crosscheck.scene.sensors import Reader, read
 from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
@@ -145,17 +145,18 @@ class Case:
         return Cause(name, said, self.left(values), free)
 
 
-def find(scene: Scene, seen: Differences, until: float) -> tuple[list[Cause], list[Cause]]:
-    """(causes that explain and are equally simple, all others from the best on)."""
+def find(scene: Scene, seen: Differences, until: float, content: Content, change: Change
+         ) -> tuple[list[Cause], list[Cause]]:
+    """(causes that explain and are equally simple, all others from the best on); `content` is that of the file."""
     judged = np.flatnonzero(seen.recording.t <= until)
     near = Case(scene, seen, judged[:NEIGHBOURS])
     far = Case(scene, seen, judged[np.unique(np.linspace(0, len(judged) - 1, ROWS).astype(int))])
     every = [*_reports(far), *_times(near, far), *_samples(near)]
     if not any(cause.left <= CERTAIN and not cause.free for cause in every):  # nothing is simpler than no magnitude
         with np.errstate(all="ignore"):
-            every += [*_started(far), *_models(far, False)]
+            every += [*_started(far), *_models(far, False, content, change)]
             if min(cause.left for cause in every) > LEFT[2]:
-                every += _models(far, True)
+                every += _models(far, True, content, change)
     every = sorted(every, key=lambda cause: cause.left)
     fit = [cause for cause in every if cause.left <= LEFT[min(cause.free, 2)]]
     if not fit:
@@ -516,11 +517,11 @@ def _started(case: Case) -> Iterator[Cause]:
                 "recorded takes the recorded one", left, 3)
 
 
-def _models(case: Case, stepped: bool) -> Iterator[Cause]:
+def _models(case: Case, stepped: bool, content: Content, change: Change) -> Iterator[Cause]:
     """Altered parameters: the hypotheses of `crosscheck explain` that a scene can express, or the others (`stepped`).
     """
     scene, right = case.scene, of_scene(case.scene)
-    for cause in [*causes(Context(scene, (scene.R0[None],), right)), *_anchors(scene), *_laws(scene)]:
+    for cause in [*causes(Context(scene, (scene.R0[None],), right)), *_anchors(scene), *_laws(content, change)]:
         def build(theta: object, cause: Hypothesis = cause) -> Scene | Physics | None:
             return _altered(scene, right, cause, np.array(theta, dtype=float))
 
@@ -590,59 +591,63 @@ OF_JOINTS = ("anchors", "joint axis", "law")
 """Families of hypotheses about joints, which no `Physics` expresses: they alter the scene."""
 
 
-LAWS = {"dry_friction": ("sliding static",), "limits": ("lower", "upper", "restitution", "stiffness", "damping")}
-SERVO = ("target", "feedforward", "proportional", "derivative", "effort_limit", "no_load_speed")
-"""Constants of laws of joints; two in one string have one relative error."""
+SERVO = {"target": 0.0, "feedforward": 0.0, "proportional": None, "derivative": 0.0, "effort_limit": None,
+         "no_load_speed": None}
+"""Constants of a servo in a scene file, and what they are where it has none."""
+
+Change = Callable[[Mapping[str, Any]], Scene]
+"""The scene, at the recording's start, with other numbers at some paths of its file."""
 
 
-def _laws(scene: Scene) -> Iterator[Hypothesis]:
+def _laws(content: Content, change: Change) -> Iterator[Hypothesis]:
     """Other constants of dry friction, stops and servos, and other delays."""
-    constants: list[tuple[str, str, list[Path]]] = [
-        (joint.name, f"stop {keys}" if kind == "limits" else "dry friction", [("joints", k, kind, i, key) for key in
-                                                                             keys.split()])
-        for k, joint in enumerate(scene.joints) for kind in LAWS for i, law in enumerate(getattr(joint, kind)) if law
-        for keys in LAWS[kind]]
-    constants += [(name, f"servo {key.replace('_', ' ')}", [("forces", k, "parameters", key)])
-                  for k, (name, _) in scene.servos.items() for key in SERVO if key in scene.forces[k].parameters]
+    constants: list[tuple[str, str, dict[str, Any]]] = []
+    for k, joint in enumerate(content.get("joints", [])):
+        for key, given in ((key, joint[key]) for key in ("dry_friction", "limits") if joint.get(key)):
+            for place, law in ((f"joints.{k}.{key}.{i}", law) for i, law in enumerate(given)) if isinstance(
+                    given, list) else [(f"joints.{k}.{key}", given)]:
+                if not law:
+                    continue
+                if key == "dry_friction":  # the sliding and the static one have one relative error
+                    paths = {f"{place}.{word}": law[word] for word in ("sliding", "static") if word in law} if (
+                        isinstance(law, dict)) else {place: law}
+                    constants.append((joint["name"], "dry friction", paths))
+                    continue
+                kinds = ({"stiffness": None, "damping": 0.0} if law.get("stiffness") else {"restitution": 0.0})
+                constants += [(joint["name"], f"stop {word}", {f"{place}.{word}": law.get(word, otherwise)})
+                              for word, otherwise in {"lower": None, "upper": None, **kinds}.items()]
+    servos = [(k, force) for k, force in enumerate(content.get("forces", [])) if force["type"] == "servo"]
+    constants += [(servo["joint"], f"servo {key.replace('_', ' ')}",
+                   {f"forces.{k}.{key}": servo.get(key, otherwise)})
+                  for k, servo in servos for key, otherwise in SERVO.items()]
     for owner, name, paths in constants:
-        value = functools.reduce(_part, paths[0], scene)
-        if isinstance(value, int | float | tuple) and np.isfinite(value).all():
-            last = value[-1] if isinstance(value, tuple) else value
-            yield _constant(f"{name} of {owner}", name, last, paths)
-    for k, (owner, servo) in scene.servos.items():
-        for delay in {0, 1, 2} - {servo.delay} if servo.period is not None else ():
-            path = "forces", k, "parameters", "delay"
-            yield _constant(f"servo delay of {owner}", "servo delay", servo.delay, [path], delay)
+        if all(isinstance(value, int | float | list) for value in paths.values()):
+            yield _constant(f"{name} of {owner}", name, paths, change)
+    for k, servo in servos:
+        now = servo.get("delay", 0)
+        for delay in {0, 1, 2} - {now} if servo.get("period") is not None else ():
+            yield _constant(f"servo delay of {servo['joint']}", "servo delay", {f"forces.{k}.delay": now}, change,
+                            delay)
 
 
-Path = tuple[Any, ...]
+def _constant(where: str, name: str, paths: Mapping[str, Any], change: Change,
+              exactly: int | None = None) -> Hypothesis:
+    """Other constants than those at these paths, with one relative error; `exactly`: this one, which is not fitted."""
+    def off(value: Any, t: np.ndarray) -> Any:  # relative, unless it is zero
+        return exactly if exactly is not None else [off(each, t) for each in value] if isinstance(
+            value, list) else value * (1 + float(t[0])) or float(t[0])
 
+    def changed(_: Any, t: np.ndarray) -> Any:
+        try:
+            return change({path: off(value, t) for path, value in paths.items()})
+        except ArgumentError:  # no file may have it
+            return None
 
-def _constant(where: str, name: str, value: float, paths: list[Path], exactly: int | None = None) -> Hypothesis:
-    """Another constant at these paths, with one relative error; `exactly`: this one, which is not fitted."""
-    def off(value: object, t: np.ndarray) -> Any:  # relative, unless it is zero
-        return exactly if exactly is not None else tuple(off(each, t) for each in value) if isinstance(
-            value, tuple) else value * (1 + t[0]) or t[0]
-
-    def changed(scene: object, t: np.ndarray) -> Any:
-        return functools.reduce(lambda made, path: _changed(made, path, lambda given: off(given, t)), paths, scene)
-
+    first = next(iter(paths.values()))
+    value = first[-1] if isinstance(first, list) else first
     return Hypothesis(OF_JOINTS[2], changed, ((1e-3,) if exactly is None else (),), lambda t: f"{where} "
                       f"{off(value, t):.6g} instead of {value:.6g}", "", lambda t: f"missing {name}" if value and len(t)
                       and t[0] <= CERTAIN - 1 else name, lambda t: ((-1.0,),) if value and len(t) else (), target=where)
-
-
-def _part(owner: Any, key: Any) -> Any:
-    return owner[key] if isinstance(owner, tuple | Mapping) else getattr(owner, key)
-
-
-def _changed(owner: Any, path: Sequence[Any], change: Callable[[Any], Any]) -> Any:
-    """A copy of a record, tuple or mapping with the part at the end of a path changed."""
-    key, *rest = path
-    value = _changed(_part(owner, key), rest, change) if rest else change(_part(owner, key))
-    if isinstance(owner, tuple):
-        return (*owner[:key], value, *owner[key + 1:])
-    return {**owner, key: value} if isinstance(owner, Mapping) else dataclasses.replace(owner, **{key: value})
 
 
 def _anchors(scene: Scene) -> Iterator[Hypothesis]:
@@ -651,9 +656,11 @@ def _anchors(scene: Scene) -> Iterator[Hypothesis]:
         for field in ("parent_anchor", "child_anchor", *(["parent_axis"] if has_axis else [])):
             turned, where = field == "parent_axis", f"{field.replace('_', ' ')} of joint {joint.name!r}"
 
-            def moved(given: object, theta: np.ndarray, k: int = k, field: str = field, turned: bool = turned) -> Any:
-                return placed(_changed(given, ("joints", k, field), lambda value: exponential(theta[None])[0] @ value if
-                                       turned else value + theta))
+            def moved(given: Any, theta: np.ndarray, k: int = k, field: str = field, turned: bool = turned) -> Any:
+                held = getattr(given.joints[k], field)
+                other = dataclasses.replace(given.joints[k], **{
+                    field: exponential(theta[None])[0] @ held if turned else held + theta})
+                return placed(given.replace(joints=(*given.joints[:k], other, *given.joints[k + 1:])))
 
             def say(theta: np.ndarray, where: str = where, turned: bool = turned) -> str:
                 return f"{where} turned by {_numbers(np.degrees(theta))} deg" if turned else (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -19,7 +20,7 @@ def scene_from(data: Content, origin: str | os.PathLike[str]) -> Scene:
         scene = _assembled(checks.draft(decode(data), Path(origin).parent))
         checks.check_start(scene)
         checks.check_touching(scene)
-        return scene
+        return scene.replace(file=(os.fsdecode(origin), json.dumps(data)))
     except EntryError as error:
         raise SceneError(printable(f"{os.fsdecode(origin)}: {error}")) from None
 

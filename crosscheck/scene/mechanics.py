@@ -116,9 +116,10 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
 def work(scene: Scene, states: Motion) -> np.ndarray:
     """Work of loads, dampers and drives since the first time, (T,) in J: the integral of `power`.
 
-    Its error is that of a spline through the power at the given times: of order eight in their distance, two where the
-    law of a joint changes, or four where a function of time has breaks, across which no spline is smoother. The work of
-    impacts and sampled servos does not follow from the states: NaN.
+    Its error is that of a spline through the power at the given times, of order eight in their distance, or two where
+    the law of a joint changes. It is one spline from each break of a function of time to the next, where power jumps,
+    and up to there beyond its times; with fewer times it has a lower order. The work of impacts and sampled servos does
+    not follow from the states: NaN, as where no time is between two breaks.
     """
     if not scene.worked_on or len(states.t) < 2:
         return np.zeros(len(states.t))
@@ -127,8 +128,18 @@ def work(scene: Scene, states: Motion) -> np.ndarray:
         return np.full(len(states.t), np.nan)
     from scipy.interpolate import make_interp_spline
 
-    degree = min(1 if scene.has_laws else 3 if scene.breaks else 7, len(states.t) - 1)
-    return np.asarray(make_interp_spline(states.t, power(scene, states), degree).antiderivative()(states.t))
+    t, values, total, done = states.t, power(scene, states), np.zeros(len(states.t)), 0.0
+    cuts = [b for b in scene.breaks if t[0] < b <= t[-1]]
+    for start, end in itertools.pairwise([t[0], *cuts, t[-1]]):
+        here = np.flatnonzero((t >= start) & ((t < end) | (end == t[-1])))
+        if len(here) == 0:
+            total[t >= end] = done = np.nan
+            continue
+        degree = min(1 if scene.has_laws else 7, len(here) - 1)
+        since = make_interp_spline(t[here], values[here], degree).antiderivative()
+        total[here] = done + since(t[here]) - since(start)
+        done += float(since(end) - since(start))
+    return total
 
 
 def momentum_vertical(scene: Scene, states: Motion) -> np.ndarray:

@@ -236,6 +236,8 @@ class Scene(_Record):
     sites: tuple[Site, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     published: tuple[Published, ...] = ()  # not part of the hash
+    file: tuple[str, str] | None = dataclasses.field(default=None, repr=False)
+    """Path and content (JSON) of the file it was read from, to which paths of numbers refer; not part of the hash."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", _frozen(self.gravity, (3,)))

@@ -17,7 +17,8 @@ from crosscheck import references
 from crosscheck.document import Way, extended
 from crosscheck.errors import Unsupported, said
 from crosscheck.jobs.workers import output
-from crosscheck.judge.metrics import errors
+from crosscheck.judge.metrics import energy_gap, errors
+from crosscheck.judge.tolerances import energy_size
 from crosscheck.references.base import TruthError
 from crosscheck.references.members import Members
 from crosscheck.running import versions
@@ -189,6 +190,8 @@ def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: 
     values = {key: value for key, value in (raw.maxima or {}).items() if key in LEVELS}
     if exact is not None:
         values |= {ERRORS[name]: error.max for name, error in errors(member.scene, raw.states, exact).items()}
+    values["energy_error"] = energy_gap(member.scene, raw.states, exact, raw.maxima or {}) / energy_size(
+        member.scene, raw.states, exact)
     return replace(row, status=raw.status, form=raw.form, steps=raw.steps,
                    wall_time=raw.wall_time if timing else math.nan, **values)
 

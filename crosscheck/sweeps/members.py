@@ -9,7 +9,6 @@ import numpy as np
 
 from crosscheck.errors import SceneError
 from crosscheck.scene.assembly import projected
-from crosscheck.scene.file import scene_from
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import (
     GROUND,
@@ -19,9 +18,10 @@ from crosscheck.scene.model import (
     quaternion_product,
     rotation_from_quaternion,
 )
-from crosscheck.scene.schema import EntryError
+from crosscheck.scene.paths import changed, content_of, number_at, read
+from crosscheck.scene.schema import Content, EntryError
 from crosscheck.scene.starts import Configuration, bodies_at
-from crosscheck.sweeps.plan import Origin, Perturbation, Plan, Value, number_at, with_numbers
+from crosscheck.sweeps.plan import Origin, Perturbation, Plan, Value
 
 FREEDOMS = {name: (3, 0) if kind.coordinates == ("ball",) else tuple(
     sum(word.startswith(motion) for word in kind.coordinates) for motion in ("turn", "slide"))
@@ -51,7 +51,9 @@ def of_start(start: Start, perturbation: Perturbation | None) -> Iterator[Scene]
     if perturbation is None:
         yield start.scene
         return
-    size = sum(_sizes(start, perturbation))
+    content = content_of(start.scene) if any("." in name for name, _ in perturbation.deviations) else {}
+    sizes = _sizes(start.scene, content, perturbation)
+    size = sum(sizes)
     # The same seed for all starts, so that members of different starts can be compared.
     if perturbation.sampling == "normal":  # drawn row by row, so that a larger count keeps the first members
         normals = np.random.default_rng(perturbation.seed).standard_normal((perturbation.count, size))
@@ -61,39 +63,36 @@ def of_start(start: Start, perturbation: Perturbation | None) -> Iterator[Scene]
         hypercube = qmc.LatinHypercube(size, rng=np.random.default_rng(perturbation.seed))
         normals = np.asarray(norm.ppf(hypercube.random(perturbation.count)))
     for row in normals:
-        yield _perturbed(start, perturbation, row)
+        parts = zip(perturbation.deviations, np.split(row, np.cumsum(sizes)[:-1]), strict=True)
+        yield _perturbed(start.scene, content, {name: deviation * part for (name, deviation), part in parts})
 
 
 def _changed(origin: Origin, values: dict[str, Value]) -> Scene:
-    if not values:
-        return origin.scene
-    assert origin.data is not None  # `plan` has checked it
-    return scene_from(with_numbers(origin.data, values, origin.name), origin.path)
+    return changed(origin.scene, values) if values else origin.scene
 
 
-def _sizes(start: Start, perturbation: Perturbation) -> list[int]:
+def _sizes(scene: Scene, content: Content, perturbation: Perturbation) -> list[int]:
     """The number of random numbers that each perturbed quantity needs."""
-    scene = start.scene
     freedoms = sum(sum(FREEDOMS[joint.type]) for joint in scene.joints)
     known = {"angular_velocity": 3 * scene.n, "attitude": 3 * scene.n, "joint_position": freedoms,
              "joint_velocity": freedoms}
-    return [known[name] if name in known else int(np.size(number_at(start.origin.data or {}, name, scene.name)))
+    return [known[name] if name in known else int(np.size(number_at(content, name)))
             for name, _ in perturbation.deviations]
 
 
-def _perturbed(start: Start, perturbation: Perturbation, normals: np.ndarray) -> Scene:
+def _perturbed(scene: Scene, content: Content, drawn: dict[str, np.ndarray]) -> Scene:
     """One member: change numbers of the scene file, then the state, and then project the state onto the joints."""
-    parts = np.split(normals, np.cumsum(_sizes(start, perturbation))[:-1])
-    drawn = {name: deviation * part for (name, deviation), part in zip(perturbation.deviations, parts, strict=True)}
-    scene, data = start.scene, start.origin.data
     changes = {}
     for name, values in drawn.items():
         if "." in name:
-            assert data is not None  # `plan` has checked it
-            now = start.parameters.get(name, number_at(data, name, scene.name))
-            changes[name] = (np.asarray(now) * (1.0 + values.reshape(np.shape(now)))).tolist()
+            now = np.array(number_at(content, name))
+            relative = 1.0 + values.reshape(now.shape)
+            if now.shape == (3, 3):  # an inertia stays symmetric
+                relative = np.triu(relative) + np.triu(relative, 1).T
+            changes[name] = (now * relative).tolist()
     if changes:
-        scene = _changed(start.origin, {**start.parameters, **changes})
+        assert scene.file is not None  # `content_of` has read it
+        scene = read(content, changes, scene.file[0])
     moved = _moved(scene, drawn)
     return scene if moved is None else _closed(scene, moved)
 

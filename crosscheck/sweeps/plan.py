@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-import difflib
 import itertools
 import json
 import os
@@ -22,11 +20,15 @@ from crosscheck.errors import ArgumentError, install, unknown
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.scene.file import read_scene, scene_from
 from crosscheck.scene.model import Scene
+from crosscheck.scene.paths import content_of, number_at
 from crosscheck.scene.schema import Content
 
 KEYS = ("scenes", "engines", "steps", "rtols", "samples", "duration", "parameters", "perturb", "timing")
 PERTURBED = ("angular_velocity", "attitude", "joint_position", "joint_velocity")
 SAMPLING = ("normal", "latin_hypercube")
+DIRECTIONS = ("attitude", "reference_attitude", "parent_axis", "child_axis")
+"""Quaternions and axes of a scene file, whose length does not count."""
+
 MOST_CELLS = 10_000_000
 Value = float | list[float]
 """The value of a parameter: a number, or a vector in the notation of the scene file."""
@@ -44,11 +46,10 @@ class Perturbation:
 
 @dataclasses.dataclass(frozen=True)
 class Origin:
-    """A scene of the sweep with the content of its file, to which the paths of parameters refer."""
+    """A scene of the sweep."""
 
     name: str
     path: str
-    data: Content | None  # None: the scene has no file
     scene: Scene
 
 
@@ -132,7 +133,7 @@ def _checked(data: Mapping[str, object], folder: Path) -> Plan:
     engines = tuple((name, engine_version(name)) for name in sorted({way.engine for way in ways}))
     plan = Plan(origins, ways, engines, parameters,
                 _perturbation(data.get("perturb"), origins, [name for name, _ in parameters]), timing,
-                {**data, "scenes": [origin.path if origin.data and Path(origin.name).suffix else origin.name
+                {**data, "scenes": [origin.path if Path(origin.name).suffix else origin.name
                                     for origin in origins]})
     if plan.cells > MOST_CELLS:
         raise ArgumentError(f"the sweep has {plan.cells} cells, more than {MOST_CELLS}; leave some out")
@@ -145,13 +146,11 @@ def _origin(scene: Any, folder: Path, changes: dict[str, float]) -> Origin:
     Paths are relative to the folder of the request.
     """
     if isinstance(scene, Scene):
-        return Origin(scene.name, scene.name, None, scene.replace(**changes))
+        return Origin(scene.name, scene.name, scene.replace(**changes))
     beside = folder / str(scene)
     name = beside.resolve() if "." in str(scene) and beside.exists() else scene
     path, data = read_scene(name)
-    data |= changes
-    built = scene_from(data, path)
-    return Origin(str(scene), str(path), data, built)
+    return Origin(str(scene), str(path), scene_from(data | changes, path))
 
 
 def _ways(engines: object, steps: Sequence[float], rtols: Sequence[float]) -> tuple[Way, ...]:
@@ -192,9 +191,7 @@ def _parameters(given: object, origins: Sequence[Origin]) -> tuple[tuple[str, tu
     parameters = []
     for path, values in given.items():
         for origin in origins:
-            if origin.data is None:
-                raise ArgumentError(f"parameters: {path!r} has no place in {origin.path!r}, which is no file")
-            now = number_at(origin.data, path, origin.name)
+            now = number_at(content_of(origin.scene), path)
             for value in _several(f"parameters.{path}", values, "values"):
                 if np.shape(value) != np.shape(now) or not np.isfinite(np.asarray(value, dtype=float)).all():
                     raise ArgumentError(f"parameters.{path}: {value!r} is not like {now!r}, the scene's, of "
@@ -216,9 +213,7 @@ def _perturbation(given: object, origins: Sequence[Origin], taken: Sequence[str]
             if "." not in key:
                 raise ArgumentError(unknown("perturb", key, (*PERTURBED, "count", "seed", "sampling", "a path")))
             for origin in origins:
-                if origin.data is None:
-                    raise ArgumentError(f"perturb: {key!r} has no place in {origin.path!r}, which is no scene file")
-                number_at(origin.data, key, origin.name)
+                _check_perturbed(content_of(origin.scene), key, origin.name)
         deviations.append((key, _positive(f"perturb.{key}", value)))
     if not deviations:
         raise ArgumentError(f"perturb: nothing is perturbed; give one of {', '.join(PERTURBED)}, or a path")
@@ -229,6 +224,18 @@ def _perturbation(given: object, origins: Sequence[Origin], taken: Sequence[str]
         raise ArgumentError("perturb.count: missing; give the number of members")
     return Perturbation(tuple(deviations), _whole("perturb.count", given["count"], 1),
                         _whole("perturb.seed", given.get("seed", 0), 0), sampling)
+
+
+def _check_perturbed(content: Content, path: str, scene: str) -> None:
+    """Raise if relative deviations of the numbers at a path change nothing."""
+    if not np.any(number_at(content, path)):
+        raise ArgumentError(f"perturb: {path!r} is 0 in {scene!r}, and relative deviations of 0 are none; vary it in "
+                            "parameters")
+    group, owner, key, *_ = (*path.split("."), "", "")
+    whole = number_at(content, f"{group}.{owner}.{key}") if key in (*DIRECTIONS, "position") else []
+    if (key in DIRECTIONS or np.size(whole) == 4) and np.count_nonzero(whole) == 1:
+        raise ArgumentError(f"perturb: {path!r} in {scene!r} is a direction, {whole}, whose length does not count; "
+                            'perturb "attitude" or "joint_position" (rad), or vary it in parameters')
 
 
 def _several(name: str, given: object, what: str, empty: bool = False) -> list[Any]:
@@ -247,72 +254,3 @@ def _whole(name: str, value: object, lowest: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < lowest:
         raise ArgumentError(f"{name}: a whole number of at least {lowest} is wanted, not {value!r}")
     return int(value)
-
-
-def number_at(data: Content, path: str, scene: str) -> Any:
-    """The number or list of numbers at a path.
-
-    Raises
-    ------
-    ArgumentError
-        There is nothing at the path, or not a number. The message names the scene and the nearest path.
-    """
-    value = _walk(data, path, scene)
-    if not _numeric(value):
-        bodies = data.get("bodies") or [{}]
-        raise ArgumentError(f"{path}: in scene {scene!r} this is no number but {value!r}; name a number, such as "
-                            f"bodies.{bodies[0].get('name', '0')}.mass")
-    return value
-
-
-def with_numbers(data: Content, changes: Mapping[str, object], scene: str) -> Content:
-    """A copy of the content with the values of `changes` at their paths."""
-    data = copy.deepcopy(data)
-    for path, value in changes.items():
-        words = path.split(".")
-        target = _walk(data, ".".join(words[:-1]), scene) if len(words) > 1 else data
-        key = words[-1]
-        if isinstance(target, list):
-            _walk(target, key, scene)  # raises if there is no such entry
-            target[_index(target, key) or 0] = value
-        else:
-            target[key] = value
-    return data
-
-
-def _walk(data: object, path: str, scene: str) -> Any:
-    walked: list[str] = []
-    for word in path.split("."):
-        if isinstance(data, dict):
-            names = list(data)
-            entry = data.get(word)
-        elif isinstance(data, list):
-            index = _index(data, word)
-            names = [each["name"] for each in data if isinstance(each, dict) and "name" in each]
-            names = names or [str(k) for k in range(len(data))]
-            entry = None if index is None else data[index]
-        else:
-            names, entry = [], None
-        if entry is None:
-            here = ".".join([*walked, word])
-            near = difflib.get_close_matches(word, names, n=1)
-            guess = f"did you mean {'.'.join([*walked, near[0]])!r}? " if near else ""
-            raise ArgumentError(f"{path}: scene {scene!r} has no {here!r}; {guess}there "
-                                f"{'is' if len(names) == 1 else 'are'} {', '.join(names) or 'nothing below'}")
-        data = entry
-        walked.append(word)
-    return data
-
-
-def _index(entries: list[Any], word: str) -> int | None:
-    """The index of an entry by its name or number, or None."""
-    for k, entry in enumerate(entries):
-        if isinstance(entry, dict) and entry.get("name") == word:
-            return k
-    return int(word) if word.isdecimal() and int(word) < len(entries) else None
-
-
-def _numeric(value: object) -> bool:
-    if isinstance(value, list):
-        return bool(value) and all(map(_numeric, value))
-    return isinstance(value, int | float) and not isinstance(value, bool)

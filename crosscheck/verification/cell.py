@@ -20,7 +20,7 @@ from crosscheck.judge.defects import MOST_BODIES, SHARE, Defects, measured
 from crosscheck.judge.flow import Answer
 from crosscheck.judge.intervals import FINER, judge_between, judge_intervals, judge_noise, judge_windows, unjudged
 from crosscheck.judge.intervals import Judged as Covered
-from crosscheck.judge.metrics import Error, errors, up_to
+from crosscheck.judge.metrics import Error, energy_gap, errors, up_to
 from crosscheck.judge.overrides import override
 from crosscheck.judge.repeats import judge_axes, judge_repeat, seen_eps, shown_floor
 from crosscheck.judge.sensors import judge_sensors
@@ -348,24 +348,6 @@ def _most(series: np.ndarray, every_step: float | None) -> float:
     return max(float(series.max()), every_step or 0.0)
 
 
-def _energy_gap(traj: Trajectory, maxima: Mapping[str, float]) -> float:
-    """The largest |E(t) - E(0)|, J, of samples and every step; maxima are relative to a kinetic energy of their own."""
-    kinetic = maxima.get("kinetic_energy", float(traj.kinetic_energy.max(initial=0.0)) or 1.0)
-    return max(float(np.abs(traj.energy - traj.energy[0]).max()), maxima.get("energy_error", 0.0) * kinetic)
-
-
-def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, size: float,
-                  maxima: Mapping[str, float]) -> float:
-    """The largest |E(t) - E(0) - work| over `size`: over every step if nothing does work, else at the samples.
-
-    If there is truth, the work is that of the true motion.
-    """
-    if not scene.worked_on:
-        return _energy_gap(traj, maxima) / size
-    expected = traj.energy[0] + traj.work if reference is None else mechanics.energy(scene, reference.states)
-    return float(np.abs(traj.energy - expected).max() / size)
-
-
 def _off(scene: Scene, reference: Reference | None, missed: Mapping[str, Error]) -> float | None:
     """The largest error of a pose in the scene's own size."""
     if reference is None or "position" not in missed:
@@ -376,8 +358,8 @@ def _off(scene: Scene, reference: Reference | None, missed: Mapping[str, Error])
 def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference | None, missed: Mapping[str, Error],
               held: frozenset[str], maxima: Mapping[str, float]) -> Record:
     """The measured values of a run."""
-    size = (float(mechanics.kinetic_energy(scene, traj).max()) or 1.0 if reference is None else
-            tolerances.scales(scene, reference).kinetic)
+    exact = None if reference is None else reference.states
+    size, gap = tolerances.energy_size(scene, traj, exact), energy_gap(scene, traj, exact, maxima)
     levels = {}
     for level, unit in LEVELS.items():
         series = getattr(traj, f"constraint_{level}")
@@ -385,13 +367,12 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference 
         levels[level] = Level(max=most, held=level in held, unit=unit)
     momentum = None if reference is None else float(np.abs(
         traj.momentum_vertical - mechanics.momentum_vertical(scene, reference.states)).max())
-    energy_error, start = _energy_error(scene, traj, reference, size, maxima), abs(float(traj.energy[0]))
-    gap = energy_error * size if scene.worked_on else _energy_gap(traj, maxima)
+    start = abs(float(traj.energy[0]))
     return replace(
         run, form=traj.form or run.form, status=traj.status, duration=scene.duration,
         off=_off(scene, reference, missed), errors={name: error.figures for name, error in missed.items()},
         levels=levels,
-        energy_error=energy_error, energy_error_by_start=float(gap / start) if start else None,
+        energy_error=gap / size, energy_error_by_start=float(gap / start) if start else None,
         momentum_error=momentum, orthogonality=_most(traj.orthogonality, maxima.get("orthogonality")),
         steps=int(traj.steps), wall_time=float(traj.wall_time), us_per_step=1e6 * traj.wall_time / max(1, traj.steps),
         seconds_per_second=traj.wall_time / scene.duration, curves=run_curves(scene, traj, missed, reference))

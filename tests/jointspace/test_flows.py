@@ -9,22 +9,22 @@ from scipy.linalg import expm
 import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
-from crosscheck.jointspace.parameters import altered, value_of
 from crosscheck.scene.building import scene_from
-from crosscheck.scene.model import Force
+from crosscheck.scene.paths import changed, content_of, number_at
 from tests.jointspace.arms import arm
 
 
-def slider():
-    """A damped mass on a spring."""
+def slider(*forces):
+    """A damped mass on a spring, or under other forces."""
     return scene_from({
-        "schema": 2, "name": "slider", "gravity": [0.0, 0.0, 0.0], "duration": 1.0, "samples": 2,
+        "schema": 3, "name": "slider", "gravity": [0.0, 0.0, 0.0], "duration": 1.0, "samples": 2,
         "bodies": [{"name": "mass", "mass": 2.0, "inertia": np.diag([0.1] * 3).tolist()}],
         "joints": [{"name": "slide", "type": "prismatic", "parent": "ground", "child": "mass",
                     "parent_anchor": [0.0] * 3, "child_anchor": [0.0] * 3, "parent_axis": [1.0, 0.0, 0.0],
                     "child_axis": [1.0, 0.0, 0.0], "position": 0.3, "velocity": 0.1}],
-        "forces": [{"type": "linear_spring", "parent": "ground", "child": "mass", "parent_point": [-1.0, 0.0, 0.0],
-                    "child_point": [0.0] * 3, "stiffness": 30.0, "free_length": 1.0, "damping": 0.7}]}, "slider")
+        "forces": list(forces) or [{"type": "linear_spring", "parent": "ground", "child": "mass",
+                                    "parent_point": [-1.0, 0.0, 0.0], "child_point": [0.0] * 3,
+                                    "stiffness": 30.0, "free_length": 1.0, "damping": 0.7}]}, "slider")
 
 
 def test_a_linear_oscillator():
@@ -42,9 +42,7 @@ def test_a_linear_oscillator():
 
 
 def test_the_gains_of_a_servo():
-    scene = slider()
-    scene = scene.replace(forces=(Force("servo", None, None, "slide", {
-        "target": 0.0, "feedforward": 0.0, "proportional": 30.0, "derivative": 0.7}),))
+    scene = slider({"type": "servo", "joint": "slide", "proportional": 30.0, "derivative": 0.7})
     found = crosscheck.flow_derivative(scene, 0.9, parameters=("forces.0.proportional", "forces.0.derivative"))
 
     def end(k, c):
@@ -97,7 +95,8 @@ def test_sensitivities_of_lieeuler_converge_to_truth():
     lower = scene.bodies[1].name
     paths = (f"bodies.{lower}.mass", f"bodies.{lower}.inertia.0.0", "joints.1.child_anchor.2", "gravity.2")
     exact = crosscheck.flow_derivative(scene, duration, parameters=paths).parameters[[0, 1, 2, 6, 7, 8]]
-    changes = {path: lambda s, path=path: build_problem(altered(scene, path, value_of(scene, path) + s))
+    changes = {path: lambda s, path=path: build_problem(changed(
+        scene, {path: number_at(content_of(scene), path) + s}))
                for path in paths}
     for method, order, steps in (("DAE1L_LSE", 1, (1e-3, 5e-4)), ("rattle2", 2, (2e-2, 1e-2)),
                                  ("rkmk4", 4, (3e-2, 1.5e-2)), ("taylor", 0, (None,))):
@@ -113,8 +112,10 @@ def test_sensitivities_of_lieeuler_converge_to_truth():
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
-    ({"parameters": ("bodies.b9.mass",)}, "there is no 'b9'"),
-    ({"parameters": ("bodies.b1.mas",)}, 'did you mean "mass"'),
+    ({"parameters": ("bodies.b9.mass",)}, "has no 'bodies.b9'"),
+    ({"parameters": ("bodies.b1.mas",)}, "did you mean 'bodies.b1.mass'"),
+    ({"parameters": ("gravity",)}, "name one of them, 'gravity.0'"),
+    ({"parameters": ("bodies.b1.inertia.0.3",)}, "has no 'bodies.b1.inertia.0.3'"),
     ({"parameters": ("bodies.b1",)}, "is no number"), ({"parameters": "gravity.2"}, "give a tuple"),
     ({"duration": -1.0}, "duration"), ({"source": "lieeuler"}, "name a method too")])
 def test_wrong_arguments(arguments, said):

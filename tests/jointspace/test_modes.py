@@ -12,8 +12,9 @@ from typer.testing import CliRunner
 import crosscheck
 from crosscheck.cli.app import app
 from crosscheck.cli.linear_pages import _branches, _drawn
-from crosscheck.jointspace.parameters import altered, unit
+from crosscheck.jointspace.modes import at_speed
 from crosscheck.scene.building import scene_from
+from crosscheck.scene.paths import unit
 
 # doi:10.1098/rspa.2007.1857, table 2: weave (two real values at rest), capsize, castering; speed in m/s
 BICYCLE = {
@@ -33,7 +34,7 @@ BICYCLE = {
 
 @pytest.mark.parametrize("speed", BICYCLE)
 def test_the_published_bicycle(speed):
-    values = crosscheck.modes(altered(crosscheck.load_scene("bicycle"), "speed", float(speed))).eigenvalues
+    values = crosscheck.modes(at_speed(crosscheck.load_scene("bicycle"), float(speed))).eigenvalues
     assert np.count_nonzero(values == 0) == 6  # place, heading, two wheels and the speed, which is one more link
     for wanted in BICYCLE[speed]:
         assert np.abs(values - wanted).min() < 1e-12
@@ -44,7 +45,7 @@ def test_the_published_bicycle(speed):
     (6.02, 6.02426201538837, lambda values: max(values.real[(values.imag == 0) & (values != 0)]))])
 def test_weave_and_capsize_speeds(near, wanted, pick):
     scene, away = crosscheck.load_scene("bicycle"), 0.1 * np.cos(np.pi * (2 * np.arange(12) + 1) / 24)  # Chebyshev
-    growth = [pick(crosscheck.modes(altered(scene, "speed", near + each)).eigenvalues) for each in away]
+    growth = [pick(crosscheck.modes(at_speed(scene, near + each)).eigenvalues) for each in away]
     roots = np.polynomial.Chebyshev.fit(away, growth, 11).roots()
     assert near + min(roots.real, key=abs) == pytest.approx(wanted, abs=1e-11)
 

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from crosscheck.files import cache_folder
-from crosscheck.references.base import End, Piece, TruthError
-from crosscheck.references.dense_output import GROWTH_POINTS, Truth
+from crosscheck.references.base import End, Piece
+from crosscheck.references.dense_output import Truth
 from crosscheck.references.modes import Part
 from crosscheck.scene.model import Scene
 
@@ -92,8 +92,7 @@ def load(scene: Scene, portable: bool) -> Truth | None:
         return _restored(scene, portable, content)
     except (FileNotFoundError, NotADirectoryError):
         return None
-    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile, zlib.error,
-            TruthError) as error:
+    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         warnings.warn(f"the stored reference of {scene.name!r} cannot be read ({error}); it is computed anew",
                       stacklevel=3)
         return None
@@ -140,43 +139,18 @@ def _read_end(state: np.ndarray, times: np.ndarray, text: np.ndarray) -> End:
 
 
 def _restored(scene: Scene, portable: bool, content: dict[str, Any]) -> Truth:
-    """The truth of this scene from named arrays; raises `ValueError` or `KeyError` if they cannot be it."""
-    truth, n = Truth(scene, portable), scene.n
-    start, length, coefficients = (content[name] for name in ("start", "length", "coefficients"))
-    pieces, dimension = len(start), len(content["end"])
-    kind = np.longdouble if portable else np.float64
-    shapes = {"start": (pieces,), "rest": (pieces,), "length": (pieces,), "maxima": (pieces, *truth.maxima.shape[1:]),
-              "growth": (GROWTH_POINTS * pieces + 1,), "end_time": (2,), "second_time": (2,)}
-    for part in ("second", "third"):
-        count = len(content[f"{part}_x"])
-        shapes |= {f"{part}_x": (count, n, 3), f"{part}_R": (count, n, 3, 3)}
-    for name, shape in shapes.items():
-        if content[name].shape != shape or content[name].dtype != np.float64 or not np.isfinite(content[name]).all():
-            raise ValueError(f"{name} is not finite or not of shape {shape}")
-    if coefficients.ndim != 3 or len(coefficients) != pieces or not np.isfinite(coefficients).all() or (
-            coefficients.dtype != kind or coefficients.shape[2] < 3):
-        raise ValueError("coefficients are not finite or not those of its pieces")
-    if not np.allclose(start[1:], start[:-1] + length[:-1], rtol=1e-14, atol=0.0) or start[0] != 0.0 or (
-            length <= 0.0).any():
-        raise ValueError("its pieces do not follow each other")
+    """The truth of this scene from named arrays."""
+    truth = Truth(scene, portable)
+    modes = content["modes"] if content["modes"].ndim == 2 else [None] * len(content["start"])
+    truth.pieces = [Piece(*parts) for parts in zip(
+        *(content[name].tolist() for name in ("start", "rest", "length")), content["coefficients"], modes, strict=True)]
     truth.end = _read_end(content["end"], content["end_time"], content["laws"])
-    modes = content["modes"] if content["modes"].ndim == 2 else [None] * pieces
     truth.event_error = float(content["event_error"])
-    truth.pieces = [Piece(*parts) for parts in zip(start.tolist(), content["rest"].tolist(), length.tolist(),
-                                                   coefficients, modes, strict=True)]
     truth.maxima, truth.growth = content["maxima"], content["growth"]
     truth.second, truth.third = ((content[f"{part}_x"], content[f"{part}_R"]) for part in ("second", "third"))
     truth.second_source = str(content["second_source"])
     if len(content["second_end"]):
         truth.second_end = _read_end(content["second_end"], content["second_time"], content["second_laws"])
-    if abs(truth.end.time - truth.reach) > 1e-12 * truth.reach or len(truth.second[0]) != len(truth.compared):
-        raise ValueError("its parts are not of one length")
-    begin = truth.on_series(np.zeros(1))
-    start_gap = max(np.abs(begin.x[0] - scene.x0).max(), np.abs(begin.R[0] - scene.R0).max())
-    if not start_gap <= 1e-9 * max(1.0, np.abs(scene.x0).max()):  # it starts where the scene does, to rounding
-        raise ValueError("it starts elsewhere than the scene")
-    if dimension < coefficients.shape[1] - 12 * (n + 1) * portable:
-        raise ValueError("its end has not the dimension of its pieces")
     return truth
 
 

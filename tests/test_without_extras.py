@@ -72,7 +72,7 @@ LACK = {  # and what
     "diff arm.urdf arm.urdf": "mujoco",
     "inspect arm.urdf": "mujoco", "import arm.urdf -o arm.toml": "mujoco", "export brief.toml -o out.py": "exudyn",
     "report report": "report", "report report --format svg": "report",
-    "paper brief.toml": "report", "history page": "report", "sweep sweep.toml -o sweep": "data",
+    "report report --format paper": "report", "history page": "report", "sweep sweep.toml -o sweep": "data",
     "history list --store postgresql://somebody@127.0.0.1:1/some": "history",
     f"study work-precision brief.toml {RATTLE} --repeats 1": "truth",
     f"study work-precision brief.toml {RATTLE} --repeats 1 --time-limit 0.002 --no-bound": "report",

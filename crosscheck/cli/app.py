@@ -17,18 +17,22 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from crosscheck.cli.console import INTERRUPTED, complain, interrupted
-from crosscheck.errors import CrosscheckError, missing
+from crosscheck.errors import ArgumentError, CrosscheckError, missing
 
 COMMANDS = {
     "verify": "verify", "judge": "runs", "advise": "runs", "run": "runs", "truth": "runs", "explain": "runs",
     "law": "runs", "inspect": "engines", "derivatives": "models", "modes": "models", "diff": "models",
-    "reproduce": "models", "bisect": "models", "support": "engines", "report": "verify", "paper": "verify",
+    "reproduce": "models", "bisect": "models", "support": "engines", "report": "verify",
     "nightly": "verify", "sweep": "verify", "list": "engines", "import": "models", "export": "models",
     "history": "history", "study": "study"}
 """The file of each command."""
 
 FUNCTIONS = {"list": "list_", "import": "import_", "history": "alone", "study": "alone"}
 """The function of a command with another name. Those with commands of their own have `alone`, and an `app`."""
+
+
+RENAMED = {"paper": "report FOLDER --format paper, of a FOLDER that crosscheck verify wrote"}
+"""Former commands, and what to write instead."""
 
 
 @functools.cache
@@ -62,6 +66,12 @@ class Commands(TyperGroup):
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
         self.commands = _Commands()
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of this name; a former one raises `ArgumentError` with its new name."""
+        if cmd_name in RENAMED:
+            raise ArgumentError(f"crosscheck {cmd_name} is now: crosscheck {RENAMED[cmd_name]}")
+        return super().get_command(ctx, cmd_name)
 
     def format_help(self, *given: Any) -> None:
         """Write what each function says of itself in its file."""

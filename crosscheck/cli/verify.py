@@ -1,11 +1,10 @@
-"""Many runs: `crosscheck verify`, `nightly` and `sweep`; what is made of them again: `report` and `paper`."""
+"""Many runs: `crosscheck verify`, `nightly` and `sweep`; what is made of them again: `report`."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 import functools
-import importlib
 import math
 import os
 import shlex
@@ -17,14 +16,12 @@ from typing import Annotated
 import msgspec
 import typer
 
-from crosscheck import adapters
 from crosscheck import report as site
-from crosscheck.adapters.base import CHOICES
 from crosscheck.cli import options
 from crosscheck.cli.console import complain, console, figures, key, print_table, progress_bar, say
 from crosscheck.cli.options import Control, Drop, EngineNames, Keyframe, Limits, SceneNames, scene_files
-from crosscheck.document import EULER, Asked, Document, Record, grouped
-from crosscheck.errors import ArgumentError, counted, install, unknown
+from crosscheck.document import Asked, Document, Record, grouped
+from crosscheck.errors import ArgumentError, counted, install
 from crosscheck.history import nightly as nights
 from crosscheck.jobs.table import Table
 from crosscheck.judge import overrides
@@ -33,10 +30,8 @@ from crosscheck.report import check_out, schema, write
 from crosscheck.report.figures import write_figures
 from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, share_words, state
 from crosscheck.report.overview import worst_first
-from crosscheck.scene.file import as_scene, load_scene, tagged
-from crosscheck.studies.paper import bundle
-from crosscheck.studies.paper.figures import FORMATS
-from crosscheck.studies.paper.runs import Request
+from crosscheck.report.paper import write_paper
+from crosscheck.scene.file import as_scene, tagged
 from crosscheck.sweeps import job as sweeps
 from crosscheck.verification import job
 from crosscheck.verification.job import limits_of
@@ -282,55 +277,25 @@ def sweep(
                "'lieeuler-crosscheck[report]')")
 
 
-RENDERED = ("html", "svg")
+RENDERED = ("html", "svg", "paper")
 
 
 def report(
     run: Annotated[Path, typer.Argument(help="folder of a report, or its results.json")] = Path("reports/latest"),
     format_: Annotated[str, typer.Option("--format", help=(
-        "html: write the pages again; svg: the main plots in figures/"))] = "html",
+        "html: write the pages again; svg: the main plots in figures/; paper: "
+        "figures, tables, LaTeX and BibTeX in paper/"))] = "html",
 ) -> None:
     """Render a finished run again from its results.json, without running anything."""
     folder = run.parent if run.name == "results.json" else run
     if format_ not in RENDERED:
-        raise ArgumentError(f"--format {format_!r} is unknown: choose {' or '.join(RENDERED)}")
+        raise ArgumentError(f"--format {format_!r} is unknown: choose {', '.join(RENDERED[:-1])} or {RENDERED[-1]}")
     if not folder.is_dir():
         raise ArgumentError(f"{run}: no such folder; name one that `crosscheck verify` wrote, such as reports/latest")
     if format_ == "svg":
         written = write_figures(site.load_report(folder), folder / site.FIGURES)
         typer.echo(f"{len(written)} figures: {folder / site.FIGURES}")
+    elif format_ == "paper":
+        typer.echo(f"document: {write_paper(site.load_report(folder), folder / site.PAPER)}")
     else:
         typer.echo(f"report: {site.render_again(folder)}")
-
-
-def paper(
-    scene: Annotated[list[str], typer.Argument(help="names or paths")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="folder of figures, tables, data")] = Path("reports/paper"),
-    engine: Annotated[str, typer.Option(help="whose methods")] = "lieeuler",
-    method: Annotated[list[str] | None, options.methods("of fixed step; of lieeuler the eight Euler methods")] = None,
-    coordinate_map: options.CoordinateMaps = None,
-    correction: Annotated[list[str] | None, typer.Option(
-        help="mass or plain: weight of the correction of stabilised methods; may be repeated; default: both")] = None,
-    shown: Annotated[str | None, typer.Option("--show", help="the method in figures of a single method")] = None,
-    step: options.Step = None,
-    duration: options.Duration = None,
-    formats: Annotated[list[str] | None, typer.Option("--format", help="pdf or svg; may be repeated; default: both")
-                       ] = None,
-) -> None:
-    """Write figures and tables like those in the papers for any scenes: vector graphics, LaTeX, BibTeX and the data."""
-    known = adapters.get(engine).fixed_step_methods
-    methods = tuple(dict.fromkeys(method or (EULER if engine == "lieeuler" else known)))
-    maps, kinds = tuple(coordinate_map or ("exp",)), tuple(formats or FORMATS)
-    corrections = tuple(correction or CHOICES["correction"])
-    for option, names, allowed in (("--method", methods, known), ("--show", (shown,) if shown else (), known),
-                                   ("--format", kinds, FORMATS), ("--correction", corrections, CHOICES["correction"])):
-        for name in names:
-            if name not in allowed:
-                raise ArgumentError(unknown(option, name, allowed))
-    scenes = [load_scene(name) for name in scene]
-    importlib.import_module("matplotlib")  # where it is not installed, all runs would be for nothing
-    with progress_bar() as progress:
-        request = Request(methods, maps, shown or "DAE1L_LSE", step, duration, engine, corrections)
-        document = bundle.write(scenes, out, request, kinds, lambda what: progress(0, None, what))
-    typer.echo(f"document: {document}")
-    typer.echo(f"tables: {', '.join(f'{each.name}-table.tex' for each in scenes)}; figures and data beside them")

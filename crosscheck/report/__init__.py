@@ -128,15 +128,16 @@ FILES = frozenset({"index.html", "plotly.min.js", "runs.js", "summary.md", "resu
                    "results.json", standalone.FILE, *STATIC})
 """Files of a report, apart from the pages and curves of scenes, engines and studies, and the folder of figures."""
 
-FIGURES = "figures"
+FIGURES, PAPER = "figures", "paper"
 
 
 def is_file_of_report(path: Path) -> bool:
-    """Whether this is a file of a report, or its folder of figures."""
+    """Whether this is a file of a report, or its folder of figures or of a paper."""
     if path.is_symlink():
         return False
     if path.is_dir():
-        return path.name == FIGURES and all(each.suffix == ".svg" for each in path.iterdir())
+        return (path.name == FIGURES and all(each.suffix == ".svg" for each in path.iterdir())) or (
+            path.name == PAPER and (path / "paper.tex").is_file())
     page = path.name.startswith(("scene-", "engine-", "study-")) and path.suffix in (".html", ".js")
     return path.is_file() and (path.name in FILES or page)
 

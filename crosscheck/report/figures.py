@@ -1,4 +1,4 @@
-"""The main plots of a report for papers, as SVG files.
+"""The main plots of a report for papers, as SVG or PDF files.
 
 matplotlib draws the plots, so that no browser is needed. Text is kept as text, so that a paper can use its own fonts.
 The same results always give the same file. The pages offer each of their figures as SVG, too, by the link below it.
@@ -35,28 +35,46 @@ MOST_BODIES = 4
 """Up to this number of bodies, the rotation matrices of all are drawn; beyond it, only that of the last."""
 
 
+FORMATS: dict[str, dict[str, None]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+"""Formats of the files, without the times at which they were made."""
+WIDEST, THINNEST = 3.6, 0.7
+"""Widths, pt, of the first and the last of several curves over time: of those that coincide, each stays visible."""
+
+
 def write_figures(document: Document, folder: Path) -> list[Path]:
-    """Write the figures of every scene into `folder` and return their paths.
+    """Write the figures of every scene into `folder` as SVG and return their paths.
 
     Figures of the motion show one run. Figures over time show the eight Lie group Euler methods and the most accurate
     run of each other engine. Figures of speed and convergence show all runs.
     """
+    folder.mkdir(exist_ok=True)
+    with style():
+        return [folder / f"{stem}.svg" for scene in document.scenes for stem, _ in drawn(
+            scene, [record for record in document.records if record.scene == scene.name], folder, ("svg",))]
+
+
+def style() -> Any:
+    """The context in which figures are drawn: text is kept as text, and the same results give the same file."""
     import matplotlib
 
     matplotlib.use("svg")
-    folder.mkdir(exist_ok=True)
-    written = []
-    # A fixed salt instead of a random one, so that the same results give the same file.
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "crosscheck", "font.size": 9,
-                                "axes.grid": True, "grid.color": "#dddddd", "legend.fontsize": 7,
-                                "lines.linewidth": 1.1}):
-        for scene in document.scenes:
-            runs = [record for record in document.records if record.scene == scene.name]
-            for end, figure in figures(scene, runs):
-                path = folder / f"{Path(pages.scene_file(scene)).stem}-{end}.svg"
-                figure.savefig(path, format="svg", metadata={"Date": None}, bbox_inches="tight")
-                written.append(path)
-    return written
+    return matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "crosscheck", "pdf.fonttype": 42,
+                                  "font.size": 9, "axes.grid": True, "grid.color": "#dddddd", "legend.fontsize": 7,
+                                  "lines.linewidth": 1.1})
+
+
+def drawn(scene: Scene, runs: Sequence[Record], folder: Path, formats: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Write the figures of a scene; the stem of each one's files, and the last part of it."""
+    for end, figure in figures(scene, runs):
+        stem = f"{Path(pages.scene_file(scene)).stem}-{end}"
+        for kind in formats:
+            figure.savefig(folder / f"{stem}.{kind}", format=kind, metadata=FORMATS[kind], bbox_inches="tight")
+        yield stem, end
+
+
+def verbatim(name: str) -> str:
+    """A name as it is, in which matplotlib finds no formula."""
+    return name.replace("$", r"\$")
 
 
 def figures(scene: Scene, runs: Sequence[Record]) -> Iterator[tuple[str, Any]]:
@@ -102,23 +120,23 @@ def _motion(scene: Scene, record: Record) -> Iterator[tuple[str, Any]]:
     paths += [(f"end of {scene.bodies[j.child]}", x[j.child] - R[j.child] @ np.array(j.child_anchor)) for j in joints
               if joined[j.child] == 1 and any(j.child_anchor or ())]
     figure = Figure(figsize=(6.8, 3.8), layout="constrained")
-    figure.suptitle(record.label)
+    figure.suptitle(verbatim(record.label))
     for axes, across, side in zip(figure.subplots(1, 2), (2, 1), ("the side", "above"), strict=True):
         for label, path in paths:
-            line, = axes.plot(path[:, 0], path[:, across], label=label)
+            line, = axes.plot(path[:, 0], path[:, across], label=verbatim(label))
             axes.plot(path[0, 0], path[0, across], marker="o", markersize=3, color=line.get_color())
         axes.set(xlabel="x (m)", ylabel=f"{'xyz'[across]} (m)", title=f"from {side}")
         axes.set_aspect("equal", adjustable="datalim")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
     yield "path", figure
     figure = Figure(figsize=(5.2, 3.6))
-    axes = figure.add_subplot(xlabel="time (s)", ylabel="energy (J)", title=record.label)
+    axes = figure.add_subplot(xlabel="time (s)", ylabel="energy (J)", title=verbatim(record.label))
     axes.plot(scene.curves.t, energies, label=("kinetic", "potential", "total"))
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
     yield "energies", figure
     for b in range(len(scene.bodies)) if len(scene.bodies) <= MOST_BODIES else (-1,):
         figure = Figure(figsize=(5.2, 4.2), layout="constrained")
-        figure.suptitle(f"rotation matrix of {scene.bodies[b]}, {record.label}")
+        figure.suptitle(verbatim(f"rotation matrix of {scene.bodies[b]}, {record.label}"))
         grid = figure.subplots(3, 3, sharex=True, sharey=True)
         for place in np.ndindex(3, 3):
             grid[place].plot(scene.curves.t, R[b][(slice(None), *place)])
@@ -151,11 +169,12 @@ def _drawn(lines: Sequence[tuple[Record, Any, Any]], looks: dict[str, identity.L
 
     figure = Figure(figsize=(5.2, 3.6))
     axes = figure.add_subplot(xlabel=x_axis, ylabel=y_axis, yscale="log", xscale="log" if log_x else "linear")
-    for record, x, y in lines:
+    widths = np.geomspace(WIDEST, THINNEST, max(2, len(lines)))
+    for (record, x, y), width in zip(lines, widths, strict=False):
         look = looks[record.label]
         axes.plot(x, [float("nan") if value is None else max(float(value), SMALLEST) for value in y], color=look.light,
                   linestyle=look.pattern(), marker=look.matplotlib_marker if markers else "", markersize=3.5,
-                  label=record.label)
+                  linewidth=None if markers else width, label=verbatim(record.label))
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, ncols=1 if len(lines) <= 24 else 2)
     return figure
 

@@ -12,12 +12,12 @@ from crosscheck import files, load_scene
 from crosscheck.adapters.exudyn.script import script
 from crosscheck.cli import runs
 from crosscheck.inspection.reproduce import reproduce
-from crosscheck.studies.paper.figures import tex
+from crosscheck.report.paper import typed
 
 HOSTILE = r"\input{/etc/passwd}\write18{id}~^_{}$&#%"
 
 
-@pytest.mark.parametrize("encoder", [files.tex, tex])
+@pytest.mark.parametrize("encoder", [files.tex, typed])
 def test_no_letter_of_a_name_is_a_command_of_latex(encoder):
     written = encoder(HOSTILE).removeprefix(r"\texttt{").replace(r"\textbackslash{}", "")
     assert r"\input" not in written

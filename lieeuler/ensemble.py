@@ -100,10 +100,12 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, spin_free
         As `lieeuler.integrate` takes them.
     x, R, v, w : (N, n, 3), (N, n, 3, 3), (N, n, 3), (N, n, 3), optional
-        Initial states in the conventions of `lieeuler.types`. Each must satisfy the joints to rounding level.
+        Initial states in the conventions of `lieeuler.types`. Each must satisfy the joints to rounding level, those of
+        drives at t_eval[0].
     parameters : mapping of paths to arrays (N, ...), optional
         Such as "bodies.0.inertia" (N, 3, 3), "joints.1.child_anchor" (N, 3), "forces.0.stiffness" (N,), "gravity"
-        (N, 3); a last index names one component, as in "gravity.2" (N,).
+        (N, 3); a last index names one component, as in "gravity.2" (N,). All are set together: several components of
+        one axis before it is made a unit vector, and an entry of an inertia with the one that equals it.
     threads : int
         0: one thread for each processor that the process may use.
 
@@ -120,6 +122,8 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
         raise ArgumentError("ensembles take no laws; integrate the members one by one, or leave laws out")
     if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 0 <= threads <= 1024:
         raise ArgumentError(f"threads must be a whole number from 0 (all processors) to 1024, not {threads!r}")
+    if plan.t[0] != problem.time:
+        problem = Problem.unchecked(problem, time=float(plan.t[0]))
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     values = _parameters(problem, parameters or {})
     states, N = _states(problem, {"x": x, "R": R, "v": v, "w": w}, values)
@@ -228,8 +232,7 @@ def _member(problem: Problem, k: int, states: Mapping[str, np.ndarray], values: 
     """The problem of one member; its state and parameters are checked as those of any problem are."""
     try:
         member = Problem.unchecked(problem, **{name: states[name][k] for name in "xRvw"})
-        for path, array in values.items():
-            member = changed(member, path.split("."), functools.partial(_new, array[k]))
-        return dataclasses.replace(member)
+        return dataclasses.replace(changed(member, {
+            tuple(path.split(".")): functools.partial(_new, array[k]) for path, array in values.items()}))
     except ArgumentError as error:
         raise ArgumentError(f"member {k}: {error}") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,20 +39,33 @@ def along(problem: Any, path: str, argument: str, roots: Sequence[str] = ()) -> 
     return nodes
 
 
-def changed(node: Any, path: Sequence[str], change: Callable[[Any], Any]) -> Any:
-    """The problem, or a part of it, with what a path names replaced; an inertia stays symmetric."""
-    if not path:
-        return change(node)
-    part = path[0]
-    if isinstance(node, np.ndarray) and len(path) == 2 and node.shape == (3, 3):
-        made = np.array(node)
-        for i, j in {(int(part), int(path[1])), (int(path[1]), int(part))}:
-            made[i, j] = change(made[i, j])
-        return made
-    below = changed(_parts(node)[part], path[1:], change)
+def changed(node: Any, changes: Mapping[tuple[str, ...], Callable[[Any], Any]]) -> Any:
+    """The problem, or a part of it, with what paths name replaced, all at once; an inertia stays symmetric."""
+    below: dict[str, dict[tuple[str, ...], Callable[[Any], Any]]] = {}
+    for path, change in changes.items():
+        if path:
+            below.setdefault(path[0], {})[path[1:]] = change
+        else:
+            node = change(node)
+    if not below:
+        return node
+    parts = _parts(node)
+    made = {part: changed(parts[part], inner) for part, inner in below.items()}
+    if "inertia" in made:
+        made["inertia"] = _symmetric(made["inertia"], below["inertia"])
     if isinstance(node, tuple | np.ndarray):
-        items = [below if k == int(part) else each for k, each in enumerate(node)]
+        items = [made.get(str(k), each) for k, each in enumerate(node)]
         return tuple(items) if isinstance(node, tuple) else np.array(items)
     if hasattr(node, "unchecked"):
-        return type(node).unchecked(node, **{part: below})
-    return dataclasses.replace(node, **{part: below})
+        return type(node).unchecked(node, **made)
+    return dataclasses.replace(node, **made)
+
+
+def _symmetric(J: Any, paths: Collection[tuple[str, ...]]) -> Any:
+    """A tensor with each entry or row that `paths` set also on the other side, unless they set that one too."""
+    made = np.array(J)
+    for row, *column in (path for path in paths if path):
+        for other in column or "012":
+            if not {(other, row), (other,)} & set(paths):
+                made[int(other), int(row)] = J[int(row), int(other)]
+    return made

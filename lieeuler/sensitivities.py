@@ -149,7 +149,7 @@ def closed(problem: Problem) -> Problem:
 
 
 def _with(problem: Problem, path: str, change: float) -> Problem:
-    made: Problem = changed(problem, path.split("."), lambda number: number + change)
+    made: Problem = changed(problem, {tuple(path.split(".")): lambda number: number + change})
     return closed(made) if path.startswith("joints.") else made
 
 

@@ -32,6 +32,14 @@ def spun(problem, count, seed=1, size=0.1):
     return {"v": v, "w": w}
 
 
+def hinge():
+    """A body that a spring turns about an axis of its own."""
+    axis = np.array([0.0, 0.0, 1.0])
+    spring = lieeuler.TorsionalSpring(-1, 0, axis, axis, 3.0, 0.4, 0.1)
+    return lieeuler.Problem((lieeuler.Body(1.0, np.diag([0.2, 0.3, 0.4])),), (), np.zeros(3), np.zeros((1, 3)),
+                            np.eye(3)[None], np.zeros((1, 3)), np.array([[0.1, -0.2, 0.5]]), (spring,))
+
+
 def member(problem, states, k):
     return dataclasses.replace(problem, **{name: values[k] for name, values in states.items()})
 
@@ -81,6 +89,49 @@ def test_parameters_change_each_member():
             dataclasses.replace(problem, bodies=(body, problem.bodies[1]), forces=(spring,),
                                 gravity=[0.0, 0.0, down[k]]), "taylor", rtol=1e-9, t_eval=T)
         np.testing.assert_array_equal(many.x[k], alone.x)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+def test_components_of_one_axis_are_set_together(order):
+    problem, axes = hinge(), np.array([[0.6, 0.0, 0.8], [2.0, 1.0, 2.0]])
+    whole = lieeuler.integrate_ensemble(problem, "rkmk4", step=0.01, t_eval=T, parameters={
+        "forces.0.parent_axis": axes, "forces.0.child_axis": axes})
+    parts = {f"forces.0.{end}_axis.{k}": axes[:, k] for end in ("parent", "child") for k in order}
+    found = lieeuler.integrate_ensemble(problem, "rkmk4", step=0.01, t_eval=T, parameters=parts)
+    np.testing.assert_array_equal(found.w, whole.w)
+    assert np.abs(whole.w[0] - whole.w[1]).max() > 1e-2
+
+
+def test_entries_of_one_inertia_are_set_together():
+    problem = systems.double_pendulum()
+    J = np.array([problem.bodies[0].inertia + d * np.array([[0, 1, -1], [1, 0, 0], [-1, 0, 1]]) for d in (1e-3, 2e-3)])
+    whole = lieeuler.integrate_ensemble(problem, "taylor", rtol=1e-9, t_eval=T, parameters={"bodies.0.inertia": J})
+    parts = {f"bodies.0.inertia.{i}.{j}": J[:, i, j] for i, j in ((0, 1), (2, 0), (2, 2))}
+    found = lieeuler.integrate_ensemble(problem, "taylor", rtol=1e-9, t_eval=T, parameters=parts)
+    np.testing.assert_array_equal(found.w, whole.w)
+    with pytest.raises(lieeuler.ArgumentError, match="inertia"):
+        lieeuler.integrate_ensemble(problem, "taylor", rtol=1e-9, t_eval=T, parameters={
+            "bodies.0.inertia.0.1": [1e-3], "bodies.0.inertia.1.0": [2e-3]})
+
+
+def driven(t):
+    """A hinge whose angle is 0.3 + 0.8 t, with its state at time t."""
+    axis, q = np.array([0.0, 0.0, 1.0]), 0.3 + 0.8 * t
+    R = np.array([[[np.cos(q), -np.sin(q), 0.0], [np.sin(q), np.cos(q), 0.0], [0.0, 0.0, 1.0]]])
+    joint = lieeuler.revolute_joint(-1, 0, [0.0] * 3, [0.0] * 3, axis, axis).driven(
+        lieeuler.Drive(lieeuler.TimeFunction([[0.3, 0.8]]), lieeuler.Coordinate(axis, axis, np.eye(3))))
+    return lieeuler.Problem((lieeuler.Body(1.0, np.eye(3)),), (joint,), np.zeros(3), np.zeros((1, 3)), R,
+                            np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]]), time=t)
+
+
+def test_starts_belong_to_the_first_output_time():
+    late = driven(0.5)
+    states = {name: getattr(late, name)[None] for name in FIELDS}
+    for more in ({}, {"parameters": {"bodies.0.mass": [1.5]}}):
+        found = lieeuler.integrate_ensemble(driven(0.0), "rkmk4", step=0.01, t_eval=T + 0.5, **states, **more)
+        np.testing.assert_allclose(found.R[0, -1, 0, 0, 0], np.cos(0.3 + 0.8 * 1.5), rtol=0, atol=1e-9)
+        with pytest.raises(lieeuler.ArgumentError, match="member 0"):
+            lieeuler.integrate_ensemble(late, "rkmk4", step=0.01, t_eval=T, **states, **more)
 
 
 def test_a_member_that_fails_is_nan_from_there_and_harms_no_other():

@@ -174,7 +174,10 @@ class ConstantLoad(Frozen):
 
 @dataclasses.dataclass(frozen=True)
 class SlideForce(Frozen):
-    """A force on the child along an axis of the parent, at an anchor on that axis; the opposite force on the parent.
+    """The force force - stiffness (s - rest_position) - damping ds/dt on the child along an axis of the parent.
+
+    The opposite force acts on the parent; both act at anchors on the axis. The slide s is the child's anchor from the
+    parent's, along the axis.
 
     Parameters
     ----------
@@ -186,6 +189,12 @@ class SlideForce(Frozen):
         In the parent's frame.
     force : float or TimeFunction
         N.
+    stiffness : float
+        N/m.
+    rest_position : float
+        m.
+    damping : float
+        N s/m.
     """
 
     parent: int
@@ -193,19 +202,24 @@ class SlideForce(Frozen):
     parent_anchor: np.ndarray
     child_anchor: np.ndarray
     parent_axis: np.ndarray
-    force: float | TimeFunction
+    force: float | TimeFunction = 0.0
+    stiffness: float = 0.0
+    rest_position: float = 0.0
+    damping: float = 0.0
 
     def __post_init__(self) -> None:
         self._take(body_index, "parent", "child")
         self._take(vector, "parent_anchor", "child_anchor")
         self._take(unit, "parent_axis")
         self._take(value, "force")
+        self._take(number, "rest_position")
+        self._take(number, "stiffness", "damping", lowest=0.0)
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""
         size = self.force if isinstance(self.force, TimeFunction) else TimeFunction([[self.force]])
         system.add_slide_force(self.parent, self.child, self.parent_anchor, self.child_anchor, self.parent_axis,
-                               size.kernel)
+                               size.kernel, self.stiffness, self.rest_position, self.damping)
 
 
 Force = LinearSpring | TorsionalSpring | ConstantLoad | SlideForce

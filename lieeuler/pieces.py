@@ -18,7 +18,7 @@ import numpy as np
 
 from lieeuler.checks import normals
 from lieeuler.errors import ArgumentError, IntegrationError
-from lieeuler.forces import Force, LinearSpring, SlideForce, TorsionalSpring
+from lieeuler.forces import Force, SlideForce, TorsionalSpring
 from lieeuler.functions import TimeFunction
 from lieeuler.joint_parts import Dot
 from lieeuler.laws import Law, Servo, Stops, measured
@@ -227,9 +227,7 @@ class Pieces:
         parent, child, before, after = self.ends[i]
         axis, child_axis = law.coordinate.parent_axis, law.coordinate.child_axis
         if law.coordinate.relative is None:
-            far = 2.0 * (1.0 + abs(float(state.q[i])))  # behind the parent's anchor, so that the slide never passes it
-            constant = SlideForce(parent, child, before, after, axis, torque)
-            return [LinearSpring(parent, child, before - far * axis, after, stiffness, far, damping), constant,
+            return [SlideForce(parent, child, before, after, axis, torque, stiffness, 0.0, damping),
                     *(SlideForce(parent, child, before, after, axis, each) for each in moving)]
         spring = TorsionalSpring(parent, child, axis, child_axis, stiffness, 0.0, damping, torque)
         spring = spring.counted_from(float(state.q[i]) - spring.start_angle(state.R))

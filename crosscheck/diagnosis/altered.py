@@ -24,7 +24,7 @@ class Model:
 
     def __init__(self, scene: Scene, physics: Physics) -> None:
         self.scene, self.physics = scene, physics
-        self.forces = tuple(range(len(scene.forces)))
+        self.forces = tuple(range(len(scene.loads)))
         self.angles: dict[str, float] | None = None
         self.constraints = Constraints(scene)
         self.rank: int | None = None
@@ -32,7 +32,7 @@ class Model:
     def rates(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, t: float = 0.0) -> np.ndarray:
         """Accelerations (n, 6) of the state (n, ...) at time t (s): linear in world axes, angular in body axes."""
         angles: dict[str, np.ndarray] = {}
-        if any(force.type == "torsional_spring" for force in self.scene.forces):
+        if any(force.type == "torsional_spring" for force in self.scene.loads):
             angles = mechanics.torsion_angles(self.scene, R[None], previous=self.angles)
             self.angles = {joint: float(values[-1]) for joint, values in angles.items()}
         points = Points(x[None], R[None], v[None], w[None], np.zeros((1, self.scene.n, 6)), np.zeros(1, int), angles,

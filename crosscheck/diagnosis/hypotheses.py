@@ -90,8 +90,8 @@ def causes(context: Context) -> list[Cause]:
     named += [cause for k in range(scene.n) for cause in _masses(scene, k)]
     named += [cause for where, bodies in scopes for cause in _sizes(context, where, bodies)]
     named += list(_exchanged(scene))
-    named += [cause for k in range(len(scene.forces)) for cause in _force(scene, k)]
-    if any(force.type in SPRINGS for force in scene.forces):
+    named += [cause for k in range(len(scene.loads)) for cause in _force(scene, k)]
+    if any(force.type in SPRINGS for force in scene.loads):
         named += list(_every_spring(context.right))
     return [*named, *_rotors(context.right, scene), *_slowed(scene), *_terms(scene)]
 
@@ -205,8 +205,8 @@ def _masses(scene: Scene, k: int) -> Iterator[Cause]:
 
 def _force(scene: Scene, k: int) -> Iterator[Cause]:
     """Hypotheses about one spring or load."""
-    force = scene.forces[k]
-    where, p = f"forces[{k}] ({force.type})", force.parameters
+    force, own = scene.loads[k], k - len(scene.loads) + len(scene.forces)
+    where, p = f"{f'joint {force.joint!r}' if own < 0 else f'forces[{own}]'} ({force.type})", force.parameters
     mend = f"check {where} on its way into the engine"
 
     def entry(family: str, field: str, value: float, text: str, title: Say | None = None) -> Cause:
@@ -230,8 +230,8 @@ def _force(scene: Scene, k: int) -> Iterator[Cause]:
         yield entry("load", "load", 1.0, "factor of the load")
     if force.type not in SPRINGS:
         return
-    rest, unit, value = (("free_length", "m", p["free_length"]) if force.type == "linear_spring" else
-                         ("rest_angle", "rad", p["rest_angle"]))
+    rest = {"linear_spring": "free_length", "slide_spring": "rest_position"}.get(force.type, "rest_angle")
+    unit, value = "rad" if force.type == "torsional_spring" else "m", p[rest]
     stiffness, damping = p["stiffness"], p["damping"]
     if stiffness:
         yield entry("spring stiffness", "stiffness", stiffness, "stiffness",
@@ -254,7 +254,7 @@ UNITS = ((0.0, "missing drive"), (-1.0, "sign of a drive"), (math.degrees(1.0), 
 
 def _drive(scene: Scene, k: int, where: str, mend: str) -> Iterator[Cause]:
     """Hypotheses about the function of time in a force: its size and its delay."""
-    none = np.zeros(len(scene.forces))
+    none = np.zeros(len(scene.loads))
 
     def named(t: np.ndarray) -> str:
         return next((name for factor, name in UNITS if abs(t[0] - factor) <= GONE * max(1.0, abs(factor))),
@@ -263,7 +263,7 @@ def _drive(scene: Scene, k: int, where: str, mend: str) -> Iterator[Cause]:
     yield Cause("drive", lambda q, t: q.replace(load=_with(q.load, k, t[0])), ((1.0,), (-1.0,)),
                 lambda t: f"{where}: its function of time times {t[0]:.6g}", mend, named,
                 lambda t: [(factor,) for factor, _ in UNITS], target=where)
-    terms = scene.forces[k].functions[0].terms
+    terms = scene.loads[k].functions[0].terms
     starts = ((1e-2,), (-1e-2,))
     alike = f", which is a phase of {{:.6g}} rad at {terms[0][1]:g} rad/s" if len(terms) == 1 else ""
     yield Cause("drive delay", lambda q, t: q.replace(delay=_with(none if q.delay is None else q.delay, k, t[0])),
@@ -393,7 +393,7 @@ def _sizes(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator[Ca
     if whole and context.scene.n > 1:
         yield Cause("mass", heavier, ((0.1,),), lambda t: f"masses of all bodies times {np.exp(t[0]):.6g}, inertias as "
                     "they are", "check the unit of masses", target=where)
-    if whole and context.scene.forces:
+    if whole and context.scene.loads:
         yield Cause("mass", lambda p, t: _changed(heavier(p, t), bodies, lambda J, _: np.exp(t[0]) * J), ((0.1,),),
                     lambda t: f"masses and inertias of all bodies times {np.exp(t[0]):.6g}",
                     "check the units of masses, inertias and forces", target=where)

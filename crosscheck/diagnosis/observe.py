@@ -107,7 +107,7 @@ def scale_of(scene: Scene) -> Scale:
         lever = float(np.linalg.norm(joint.child_anchor))
         mass = scene.masses[joint.child]
         rates.append(float(np.sqrt(mass * gravity * lever / (smallest[joint.child] + mass * lever**2))))
-    for force in scene.forces:
+    for force in scene.loads:
         stiffness = force.parameters.get("stiffness", 0.0)
         inertia = smallest.min() if force.type == "torsional_spring" else scene.masses.min()
         rates.append(float(np.sqrt(stiffness / inertia)))

@@ -57,7 +57,7 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
                                         "report rotations: check what attitudes are converted from"))
         result.told = True
         return result
-    observations = [(first, tuple(range(len(scene.forces))))]
+    observations = [(first, tuple(range(len(scene.loads))))]
     balls = None if alone else variants.on_balls(scene)
     for seed in range(0 if alone else COPIES if balls is None else 1):
         _add(subject, variants.moved(scene, scale, seed), scale, observations, None)
@@ -66,7 +66,7 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
             _add(subject, variants.moved(balls[0], scale, seed), scale, observations, balls[1])
     more = None if alone else variants.sprung(scene, scale)
     if more is not None:
-        _add(subject, variants.moved(more, scale, COPIES), scale, observations, tuple(range(len(more.forces))))
+        _add(subject, variants.moved(more, scale, COPIES), scale, observations, tuple(range(len(more.loads))))
     whole = more or scene
     told, evidence = of_output.diagnose([each for each, _ in observations])
     result.evidence += evidence
@@ -113,7 +113,7 @@ def _add(subject: Subject, scene: Scene | None, scale: Scale,
         seen = observe(subject, window(scene, scale), scale)
     except Silent:  # the copies that run are enough
         return
-    observations.append((seen, forces if forces is not None else tuple(range(len(scene.forces)))))
+    observations.append((seen, forces if forces is not None else tuple(range(len(scene.loads)))))
 
 
 # --- what is reported -------------------------------------------------------------------------------------------------

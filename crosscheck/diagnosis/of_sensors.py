@@ -246,14 +246,15 @@ def _of_joint(reader: Reader, sensor: Sensor, joint: Joint, right: np.ndarray) -
     """Parts of a wrench or of an effort."""
     scene = reader.scene
     if sensor.type == "joint_effort":
-        for force in scene.forces:
-            if force.joint == joint.name:
+        for force in scene.loads:
+            if force.joint == joint.name and not force.is_spring:
                 rest = scene.replace(forces=tuple(each for each in scene.forces if each is not force))
                 yield (UNCOUNTED, f"the {force.type} is left out", read(Reader(rest, reader.states), sensor))
-                if force.is_spring:
-                    on_child = mechanics.force_on_bodies(scene, force, reader.states, reader.angles)[:, joint.child]
-                    yield (UNCOUNTED, "the spring and damper of the joint count as a drive",
-                           right + on_child[:, 3:] @ joint.child_axis)
+            elif force.joint == joint.name:
+                on_child = mechanics.force_on_bodies(scene, force, reader.states, reader.angles)[:, joint.child]
+                along = on_child[:, :3] if force.type == "slide_spring" else reader.turned(joint.child, on_child[:, 3:])
+                yield (UNCOUNTED, "the spring and damper of the joint count as a drive", right + np.einsum(
+                    "tk,tk->t", along, reader.turned(joint.child, joint.child_axis)))
     if sensor.type not in ("force", "torque"):
         return
     yield ("force on the parent", "it is what the child exerts on the parent", -right)
@@ -308,7 +309,7 @@ def _borne(reader: Reader, joint: Joint) -> Iterator[tuple[str, np.ndarray]]:
     if not whole.any():
         return
     yield "only the constraint counts", 0.0 * whole
-    for force in scene.forces:
+    for force in scene.loads:
         if force.joint == joint.name:
             parts: Mapping[str, Force] = {f"the {force.type}": force} | {
                 f"the {key}": dataclasses.replace(force, parameters={

@@ -17,14 +17,16 @@ import numpy as np
 from crosscheck.scene import mechanics
 from crosscheck.scene.armature import rate_row
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import history
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.model import GROUND, Force, Scene
+from crosscheck.scene.states import States
 from crosscheck.scene.vectors import cross
 
 BENT = 4
 """Number of samples on either side of a kink whose nine-point differences it affects."""
 
-SPRINGS = ("linear_spring", "torsional_spring")
+SPRINGS = ("linear_spring", "torsional_spring", "slide_spring")
 
 Still = Mapping[tuple[str, int], float]
 """Rotor inertias (kg m^2 or kg) by joint and number of its coordinate."""
@@ -37,8 +39,8 @@ class Physics:
     gravity: np.ndarray  # (3,)
     masses: np.ndarray  # (n,)
     inertias: np.ndarray  # (E, n, 3, 3)
-    stiffness: np.ndarray  # per force of the scene; zero for loads
-    rest: np.ndarray  # free length (m) or rest angle (rad)
+    stiffness: np.ndarray  # per load of the scene, as the next three; zero where it is no spring
+    rest: np.ndarray  # free length, rest position (m) or rest angle (rad)
     damping: np.ndarray
     load: np.ndarray  # factor of loads, of torques and forces along joints, and of rest angles that depend on time
     joint_damping: float = 0.0  # N m s/rad, on the relative angular velocity across every joint
@@ -65,12 +67,12 @@ class Physics:
 
 def of_scene(scene: Scene, copies: int = 1) -> Physics:
     """The parameters of a scene, for so many copies."""
-    given = [force.parameters for force in scene.forces]
-    rest = [p.get("free_length", p.get("rest_angle", 0.0)) for p in given]
+    given = [force.parameters for force in scene.loads]
+    rest = [next((p[key] for key in ("free_length", "rest_angle", "rest_position") if key in p), 0.0) for p in given]
     return Physics(scene.gravity, scene.masses, np.broadcast_to(scene.inertias, (copies, scene.n, 3, 3)),
                    np.array([p.get("stiffness", 0.0) for p in given]),
                    np.array([0.0 if isinstance(value, TimeFunction) else value for value in rest]),
-                   np.array([p.get("damping", 0.0) for p in given]), np.ones(len(scene.forces)),
+                   np.array([p.get("damping", 0.0) for p in given]), np.ones(len(given)),
                    rotors={(joint.name, k): value for joint in scene.joints for k, value in enumerate(joint.armature)})
 
 
@@ -100,7 +102,7 @@ class Points:
 class Terms:
     """What does not depend on the parameters at a set of states.
 
-    `forces` are the numbers of its forces in the scene to which the parameters belong.
+    `forces` are the numbers of its loads in the scene to which the parameters belong.
     """
 
     def __init__(self, scene: Scene, points: Points, forces: tuple[int, ...],
@@ -110,7 +112,7 @@ class Terms:
         self.constraints = constraints = constraints or Constraints(scene)
         self.G = constraints.jacobian(x, R).reshape(len(x), constraints.m, scene.n, 6)
         self.gamma = constraints.gamma(x, R, v, w, points.t)
-        self.springs = [_spring(scene, force, points) for force in scene.forces]
+        self.springs = [_spring(scene, force, points) for force in scene.loads]
         self.friction, self.rubbing = _joint_friction(scene, R, w), _joint_friction(scene, R, w, unit=True)
         self._spinning: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._kept: tuple[tuple[object, ...], tuple[np.ndarray, ...]] | None = None
@@ -140,7 +142,7 @@ class Terms:
         slowed = p.drag + p.quadratic * np.linalg.norm(v, axis=2, keepdims=True)
         f[:, :, :3] = p.masses[:, None] * (p.gravity - slowed * v)
         f[:, :, 3:] = -np.asarray(p.gyroscopic).reshape(-1, 1) * turning - p.spin_drag * spin
-        for here, force, spring in zip(self.index, self.scene.forces, self.springs, strict=True):
+        for here, force, spring in zip(self.index, self.scene.loads, self.springs, strict=True):
             if p.point is not None and p.point[0] == here:
                 spring = _spring(self.scene, force, self.points, p.point[1])
             if here in p.reframed:
@@ -279,20 +281,24 @@ def _spring(scene: Scene, force: Force, points: Points,
         bodies: tuple[Any, ...] = (force.parent, force.child)
     elif force.joint is not None:
         joint = next(joint for joint in scene.joints if joint.name == force.joint)
-        spring = force.type == "torsional_spring"
+        spring, slides = force.is_spring, force.type in ("joint_force", "slide_spring")
         size = -1.0 if spring else next((value for value in p.values() if not isinstance(value, TimeFunction)), 1.0)
         axis = joint.parent_axis if joint.parent == GROUND else R[:, joint.parent] @ joint.parent_axis
         axis = np.broadcast_to(size * axis, (len(x), 3))
         for body, anchor, along in ((joint.parent, joint.parent_anchor, -axis),
                                     (joint.child, joint.child_anchor, axis)):
-            if force.type == "joint_force":
+            if slides:
                 _push(unit, R, body, anchor, along)
             elif body != GROUND:
                 unit[:, body, 3:] += np.einsum("pji,pj->pi", R[:, body], along)
         bodies = (joint.parent, joint.child)
         if not spring:
             return force.type, unit, none, none, bodies
-        length = points.angles[joint.name]
+        if slides:
+            moved = history(joint, States(none, x, R, points.v, points.w)).position
+            length = moved if moved.ndim == 1 else moved[:, joint.kind.coordinates.index("slide")]
+        else:
+            length = points.angles[joint.name]
     else:
         given = np.array(p["force"] if force.type == "constant_force" else p["torque"])
         load = R[:, force.child] @ given if p["frame"] == "body" else np.broadcast_to(given, (len(x), 3))

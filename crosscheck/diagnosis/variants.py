@@ -47,16 +47,16 @@ def close(scene: Scene) -> Scene | None:
 
 
 def on_balls(scene: Scene) -> tuple[Scene, tuple[int, ...]] | None:
-    """The scene with ball joints in place of hinges, and the numbers of the forces that stay; None without hinges."""
+    """The scene with ball joints in place of hinges, and the numbers of the loads that stay; None without hinges."""
     if not any(joint.type == "revolute" for joint in scene.joints):
         return None
     hinged = {joint.name for joint in scene.joints if joint.type == "revolute"}
     joints = tuple(
         dataclasses.replace(joint, type="spherical", parent_axis=None, child_axis=None, drive=None, mimic=None,
-                            armature=())
+                            armature=(), damping=(), stiffness=(), rest_position=(), start=None)
         if joint.name in hinged else dataclasses.replace(joint, mimic=None) for joint in scene.joints)
-    kept = tuple(k for k, force in enumerate(scene.forces) if force.joint not in hinged)
-    return scene.replace(joints=joints, forces=tuple(scene.forces[k] for k in kept)), kept
+    kept = tuple(k for k, force in enumerate(scene.loads) if force.joint not in hinged)
+    return scene.replace(joints=joints, forces=tuple(each for each in scene.forces if each.joint not in hinged)), kept
 
 
 def sprung(scene: Scene, scale: Scale) -> Scene | None:
@@ -64,7 +64,7 @@ def sprung(scene: Scene, scale: Scale) -> Scene | None:
 
     A spring that is too soft and a body that is too heavy make the same motion unless another spring pulls.
     """
-    if not any(force.type.endswith("spring") for force in scene.forces):
+    if not any(force.is_spring for force in scene.loads):
         return None
     rng = np.random.default_rng([SEED, 99])
     forces = []

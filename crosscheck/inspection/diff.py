@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from crosscheck.inspection import admissible
-from crosscheck.scene.coordinates import at_start, relative_pose
+from crosscheck.scene.coordinates import relative_pose
 from crosscheck.scene.file import as_scene
-from crosscheck.scene.mechanics import index1, torsion_angles
+from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.models import import_model, is_model
 from crosscheck.scene.spanning import hung
@@ -154,14 +154,11 @@ class _Tree:
             joint.damping, joint.stiffness, joint.rest_position))
         pull = stiffness * rest
         for force in self.scene.forces:
-            if force.is_spring and force.joint == joint.name and not force.of_joint and (
-                    not force.functions):
+            if force.is_spring and force.joint == joint.name and not force.functions:
                 k = joint.kind.coordinates.index("turn")
-                zero = float(torsion_angles(self.scene, self.scene.R0[None])[joint.name][0]) - float(
-                    at_start(self.scene)[joint.name][0][k])
                 damping[k] += force.parameters["damping"]
                 stiffness[k] += force.parameters["stiffness"]
-                pull[k] += force.parameters["stiffness"] * (force.parameters["rest_angle"] - zero)
+                pull[k] += force.parameters["stiffness"] * joint.rest(force)
         rest = np.divide(pull, stiffness, out=np.zeros(count), where=stiffness != 0)
         return {"damping": tuple(damping), "stiffness": tuple(stiffness), "rest_position": tuple(rest)}
 
@@ -364,8 +361,8 @@ class _Comparison:
 
     def _forces(self) -> None:
         """Loads, servos and springs between points, each matched with the most similar of its type and ends."""
-        mine, theirs = ([force for force in tree.scene.forces if not force.of_joint and (
-            not (force.is_spring and force.joint) or force.functions)] for tree in (self.one, self.other))
+        mine, theirs = ([force for force in tree.scene.forces if not (force.is_spring and force.joint)
+                         or force.functions] for tree in (self.one, self.other))
         for a in mine:
             fits = [(len(wrong), index, wrong) for index, b in enumerate(theirs)
                     if (wrong := self._unlike(a, b)) is not None]

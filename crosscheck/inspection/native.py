@@ -204,14 +204,13 @@ def _neutral(scene: Scene, states: JointStates) -> Native:
 
 
 def _posed(scene: Scene, states: JointStates, k: int) -> Scene:
-    """The scene with its joints in the k-th state, without springs in joints and without mimics."""
+    """The scene with its joints in the k-th state, without mimics."""
     never = (False,) * scene.n
     starts = tuple(Start(index, (float(states.position[k, index]),), (float(states.velocity[k, index]),))
                    for index in range(len(scene.joints)))
     joints = tuple(dataclasses.replace(joint, reference=quaternion_from_rotation(zero_attitude(joint)), mimic=None)
                    for joint in scene.joints)
-    bare = scene.replace(joints=joints, forces=tuple(force for force in scene.forces if not force.of_joint))
-    return assembly.completed(Draft(bare, never, never, False, starts, never, never))
+    return assembly.completed(Draft(scene.replace(joints=joints), never, never, False, starts, never, never))
 
 
 def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -230,7 +229,8 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         a, alpha, _ = index1(one, *state)
         return np.asarray(S @ np.concatenate([a[0], alpha[0]], axis=1).ravel() + s)
 
-    return M, -M @ coordinates(scene.replace(forces=())), coordinates(scene)
+    bare = tuple(dataclasses.replace(joint, stiffness=(), damping=()) for joint in scene.joints)
+    return M, -M @ coordinates(scene.replace(joints=bare, forces=())), coordinates(scene)
 
 
 def printed(shown: NativeInspection, echo: Callable[[str], Any]) -> None:

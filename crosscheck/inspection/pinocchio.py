@@ -40,7 +40,7 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
         probe.a = probe.alpha = probe.reactions = None
         probe.notes |= dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"),
                                      ROWS)
-    if any(force.is_spring for force in scene.forces):
+    if any(force.is_spring for force in scene.loads):
         probe.potential, probe.notes["potential energy"] = None, SPRINGS
     return probe
 

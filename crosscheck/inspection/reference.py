@@ -164,8 +164,8 @@ def _scales(scene: Scene, at: States, probe: Probe, applied: np.ndarray, constra
     forces = np.abs(np.stack([applied, constraint])).reshape(-1, 6)
     linear, force = float(rates[:, :3].max()), float(forces[:, :3].max()) or total * speed
     moving = float(probe.kinetic.max())
-    springs = sum(0.5 * f.parameters["stiffness"] * (L if f.joint is None else np.pi) ** 2
-                  for f in scene.forces if "stiffness" in f.parameters)
+    springs = sum(0.5 * f.parameters["stiffness"] * (np.pi if f.type == "torsional_spring" else L) ** 2
+                  for f in scene.loads if f.is_spring)
     return {
         "position": L, "attitude": 1.0, "velocity": speed, "angular velocity": spin,
         "total mass": total, "centre of mass": L,

@@ -10,7 +10,6 @@ import dataclasses
 
 from crosscheck.errors import Unsupported
 from crosscheck.scene.coordinates import at_start
-from crosscheck.scene.joint_options import with_forces
 from crosscheck.scene.model import Force, Joint, Scene
 
 NEAR = 1e-9
@@ -27,18 +26,20 @@ def smooth(scene: Scene) -> Scene:
     """
     if not scene.has_laws:
         return scene
-    plain, made = scene.lawless, []
+    plain, made, joints = scene.lawless, list[Force](), list[Joint]()
     for joint, now in zip(scene.joints, plain.joints, strict=True):
         if joint.dry_friction or joint.limits or any(name == joint.name for name, _ in scene.servos.values()):
             stiffness, damping, effort = _piece(scene, joint)
             q, rate = (float(each[0]) for each in at_start(scene)[joint.name])
-            spring = dataclasses.replace(now, stiffness=(stiffness,), damping=(damping,), rest_position=(q,))
-            alone = plain.replace(forces=(), joints=tuple(spring if each is now else dataclasses.replace(
-                each, stiffness=(), damping=()) for each in plain.joints))
+            own, drag, rest = ((values or (0.0,))[0] for values in (now.stiffness, now.damping, now.rest_position))
+            joints.append(dataclasses.replace(
+                now, stiffness=(own + stiffness,), damping=(drag + damping,),
+                rest_position=((own * rest + stiffness * q) / (own + stiffness) if own + stiffness else 0.0,)))
             word = "torque" if joint.type == "revolute" else "force"
-            made += [*with_forces(alone).forces, Force(f"joint_{word}", None, None, joint.name, {
-                word: effort + damping * rate})]
-    return plain.replace(forces=(*plain.forces, *made))
+            made.append(Force(f"joint_{word}", None, None, joint.name, {word: effort + damping * rate}))
+        else:
+            joints.append(now)
+    return plain.replace(forces=(*plain.forces, *made), joints=tuple(joints))
 
 
 def _piece(scene: Scene, joint: Joint) -> tuple[float, float, float]:

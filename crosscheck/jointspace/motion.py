@@ -377,8 +377,8 @@ def placed(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
     x, R, velocity, spin = (np.array(part) for part in zip(*(frames[k] for k in range(scene.n)), strict=True))
     return scene.replace(bodies=bodies_at(scene, Configuration(
         x, quaternion_from_rotation(R), velocity, np.einsum("nji,nj->ni", R, spin))), joints=tuple(
-        joint if joint.start is None or joint.type == "spherical" else
-        dataclasses.replace(joint, start=tuple(q[space.of_joint[joint.name]])) for joint in scene.joints))
+        dataclasses.replace(joint, start=tuple(q[space.of_joint[joint.name]].tolist()))
+        if joint.kind.coordinates and joint.type != "spherical" else joint for joint in scene.joints))
 
 
 def shifted(scene: Scene, change: np.ndarray) -> Scene:

@@ -155,7 +155,7 @@ def pinocchio_at(scene: Scene) -> tuple[Dynamics, np.ndarray, np.ndarray, Where]
     if made.parts and one == {link.joint for link in made.links}:
         T = np.zeros((len(scene.joints), count))  # a body in two parts shows the rates of one
         for row, joint in zip(T, scene.joints, strict=True):
-            _, at_v, sign = dynamics._turn(joint)
+            _, at_v, sign, _ = dynamics.coordinate(joint)
             row[at_v] = sign
         return dynamics, q, v, (np.arange(len(T)), T)
     unit = made.states(np.zeros(count), np.tile(q, (count, 1)), np.eye(count), None)
@@ -201,8 +201,8 @@ def pinocchio_given(scene: Scene, way: str) -> Blocks:
             f"derivatives of {dynamics._forces[0].type} are not its own" if dynamics._forces else
             "it is for closed loops" if loops is None else "it is for trees"))
     damping, springs = np.zeros(model.nv), np.zeros(model.nv)
-    for force, _, at_v, _ in dynamics._turns:
-        if force.type == "torsional_spring":
+    for force, _, _, at_v, *_ in dynamics._along:
+        if force.is_spring:
             damping[at_v] += force.parameters["damping"]
             springs[at_v] += force.parameters["stiffness"]
     tau, _ = dynamics._applied(0.0, q, v)

@@ -23,7 +23,7 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import relative
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import Force, Scene
+from crosscheck.scene.model import Joint, Scene
 
 DIFFERENCE = 1e-3
 """Step by which derivatives are differentiated again, rad or m and per second."""
@@ -148,9 +148,9 @@ Mistakes = Iterator[tuple[str, dict[str, np.ndarray]]]
 
 def _models(scene: Scene) -> Iterator[tuple[str, Scene]]:
     """Scenes of which something is left out, or whose state is another one."""
-    turning = [force for force in scene.forces if force.type == "torsional_spring"]
+    sprung = [*dict.fromkeys(force.joint for force in scene.loads if force.is_spring and force.joint is not None)]
     changes = [(f"the {key} of {whose} is left out", _without(scene, key, among))
-               for whose, among in (("joints", turning), *((f"joint {each.joint!r}", [each]) for each in turning))
+               for whose, among in (("joints", sprung), *((f"joint {each!r}", [each]) for each in sprung))
                for key in ("damping", "stiffness")]
     rotors = [joint for joint in scene.joints if joint.armature]
     changes += [(f"the armature{of} is left out", scene.replace(joints=tuple(
@@ -245,10 +245,15 @@ def _steps(scene: Scene, exact: Derivatives, wrong: dict[str, np.ndarray]) -> Mi
                 key: exact.blocks[key] + size * each for key, each in curved.items()}
 
 
-def _without(scene: Scene, key: str, among: Sequence[Force]) -> Scene:
-    return scene.replace(forces=tuple(
-        dataclasses.replace(force, parameters={**force.parameters, key: 0.0}) if any(force is each for each in among)
-        else force for force in scene.forces))
+def _without(scene: Scene, key: str, among: Sequence[str]) -> Scene:
+    """The scene without the damping or stiffness of the joints of these names."""
+    def changed(joint: Joint) -> Joint:
+        return dataclasses.replace(joint, damping=()) if key == "damping" else dataclasses.replace(joint, stiffness=())
+
+    return scene.replace(
+        joints=tuple(changed(joint) if joint.name in among else joint for joint in scene.joints),
+        forces=tuple(dataclasses.replace(force, parameters={**force.parameters, key: 0.0})
+                     if force.is_spring and force.joint in among else force for force in scene.forces))
 
 
 def _bases(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -164,7 +164,7 @@ def judge_coarse(scene: Scene, traj: Trace, truth: Reference) -> Finding:
     change = np.abs(traj.energy - mechanics.energy(scene, truth.states))[keep].max() / scale.kinetic
     lift = scene.masses.sum() * np.linalg.norm(scene.gravity) * 2 * scale.reach / scale.kinetic
     why = "the energy of lifting all bodies from bottom to top, 2 m g times the reach"
-    if scene.forces or scene.functions or scene.has_laws:
+    if scene.loads or scene.functions or scene.has_laws:
         lift += np.ptp(mechanics.kinetic_energy(scene, truth.states)) / scale.kinetic
         why += ", and what forces and drives turn over"
     return _judged("energy", change, Tol(float(lift), f"{why}, over the largest kinetic energy"), "1", "the whole run")
@@ -173,7 +173,7 @@ def judge_coarse(scene: Scene, traj: Trace, truth: Reference) -> Finding:
 def judge_without_truth(scene: Scene, traj: Trace) -> Finding:
     """Judge the energy of a run without truth: as `judge_coarse`, for scenes that conserve energy."""
     change = float(np.abs(traj.energy - traj.energy[0]).max())
-    if scene.forces or scene.has_laws:
+    if scene.loads or scene.has_laws:
         return Finding("energy", "unjudged", change, None, "J", "forces may change the energy, and no truth tells how")
     reach = tolerances.reach(scene)
     kinetic = 0.5 * (np.einsum("i,ik,ik->", scene.masses, scene.v0, scene.v0)

@@ -28,8 +28,9 @@ from crosscheck.judge.substeps import TABLEAUX, exponential_step
 from crosscheck.recordings.comparing import Differences, Shown, gaps, norms, part_of
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import Force, Scene, quaternion_from_rotation
+from crosscheck.scene.model import Force, Joint, Scene, quaternion_from_rotation
 from crosscheck.scene.schema import Content
 from crosscheck.scene.sensors import Reader, read
 from crosscheck.scene.starts import Configuration, bodies_at
@@ -564,11 +565,11 @@ def _altered(scene: Scene, right: Physics, cause: Any, theta: np.ndarray) -> Sce
         scene.inertias)])
     if sizes.min() < 1 / NONSENSE or sizes.max() > NONSENSE or min([p.joint_damping, *p.damping]) < 0:
         return None
-    forces = []
-    for k, force in enumerate(scene.forces):
+    loads = []
+    for k, force in enumerate(scene.loads):
         given = dict(force.parameters)
         for key, values in (("stiffness", p.stiffness), ("damping", p.damping), ("free_length", p.rest),
-                            ("rest_angle", p.rest)):
+                            ("rest_angle", p.rest), ("rest_position", p.rest)):
             if isinstance(given.get(key), int | float):
                 given[key] = float(values[k])
         for key in {"force", "torque"} & set(given) if p.load[k] != 1.0 else ():
@@ -578,13 +579,28 @@ def _altered(scene: Scene, right: Physics, cause: Any, theta: np.ndarray) -> Sce
             given[key] = tuple(scaled.tolist()) if scaled.ndim else float(scaled)
         if p.point is not None and p.point[0] == k:
             given["child_point"] = tuple(np.array(given["child_point"]) + p.point[1])
-        forces.append(dataclasses.replace(force, parameters=given))
+        loads.append(dataclasses.replace(force, parameters=given))
+    given_springs = iter(loads)
+    joints, forces = tuple(_resprung(joint, given_springs) for joint in scene.joints), list(given_springs)
     if p.joint_damping:
         forces += [Force("torsional_spring", joint.parent, joint.child, joint.name, {
             "stiffness": 0.0, "rest_angle": 0.0, "damping": float(p.joint_damping)}) for joint in scene.joints]
-    return scene.replace(gravity=p.gravity, forces=tuple(forces), bodies=tuple(
+    return scene.replace(gravity=p.gravity, joints=joints, forces=tuple(forces), bodies=tuple(
         dataclasses.replace(body, mass=float(mass), inertia=J)
         for body, mass, J in zip(scene.bodies, p.masses, p.inertias[0], strict=True)))
+
+
+def _resprung(joint: Joint, springs: Iterator[Force]) -> Joint:
+    """The joint with the next of these as its springs and dampers."""
+    count = joint.kind.positions
+    stiffness, damping, rest = (list(values or (0.0,) * count) for values in (
+        joint.stiffness, joint.damping, joint.rest_position))
+    for own in joint.springs:
+        spring, k = next(springs), joint.kind.coordinates.index("slide" if own.type == "slide_spring" else "turn")
+        stiffness[k], damping[k] = spring.parameters["stiffness"], spring.parameters["damping"]
+        rest[k] = float(at(joint.rest(spring), 0.0))
+    return dataclasses.replace(joint, stiffness=tuple(stiffness), damping=tuple(damping), rest_position=tuple(
+        rest)) if joint.springs else joint
 
 
 OF_JOINTS = ("anchors", "joint axis", "law")

@@ -25,7 +25,7 @@ import numpy as np
 
 from crosscheck.references.base import End, TruthError, breaks
 from crosscheck.references.world import Motion, cross, rotation, turned
-from crosscheck.references.world_loads import ConstantLoad, JointLoad, LinearSpring, TorsionalSpring
+from crosscheck.references.world_loads import ConstantLoad, JointLoad, LinearSpring, SlideSpring, TorsionalSpring
 from crosscheck.references.world_rows import Coupled, Driven, Relations, kinds
 from crosscheck.scene.model import Joint, Scene
 from crosscheck.scene.states import States
@@ -140,8 +140,10 @@ class Maximal:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.constraints = kinds(scene)
-        self.springs = [LinearSpring(force) for force in scene.forces if force.type == "linear_spring"]
-        self.torsions = [TorsionalSpring(force, scene) for force in scene.forces if force.type == "torsional_spring"]
+        self.springs: list[LinearSpring | SlideSpring] = [
+            LinearSpring(force) for force in scene.forces if force.type == "linear_spring"]
+        self.springs += [SlideSpring(force, scene) for force in scene.loads if force.type == "slide_spring"]
+        self.torsions = [TorsionalSpring(force, scene) for force in scene.loads if force.type == "torsional_spring"]
         self.loads: list[ConstantLoad | JointLoad] = [
             ConstantLoad(force) for force in scene.forces if force.type.startswith("constant")]
         self.loads += [JointLoad(force, scene) for force in scene.forces if force.type.startswith("joint_")]
@@ -415,7 +417,7 @@ class Maximal:
 
 def fastest(scene: Scene) -> float:
     """Rate (1/s) of the fastest decay or oscillation of a scene with springs, at its start; 0 without springs."""
-    if not any(force.type.endswith("spring") for force in scene.forces):
+    if not any(force.type.endswith("spring") for force in scene.loads):
         return 0.0
     equations = Maximal(scene)
     return float(max(abs(eigenvalues(equations.rates, equations.initial()))))

@@ -95,6 +95,6 @@ class Members:
 
     def _same_turns(self, member: Scene, own: Tree) -> bool:
         """Whether angles of torsional springs start within the same turn as those of the structure."""
-        sprung = {force.joint for force in member.forces if force.type == "torsional_spring"}
-        return all(abs(start_angle(joint, own.start) - start_angle(joint, self._taylor.tree.start)) < 2.0
-                   for joint in member.joints if joint.name in sprung)
+        sprung = {force.joint for force in member.loads if force.type == "torsional_spring"}
+        return all(abs(start_angle(joint, own.start) - start_angle(other, self._taylor.tree.start)) < 2.0
+                   for joint, other in zip(member.joints, self.scene.joints, strict=True) if joint.name in sprung)

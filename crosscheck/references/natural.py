@@ -208,11 +208,12 @@ class Natural:
             self.mass[body, 0, 0] = scene.masses[body] / self.scale
             self.mass[body, 1:, 1:] = (0.5 * np.trace(J) * np.eye(3) - J) / self.scale
         self.mass_long = self.mass.astype(LONG)
-        self.torsions = [TorsionalSpring(force, scene) for force in scene.forces if force.type == "torsional_spring"]
+        self.torsions = [TorsionalSpring(force, scene) for force in scene.loads if force.type == "torsional_spring"]
         self.springs = [LinearSpring(force) for force in scene.forces if force.type == "linear_spring"]
         self.loads: list[Load | JointLoad] = [Load(force) for force in scene.forces
                                               if force.type.startswith("constant")]
-        self.loads += [JointLoad(force, scene) for force in scene.forces if force.type.startswith("joint_")]
+        self.loads += [JointLoad(force, scene) for force in scene.loads
+                       if force.type in ("joint_torque", "joint_force", "slide_spring")]
         self.weight = np.zeros((self.n + 1, 4, 3), LONG)
         self.weight[:-1, 0] = scene.masses[:, None].astype(LONG) * scene.gravity
 

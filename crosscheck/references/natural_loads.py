@@ -142,24 +142,42 @@ class Load:
 
 
 class JointLoad:
-    """A torque about a joint's axis on its child, or a force along it; the opposite on its parent."""
+    """A torque about a joint's axis on its child, or a force along it; the opposite on its parent.
+
+    That of a spring and damper is -(k (a . d - rest) + c (a . d)'), with a the axis and d from anchor to anchor.
+    """
 
     def __init__(self, force: Force, scene: Scene) -> None:
         self.joint = next(joint for joint in scene.joints if joint.name == force.joint)
-        self.turns = force.type == "joint_torque"
-        self.size = force.parameters["torque" if self.turns else "force"]
+        self.turns, p = force.type == "joint_torque", force.parameters
+        self.k, self.c = LONG(p.get("stiffness", 0.0)), LONG(p.get("damping", 0.0))
+        self.springs = force.is_spring
+        self.size: Value = p["torque" if self.turns else "force"] if not self.springs else float(
+            self.k * p["rest_position"])
         self.axis = self.joint.parent_axis.astype(LONG)
 
     def begin(self, order: int, t: np.longdouble) -> None:
         """Expand the force about the time t of a new step."""
         self.scale = series_of(self.size, t, order + 1)
-        self.along = np.zeros((order + 1, 3), LONG)
+        self.along, self.d = np.zeros((2, order + 2, 3), LONG)
         self.effort = np.zeros((order + 1, 3), LONG)
+
+    def _pull(self, motion: Motion, k: int) -> None:
+        """Add the k-th coefficient of spring and damper to the size."""
+        joint = self.joint
+        for j in ((0, 1) if k == 0 else (k + 1,)):
+            self.along[j] = motion.vector(joint.parent, self.axis, j)
+            self.d[j] = motion.point(joint.child, joint.child_anchor.astype(LONG), j) - motion.point(
+                joint.parent, joint.parent_anchor.astype(LONG), j)
+        slide, speed = (sum(product(self.along[:, i], self.d[:, i], j) for i in range(3)) for j in (k, k + 1))
+        self.scale[k] -= self.k * slide + self.c * (k + 1) * speed
 
     def add(self, motion: Motion, k: int, effort: np.ndarray) -> None:
         """Add the k-th coefficient to the forces on q."""
         joint = self.joint
         self.along[k] = motion.vector(joint.parent, self.axis, k)
+        if self.springs:
+            self._pull(motion, k)
         self.effort[k] = product(self.scale, self.along, k)
         for body, anchor, sign in ((joint.child, joint.child_anchor, 1), (joint.parent, joint.parent_anchor, -1)):
             if self.turns:
@@ -214,6 +232,9 @@ class TorsionalSpring:
         self.p, self.g = p.astype(LONG), np.cross(joint.parent_axis, p).astype(LONG)
         self.b = (frames[1].T @ frames[0] @ p).astype(LONG)
         self.start = _angle(frames[0].T @ frames[1], joint.parent_axis, joint.child_axis)
+        if joint.start is not None:
+            turns = np.round((joint.start[0] + joint.zero_angle - float(self.start)) / (2 * np.pi))
+            self.start += 2 * LONG(turns) * np.arctan2(LONG(0.0), LONG(-1.0))
 
     def begin(self, order: int, t: np.longdouble) -> None:
         """Expand the rest angle about the time t of a new step."""

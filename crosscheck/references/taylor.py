@@ -52,7 +52,7 @@ class Taylor:
         links, closing = unfold(scene)
         self.tree = Tree(scene, links)
         self.cuts = loops.cuts(scene, closing)
-        sprung = {force.joint for force in scene.forces if force.type == "torsional_spring"}
+        sprung = {force.joint for force in scene.loads if force.type == "torsional_spring"}
         self.springs = [joint for joint in closing if joint.name in sprung]
         angles = [start_angle(joint, self.tree.start) for joint in self.springs]
         self.initial = np.concatenate([self.tree.initial(), angles])
@@ -151,9 +151,9 @@ class Taylor:
         """Loads, loop rows, and alpha, A and the derivatives of speeds by body and column."""
         tree = self.tree
         frames = tree.frames(state)
-        placed = tree.world(frames) if self.cuts or self.scene.forces else {}
+        placed = tree.world(frames) if self.cuts or self.scene.loads else {}
         loads = Loads(tree, frames, placed, value)
-        for force in self.scene.forces:
+        for force in self.scene.loads:
             if force.type == "servo":
                 continue
             loads.add(force, self._angle(force.joint if force.type == "torsional_spring" else None, state))

@@ -85,10 +85,7 @@ class LawfulTaylor(Taylor):
     def _start_of(self, law: Law) -> float:
         """The angle at the start, from the joint's reference attitude, with the turns that the scene states."""
         joint = law.joint
-        angle = start_angle(joint, self.tree.start, None if joint.reference is None else joint.reference.tolist())
-        if joint.start is not None:
-            angle += 2 * math.pi * round((joint.start[0] - angle) / (2 * math.pi))
-        return angle
+        return start_angle(joint, self.tree.start, None if joint.reference is None else joint.reference.tolist())
 
     def _unit(self, law: Law, sign: float) -> dict[int, list[float]]:
         """A unit effort of a coordinate, by body, over the angles and displacements of its link."""

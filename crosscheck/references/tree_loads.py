@@ -55,7 +55,7 @@ class Loads:
         self.push(body, force, add(cross(arm, force), apply_transposed(R, torque)))
 
     def add(self, force: Force, angle: Number) -> None:
-        """Add a force of the scene; `angle` is that of a torsional spring's joint."""
+        """Add a force of the scene, or of a joint; `angle` is that of a torsional spring's joint."""
         p = force.parameters
         if force.type == "linear_spring":
             self._linear_spring(force)
@@ -66,7 +66,7 @@ class Loads:
             axis = apply(self.placed[joint.parent][0], joint.parent_axis.tolist())
             for body, sign in ((joint.child, 1.0), (joint.parent, -1.0)):
                 self.push(body, ZERO, apply_transposed(self.placed[body][0], scale(sign * size, axis)))
-        elif force.type.startswith("joint_"):
+        elif force.type in ("joint_torque", "joint_force", "slide_spring"):
             self._along_joint(force)
         else:
             turns = force.type == "constant_torque"
@@ -83,10 +83,17 @@ class Loads:
     def _along_joint(self, force: Force) -> None:
         """A torque about a joint's axis or a force along it, at the child's anchor, and its opposite on the parent."""
         joint = next(joint for joint in self.tree.scene.joints if joint.name == force.joint)
-        turns = force.type == "joint_torque"
+        turns, p = force.type == "joint_torque", force.parameters
         axis = apply(self.placed[joint.parent][0], joint.parent_axis.tolist())
-        along = scale(self.value(force.parameters["torque" if turns else "force"]), axis)
-        place, _ = self.point(joint.child, joint.child_anchor.tolist())
+        place, rate = self.point(joint.child, joint.child_anchor.tolist())
+        if force.type == "slide_spring":  # both anchors lie on the axis
+            start, start_rate = self.point(joint.parent, joint.parent_anchor.tolist())
+            slide, speed = (dot(axis, add(end, scale(-1.0, other))) for end, other in (
+                (place, start), (rate, start_rate)))
+            size = -1.0 * (p["stiffness"] * (slide - p["rest_position"]) + p["damping"] * speed)
+        else:
+            size = self.value(p["torque" if turns else "force"])
+        along = scale(size, axis)
         for body, vector in ((joint.child, along), (joint.parent, scale(-1.0, along))):
             self.push_at(body, place, *((ZERO, vector) if turns else (vector, ZERO)))
 
@@ -138,15 +145,19 @@ def shortest_turn(joint: Joint) -> list[float]:
 
 
 def start_angle(joint: Joint, q: dict[int, list[Number]], zero: list[float] | None = None) -> float:
-    """Angle in (-pi, pi] of a joint's child from its attitude `zero` in the parent, by default the shortest turn.
+    """Angle of a joint's child from its attitude `zero` in the parent, by default the shortest turn.
 
+    It lies in (-pi, pi], or has the turns that the joint's start has.
     `q`: the quaternions of the bodies. The rotation relative zero^T is about the parent axis: its quaternion is (cos,
     axis sin) of half the angle.
     """
     relative = quaternion_product(conjugate(q[joint.parent]), q[joint.child])
     turn = quaternion_product(relative, conjugate(zero or shortest_turn(joint)))
     angle = 2 * np.arctan2(np.dot(joint.parent_axis, turn[1:]), turn[0])
-    return float(angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi)))
+    if joint.start is None:
+        return float(angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi)))
+    begin = joint.start[0] + (0.0 if zero else joint.zero_angle)
+    return float(angle + 2 * np.pi * np.round((begin - angle) / (2 * np.pi)))
 
 
 def tree_angle(joint: Joint, tree: Tree, state: Number) -> Number | None:

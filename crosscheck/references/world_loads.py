@@ -57,6 +57,9 @@ class TorsionalSpring:
         frames = [scene.R0[body] if body >= 0 else np.eye(3) for body in (joint.parent, joint.child)]
         zero = shortest_rotation(joint.child_axis, joint.parent_axis)
         self.start = float(angle_from(zero, joint.parent_axis, frames[0].T @ frames[1]))
+        if joint.start is not None:
+            begin = joint.start[0] + joint.zero_angle
+            self.start += 2 * np.pi * float(np.round((begin - self.start) / (2 * np.pi)))
 
     def rate(self, motion: Motion) -> float:
         """d angle/dt."""
@@ -68,6 +71,32 @@ class TorsionalSpring:
         size = torsion(self.stiffness, angle - at(self.rest_angle, motion.t), self.damping, self.rate(motion))
         torque[self.child] += size * (motion.R[self.parent] @ self.axis @ motion.R[self.child])
         torque[self.parent] -= size * self.axis
+
+
+class SlideSpring:
+    """Force -(k (slide - rest position) + c d slide/dt) along a joint's axis on its child, the opposite on the parent.
+
+    Both anchors, at which it acts, lie on the axis.
+    """
+
+    def __init__(self, force: Force, scene: Scene) -> None:
+        p = force.parameters
+        self.joint = next(joint for joint in scene.joints if joint.name == force.joint)
+        self.ends = np.array([self.joint.parent, self.joint.child])
+        self.points = np.array([self.joint.parent_anchor, self.joint.child_anchor])
+        self.stiffness, self.rest, self.damping = p["stiffness"], p["rest_position"], p["damping"]
+
+    def add(self, motion: Motion, force: np.ndarray, torque: np.ndarray) -> None:
+        """Add to forces (world axes) and torques about the centres of mass (body axes), (n + 1, 3) each."""
+        levers = turned(motion.R[self.ends], self.points)
+        axis = motion.R[self.joint.parent] @ self.joint.parent_axis
+        places = motion.x[self.ends] + levers
+        rates = motion.v[self.ends] + cross(motion.omega[self.ends], levers)
+        pull = spring_pull(self.stiffness, axis @ (places[1] - places[0]) - self.rest, self.damping,
+                           axis @ (rates[1] - rates[0]))
+        for end, sign in ((0, pull), (1, -pull)):
+            force[self.ends[end]] += sign * axis
+            torque[self.ends[end]] += sign * np.cross(self.points[end], axis @ motion.R[self.ends[end]])
 
 
 class ConstantLoad:

@@ -84,7 +84,8 @@ LISTED = 5
 FORCE_UNITS = {
     "stiffness": {"torsional_spring": "N m/rad", "any": "N/m"},
     "damping": {"torsional_spring": "N m s/rad", "any": "N s/m"},
-    "free_length": {"any": "m"}, "rest_angle": {"any": "rad"}, "force": {"any": "N"}, "torque": {"any": "N m"},
+    "free_length": {"any": "m"}, "rest_angle": {"any": "rad"},
+    "rest_position": {"any": "m"}, "force": {"any": "N"}, "torque": {"any": "N m"},
     "frame": {"any": "frame"}}
 """Units of force parameters by type of force; "any" is for all other types."""
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crosscheck.scene import joint_options, starts
+from crosscheck.scene import starts
 from crosscheck.scene.checks import Draft
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.mechanics import RANK_TOLERANCE
@@ -81,15 +81,14 @@ def completed(draft: Draft) -> Scene:
     done = scene.replace(bodies=bodies_at(scene, state))
     if not draft.assemble:
         starts.check(draft, done)
-    return joint_options.with_forces(done)
+    return done
 
 
 def closed(scene: Scene) -> Scene | None:
     """The scene with its joints closed by the least change of its state; None if that fails."""
     given = (True,) * scene.n
     try:
-        # The forces are complete already: those of joints would be added once more.
-        return completed(Draft(scene, given, given, assemble=True)).replace(forces=scene.forces)
+        return completed(Draft(scene, given, given, assemble=True))
     except EntryError:
         return None
 

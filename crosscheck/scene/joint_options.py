@@ -1,10 +1,4 @@
-"""Optional properties of a joint: coordinates at the start, springs and dampers, armature, mimic, drive.
-
-Springs and dampers of a joint become forces of the scene, so that an engine that models forces models them too. About
-an axis they are a torsional spring. Along an axis they are a linear spring-damper whose far end lies on the axis, so
-far behind the parent's anchor that the child's anchor never passes it. Its length is then exactly that distance plus
-the slide.
-"""
+"""Optional properties of a joint: coordinates at the start, springs and dampers, armature, mimic, drive."""
 
 from __future__ import annotations
 
@@ -13,14 +7,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from crosscheck.scene import functions
-from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.joints import joint_types
 from crosscheck.scene.laws import DryFriction, Limits
-from crosscheck.scene.mechanics import torsion_angles
-from crosscheck.scene.model import Force, Joint, Mimic, Scene
+from crosscheck.scene.model import Mimic
 from crosscheck.scene.schema import (
     DryFrictionEntry,
     EntryError,
@@ -220,37 +210,3 @@ def _check_table(entry: str, times: Sequence[float], values: Sequence[float], le
                          f"write as many values as times, at least {'one' if least == 1 else 'two'}")
     if any(b <= a for a, b in itertools.pairwise(times)):
         raise EntryError(f"{entry}: times", "do not increase", "write them in order, each once")
-
-
-def with_forces(scene: Scene) -> Scene:
-    """The scene with the springs and dampers of its joints added to its forces; its initial state must be complete."""
-    sprung = [joint for joint in scene.joints if any(joint.damping) or any(joint.stiffness)]
-    start = at_start(scene) if sprung else {}
-    made = [force for joint in sprung for force in _forces(scene, joint, *start[joint.name])]
-    return scene.replace(forces=(*scene.forces, *made)) if made else scene
-
-
-def _forces(scene: Scene, joint: Joint, position: np.ndarray, velocity: np.ndarray) -> list[Force]:
-    """The springs and dampers of a joint with these coordinates and rates at the start."""
-    forces = []
-    words = joint.kind.coordinates
-    for k, word in enumerate(words):
-        stiffness, damping, rest = ((values or (0.0,) * len(words))[k]
-                                    for values in (joint.stiffness, joint.damping, joint.rest_position))
-        if not stiffness and not damping:
-            continue
-        if word == "turn":
-            probe = Force("torsional_spring", None, None, joint.name, {})
-            angle = float(torsion_angles(scene.replace(forces=(probe,)), scene.R0[None])[joint.name][0])
-            force = Force("torsional_spring", None, None, joint.name, {
-                "stiffness": stiffness, "rest_angle": rest + (angle - float(position[k])), "damping": damping},
-                joint.name)
-        else:
-            reach = 1.0 + abs(float(position[k])) + abs(rest) + abs(float(velocity[k])) * scene.duration
-            back = 2.0 ** math.ceil(math.log2(8.0 * reach))  # adding a power of two loses the fewest digits
-            force = Force("linear_spring", joint.parent, joint.child, None, {
-                "parent_point": tuple((joint.parent_anchor - back * joint.parent_axis).tolist()),
-                "child_point": tuple(joint.child_anchor.tolist()), "stiffness": stiffness,
-                "free_length": back + rest, "damping": damping}, joint.name)
-        forces.append(force)
-    return forces

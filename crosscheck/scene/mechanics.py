@@ -58,15 +58,15 @@ def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[st
     `t` (T,): the times, for rest angles that depend on time.
     """
     energy = -np.einsum("n,k,tnk->t", scene.masses, scene.gravity, x)
-    for force in scene.forces:
+    for force in scene.loads:
         p = force.parameters
         if force.is_spring and force.joint is None:
             d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
             energy = energy + 0.5 * p["stiffness"] * (np.linalg.norm(d, axis=-1) - p["free_length"]) ** 2
         elif force.is_spring:
-            energy = energy + 0.5 * p["stiffness"] * (angles[force.joint] - at(p["rest_angle"], t)) ** 2
+            energy = energy + 0.5 * p["stiffness"] * _stretch(scene, force, x, R, angles, t) ** 2
     for joint, k, limits in _soft_limits(scene):
-        energy = energy + limits.energy(_position(scene, joint, k, x, R, angles))
+        energy = energy + limits.energy(_position(joint, k, x, R, angles))
     return np.asarray(energy)
 
 
@@ -88,13 +88,13 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
     def pushed(force: Force) -> np.ndarray:
         return np.asarray(np.einsum("tnk,tnk->t", force_on_bodies(scene, force, states, angles), u))
 
-    for force in scene.forces:
+    for force in scene.loads:
         p = force.parameters
         if force.is_spring:
             undamped = dataclasses.replace(force, parameters={**p, "damping": 0.0})
             total += pushed(force) - pushed(undamped)
-            if force.joint is not None:
-                total -= p["stiffness"] * (angles[force.joint] - at(p["rest_angle"], states.t)) * at(
+            if force.functions:
+                total -= p["stiffness"] * _stretch(scene, force, states.x, states.R, angles, states.t) * at(
                     p["rest_angle"], states.t, 1)
         else:
             total += pushed(force)
@@ -103,7 +103,7 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
             if friction is not None:
                 total -= friction.sliding * abs(_rate(joint, k, states))
     for joint, k, limits in _soft_limits(scene):
-        q, rate = _position(scene, joint, k, states.x, states.R, angles), _rate(joint, k, states)
+        q, rate = _position(joint, k, states.x, states.R, angles), _rate(joint, k, states)
         total += (limits.force(q, rate) - limits.force(q, 0.0)) * rate
     rows = Constraints(scene)
     if rows.drives:  # the reaction -G^T lam does the work -lam . G u
@@ -163,14 +163,18 @@ def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: 
 
     Each angle is unwrapped from the one before it. With rates from `w` at times
     `t` it is unwrapped from the predicted angle, which works even if a sample interval holds more than half a turn. The
-    first angle lies in (-pi, pi], or is unwrapped from `previous`, the last angles of the previous batch.
+    first angle lies in (-pi, pi], or has the turns of the joint's start, or is unwrapped from `previous`, the last
+    angles of the previous batch.
     """
     angles = {}
-    sprung = {force.joint for force in scene.forces if force.is_spring or force.type == "servo"}
+    sprung = {force.joint for force in scene.loads if force.is_spring or force.type == "servo"}
     sprung |= {joint.name for joint in scene.joints if any(joint.limits)}
     for joint in (joint for joint in scene.joints if joint.name in sprung and joint.kind.has_angle):
         rate = None if w is None else _torsion_rate(joint, R, w)
-        angles[joint.name] = continuous(_torsion(joint, R), None if previous is None else previous[joint.name], rate, t)
+        begin = None if joint.start is None else (
+            joint.start[joint.kind.coordinates.index("turn")] + joint.zero_angle)
+        angles[joint.name] = continuous(_torsion(joint, R), begin if previous is None else previous[joint.name], rate,
+                                        t)
     return angles
 
 
@@ -199,7 +203,7 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
     if angles is None:
         angles = torsion_angles(scene, R)
     states = States(np.zeros(len(x)), x, R, v, w)
-    for force in scene.forces:
+    for force in scene.loads:
         if efforts is None or force.type != "servo":
             _add_of_force(f, scene, force, states, angles, t)
     for joint, slides, size in efforts or ():
@@ -209,7 +213,7 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
             if friction is not None:
                 _add_along(f, R, joint, _slides(joint, k), friction.force(_rate(joint, k, states)))
             if limits is not None and not limits.rigid:
-                q = _position(scene, joint, k, x, R, angles)
+                q = _position(joint, k, x, R, angles)
                 _add_along(f, R, joint, _slides(joint, k), limits.force(q, _rate(joint, k, states)))
     return f.reshape(len(x), 6 * scene.n)
 
@@ -249,22 +253,32 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
         _add_force(f, R, force.child, p["child_point"], -pull)
         _add_force(f, R, force.parent, p["parent_point"], pull)
     elif joint is not None:
-        turn = joint.kind.coordinates.index("slide" if joint.kind.slides else "turn")
+        slides = joint.kind.slides or force.type in ("joint_force", "slide_spring")
+        k = joint.kind.coordinates.index("slide" if slides else "turn")
         if force.type == "servo":
             servo = Servo(**p)
             size = np.full(len(x), np.nan) if servo.period is not None else servo.effort(
-                t, _position(scene, joint, turn, x, R, angles), _rate(joint, turn, states))
+                t, _position(joint, k, x, R, angles), _rate(joint, k, states))
         elif force.type.startswith("joint_"):
             size = np.broadcast_to(at(p[force.type.removeprefix("joint_")], t), len(x))
         else:
-            size = -(p["stiffness"] * (angles[joint.name] - at(p["rest_angle"], t))
-                     + p["damping"] * _torsion_rate(joint, R, w))
-        _add_along(f, R, joint, force.type == "joint_force" or joint.kind.slides, size)
+            size = -(p["stiffness"] * _stretch(scene, force, x, R, angles, t) + p["damping"] * _rate(joint, k, states))
+        _add_along(f, R, joint, slides, size)
     elif force.type == "constant_force":
         push = factor * _in_world(p["force"], p["frame"], R[:, force.child])
         _add_force(f, R, force.child, p["child_point"], push)
     else:
         _add_torque(f, R, force.child, factor * _in_world(p["torque"], p["frame"], R[:, force.child]))
+
+
+def _stretch(scene: Scene, force: Force, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray],
+             t: np.ndarray | float) -> np.ndarray:
+    """How far the spring of a joint is from rest, (T,), rad or m."""
+    if force.type == "torsional_spring":
+        return np.asarray(angles[force.joint] - at(force.parameters["rest_angle"], t))
+    joint = next(joint for joint in scene.joints if joint.name == force.joint)
+    slide = _position(joint, joint.kind.coordinates.index("slide"), x, R, angles)
+    return np.asarray(slide - force.parameters["rest_position"])
 
 
 def _slides(joint: Joint, k: int) -> bool:
@@ -288,17 +302,12 @@ def _soft_limits(scene: Scene) -> Iterator[tuple[Joint, int, Limits]]:
             if limits is not None and not limits.rigid)
 
 
-def _position(scene: Scene, joint: Joint, k: int, x: np.ndarray, R: np.ndarray,
-              angles: dict[str, np.ndarray]) -> np.ndarray:
-    """Coordinate k of a joint with limits or a servo, (T,); `angles` as from `torsion_angles`, which lack its zero."""
-    def of(x: np.ndarray, R: np.ndarray) -> np.ndarray:
-        values = history(joint, States(np.zeros(len(x)), x, R, np.zeros_like(x), np.zeros_like(x))).position
-        return values if values.ndim == 1 else values[:, k]
-
-    if _slides(joint, k):
-        return of(x, R)
-    started = of(scene.x0[None], scene.R0[None]) - _torsion(joint, scene.R0[None])
-    return np.asarray(angles[joint.name] + started)
+def _position(joint: Joint, k: int, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray]) -> np.ndarray:
+    """Coordinate k of a joint with a spring, limits or a servo, (T,); `angles` as from `torsion_angles`."""
+    if not _slides(joint, k):
+        return np.asarray(angles[joint.name] - joint.zero_angle)
+    values = history(joint, States(np.zeros(len(x)), x, R, np.zeros_like(x), np.zeros_like(x))).position
+    return values if values.ndim == 1 else values[:, k]
 
 
 def _rate(joint: Joint, k: int, states: Motion) -> np.ndarray:

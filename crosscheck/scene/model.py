@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.scene.functions import TimeFunction, at
+from crosscheck.scene.functions import TimeFunction, Value, at
 from crosscheck.scene.joints import JOINT_TYPES, JointType
 from crosscheck.scene.laws import DryFriction, Limits, Monitor, Servo, Shape
+from crosscheck.scene.vectors import normal_references, shortest_rotation
 
 GROUND = -1
 """Body index of the ground."""
@@ -128,7 +129,7 @@ class Joint(_Record):
     reference: Any = None  # (4,) quaternion of the child in the parent at zero coordinates; None: the type's default
     start: tuple[float, ...] | None = None  # coordinates at the start; they give the full turns of angles
     armature: tuple[float, ...] = ()  # kg m^2 or kg per coordinate; adds only the energy 1/2 armature rate^2
-    damping: tuple[float, ...] = ()  # per coordinate; this and the next two are also among the scene's forces
+    damping: tuple[float, ...] = ()  # per coordinate, as the next two; `springs` has them as loads
     stiffness: tuple[float, ...] = ()
     rest_position: tuple[float, ...] = ()
     mimic: Mimic | None = None
@@ -140,6 +141,39 @@ class Joint(_Record):
     def kind(self) -> JointType:
         """Its entry in the table of types."""
         return JOINT_TYPES[self.type]
+
+    @property
+    def zero_angle(self) -> float:
+        """Angle of a hinge at zero coordinate, rad in (-pi, pi], from the shortest turn of its child's axis.
+
+        That of a torsional spring is counted from there, that of the joint from its reference, if it has one.
+        """
+        if self.reference is None:
+            return 0.0
+        n1, n2 = normal_references(self.parent_axis)
+        pointer = rotation_from_quaternion(self.reference) @ shortest_rotation(
+            self.child_axis, self.parent_axis).T @ n1
+        return float(np.arctan2(pointer @ n2, pointer @ n1))
+
+    def rest(self, spring: Force) -> Value:
+        """The coordinate at which one of its springs rests, rad or m: a number or a function of time."""
+        if "rest_position" in spring.parameters:
+            return float(spring.parameters["rest_position"])
+        rest: Value = spring.parameters["rest_angle"]
+        return rest.plus(-self.zero_angle) if isinstance(rest, TimeFunction) else float(rest) - self.zero_angle
+
+    @functools.cached_property
+    def springs(self) -> tuple[Force, ...]:
+        """Its springs and dampers: a torsional_spring about its axis, a slide_spring along it."""
+        made = []
+        for k, word in enumerate(self.kind.coordinates if self.damping or self.stiffness else ()):
+            stiffness, damping, rest = (values[k] if values else 0.0
+                                        for values in (self.stiffness, self.damping, self.rest_position))
+            kind, at_rest = (("torsional_spring", {"rest_angle": rest + self.zero_angle}) if word == "turn" else
+                             ("slide_spring", {"rest_position": rest}))
+            if stiffness or damping:
+                made.append(Force(kind, None, None, self.name, {"stiffness": stiffness, "damping": damping} | at_rest))
+        return tuple(made)
 
     def __post_init__(self) -> None:
         for field in ("parent_anchor", "child_anchor", "parent_axis", "child_axis"):
@@ -154,22 +188,21 @@ class Force(_Record):
     """A spring-damper, a load or the drive of a joint; `parameters` holds the keys of its type, arrays as tuples.
 
     A constant_force or constant_torque may have a `factor`, a function of time that multiplies it; rest_angle and the
-    torque or force of a joint may be functions themselves.
+    torque or force of a joint may be functions themselves. A slide_spring is in no file: joints with a slide have it.
     """
 
     type: str
     parent: Any  # body index, -1 for the ground; None for types without one
     child: Any  # body index; None for types without one
-    joint: Any  # joint name, for torsional springs, joint torques and joint forces
+    joint: Any  # joint name, for what acts about or along a joint's axis
     parameters: Mapping[str, Any]
-    of_joint: str = ""  # the joint whose damping or stiffness this is
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", types.MappingProxyType(dict(self.parameters)))
 
     @property
     def is_spring(self) -> bool:
-        """Whether it is a spring-damper: between two points, or with a joint about its axis."""
+        """Whether it is a spring-damper: between two points, or about or along the axis of a joint."""
         return self.type.endswith("spring")
 
     @property
@@ -255,6 +288,11 @@ class Scene(_Record):
     def t(self) -> np.ndarray:
         """Output times, (samples,), from 0 to `duration`."""
         return np.linspace(0.0, self.duration, self.samples)
+
+    @functools.cached_property
+    def loads(self) -> tuple[Force, ...]:
+        """All that acts: the springs and dampers of joints, and after them the forces."""
+        return (*(spring for joint in self.joints for spring in joint.springs), *self.forces)
 
     @functools.cached_property
     def masses(self) -> np.ndarray:
@@ -384,7 +422,7 @@ class Scene(_Record):
     def worked_on(self) -> bool:
         """Whether loads, dampers or functions of time may do work, so that the energy is not conserved."""
         return self.timed or self.has_laws or any(
-            not force.is_spring or force.parameters["damping"] > 0 for force in self.forces)
+            not force.is_spring or force.parameters["damping"] > 0 for force in self.loads)
 
     def delayed(self, by: float) -> Scene:
         """The scene with its functions of time delayed by this many seconds."""
@@ -433,11 +471,8 @@ class Scene(_Record):
                     for group, given in (("shapes", self.shapes), ("monitors", self.monitors)) if given}
 
 
-_NOT_HASHED = frozenset({"damping", "stiffness", "rest_position", "of_joint"})
-"""Fields that are also among the forces of the scene."""
-
-_OPTIONAL = frozenset({"armature", "mimic", "drive", "radius", "reference", "start", "dry_friction",
-                       "limits"})
+_OPTIONAL = frozenset({"armature", "damping", "stiffness", "rest_position", "mimic", "drive", "radius", "reference",
+                       "start", "dry_friction", "limits"})
 """Fields that count only where they are given: scenes without them keep the hash that older releases stored."""
 
 
@@ -449,8 +484,7 @@ def _plain(record: Any) -> dict[str, object]:
     """A dataclass as JSON values; floats keep every bit."""
     fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
     return {name: _value(value) for name, value in fields.items()
-            if name not in _NOT_HASHED and not (name in _OPTIONAL and (
-                value is None or (isinstance(value, tuple) and not value)))}
+            if not (name in _OPTIONAL and (value is None or (isinstance(value, tuple) and not value)))}
 
 
 def _value(value: object) -> Any:

@@ -160,7 +160,7 @@ class Reader:
         springs, dampers, motors and rotors."""
         scene, s = self._known, self.states
         borne = {name: np.zeros((len(s.t), 6)) for name in self.joints}
-        for force in scene.forces:
+        for force in scene.loads:
             if force.joint is not None:
                 child = self.joints[force.joint].child
                 borne[force.joint] += mechanics.force_on_bodies(scene, force, s, self.angles)[:, child]

@@ -5,14 +5,12 @@ from __future__ import annotations
 import collections
 import dataclasses
 import heapq
-import math
 from collections.abc import Iterable
 
 import numpy as np
 
-from crosscheck.scene import coordinates, mechanics
+from crosscheck.scene import coordinates
 from crosscheck.scene.checks import Draft, Start
-from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.model import GROUND, Body, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.schema import EntryError
 from crosscheck.scene.states import Motion
@@ -45,25 +43,14 @@ def bodies_at(scene: Scene, state: Configuration) -> tuple[Body, ...]:
 def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: int = 2) -> Scene:
     """The scene started from the state of a motion at sample k, which becomes time zero.
 
-    Angles of torsional springs start within half a turn: earlier whole turns are subtracted from their rest angles.
-    Those of joints with limits or a servo go on with their whole turns. What a sampled servo holds is not known here.
+    Hinges go on with their whole turns. What a sampled servo holds is not known here.
     """
     state = Configuration(motion.x[k], quaternion_from_rotation(motion.R[k]), motion.v[k], motion.w[k])
     begun = scene.delayed(-float(motion.t[k])).replace(duration=duration, samples=samples,
                                                        bodies=bodies_at(scene, state))
-    angles = mechanics.torsion_angles(scene, motion.R[:k + 1], motion.w[:k + 1], motion.t[:k + 1])
-    turned = {joint: math.tau * round(float(angle[-1]) / math.tau) for joint, angle in angles.items()}
-    forces = []
-    for force in begun.forces:
-        if "rest_angle" in force.parameters and (angle := turned.get(force.joint or "")):
-            rest = force.parameters["rest_angle"]
-            rest = rest.plus(-angle) if isinstance(rest, TimeFunction) else rest - angle
-            force = dataclasses.replace(force, parameters={**force.parameters, "rest_angle": rest})
-        forces.append(force)
-    kept = {joint for joint, _ in scene.servos.values()} | {joint.name for joint in scene.joints if any(joint.limits)}
-    joints = (dataclasses.replace(joint, start=_coordinates_at(joint, motion, k)) if joint.name in kept else joint
-              for joint in begun.joints)
-    return begun.replace(forces=tuple(forces), joints=tuple(joints) if kept else begun.joints)
+    return begun.replace(joints=tuple(
+        dataclasses.replace(joint, start=_coordinates_at(joint, motion, k))
+        if any(word.startswith("turn") for word in joint.kind.coordinates) else joint for joint in begun.joints))
 
 
 def _coordinates_at(joint: Joint, motion: Motion, k: int) -> tuple[float, ...]:

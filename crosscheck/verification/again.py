@@ -41,7 +41,8 @@ REPEATED = 0.75
 
 SEED = 37
 
-TURNABLE = ("linear_spring", "torsional_spring", "constant_force", "constant_torque", "joint_torque", "joint_force")
+TURNABLE = ("linear_spring", "slide_spring", "torsional_spring", "constant_force", "constant_torque",
+            "joint_torque", "joint_force")
 """Types of forces whose meaning in a turned world is known here."""
 
 
@@ -108,8 +109,7 @@ class World:
         given = {key: value for key, value in given.items() if value is not None}
         return dataclasses.replace(force, parent=None if force.parent is None else place[force.parent],
                                    child=None if force.child is None else place[force.child],
-                                   joint=names.get(force.joint, force.joint),
-                                   of_joint=names.get(force.of_joint, force.of_joint), parameters=given)
+                                   joint=names.get(force.joint, force.joint), parameters=given)
 
     def back(self, states: States) -> States:
         """States of this world in that of the scene, bodies in its order."""
@@ -125,7 +125,8 @@ def turnable(scene: Scene) -> bool:
         joint.mimic is not None or joint.drive is not None
         or (joint.name in on_ground and (joint.reference is not None or any(joint.limits)))
         for joint in scene.joints) and not any(
-        force.joint in on_ground or force.type not in TURNABLE or force.functions for force in scene.forces)
+        (force.joint in on_ground and force.type != "slide_spring") or force.type not in TURNABLE or force.functions
+        for force in scene.loads)
 
 
 def cuts(count: int) -> np.ndarray:

@@ -111,7 +111,7 @@ def drawing(scene: Scene, reference: Reference | None = None) -> Drawing:
     forces = [{"type": force.type, "parent": force.parent, "child": force.child, "joint": force.joint,
                **{key: _rounded(value) if isinstance(value, tuple | list) else
                   "a function of time," if isinstance(value, TimeFunction) else value
-                  for key, value in force.parameters.items()}} for force in scene.forces]
+                  for key, value in force.parameters.items()}} for force in scene.loads]
     bodies = []
     for body in scene.bodies:  # as boxes of uniform density; bit k of a corner's index tells its side of axis k
         moments, axes = np.linalg.eigh(body.inertia)

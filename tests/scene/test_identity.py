@@ -17,12 +17,9 @@ from crosscheck.scene.model import Mimic
 
 OTHER = {  # another value of each field that has none in the scenes below
     "mimic": Mimic("other", 2.0), "drive": TimeFunction(terms=((0.1, 2.0, 0.0),)), "reference": [0.0, 1.0, 0.0, 0.0],
-    "start": (-0.2,), "armature": (0.3,), "length": 2.0, "radius": 2.0, "parent_axis": [0.0, 1.0, 0.0],
-    "child_axis": [0.0, 1.0, 0.0], "joint": "other",
+    "start": (-0.2,), "armature": (0.3,), "damping": (0.3,), "stiffness": (0.4,), "rest_position": (0.2,),
+    "length": 2.0, "radius": 2.0, "parent_axis": [0.0, 1.0, 0.0], "child_axis": [0.0, 1.0, 0.0], "joint": "other",
     "dry_friction": (DryFriction(0.5, 0.5),), "limits": (Limits(-1.0),)}
-
-AMONG_FORCES = {"damping", "stiffness", "rest_position", "of_joint"}
-"""Fields of joints that are forces of the scene, too."""
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +41,7 @@ def changed(name, value):
 
 def fields():
     return [(kind, field.name) for kind in ("bodies", "joints", "forces")
-            for field in dataclasses.fields({"bodies": model.Body, "joints": model.Joint, "forces": model.Force}[kind])
-            if field.name not in AMONG_FORCES]
+            for field in dataclasses.fields({"bodies": model.Body, "joints": model.Joint, "forces": model.Force}[kind])]
 
 
 @pytest.mark.parametrize(("kind", "name"), fields())

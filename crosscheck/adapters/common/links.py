@@ -76,7 +76,9 @@ def obstacle(scene: Scene, types: Iterable[str], forces: Iterable[str] = (), flo
     If `floating`, bodies may hang on no joint.
     """
     types, forces = tuple(types), tuple(forces)
-    for force in scene.forces:
+    for force in scene.loads:
+        if force.type == "slide_spring":
+            return f"the spring or damper along joint {force.joint!r} is not built into this adapter"
         if force.type not in forces:
             known = f"it has gravity and {', '.join(forces)}" if forces else "only gravity is"
             return f"forces of type {force.type} are not built into this adapter; {known}"

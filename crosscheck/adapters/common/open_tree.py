@@ -14,7 +14,6 @@ from crosscheck.adapters.common.links import relative_attitude
 from crosscheck.adapters.common.stepping import Convert
 from crosscheck.scene.functions import at
 from crosscheck.scene.laws import Servo
-from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
 
@@ -93,16 +92,14 @@ class OpenTree(Engine):
 
 
 def sprung(scene: Scene, link: tree.Link) -> tuple[float, float, float]:
-    """(stiffness, rest position, damping) of all torsional springs about a hinge, in its coordinate as a link."""
-    springs = [force.parameters for force in scene.forces if force.type == "torsional_spring"
-               and force.joint == link.joint]
+    """(stiffness, rest position, damping) of all springs about a hinge, in its coordinate as a link."""
+    springs = [force for force in scene.loads if force.is_spring and force.joint == link.joint]
     if not springs:
         return 0.0, 0.0, 0.0
-    sign = 1.0 if link.outward else -1.0
-    zero = float(torsion_angles(scene, scene.R0[None])[link.joint][0]) - sign * float(
-        tree.initial_coordinates(scene, link)[0][0])
-    stiffness, damping = (sum(float(each[key]) for each in springs) for key in ("stiffness", "damping"))
-    moment = sum(float(each["stiffness"]) * (float(each["rest_angle"]) - zero) for each in springs)
+    joint = next(joint for joint in scene.joints if joint.name == link.joint)
+    _, sign, zero = tree.coordinate(scene, link)
+    stiffness, damping = (sum(float(each.parameters[key]) for each in springs) for key in ("stiffness", "damping"))
+    moment = sum(float(each.parameters["stiffness"]) * (at(joint.rest(each), 0.0) - zero) for each in springs)
     return stiffness, sign * moment / stiffness if stiffness else 0.0, damping
 
 

@@ -46,7 +46,8 @@ class OwnLaw:
             raise Unsupported(f"the own law of {name} is integrated here for open trees of hinges and slides alone")
         self._chain, self._bare = tree.links(scene), scene.lawless
         moving = [link for link in self._chain if link.dofs]
-        joints, start = {joint.name: joint for joint in scene.joints}, at_start(scene)
+        self._joints = joints = {joint.name: joint for joint in scene.joints}
+        start = at_start(scene)
         self._names = [link.joint for link in moving]
         self._sign, self._zero = np.array([tree.coordinate(scene, link)[1:] for link in moving]).T
         self._rows = [(k, law) for k, name in enumerate(self._names)
@@ -131,7 +132,8 @@ class OwnLaw:
         drift, *columns = np.concatenate([np.asarray(rows.a), np.asarray(rows.alpha)], axis=2).reshape(n + 1, -1)
         J = np.transpose(columns)
         x, R, speed, spin = (part[:1] for part in (rows.x, rows.R, rows.v, rows.w))
-        angles = mechanics.torsion_angles(self._bare, R)
+        angles = {name: np.array([q[k] + self._joints[name].zero_angle]) for k, name in enumerate(self._names)
+                  if self._joints[name].kind.has_angle}
         f = J.T @ (mechanics.applied_forces(self._bare, x, R, speed, spin, angles, t)[0] - self._mass @ drift)
         for index, (name, servo) in self.scene.servos.items():
             k = self._names.index(name)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.vectors import normal_references, shortest_rotation
 
@@ -88,27 +88,37 @@ def joint_frames(scene: Scene, joint: Joint) -> list[np.ndarray]:
     return [inner, shortest_rotation(joint.child_axis, joint.parent_axis).T @ inner]
 
 
+def word_of(spring: Force) -> str:
+    """The coordinate of its joint on which a spring acts."""
+    return "slide" if spring.type == "slide_spring" else "turn"
+
+
 def add_force(carrier: Carrier, force: Force) -> Index:
     """Add a spring or load; returns the item's index."""
     from exudyn.itemInterface import (
         LoadForceVector,
         LoadTorqueVector,
         NodeGenericData,
+        ObjectConnectorLinearSpringDamper,
         ObjectConnectorSpringDamper,
         ObjectConnectorTorsionalSpringDamper,
     )
 
     p, scene = force.parameters, carrier.scene
-    if force.type == "torsional_spring":
+    if force.is_spring and force.joint is not None:
         joint = next(joint for joint in scene.joints if joint.name == force.joint)
         anchors = (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)
-        angle = torsion_angles(scene, scene.R0[None])[joint.name][0]
-        # the data node stores the angle of the last step, to count full turns
-        memory = carrier.system.AddNode(NodeGenericData(initialCoordinates=[angle], numberOfDataCoordinates=1))
+        markers = [carrier.mark(*end, frame) for end, frame in zip(anchors, joint_frames(scene, joint), strict=True)]
+        given = {"markerNumbers": markers, "stiffness": p["stiffness"], "damping": p["damping"]}
+        if force.type == "slide_spring":
+            return carrier.system.AddObject(ObjectConnectorLinearSpringDamper(
+                axisMarker0=[0.0, 0.0, 1.0], offset=p["rest_position"], **given))
+        angle = at_start(scene)[joint.name][0][joint.kind.coordinates.index("turn")] + joint.zero_angle
+        turns = 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
+        # the data node stores the angle of the last step, to count full turns from the start on
+        memory = carrier.system.AddNode(NodeGenericData(initialCoordinates=[angle - turns], numberOfDataCoordinates=1))
         return carrier.system.AddObject(ObjectConnectorTorsionalSpringDamper(
-            markerNumbers=[carrier.mark(*end, frame)
-                           for end, frame in zip(anchors, joint_frames(scene, joint), strict=True)],
-            nodeNumber=memory, stiffness=p["stiffness"], damping=p["damping"], offset=p["rest_angle"]))
+            nodeNumber=memory, offset=p["rest_angle"] - turns, **given))
     if force.joint is not None:
         return _add_motor(carrier, force)
     if force.type == "linear_spring":

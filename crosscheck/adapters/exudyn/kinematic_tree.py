@@ -18,6 +18,7 @@ from crosscheck.adapters.exudyn import items, laws
 from crosscheck.adapters.exudyn.independent import dropped_axes
 from crosscheck.adapters.exudyn.items import Carrier, Index
 from crosscheck.adapters.exudyn.models import Model, mark_frame, new_system, pose, watch
+from crosscheck.scene.functions import at as value_at
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
 from crosscheck.scene.vectors import normal_references
@@ -111,14 +112,14 @@ def kinematic_tree(scene: Scene, order: str, h: float = 1e-3) -> Model:
                                           initialCoordinates_t=v, numberOfODE2Coordinates=len(q)))
     vectors: Any = exudyn.Vector3DList  # Exudyn's type stubs declare these two without arguments
     matrices: Any = exudyn.Matrix3DList
-    springs: Any = _springs(scene, chain)
+    at = laws.places(scene, carried)
+    springs: Any = _springs(scene, at, len(q))
     body = system.AddObject(ObjectKinematicTree(
         nodeNumber=node, jointTypes=[getattr(exudyn.JointType, joint.kind) for joint in joints],
         linkParents=[joint.parent for joint in joints], gravity=scene.gravity,
         linkMasses=[joint.mass for joint in joints], jointTransformations=matrices([joint.turn for joint in joints]),
         jointOffsets=vectors([joint.offset for joint in joints]), linkCOMs=vectors([joint.centre for joint in joints]),
         linkInertiasCOM=matrices([joint.inertia for joint in joints]), **springs))
-    at = laws.places(scene, carried)
     _couple(scene, system, node, at, q)
     _attach(scene, system, body, seats, closing)
     if scene.has_laws:
@@ -199,31 +200,33 @@ def cardan_coordinates(attitude: np.ndarray, w: np.ndarray, order: str) -> tuple
     return angles, np.linalg.solve(np.transpose(unit_rates), w)
 
 
-def _springs(scene: Scene, chain: list[Link]) -> dict[str, list[float]]:
-    """Torsional spring-dampers as proportional-derivative control of their joints."""
-    springs = {force.joint: force.parameters for force in scene.forces if force.type == "torsional_spring"}
-    if not springs:
+def _springs(scene: Scene, at: dict[tuple[str, int], laws.Place], size: int) -> dict[str, list[float]]:
+    """Springs and dampers of joints as proportional-derivative control of these."""
+    stiffness, damping, moment = np.zeros((3, size))
+    joints = {joint.name: joint for joint in scene.joints}
+    for force in scene.loads:
+        if force.is_spring and force.joint is not None:
+            joint, p = joints[force.joint], force.parameters
+            place = at.get((joint.name, joint.kind.coordinates.index(items.word_of(force))))
+            if place is not None:
+                stiffness[place.column] += p["stiffness"]
+                damping[place.column] += p["damping"]
+                moment[place.column] += p["stiffness"] * place.sign * (value_at(joint.rest(force), 0.0) - place.zero)
+    if not (stiffness.any() or damping.any()):
         return {}
-    stiffness, damping, rest = [], [], []
-    for link in chain:
-        for part in link.parts:
-            spring = springs.get(link.joint) if part.kind == "turn" else None
-            stiffness.append(spring["stiffness"] if spring else 0.0)
-            damping.append(spring["damping"] if spring else 0.0)
-            # the angle of an inward link is that of the scene's parent relative to its child
-            rest.append((spring["rest_angle"] if link.outward else -spring["rest_angle"]) if spring else 0.0)
-    return {"jointPControlVector": stiffness, "jointDControlVector": damping, "jointPositionOffsetVector": rest,
-            "jointVelocityOffsetVector": [0.0] * len(rest)}
+    rest = np.divide(moment, stiffness, out=np.zeros(size), where=stiffness != 0)
+    return {"jointPControlVector": stiffness.tolist(), "jointDControlVector": damping.tolist(),
+            "jointPositionOffsetVector": rest.tolist(), "jointVelocityOffsetVector": [0.0] * size}
 
 
 def _attach(scene: Scene, system: exudyn.MainSystem, tree_object: Index, seats: dict[int, _Seat],
             closing: tuple[Joint, ...]) -> None:
-    """Add loop joints, springs on them, linear springs and loads to markers on the tree's links."""
+    """Add loop joints, their springs, linear springs and loads to markers on the tree's links."""
     from exudyn.itemInterface import MarkerKinematicTreeRigid, ObjectGround
 
     closed = {joint.name for joint in closing}
-    forces = [force for force in scene.forces
-              if force.type != "servo" and (force.type != "torsional_spring" or force.joint in closed)]
+    forces = [force for force in scene.loads if force.type != "servo"
+              and (not force.is_spring or force.joint is None or force.joint in closed)]
     if not forces and not closing:
         return
     ground = system.AddObject(ObjectGround())

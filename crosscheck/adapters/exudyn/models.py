@@ -106,7 +106,7 @@ def maximal(scene: Scene, node: str = "lie", system: Any = None) -> Model:
     left_free = dropped_axes(scene, spanning_tree(scene)[1])
     for joint in scene.joints:
         items.add_joint(carrier, joint, left_free.get(joint.name, ()))
-    for force in scene.forces:
+    for force in scene.loads:
         items.add_force(carrier, force)
     return Model(container, system, sensors, lambda t, data: States(t, *_body_arrays(data, scene.R0)))
 

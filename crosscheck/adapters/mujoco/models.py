@@ -18,10 +18,9 @@ from crosscheck.adapters.common import tree
 from crosscheck.adapters.common.poses import in_body, relative_pose
 from crosscheck.errors import Unsupported
 from crosscheck.scene.coordinates import at_start
-from crosscheck.scene.functions import TimeFunction, at
+from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import Limits, Servo
-from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, Sensor, quaternion_from_rotation
 from crosscheck.scene.spanning import Branch, spanning_tree
 from crosscheck.scene.vectors import slide_direction
@@ -98,8 +97,7 @@ def obstacle(scene: Scene, form: str) -> str | None:
         if joint.name in motors:
             return f"the motor of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
         if joint.name in sprung:
-            return (f"the torsional spring of joint {joint.name!r} needs the coordinate of a hinge; equality "
-                    "constraints have none")
+            return f"the spring of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
         if joint.type not in PREFERENCE:
             place = "form tree has it as joint coordinates" if form == "maximal" else "here it closes a loop"
             return (f"joint {joint.name!r}: MuJoCo's equality constraints hold points, frames and distances; none lets "
@@ -112,8 +110,9 @@ def obstacle(scene: Scene, form: str) -> str | None:
     return None
 
 
-def _sprung(scene: Scene) -> dict[str, Force]:
-    return {force.joint: force for force in scene.forces if force.type == "torsional_spring"}
+def _sprung(scene: Scene) -> set[str]:
+    """The joints with springs or dampers."""
+    return {force.joint for force in scene.loads if force.is_spring and force.joint is not None}
 
 
 EQUALITY_DATA = 12
@@ -211,35 +210,31 @@ def _add_body(scene: Scene, branch: Branch, frame: Any, solref: list[float], met
     if joint is None:
         body.add_freejoint(name=str(k))
         return body
-    spring = _sprung(scene).get(joint.name)
     for number, (kind, point, axis) in enumerate(_coordinates(scene, branch)):
         coordinate = body.add_joint(name=f"{k}.{number}", type=getattr(mujoco.mjtJoint, kind), pos=point, axis=axis)
         if joint.armature:
             coordinate.armature = joint.armature[0 if kind == "mjJNT_HINGE" or len(joint.armature) == 1 else 1]
-        if spring is not None and kind == "mjJNT_HINGE":
-            coordinate.ref = torsion_angles(scene, scene.R0[None])[joint.name][0]
-            rest = spring.parameters["rest_angle"]
-            coordinate.springref = 0.0 if isinstance(rest, TimeFunction) else rest  # an actuator moves it
-            _make_elastic(coordinate, spring)
-        if joint.dry_friction or joint.limits or _has_servo(scene, joint):
+        if joint.kind.is_elastic:
             _give_laws(scene, branch, coordinate, kind, solref, method)
     return body
 
 
-def _has_servo(scene: Scene, joint: Joint) -> bool:
-    return any(name == joint.name for name, _ in scene.servos.values())
-
-
 def _give_laws(scene: Scene, branch: Branch, coordinate: Any, kind: str, solref: list[float], method: str) -> None:
-    """Count a hinge or slide from the scene's zero, and set its dry friction and its range."""
+    """Count a hinge or slide from the scene's zero, and set its springs and dampers, its dry friction and its range."""
     joint = branch.joint
     assert joint is not None
     words = JOINT_TYPES[joint.type].coordinates
     k = words.index("slide" if kind == "mjJNT_SLIDE" else "turn")
     direction = _coordinate_of(scene, branch, kind == "mjJNT_SLIDE")[1]
-    before = coordinate.ref
     coordinate.ref = direction * at_start(scene)[joint.name][0][k]
-    coordinate.springref += coordinate.ref - before
+    springs = [force for force in scene.loads if force.joint == joint.name and force.type == (
+        "slide_spring" if kind == "mjJNT_SLIDE" else "torsional_spring")]
+    if springs:
+        stiffness, damping = (sum(force.parameters[key] for force in springs) for key in ("stiffness", "damping"))
+        moment = sum(force.parameters["stiffness"] * (  # an actuator moves one whose rest angle is a function
+            -joint.zero_angle if force.functions else joint.rest(force)) for force in springs)
+        coordinate.springref = direction * moment / stiffness if stiffness else 0.0
+        _make_elastic(coordinate, stiffness, damping)
     friction = joint.dry_friction[k] if joint.dry_friction else None
     limits = joint.limits[k] if joint.limits else None
     if friction is not None:
@@ -368,10 +363,9 @@ class _Constraints:
             equality.solimp[:2] = TIGHT
 
 
-def _make_elastic(item: Any, force: Force) -> None:
+def _make_elastic(item: Any, stiffness: float, damping: float) -> None:
     """Set linear stiffness and damping of a joint or tendon; polynomials in MuJoCo 4, numbers in older versions."""
-    for name in ("stiffness", "damping"):
-        value = force.parameters[name]
+    for name, value in (("stiffness", stiffness), ("damping", damping)):
         setattr(item, name, [value, 0.0, 0.0] if np.ndim(getattr(item, name)) else value)
 
 
@@ -389,7 +383,7 @@ def _add_force(spec: Any, frames: dict[int, Any], index: int, force: Force) -> N
         for body, point in ((force.parent, p["parent_point"]), (force.child, p["child_point"])):
             tendon.wrap_site(frames[body].add_site(name=f"spring {index}.{body}", pos=point).name)
         tendon.springlength = [p["free_length"]] * 2
-        _make_elastic(tendon, force)
+        _make_elastic(tendon, p["stiffness"], p["damping"])
         return
     load = [*p["force"], 0.0, 0.0, 0.0] if force.type == "constant_force" else [0.0, 0.0, 0.0, *p["torque"]]
     name = f"load {index}"

@@ -7,6 +7,7 @@ Jacobians.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -41,13 +42,12 @@ class Dynamics:
         self.model, self._model, self.data = model, model.model, model.model.createData()
         scene = model.scene
         joints = {joint.name: joint for joint in scene.joints}
-        spanned = {link.joint for link in model.links}
-        forces = [force for force in scene.forces if force.type != "servo"]
-        turning = [force for force in forces if force.type == "torsional_spring"
-                   or (force.joint is not None and force.joint in spanned)]
-        self._forces = [force for force in forces if force not in turning]
-        springs = [(force, joints[force.joint]) for force in turning]
-        self._turns = [(force, *self._turn(joint)) for force, joint in springs]
+        forces = [force for force in scene.loads if force.type != "servo"]
+        along = [force for force in forces if force.joint is not None]
+        self._forces = [force for force in forces if force.joint is None]
+        self._along = [(force, joint.rest(force) if force.is_spring else 0.0, *self.coordinate(
+            joint, joint.kind.coordinates.index("slide" if force.type in ("joint_force", "slide_spring") else "turn")))
+            for force, joint in ((force, joints[force.joint]) for force in along)]
         self.held: Mapping[int, float] = {}
         """What sampled servos give now, by their indices among the forces."""
         self._laws: list[tuple[int, Servo | Limits, int, int, float, float]] = [
@@ -76,18 +76,12 @@ class Dynamics:
             return "crba of mimic joints"
         return "crba, Cholesky" if self.factorizes else "aba"
 
-    def _turn(self, joint: Joint) -> tuple[int, int, float]:
-        """(index in q, index in v, sign of the joint's angle) of the turn of a joint in the tree."""
-        for link, (at_q, at_v) in zip(self.model.links, self.model.slots, strict=True):
-            if link.joint == joint.name:  # the turn comes last, after slides
-                return at_q.stop - 1, at_v.stop - 1, 1.0 if link.outward else -1.0
-        raise KeyError(joint.name)
-
     def coordinate(self, joint: Joint, k: int = 0) -> tuple[int, int, float, float]:
         """(index in q, index in v, sign, value at zero of its q) of coordinate k of a hinge or slide in the tree."""
         link, (at_q, at_v) = next(pair for pair in zip(self.model.links, self.model.slots, strict=True)
                                   if pair[0].joint == joint.name)
-        part, sign, zero = tree.coordinate(self.model.scene, link, k)
+        whole = dataclasses.replace(link, body=self.model.parts.get(link.body, link.body))
+        part, sign, zero = tree.coordinate(self.model.scene, whole, k)
         return at_q.start + part, at_v.start + part, sign, zero
 
     def __call__(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> np.ndarray:
@@ -141,10 +135,10 @@ class Dynamics:
         """(joint torques, external forces on all joints in their frames or None if there are none)."""
         positions, rates = self.model.positions(q), self.model.rates(v)
         torque = np.zeros(len(rates))
-        for force, at_q, at_v, sign in self._turns:
+        for force, rest, at_q, at_v, sign, zero in self._along:
             p = force.parameters
-            if force.type == "torsional_spring":
-                torque[at_v] -= sign * (p["stiffness"] * (sign * positions[at_q] - value_at(p["rest_angle"], t))
+            if force.is_spring:
+                torque[at_v] -= sign * (p["stiffness"] * (sign * positions[at_q] + zero - value_at(rest, t))
                                         + p["damping"] * sign * rates[at_v])
             else:
                 torque[at_v] += sign * value_at(p["torque" if force.type == "joint_torque" else "force"], t)
@@ -185,15 +179,6 @@ class Dynamics:
             pull = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate) * direction
             self._push(wrenches, *ends[0], pull)
             self._push(wrenches, *ends[1], -pull)
-        elif force.joint is not None:  # on a joint that is cut: two opposite wrenches along its axis
-            joint = next(joint for joint in self.model.scene.joints if joint.name == force.joint)
-            size = value_at(p["torque" if force.type == "joint_torque" else "force"], t)
-            along = size * (self._frame(joint.parent).rotation @ joint.parent_axis)
-            for body, anchor, sign in ((joint.child, joint.child_anchor, 1), (joint.parent, joint.parent_anchor, -1)):
-                if force.type == "joint_force":
-                    self._push(wrenches, body, anchor, sign * along)
-                else:
-                    self._wring(wrenches, body, sign * along)
         elif force.type == "constant_force":
             push = factor * self._in_world(force, p["force"])
             self._push(wrenches, force.child, np.array(p["child_point"]), push)
@@ -264,7 +249,7 @@ class _Reactions:
         pin.forwardKinematics(twin.model.model, twin.data, own, rates)
         reactions = self._constrained(wrenches)
         pin.rnea(twin.model.model, twin.data, own, rates, accelerations, wrenches)
-        acting_at = {*(at_v for _, _, at_v, _ in twin._turns), *(at_v for _, _, _, at_v, *_ in twin._laws)}
+        acting_at = {*(at_v for _, _, _, at_v, *_ in twin._along), *(at_v for _, _, _, at_v, *_ in twin._laws)}
         own_sizes = {at_v: torque[at_v] for at_v in acting_at}
         rotors = -d.model.armature * a
         for link, (_, at_v), (_, own_v) in zip(twin.model.links, twin.model.slots, d.model.slots, strict=True):
@@ -274,13 +259,13 @@ class _Reactions:
                 joint = next(joint for joint in d.model.scene.joints if joint.name == link.joint)
                 sign = 1.0 if link.outward else -1.0
                 force, moment = self._at_anchor(joint, sign * wrench.linear, sign * wrench.angular)
-                acting = sign * own_sizes.get(at_v.stop - 1, 0.0) * (twin._frame(link.body).rotation @ link.axis)
-                if joint.type == "prismatic":  # the line of its motor's force passes through the anchor
-                    force = force - acting
-                else:
-                    moment = moment - acting
+                axis = sign * (twin._frame(link.body).rotation @ link.axis)
+                for at, word in zip(range(at_v.start, at_v.stop), joint.kind.motion, strict=False):
+                    if word == "slide":  # the line of its force passes through the anchor
+                        force = force - own_sizes.get(at, 0.0) * axis
+                    else:
+                        moment = moment - own_sizes.get(at, 0.0) * axis
                 if any(joint.armature):
-                    axis = sign * (twin._frame(link.body).rotation @ link.axis)
                     if joint.type != "revolute":
                         force = force - rotors[own_v][0] * axis
                     if joint.type != "prismatic":

@@ -11,7 +11,6 @@ import numpy as np
 
 from crosscheck.errors import SceneError
 from crosscheck.scene.coordinates import at_start, zero_attitude
-from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation
 from crosscheck.scene.spanning import hung
 from crosscheck.scene.vectors import slide_direction
@@ -144,8 +143,6 @@ def _mjcf_joints(scene: Scene, element: Element, body: int, joint: Joint | None)
 
 
 def _mjcf_force(scene: Scene, root: Element, elements: dict[int, Element], number: int, force: Force) -> None:
-    if force.of_joint:
-        return
     p = force.parameters
     if force.type == "linear_spring":
         tendons = root.find("tendon")
@@ -174,10 +171,10 @@ def _mjcf_force(scene: Scene, root: Element, elements: dict[int, Element], numbe
     joint = next(element for element in root.iter("joint") if element.get("name") == force.joint)
     if "stiffness" in joint.attrib or "damping" in joint.attrib:
         raise _refused(scene, "MJCF", f"forces[{number}], a second spring of joint {force.joint!r}")
-    angle = float(torsion_angles(scene, scene.R0[None])[force.joint][0])
+    rest = next(each for each in scene.joints if each.name == force.joint).rest(force)
     joint.set("stiffness", repr(float(p["stiffness"])))
     joint.set("damping", repr(float(p["damping"])))
-    joint.set("springref", repr(float(joint.get("ref", "0")) + p["rest_angle"] - angle))
+    joint.set("springref", repr(rest))
 
 
 def _range(scene: Scene, form: str, joint: Joint, k: int = 0) -> tuple[float, float] | None:
@@ -226,9 +223,8 @@ def _check_urdf(scene: Scene) -> None:
     if np.abs(scene.gravity - [0.0, 0.0, -9.81]).max() > 0:
         raise _refused(scene, "URDF", f"gravity {scene.gravity.tolist()}, it has none of its own and engines take "
                       "(0, 0, -9.81)")
-    for number, force in enumerate(scene.forces):
-        if not force.of_joint:
-            raise _refused(scene, "URDF", f"forces[{number}], a {force.type}")
+    if scene.forces:
+        raise _refused(scene, "URDF", f"forces[0], a {scene.forces[0].type}")
     for joint in scene.joints:
         if joint.type not in TYPES:
             raise _refused(scene, "URDF", f"joint {joint.name!r} of type {joint.type}")

@@ -143,7 +143,10 @@ class MotionSeries {
     const bool pulls = force.kind == Force::Kind::linear_spring, pushes = force.kind == Force::Kind::slide_force;
     const Joint ends{force.parent, force.child, force.parent_point, force.child_point, {}};
     if (pulls) springs_.emplace_back(force, carried(ends, Carrier::difference, Vec3::Zero()));
-    if (pushes) drives_.emplace_back(force, carried(ends, Carrier::parent_axis, force.axis));
+    if (pushes) {
+      const int axis = carried(ends, Carrier::parent_axis, force.axis);
+      drives_.emplace_back(force, axis, carried(ends, Carrier::difference, Vec3::Zero()));
+    }
     if (pulls || pushes)
       add_arms(force.parent, force.child, force.parent_point, force.child_point,
                pulls ? springs_.back().force.data() : drives_.back().force.data(), true, false);
@@ -202,7 +205,7 @@ class MotionSeries {
         break;
       }
       default:
-        drive.extend(carried_[drive.line].value.data(), k);
+        drive.extend(carried_[drive.line].value.data(), carried_[drive.between].value.data(), k);
     }
   }
   // R and `factor` are this order of the attitude and of one, both times the load's factor.

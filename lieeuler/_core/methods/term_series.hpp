@@ -277,22 +277,27 @@ class TorsionSeries {
   std::vector<double> angle_;
 };
 
-// The function of time in a force; for a slide force also the force that pulls the anchors towards each other.
+// The function of time in a force; of a slide force also its spring and damper, and the force that pulls the anchors
+// towards each other. The slide is axis . d, with d from anchor to anchor.
 class DriveSeries {
  public:
   const Force* given;
-  int line;  // index of the axis among the carried vectors, or of the spring among the torsional ones
+  int line;          // index of the axis among the carried vectors, or of the spring among the torsional ones
+  int between = -1;  // index of d among the carried vectors
   std::vector<Quad> force;
 
-  DriveSeries(const Force& given, int line)
-      : given(&given), line(line), force(kMostOrder + 3), drive_(4 * (kMostOrder + 3)) {}
+  DriveSeries(const Force& given, int line, int between = -1)
+      : given(&given), line(line), between(between), force(kMostOrder + 3), drive_(4 * (kMostOrder + 3)) {}
 
   void start(double t) {
     given->drive->expand(t, kMostOrder + 3, drive_.data());
     for (int k = kMostOrder + 2; k > 0; --k) drive_[4 * k] = drive_[k];
   }
   double operator[](int k) const { return drive_[4 * k]; }
-  void extend(const Quad* axis, int k) {
+  void extend(const Quad* axis, const Quad* d, int k) {
+    const double slide = given->stiffness == 0 ? 0 : dot(axis, d, k) - (k == 0 ? given->rest : 0);
+    drive_[4 * k] -= given->stiffness * slide;
+    if (given->damping != 0) drive_[4 * k] -= given->damping * (k + 1) * dot(axis, d, k + 1);
     Quad total{};
     add_scaled(total, -1, drive_.data(), axis, k + 1, k);
     put(force[k], total);

@@ -19,7 +19,7 @@ class ForceState {
     if (force.kind == Force::Kind::slide_force) push();
   }
 
-  // Length of a linear spring, unwrapped angle of a torsional one.
+  // Length of a linear spring, unwrapped angle of a torsional one, slide of a slide force.
   double extent() const { return extent_; }
 
   double potential() const {
@@ -53,7 +53,7 @@ class ForceState {
     return K;
   }
   Stiffness by_velocity(Side row, Side column) const {
-    if (force_.kind == Force::Kind::linear_spring)
+    if (force_.kind == Force::Kind::linear_spring || force_.kind == Force::Kind::slide_force)
       return between_points(row, column, (force_.damping * line_) * line_.transpose());
     return {.ww = -force_.damping * gradient_[row].w * gradient_[column].w.transpose()};
   }
@@ -77,14 +77,20 @@ class ForceState {
                   hat(transposed_times(R, force_.torque))};
   }
 
-  // Along the line between the two points. A spring of zero length exerts no force.
-  void stretch() {
+  // From the parent's point to the child's, world; and the velocity of that vector.
+  Vec3 separation() {
     Vec3 arm[2];
     for (Side side : kSides) {
       swing_[side] = u_[side]->w.cross(point(side));
       arm[side] = times(attitude(side), point(side));
     }
-    line_ = (frame_[kChild]->x - frame_[kParent]->x) + (arm[kChild] - arm[kParent]);
+    speed_ = (u_[kChild]->v - u_[kParent]->v) +
+             (times(attitude(kChild), swing_[kChild]) - times(attitude(kParent), swing_[kParent]));
+    return (frame_[kChild]->x - frame_[kParent]->x) + (arm[kChild] - arm[kParent]);
+  }
+  // Along the line between the two points. A spring of zero length exerts no force.
+  void stretch() {
+    line_ = separation();
     extent_ = line_.norm();
     if (extent_ == 0) {
       extent_ = force_.rest;  // no tension
@@ -92,8 +98,6 @@ class ForceState {
     }
     inverse_ = 1 / extent_;
     line_ *= inverse_;
-    speed_ = (u_[kChild]->v - u_[kParent]->v) +
-             (times(attitude(kChild), swing_[kChild]) - times(attitude(kParent), swing_[kParent]));
     rate_ = line_.dot(speed_);
     pull();
   }
@@ -147,15 +151,31 @@ class ForceState {
   // Along the parent's axis, at anchors that both lie on it.
   void push() {
     line_ = times(attitude(kParent), force_.axis);
+    if (force_.stiffness != 0 || force_.damping != 0) {
+      extent_ = line_.dot(separation());
+      rate_ = line_.dot(speed_);
+    }
     pull();
   }
-  // The line of the force turns with the parent.
+  // The line of the force turns with the parent, and spring and damper change with the slide and its rate.
   Stiffness slide_stiffness(Side row, Side column) const {
-    if (column == kChild)
-      return row == kParent ? Stiffness{} : Stiffness{.ww = drive_ * hat(point(kChild)) * hat(seen_[kChild])};
-    const Mat3 turn = -drive_ * attitude(kParent) * hat(force_.axis);
-    if (row == kParent) return {.vw = -turn};
-    return {.vw = turn, .ww = hat(point(kChild)) * attitude(kChild).transpose() * turn};
+    const double size = -tension();
+    Stiffness K;
+    if (column == kParent) {
+      const Mat3 turn = -size * attitude(kParent) * hat(force_.axis);
+      K.vw = sign(row) * turn;
+      if (row == kChild) K.ww = hat(point(kChild)) * attitude(kChild).transpose() * turn;
+    } else if (row == kChild) {
+      K.ww = size * hat(point(kChild)) * hat(seen_[kChild]);
+    }
+    if (force_.stiffness == 0 && force_.damping == 0) return K;
+    Vec3 turning = swing_[column].cross(seen_[column]) * sign(column);  // how the rate changes as a body turns
+    if (column == kParent) turning += force_.axis.cross(transposed_times(attitude(kParent), speed_));
+    const Twist by{force_.stiffness * gradient_[column].v,
+                   Vec3(force_.stiffness * gradient_[column].w + force_.damping * turning)};
+    K.vv -= gradient_[row].v * by.v.transpose(), K.vw -= gradient_[row].v * by.w.transpose();
+    K.wv -= gradient_[row].w * by.v.transpose(), K.ww -= gradient_[row].w * by.w.transpose();
+    return K;
   }
 
   const Force& force_;
@@ -165,6 +185,7 @@ class ForceState {
   double extent_ = 0, rate_ = 0;
   Twist gradient_[2];  // d extent/dq
   // Of a linear spring: direction from parent to child, velocity of the child's point seen from the parent's (world);
+  // of a slide force: the axis, and that velocity;
   // w x s and the direction in body axes; 1 / length.
   Vec3 line_ = Vec3::Zero(), speed_ = Vec3::Zero(), swing_[2], seen_[2] = {Vec3::Zero(), Vec3::Zero()};
   double inverse_ = 0;

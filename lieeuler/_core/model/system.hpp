@@ -154,8 +154,9 @@ struct Force {
   enum class Kind { linear_spring, torsional_spring, load, slide_force };
   Kind kind;
   int parent, child;
-  Vec3 parent_point = Vec3::Zero(), child_point = Vec3::Zero();  // linear spring, load: from the centres of mass
-  double stiffness = 0, rest = 0, damping = 0;                   // rest: free length (m) or rest angle (rad)
+  // Linear spring, slide force, load: from the centres of mass.
+  Vec3 parent_point = Vec3::Zero(), child_point = Vec3::Zero();
+  double stiffness = 0, rest = 0, damping = 0;  // rest: free length, slide at rest (m) or rest angle (rad)
   // Torsional spring: axis and two normals in the parent; pointer is the first normal in the child at angle zero.
   Vec3 axis = Vec3::Zero(), normal = Vec3::Zero(), second_normal = Vec3::Zero(), pointer = Vec3::Zero();
   // Load on the child: constant in the world or in the body.
@@ -330,9 +331,10 @@ inline void measure(System& system, const Force& force) {
     enlarge(system.angular_acceleration, rotation * drive * force.torque.norm());
     return;
   }
-  if (force.kind == Force::Kind::slide_force) return enlarge(system.acceleration, translation * drive);
-  if (force.drive) enlarge(system.angular_acceleration, rotation * drive);
-  const double mobility = force.kind == Force::Kind::linear_spring ? translation : rotation;
+  const bool slides = force.kind == Force::Kind::slide_force;
+  if (force.drive)
+    enlarge(slides ? system.acceleration : system.angular_acceleration, (slides ? translation : rotation) * drive);
+  const double mobility = slides || force.kind == Force::Kind::linear_spring ? translation : rotation;
   enlarge(system.frequency, std::max(std::sqrt(force.stiffness * mobility), force.damping * mobility));
 }
 

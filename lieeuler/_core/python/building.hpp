@@ -140,9 +140,10 @@ inline void add_torsional_spring(System& system, int parent, int child, const Ve
 }
 
 inline void add_slide_force(System& system, int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor,
-                            const Vec3& axis, const TimeFunction& size) {
+                            const Vec3& axis, const TimeFunction& size, double stiffness, double rest, double damping) {
   Force force{Force::Kind::slide_force, parent_of(system, parent, child), child};
   force.parent_point = parent_anchor, force.child_point = child_anchor, force.axis = axis, force.drive = size;
+  force.stiffness = stiffness, force.rest = rest, force.damping = damping;
   add_force(system, force);
 }
 

@@ -1,0 +1,191 @@
+"""What holds without any oracle, on scenes of the library and on random ones.
+
+Each of them takes one view of a scene and another that has to show the same.
+"""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import crosscheck
+from tests.oracle_values.cases import FOLDER, NAMES, loaded
+from tests.oracle_values.links import matrix, quaternion, shortest, turn
+
+LIBRARY = Path(__file__).parents[2] / "scenarios"
+RTOL = 1e-11
+LEFT = {"chain_64", "fast_top_1500", "squeezer",  # a second and more each
+        "parallelogram"}  # passes a singular position, where rounding decides how it goes on
+SCENES = tuple(sorted({path.stem for path in LIBRARY.glob("*.toml")} - LEFT)) + NAMES
+SPINS = ("winding_servo", "geared_wheels", "torsion_wheel", "geared_arm", "coupled_arm")
+FAST = {"coupled_arm", "driven_slider_crank", "winding_servo"}
+"""Hinges that turn by more than half a turn, at changing rates, in the second between two outputs."""
+CLOSE = 1e-7
+"""Of the largest value: two runs at 1e-11 whose steps end elsewhere, in motions that multiply errors a hundredfold."""
+
+
+def content(name):
+    folder = FOLDER if name in NAMES else LIBRARY
+    return tomllib.loads((folder / f"{name}.toml").read_text())
+
+
+def random_arm(seed):
+    """A chain of one to three bodies on hinges, slides and balls with springs and dampers, some turning fast."""
+    rng = np.random.default_rng(seed)
+    bodies, joints = [], []
+    for k in range(rng.integers(1, 4)):
+        root = rng.normal(size=(3, 3))
+        J = 0.05 * root @ root.T
+        J = J + (0.05 + np.trace(J)) * np.eye(3)
+        kind = rng.choice(["revolute", "prismatic", "cylindrical", "spherical"])
+        axis = rng.normal(size=3).tolist()
+        joint = {"name": f"j{k}", "type": kind, "parent": f"b{k - 1}" if k else "ground", "child": f"b{k}",
+                 "parent_anchor": rng.normal(size=3).tolist(), "child_anchor": rng.normal(size=3).tolist()}
+        count = {"cylindrical": 2, "spherical": 0}.get(kind, 1)
+        if count:
+            joint |= {"parent_axis": axis, "child_axis": axis}
+            for key, low, high in (("position", -3, 9), ("velocity", -15, 15), ("stiffness", 0, 5), ("damping", 0, 0.5),
+                                   ("rest_position", -1, 1)):
+                values = rng.uniform(low, high, count).tolist()
+                joint[key] = values if count == 2 else values[0]
+        else:
+            joint |= {"position": rng.normal(size=4).tolist(), "velocity": rng.normal(size=3).tolist()}
+        bodies.append({"name": f"b{k}", "mass": rng.uniform(0.5, 2), "inertia": (0.5 * (J + J.T)).tolist()})
+        joints.append(joint)
+    return {"schema": 3, "name": f"arm_{seed}", "gravity": [0.0, 0.0, -9.81], "duration": 1.0, "samples": 3,
+            "bodies": bodies, "joints": joints}
+
+
+ALL = SCENES + tuple(f"random_{seed}" for seed in range(100))
+
+
+def data_of(name):
+    data = random_arm(int(name.removeprefix("random_"))) if name.startswith("random_") else content(name)
+    data = {key: value for key, value in data.items() if key not in ("monitors", "published", "tags")}
+    return data | {"duration": min(2.0 if name in NAMES else 1.0, data["duration"]), "samples": 3}
+
+
+def ran(scene, **options):
+    """The run, or a skip where the engine refuses the scene."""
+    try:
+        return crosscheck.run(scene, engine="lieeuler", method="rkmk853", rtol=RTOL, monitor=False, **options)
+    except crosscheck.Unsupported as refused:
+        pytest.skip(str(refused))
+
+
+def figures(run):
+    """Series over time that are compared, by name."""
+    out = {"x": run.x, "R": run.R, "v": run.v, "w": run.w, "energy": run.energy}
+    for name, joint in run.joints.items():
+        position = np.asarray(joint.position)
+        out[f"position of {name}"] = position * np.where(position[:, :1] < 0, -1, 1) if position.ndim > 1 and (
+            position.shape[1] == 4) else position
+        out[f"rate of {name}"] = np.asarray(joint.velocity)
+    return out | {f"sensor {name}": np.asarray(value) for name, value in run.sensors.items()}
+
+
+def same(one, other):
+    for key, value in one.items():
+        if np.isnan(value).any() or np.isnan(other[key]).any():
+            continue
+        size = max(1.0, np.abs(value).max(initial=0.0))
+        off = np.abs(value - other[key]).max(initial=0.0) / size
+        assert off < CLOSE, f"{key}: {off:.1e} apart, {value.ravel()[-4:]} and {other[key].ravel()[-4:]}"
+
+
+@pytest.mark.parametrize("name", [name for name in SCENES if name not in FAST])
+def test_values_do_not_depend_on_the_times_asked_for(name):
+    scene = loaded(data_of(name))
+    few, many = figures(ran(scene, samples=2)), figures(ran(scene, samples=41))
+    same(few, {key: value[::40] for key, value in many.items()})
+
+
+@pytest.mark.parametrize("name", [name for name in ALL if name in SPINS or name.startswith("random_")])
+def test_half_a_run_is_the_first_half(name):
+    scene = loaded(data_of(name))
+    whole = figures(ran(scene, samples=5))
+    half = figures(ran(scene, samples=3, duration=scene.duration / 2))
+    same(half, {key: value[:3] for key, value in whole.items()})
+
+
+def renamed(data):
+    """Other names of bodies and joints, in the same order."""
+    names = {table: {entry["name"]: f"{table}{k} new" for k, entry in enumerate(data.get(table, []))}
+             for table in ("bodies", "joints")}
+
+    def walk(entry, table):
+        if isinstance(entry, list):
+            return [walk(value, table) for value in entry]
+        if not isinstance(entry, dict):
+            return entry
+        new = {key: walk(value, key) for key, value in entry.items()}
+        for key, kind in (("parent", "bodies"), ("child", "bodies"), ("body", "bodies"), ("joint", "joints")):
+            if key in new:
+                new[key] = names[kind].get(new[key], new[key])
+        if table in names:
+            new["name"] = names[table][new["name"]]
+        return new
+
+    return walk(data, "")
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_renaming_changes_nothing(name):
+    data = data_of(name)
+    one, other = ran(loaded(data)), ran(loaded(renamed(data)))
+    for key in ("x", "R", "v", "w", "energy"):
+        np.testing.assert_array_equal(getattr(one, key), getattr(other, key))
+
+
+def turned(data, R, shift):
+    """The file with the whole world turned, then shifted: what is fixed to the ground goes along."""
+    scene, data = loaded(data), copy.deepcopy(data)
+    data["gravity"] = (R @ data["gravity"]).tolist()
+    for k, body in enumerate(data["bodies"]):
+        body |= {"attitude": quaternion(R @ scene.R0[k]).tolist(), "position": (R @ scene.x0[k] + shift).tolist(),
+                 "velocity": (R @ scene.v0[k]).tolist(), "angular_velocity": scene.w0[k].tolist()}
+    for joint in data.get("joints", []):
+        if joint["parent"] == "ground":
+            axes = [np.asarray(joint[key], float) for key in ("child_axis", "parent_axis") if key in joint]
+            zero = shortest(*(axis / np.linalg.norm(axis) for axis in axes)) if joint["type"] in (
+                "revolute", "cylindrical") else np.eye(3)
+            zero = matrix(joint["reference_attitude"]) if "reference_attitude" in joint else zero
+            if joint["type"] in ("revolute", "cylindrical", "universal", "spherical"):
+                joint["reference_attitude"] = quaternion(R @ zero).tolist()
+            joint["parent_anchor"] = (R @ joint["parent_anchor"] + shift).tolist()
+            if "parent_axis" in joint:
+                joint["parent_axis"] = (R @ joint["parent_axis"]).tolist()
+    for force in data.get("forces", []):
+        for end in ("parent", "child"):
+            if force.get(end) == "ground" and f"{end}_point" in force:
+                force[f"{end}_point"] = (R @ force[f"{end}_point"] + shift).tolist()
+        key = force["type"].removeprefix("constant_")
+        if force.get("frame") == "world":
+            force[key] = (R @ force[key]).tolist()
+    return data | {"schema": 3}
+
+
+def turnable(name):
+    """Whether all that is tied to the ground has axes that a turn of the world leaves defined."""
+    data = data_of(name)
+    if any(force["type"] == "torsional_spring" for force in data.get("forces", [])):  # its zero is that of the axes
+        return False
+    return not any(joint["child"] == "ground" or (joint["parent"] == "ground" and joint["type"] in (
+        "prismatic", "fixed", "planar")) for joint in data.get("joints", [])) and not any(
+        force.get("frame") == "world" and any(isinstance(part, dict) for part in force[
+            force["type"].removeprefix("constant_")]) for force in data.get("forces", []))
+
+
+@pytest.mark.parametrize("name", [name for name in SCENES if turnable(name)])
+def test_turning_and_shifting_change_nothing(name):
+    data = data_of(name)
+    R, shift = turn(np.array([0.6, 0.0, 0.8]), 2.0), np.array([0.3, -2.0, 1.1])
+    one, other = ran(loaded(data)), ran(loaded(turned(data, R, shift)))
+    here = figures(one) | {"energy": one.energy - one.energy[0]}
+    there = figures(other) | {"energy": other.energy - other.energy[0], "x": (other.x - shift) @ R,
+                              "R": R.T @ other.R, "v": other.v @ R}
+    same(here, there)

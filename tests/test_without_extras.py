@@ -68,7 +68,7 @@ LACK = {  # and what
     "verify --scene brief.toml --engine mujoco": "mujoco", "verify --engine drake": "drake",
     "verify --scene brief.toml --scheduler tcp://127.0.0.1:9": "cluster",
     "advise brief.toml --engine exudyn --error 1e-2": "exudyn", "explain brief.toml --engine pinocchio": "pinocchio",
-    "judge brief.toml report/results.csv": "data", "law brief.toml --engine mujoco": "mujoco",
+    "judge brief.toml report/results.csv": "data",
     "diff arm.urdf arm.urdf": "mujoco",
     "inspect arm.urdf": "mujoco", "import arm.urdf -o arm.toml": "mujoco", "export brief.toml -o out.py": "exudyn",
     "report report": "report", "report report --format svg": "report",

@@ -21,7 +21,7 @@ from crosscheck.errors import ArgumentError, CrosscheckError, missing
 
 COMMANDS = {
     "verify": "verify", "judge": "runs", "advise": "runs", "run": "runs", "truth": "runs", "explain": "runs",
-    "law": "runs", "inspect": "engines", "derivatives": "models", "modes": "models", "diff": "models",
+    "inspect": "engines", "derivatives": "models", "modes": "models", "diff": "models",
     "reproduce": "models", "bisect": "models", "support": "engines", "report": "verify",
     "nightly": "verify", "sweep": "verify", "list": "engines", "import": "models", "export": "models",
     "history": "history", "study": "study"}
@@ -31,7 +31,8 @@ FUNCTIONS = {"list": "list_", "import": "import_", "history": "alone", "study": 
 """The function of a command with another name. Those with commands of their own have `alone`, and an `app`."""
 
 
-RENAMED = {"paper": "report FOLDER --format paper, of a FOLDER that crosscheck verify wrote"}
+RENAMED = {"paper": "report FOLDER --format paper, of a FOLDER that crosscheck verify wrote",
+           "law": "advise SCENE --engine NAME --error E, which answers it for a scene with friction, stops or servos"}
 """Former commands, and what to write instead."""
 
 

@@ -1,4 +1,4 @@
-"""Pages of modes, with their shapes in motion and eigenvalues over a number, of derivatives, and of force laws."""
+"""Pages of modes, with their shapes in motion and eigenvalues over a number, and of derivatives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from crosscheck.diagnosis.laws import LawAnswers
 from crosscheck.jointspace.derivatives import Derivatives, tangent_space
 from crosscheck.jointspace.modes import Modes
 from crosscheck.jointspace.motion import shifted
@@ -105,17 +104,3 @@ def write_derivatives(folder: Path, scene: Scene, exact: Derivatives, verdicts: 
                  names=[*verdicts[0].errors] if verdicts else [], curve=[
                      {"eps": float(row["source"].partition("@")[2]), **row} for row in rows
                      if "inverseFD@" in row["source"]])
-
-
-def write_laws(folder: Path, scene: Scene, answers: Sequence[LawAnswers], refused: Sequence[str]) -> Path:
-    """The page of the three answers: a row for each engine and setting, and the distances over the step."""
-    rows: list[dict[str, Any]] = []
-    for each in answers:
-        name = each.title.partition(", ")[2]
-        rows.append({"name": name, "way": each.way, "limit": each.limit, "apart": each.apart})
-        if each.nearest is not None:
-            rows.append({"name": name, "way": each.nearest, "limit": each.nearest.limit(), "apart": each.apart})
-    curves = [{"row": k, "own": own, "name": f"{row['name']}, {row['way'].setting}: {'its own' if own else 'scene'}",
-               "x": row["way"].steps, "y": [gap.size for gap in gaps]} for k, row in enumerate(rows)
-              for own, gaps in enumerate((row["way"].to_scene, row["way"].to_own)) if gaps]
-    return page_of(folder, "law.html.j2", scene=scene, rows=rows, refused=refused, curves=curves)

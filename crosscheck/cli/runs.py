@@ -1,10 +1,11 @@
-"""One run: `crosscheck run`, `truth`, `judge` (a run of some other program), `explain`, `law` and `advise`."""
+"""One run: `crosscheck run`, `truth`, `judge` (a run of some other program), `explain` and `advise`."""
 
 from __future__ import annotations
 
 import contextlib
 import csv
 import math
+import shlex
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,15 +13,15 @@ from typing import IO, Annotated, Any
 
 import msgspec
 import typer
+from msgspec.structs import replace
 
 from crosscheck import adapters, recordings
 from crosscheck.adapters.base import RunSpec
 from crosscheck.cli import options
 from crosscheck.cli.console import progress_bar, say, waiting
-from crosscheck.cli.linear_pages import write_laws
 from crosscheck.cli.options import figure
 from crosscheck.diagnosis import explain as explain_run
-from crosscheck.diagnosis.laws import LawAnswers, which_law
+from crosscheck.diagnosis.laws import which_law
 from crosscheck.document import PASSING, Advice, Record, Way, extended
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.files import cell, replacing
@@ -30,7 +31,6 @@ from crosscheck.running.provenance import engine_version
 from crosscheck.running.run import run as run_scene
 from crosscheck.running.run import truth as truth_of
 from crosscheck.running.trajectory import Trajectory
-from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.sensors import columns, unit
 from crosscheck.scene.states import States
@@ -316,69 +316,51 @@ def _print_cause(answer: Any) -> None:
         say(f"what to change: {cause.mend} ({cause.name})")
 
 
-def law(
-    scene: options.SceneName,
-    engine: Annotated[list[str], typer.Option(help="a name; may be repeated")],
-    method: Annotated[str | None, typer.Option(help="default: the engine's last that takes steps and runs it")] = None,
-    step: Annotated[float | None, typer.Option(help="s, the largest of four; default: a thousandth of the run")] = None,
-    softness: options.Softness = None,
-    out: options.Page = None,
-    drop: options.Drop = False,
-    keyframe: options.Keyframe = None,
-) -> None:
-    """Three answers about friction, stops and servos: does an engine converge, to which law, how far apart.
-
-    Exit code, the largest of all engines: 0: to the scene's law; 1: to another one, or not at all; 2: it could not be
-    done, truth is missing, or the steps cannot tell the laws apart.
-    """
-    asked, answers, refused = options.loaded(scene, drop, keyframe), list[LawAnswers](), list[str]()
-    for name in engine:
-        try:
-            answers.append(which_law(asked, name, method, step, softness))
-        except Unsupported as error:
-            if len(engine) == 1:
-                raise
-            refused.append(f"{name}: {error}")
-    for line in "\n".join([*map(str, answers), *refused]).splitlines():
-        say(line)
-    if out is not None:
-        print(f"page: {write_laws(out, asked, answers, refused)}", file=sys.stderr)
-    undecided = refused or any(each.without or each.limit == "undecided" for each in answers)
-    raise typer.Exit(2 if undecided else int(any(each.limit not in ("the scene's", "both") for each in answers)))
-
-
 def advise(
-    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    scene: options.SceneName,
     engine: Annotated[str, typer.Option(help="a name, name==version, or a class of your own as module:Class")],
     error: Annotated[float, typer.Option(help="m; largest |component of x - truth| over bodies and output times")],
     as_json: options.AsJson = False,
+    drop: options.Drop = False,
+    keyframe: options.Keyframe = None,
 ) -> None:
     """Find the cheapest method of an engine for an error, its largest step, and the step at which it fails.
+
+    Where the scene has friction, stops or servos, also three answers about them: does the engine converge, to which
+    law, how far is that from the scene's.
 
     The first call for a scene and engine compares runs with truth, for at most half a minute of processor time; later
     calls read the results. Exit code 0: a method reaches the error; 1: none does.
     """
+    loaded = options.loaded(scene, drop, keyframe)
     with waiting(f"runs of {engine} at a ladder of steps, against truth"):
-        advice = advice_for(scene, engine=engine, error=error)
-    loaded = as_scene(scene)
+        advice = advice_for(loaded, engine=engine, error=error)
+    if advice.command is not None:
+        given = shlex.join([scene, *(["--drop"] if drop else []), *(["--keyframe", keyframe] if keyframe else [])])
+        advice = replace(advice, command=advice.command.replace(
+            f"run {shlex.quote(loaded.name)} ", f"run {given} ", 1))
     law = _law(loaded, engine, advice)
     if as_json:
         options.print_json({**msgspec.to_builtins(advice), "law": law})
     else:
         tell(advice)
-        if law is not None:
-            say(f"law      {law}", hang=9)
+        for line in (law or "").splitlines():
+            say(f"law      {line}", hang=9)
         if (option := conserving(loaded, engine)) is not None:
             say(f"option   {option}", hang=9)
     raise typer.Exit(int(advice.method is None))
 
 
 def _law(scene: Scene, engine: str, advice: Advice) -> str | None:
-    """The setting nearest to the scene's laws, and its price."""
-    if not scene.has_laws or advice.step is None or "softness" not in adapters.get(engine).options:
+    """The three answers about the scene's laws by the advised method, or the engine's own choice where its step is not
+    fixed; None for a scene without laws."""
+    if not scene.has_laws:
         return None
-    answers = which_law(scene, engine, advice.method, advice.step, form=advice.form)
-    return answers.price and f"{answers.price}; with its default softness {answers.way.to_scene[-1].size:.2e}"
+    method, form = (advice.method, advice.form) if advice.step else (None, None)
+    try:
+        return str(which_law(scene, engine, method, advice.step, form=form))
+    except Unsupported as error:
+        return str(error)
 
 
 def tell(each: Advice) -> None:

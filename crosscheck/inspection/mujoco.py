@@ -16,7 +16,7 @@ from crosscheck.scene.states import States
 
 MOVED = "a moving rest angle is an actuator here, and MuJoCo computes spring energy only about a fixed rest angle"
 SOFT = "equality constraints are soft: MuJoCo solves a regularised problem, not that of rigid joints"
-OWN = "its friction and limits are soft, so that they follow a law of its own here; crosscheck law compares the two"
+OWN = "its friction and limits are soft, so that they follow a law of its own here; crosscheck advise compares the two"
 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:

@@ -1,4 +1,4 @@
-"""The pages of modes, derivatives and laws in a browser: figures, a shape that moves, nothing wider than a phone."""
+"""The pages of modes and derivatives in a browser: figures, a shape that moves, nothing wider than a phone."""
 
 import json
 
@@ -7,18 +7,14 @@ from typer.testing import CliRunner
 
 from crosscheck.cli.app import app
 from tests.jointspace.test_modes import described
-from tests.references.law_scenes import pendulum
 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
     out = tmp_path_factory.mktemp("linear")
     (out / "hung.json").write_text(json.dumps(described(0.0)), "utf-8")
-    (out / "law").mkdir()
-    pendulum(out / "law", {"position": 1.2, "dry_friction": 0.5}, duration=4.0)
     for name, *arguments in (("modes", str(out / "hung.json"), "--over", "gravity.2=-12:-8", "--points", "3"),
-                             ("derivatives", "hinge_pendulum"),
-                             ("law", str(out / "law" / "laws.json"), "--engine", "mujoco", "--engine", "pybullet")):
+                             ("derivatives", "hinge_pendulum")):
         answer = CliRunner().invoke(app, [name, *arguments, "--out", str(out / name)])
         assert (out / name / "index.html").exists(), answer.output
     return out
@@ -45,17 +41,5 @@ def test_sources_are_drawn(watched):
         page.wait_for_selector(f"#{name} .main-svg")
     assert page.evaluate("document.getElementById('cost').data.flatMap(trace => trace.x).length") == page.locator(
         "table.sortable tbody tr").count()
-    assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]
-    watched.assert_accessible()
-
-
-@pytest.mark.parametrize("watched", [(390, "dark")], indirect=True)
-def test_the_three_answers_have_a_row_for_each_setting_and_a_line_for_each_law(watched):
-    page = watched.open("law/index.html")
-    page.wait_for_selector("#curves .main-svg")
-    assert [row.split("\t")[0:5:4] for row in page.locator("tbody tr").all_inner_texts()] == [
-        ["mujoco discrete", "its own"], ["mujoco discrete", "the scene's"]]
-    assert [each["dash"] for each in page.evaluate(
-        "document.getElementById('curves').data.map(trace => trace.line)")] == ["solid", "dot", "solid"]
     assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]
     watched.assert_accessible()

@@ -23,6 +23,7 @@ from crosscheck.scene.states import States
 from tests.adapters.test_laws import SERVO, arm, coulomb, pendulum
 from tests.law_mistakes import MISTAKES, SCENES, Wrong
 from tests.references.law_scenes import pendulum as hanging
+from tests.scene.models.model_files import ARM_URDF
 
 
 def states(scene, angles):
@@ -71,7 +72,7 @@ def test_steps_that_cannot_tell_the_laws_apart_say_so(coulombs):
     assert "take a smaller --step" in str(answers)
 
 
-def test_advise_tells_the_nearest_setting_in_words_and_in_json(coulombs, monkeypatch, tmp_path):
+def test_advise_gives_the_three_answers_in_words_and_in_json(coulombs, monkeypatch, tmp_path):
     advice = Advice(scene="pendulum", engine="mujoco", wanted=1e-2, until=4.0, least=1e-3, method="RK4", step=4e-3,
                     error=2e-3, cost=0.1)
     monkeypatch.setattr(runs, "advice_for", lambda scene, engine, error: advice)
@@ -79,10 +80,32 @@ def test_advise_tells_the_nearest_setting_in_words_and_in_json(coulombs, monkeyp
     asked = ["advise", str(tmp_path / "laws.json"), "--engine", "mujoco", "--error", "1e-2"]
     told = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
     assert told["method"] == "RK4"
-    assert told["law"].startswith("softness tight (solreffriction=")
-    assert "from the scene's law at the smallest step" in told["law"]
-    assert "with its default softness 1.59e-02" in told["law"]
-    assert "law      softness tight" in CliRunner().invoke(app, asked).stdout
+    said = CliRunner().invoke(app, asked).stdout
+    for answer in ("does it converge: yes", "to which law: its own", "how far apart are the two: 1.588e-02",
+                   "nearest setting: softness tight (solreffriction="):
+        assert answer in told["law"]
+        assert f"law      {answer}" in said
+
+
+def test_advise_asks_every_engine_and_takes_a_model(monkeypatch, tmp_path):
+    """An engine without a softness is asked, too; the command repeats the model and what was dropped of it."""
+    asked = []
+    monkeypatch.setattr(runs, "which_law", lambda scene, engine, *given, **more: asked.append((engine, *given)) or "so")
+    monkeypatch.setattr(runs, "advice_for", lambda scene, engine, error: Advice(
+        scene=scene.name, engine=engine, wanted=error, until=1.0, least=1e-6, method="RKMK4", step=1e-2, error=1e-6,
+        cost=0.1, command=f"crosscheck run {scene.name} --engine {engine}"))
+    (tmp_path / "arm.urdf").write_text(ARM_URDF.replace('damping="0.5"', 'damping="0.5" friction="0.5"'))
+    model = str(tmp_path / "arm.urdf")
+    for drop in ([], ["--drop"]):  # which leaves the friction out
+        done = CliRunner().invoke(app, ["advise", model, "--engine", "pinocchio", "--error", "1e-3", *drop])
+        assert done.exit_code == 0, done.exception
+        assert " ".join(["crosscheck run", model, *drop, "--engine pinocchio"]) in done.stdout
+        assert ("law      so" in done.stdout) == (not drop)
+    assert asked == [("pinocchio", "RKMK4", 1e-2)]
+
+
+def test_the_former_command_names_the_new_one():
+    assert "crosscheck advise SCENE" in str(CliRunner().invoke(app, ["law", "x"]).exception)
 
 
 def test_a_wrong_law_is_neither(coulombs, monkeypatch):

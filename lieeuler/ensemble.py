@@ -231,8 +231,9 @@ def _new(value: Any, _: Any) -> Any:
 def _member(problem: Problem, k: int, states: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]) -> Problem:
     """The problem of one member; its state and parameters are checked as those of any problem are."""
     try:
-        member = Problem.unchecked(problem, **{name: states[name][k] for name in "xRvw"})
-        return dataclasses.replace(changed(member, {
-            tuple(path.split(".")): functools.partial(_new, array[k]) for path, array in values.items()}))
+        member: Problem = changed(
+            Problem.unchecked(problem, **{name: states[name][k] for name in "xRvw"}),
+            {tuple(path.split(".")): functools.partial(_new, array[k]) for path, array in values.items()})
+        return dataclasses.replace(member)
     except ArgumentError as error:
         raise ArgumentError(f"member {k}: {error}") from None

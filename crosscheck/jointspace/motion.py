@@ -30,11 +30,11 @@ from crosscheck.references.generic import (
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree import FREE, Link
 from crosscheck.references.tree_loads import angle_rate
-from crosscheck.scene.coordinates import histories, rates, relative_pose, relative_rates
+from crosscheck.scene.coordinates import histories, rates
 from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import GROUND, SMOOTH, Scene, quaternion_from_rotation, quaternion_from_turn
-from crosscheck.scene.starts import Configuration, bodies_at
+from crosscheck.scene.model import SMOOTH, Scene, quaternion_from_rotation, quaternion_from_turn
+from crosscheck.scene.starts import Configuration, at_coordinates, bodies_at
 from crosscheck.scene.states import Motion, States
 from crosscheck.scene.vectors import exponential
 
@@ -354,29 +354,18 @@ def placed(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
     Of a ball q is a rotation vector: the child is turned by it, in its own axes, from the attitude at zero coordinates.
     Of a free body it is the position, and such a vector for the attitude.
     """
-    space, kept = JointSpace(scene.lawless), np.concatenate([scene.R0, np.eye(3)[None]])
-    frames = {GROUND: (np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))}  # x, R, v, and w in the world
-    for link in space.equations.tree.links:
-        joint, position, rate = link.joint, q[space.own[link.body]], v[space.own[link.body]]
-        if joint is None:
-            R = Rotation.from_rotvec(position[3:]).as_matrix()
-            frames[link.body] = position[:3], R, rate[:3], R @ rate[3:]
-            continue
-        if joint.kind.coordinates == ("ball",):
-            position = Rotation.from_rotvec(position).as_quat(scalar_first=True)
-        (turn, d), (w, speed) = relative_pose(joint, position), relative_rates(joint, position, rate)
-        turn = kept[joint.parent].T @ kept[joint.child] if joint.kind.keeps_attitude else turn
-        x, R, velocity, spin = frames[link.parent]
-        outward = link.body == joint.child
-        across = R if outward else R @ turn.T  # the attitude of the joint's parent
-        other = spin + (1 if outward else -1) * across @ w
-        arm, out = across @ (joint.parent_anchor + d), (R @ turn if outward else R) @ joint.child_anchor
-        near, far = (arm, out) if outward else (out, arm)
-        frames[link.body] = (x + near - far, R @ turn if outward else across, velocity + np.cross(spin, near) + (
-            1 if outward else -1) * across @ speed - np.cross(other, far), other)
-    x, R, velocity, spin = (np.array(part) for part in zip(*(frames[k] for k in range(scene.n)), strict=True))
-    return scene.replace(bodies=bodies_at(scene, Configuration(
-        x, quaternion_from_rotation(R), velocity, np.einsum("nji,nj->ni", R, spin))), joints=tuple(
+    space = JointSpace(scene.lawless)
+    free = [(link.body, space.own[link.body]) for link in space.links if link.joint is None]
+    bodies, given = list(scene.bodies), {}
+    for k, own in free:
+        bodies[k] = dataclasses.replace(bodies[k], position=q[own][:3], attitude=quaternion_from_turn(q[own][3:]),
+                                        velocity=v[own][:3], angular_velocity=v[own][3:])
+    for joint in scene.joints:
+        position = q[space.of_joint[joint.name]]
+        ball = joint.kind.coordinates == ("ball",)
+        given[joint.name] = quaternion_from_turn(position) if ball else position, v[space.of_joint[joint.name]]
+    begun = scene.replace(bodies=tuple(bodies))
+    return begun.replace(bodies=bodies_at(scene, at_coordinates(begun, given, [k for k, _ in free])), joints=tuple(
         dataclasses.replace(joint, start=tuple(q[space.of_joint[joint.name]].tolist()))
         if joint.kind.coordinates and joint.type != "spherical" else joint for joint in scene.joints))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 import heapq
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -13,7 +13,9 @@ from crosscheck.scene import coordinates
 from crosscheck.scene.checks import Draft, Start
 from crosscheck.scene.model import GROUND, Body, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.schema import EntryError
-from crosscheck.scene.states import Motion
+from crosscheck.scene.spanning import spanning_tree
+from crosscheck.scene.states import Motion, States
+from crosscheck.scene.vectors import cross
 
 ALLOWED_VIOLATION = 1e-8
 """Allowed violation relative to the largest anchor length (positions), times max(1, |w|) (velocities); absolute for
@@ -56,6 +58,39 @@ def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: in
 def _coordinates_at(joint: Joint, motion: Motion, k: int) -> tuple[float, ...]:
     positions = np.atleast_2d(coordinates.history(joint, motion).position.T).T
     return tuple(positions[k].tolist())
+
+
+def at_coordinates(scene: Scene, given: Mapping[str, tuple[np.ndarray, np.ndarray]],
+                   roots: Iterable[int] = ()) -> Configuration:
+    """The state in which joints of the spanning tree, by their names, have these coordinates and rates.
+
+    A ball has a quaternion and an angular velocity in its child's axes. Other joints keep the motion of their bodies
+    relative to each other, `roots` and bodies that float their own. Joints that close loops may open.
+    """
+    begin = States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    spins = np.einsum("nij,nj->ni", scene.R0, scene.w0)
+    frames = {k: (scene.x0[k], scene.R0[k], scene.v0[k], spins[k]) for k in range(scene.n)}  # w in the world
+    frames[GROUND] = np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3)
+    for branch in spanning_tree(scene, lambda joint: int(joint.name in given), roots)[0]:
+        joint = branch.joint
+        if joint is None:
+            continue
+        now = coordinates.relative(joint, begin)
+        turn, d, w, speed = now.turn[0], now.d[0], now.w[0], now.rate[0]
+        if joint.name in given:
+            position, rates = given[joint.name]
+            pose, d = coordinates.relative_pose(joint, position)
+            turn = turn if joint.kind.keeps_attitude else pose
+            w, speed = coordinates.relative_rates(joint, position, rates)
+        x, R, velocity, spin = frames[branch.parent]
+        across = R if branch.outward else R @ turn.T  # the attitude of the joint's parent
+        arm, out = across @ (joint.parent_anchor + d), (R @ turn if branch.outward else R) @ joint.child_anchor
+        sign, near, far = (1, arm, out) if branch.outward else (-1, out, arm)
+        other = spin + sign * across @ w
+        frames[branch.body] = (x + near - far, R @ turn if branch.outward else across,
+                               velocity + cross(spin, near) + sign * across @ speed - cross(other, far), other)
+    x, R, velocity, spin = (np.array(part) for part in zip(*(frames[k] for k in range(scene.n)), strict=True))
+    return Configuration(x, quaternion_from_rotation(R), velocity, np.einsum("nji,nj->ni", R, spin))
 
 
 def anchor_length(scene: Scene) -> float:

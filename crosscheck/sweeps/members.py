@@ -8,26 +8,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from crosscheck.errors import SceneError
+from crosscheck.scene import coordinates
 from crosscheck.scene.assembly import projected
-from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import (
-    GROUND,
-    Joint,
-    Scene,
-    quaternion_from_turn,
-    quaternion_product,
-    rotation_from_quaternion,
-)
+from crosscheck.scene.model import Joint, Scene, quaternion_from_turn, quaternion_product
 from crosscheck.scene.paths import changed, content_of, number_at, read
 from crosscheck.scene.schema import Content, EntryError
-from crosscheck.scene.starts import Configuration, bodies_at
-from crosscheck.sweeps.plan import Origin, Perturbation, Plan, Value
-
-FREEDOMS = {name: (3, 0) if kind.coordinates == ("ball",) else tuple(
-    sum(word.startswith(motion) for word in kind.coordinates) for motion in ("turn", "slide"))
-    for name, kind in JOINT_TYPES.items()}
-"""For each type of joint, the numbers of turns and of displacements that `joint_position` and `joint_velocity` perturb.
-"""
+from crosscheck.scene.starts import Configuration, at_coordinates, bodies_at
+from crosscheck.sweeps.plan import PERTURBED, Origin, Perturbation, Plan, Value
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +60,7 @@ def _changed(origin: Origin, values: dict[str, Value]) -> Scene:
 
 def _sizes(scene: Scene, content: Content, perturbation: Perturbation) -> list[int]:
     """The number of random numbers that each perturbed quantity needs."""
-    freedoms = sum(sum(FREEDOMS[joint.type]) for joint in scene.joints)
+    freedoms = sum(map(_freedoms, scene.joints))
     known = {"angular_velocity": 3 * scene.n, "attitude": 3 * scene.n, "joint_position": freedoms,
              "joint_velocity": freedoms}
     return [known[name] if name in known else int(np.size(number_at(content, name)))
@@ -94,7 +81,7 @@ def _perturbed(scene: Scene, content: Content, drawn: dict[str, np.ndarray]) -> 
         assert scene.file is not None  # `content_of` has read it
         scene = read(content, changes, scene.file[0])
     moved = _moved(scene, drawn)
-    return scene if moved is None else _closed(scene, moved)
+    return scene if moved is None else _wound(scene, _closed(scene, moved))
 
 
 def _closed(scene: Scene, moved: Scene) -> Scene:
@@ -105,63 +92,57 @@ def _closed(scene: Scene, moved: Scene) -> Scene:
                          "smaller perturbation") from None
 
 
+def _wound(scene: Scene, member: Scene) -> Scene:
+    """The member with the whole turns that its angles have in the scene, where a perturbation goes beyond half a turn.
+    """
+    before, after = coordinates.at_start(scene), coordinates.at_start(member)
+    beyond = [name for name, (position, _) in after.items()
+              if len(position) < 4 and np.abs(position - before[name][0]).max() > np.pi]
+    return member if not beyond else member.replace(joints=tuple(
+        dataclasses.replace(joint, start=tuple(before[joint.name][0].tolist())) if joint.name in beyond else joint
+        for joint in member.joints))
+
+
 def _moved(scene: Scene, drawn: dict[str, np.ndarray]) -> Scene | None:
     """The scene with perturbed states, before the joints are closed; None if no state is perturbed."""
-    x, v, w = scene.x0.copy(), scene.v0.copy(), scene.w0.copy()
-    q = np.array([body.attitude for body in scene.bodies])
-    R = scene.R0.copy()
-    if not drawn.keys() & {"attitude", "angular_velocity", "joint_position", "joint_velocity"}:
+    if not drawn.keys() & set(PERTURBED):
         return None
-    for name, shifts in (("joint_position", True), ("joint_velocity", False)):
-        values = iter(drawn.get(name, ()))
-        for joint in scene.joints if name in drawn else ():
-            turn, slide = _freedom(joint, R, values)
-            point = x[joint.child] + R[joint.child] @ joint.child_anchor
-            for k in _beyond(scene, joint):
-                if shifts:
-                    x[k] = point + rotation_from_quaternion(quaternion_from_turn(turn)) @ (x[k] - point) + slide
-                    q[k] = quaternion_product(quaternion_from_turn(turn), q[k])
-                    R[k] = rotation_from_quaternion(q[k])
-                else:
-                    v[k] += np.cross(turn, x[k] - point) + slide
-                    w[k] += R[k].T @ turn
+    if drawn.keys() & {"joint_position", "joint_velocity"}:
+        scene = scene.replace(bodies=bodies_at(scene, at_coordinates(scene, _coordinates(scene, drawn))))
+    q, w = np.array([body.attitude for body in scene.bodies]), scene.w0
     if "attitude" in drawn:
-        for k, turn in enumerate(drawn["attitude"].reshape(-1, 3)):
-            q[k] = quaternion_product(q[k], quaternion_from_turn(turn))
+        q = quaternion_product(q, quaternion_from_turn(drawn["attitude"].reshape(-1, 3)))
     if "angular_velocity" in drawn:
         w = w + drawn["angular_velocity"].reshape(-1, 3)
     q /= np.linalg.norm(q, axis=1, keepdims=True)
-    return scene.replace(bodies=bodies_at(scene, Configuration(x, q, v, w)))
+    return scene.replace(bodies=bodies_at(scene, Configuration(scene.x0, q, scene.v0, w)))
 
 
-def _freedom(joint: Joint, R: np.ndarray, values: Iterator[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation vector and displacement of a joint, in the world, from the next random numbers."""
-    turns, slides = FREEDOMS[joint.type]
-    angles, shifts = ([next(values) for _ in range(count)] for count in (turns, slides))
-    parent = np.eye(3) if joint.parent == GROUND else R[joint.parent]
-    axes = np.eye(3)
-    if joint.parent_axis is not None:
-        axis = parent @ joint.parent_axis
-        other = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-        other /= np.linalg.norm(other)
-        axes = np.array([axis, other, np.cross(axis, other)])
-    if JOINT_TYPES[joint.type].axes == "perpendicular":
-        axes = np.array([axes[0], R[joint.child] @ joint.child_axis])
-    turn = sum((angle * axis for angle, axis in zip(angles, axes, strict=False)), np.zeros(3))
-    along = axes[1:] if "slide n1" in JOINT_TYPES[joint.type].coordinates else axes
-    return turn, sum((shift * axis for shift, axis in zip(shifts, along, strict=False)), np.zeros(3))
+def _coordinates(scene: Scene, drawn: dict[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Coordinates and rates of every joint that has them, perturbed; a ball turns in its child's axes.
+
+    What follows another joint or a drive has no perturbation of its own.
+    """
+    counts = [_freedoms(joint) for joint in scene.joints]
+    changes: list[dict[str, np.ndarray]] = []
+    for name in ("joint_position", "joint_velocity"):
+        parts = np.split(drawn.get(name, np.zeros(sum(counts))), np.cumsum(counts)[:-1])
+        changes.append({joint.name: part * (joint.drive is None)
+                        for joint, part in zip(scene.joints, parts, strict=True)})
+    joints = {joint.name: joint for joint in scene.joints}
+
+    def change(joint: Joint, of: dict[str, np.ndarray]) -> np.ndarray:
+        return of[joint.name] if joint.mimic is None else joint.mimic.ratio * change(joints[joint.mimic.joint], of)
+
+    made = {}
+    for name, (position, rates) in coordinates.at_start(scene).items():
+        shift, push = (change(joints[name], of) for of in changes)
+        ball = joints[name].kind.coordinates == ("ball",)
+        made[name] = (quaternion_product(position, quaternion_from_turn(shift)) if ball else position + shift,
+                      rates + push)
+    return made
 
 
-def _beyond(scene: Scene, joint: Joint) -> list[int]:
-    """The child of a joint and all bodies connected to it by other joints, not through the ground or the parent."""
-    beyond, ready = {joint.child}, [joint.child]
-    while ready:
-        body = ready.pop()
-        for other in scene.joints:
-            if other is joint or body not in (other.parent, other.child):
-                continue
-            end = other.child if other.parent == body else other.parent
-            if end not in (GROUND, joint.parent) and end not in beyond:
-                beyond.add(end)
-                ready.append(end)
-    return sorted(beyond)
+def _freedoms(joint: Joint) -> int:
+    """How many numbers perturb its position, and its velocity."""
+    return 3 if joint.kind.coordinates == ("ball",) else len(joint.kind.coordinates)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+import crosscheck
 from crosscheck import references
 from crosscheck.judge.metrics import attitude_angle
 from crosscheck.references.members import Members
@@ -97,3 +101,87 @@ def test_a_wrong_truth_of_a_member_is_caught():
     compiled = Members(start)
     with pytest.raises(references.TruthError, match="disagree"):
         compiled.check(member, compiled.states(start))
+
+
+def turned(axis, angle):
+    return Rotation.from_rotvec(angle * np.asarray(axis)).as_matrix()
+
+
+def members_of(content, tmp_path, **perturb):
+    (tmp_path / "scene.json").write_text(json.dumps(content))
+    return made(str(tmp_path / "scene.json"), {"count": 6, "seed": 2, **perturb})
+
+
+def universal():
+    """A cross on a turning arm, in motion."""
+    J = np.diag([0.1, 0.12, 0.15]).tolist()
+    place = {"parent_anchor": [0.3, 0.0, 0.1], "child_anchor": [0.0, 0.2, 0.0]}
+    return {"schema": 2, "name": "cross", "gravity": [0.0, 0.0, -9.81], "duration": 1.0, "samples": 3,
+            "bodies": [{"name": name, "mass": 1.0, "inertia": J} for name in ("arm", "tip")],
+            "joints": [{"name": "pin", "type": "revolute", "parent": "ground", "child": "arm", **place,
+                        "parent_axis": [0.0, 0.0, 1.0], "child_axis": [0.0, 0.0, 1.0], "position": 0.4,
+                        "velocity": 1.5},
+                       {"name": "cross", "type": "universal", "parent": "arm", "child": "tip", **place,
+                        "parent_axis": [1.0, 0.0, 0.0], "child_axis": [0.0, 1.0, 0.0], "position": [0.3, 0.7],
+                        "velocity": [2.0, -1.0]}]}
+
+
+def test_rates_stay_where_positions_are_perturbed(tmp_path):
+    start, found = members_of(universal(), tmp_path, joint_position=0.2)
+    for scene in (start, *found):
+        arm, tip = scene.R0
+        spin = arm.T @ (tip @ scene.w0[1] - arm @ scene.w0[0])
+        other = arm.T @ tip @ [0.0, 1.0, 0.0]
+        np.testing.assert_allclose([scene.w0[0, 2], spin[0], spin @ other], [1.5, 2.0, -1.0], rtol=0, atol=1e-12)
+    assert min(np.abs(scene.R0 - start.R0).max() for scene in found) > 0.01
+
+
+def test_positions_and_rates_are_those_asked_for(tmp_path):
+    _, found = members_of(universal(), tmp_path, joint_position=0.2, joint_velocity=0.3, seed=7)
+    drawn = np.random.default_rng(7).standard_normal((6, 6))
+    for scene, row in zip(found, drawn, strict=True):
+        (pin, first, second), rates = np.array([0.4, 0.3, 0.7]) + 0.2 * row[:3], [1.5, 2.0, -1.0] + 0.3 * row[3:]
+        arm = turned([0, 0, 1], pin)
+        np.testing.assert_allclose(scene.R0[0], arm, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(scene.R0[1], arm @ turned([1, 0, 0], first) @ turned([0, 1, 0], second), rtol=0,
+                                   atol=1e-13)
+        spin = arm.T @ (scene.R0[1] @ scene.w0[1] - arm @ scene.w0[0])
+        other = turned([1, 0, 0], first) @ [0.0, 1.0, 0.0]
+        np.testing.assert_allclose([scene.w0[0, 2], spin[0], spin @ other], rates, rtol=0, atol=1e-12)
+
+
+def test_a_perturbation_beyond_half_a_turn_keeps_the_energy_continuous(tmp_path):
+    content = universal()
+    content["bodies"], content["joints"], pin = content["bodies"][:1], content["joints"][:1], content["joints"][0]
+    content["bodies"][0]["attitude"] = [np.cos(1.57), 0.0, 0.0, np.sin(1.57)]  # 3.14 rad
+    pin |= {"stiffness": 3.0, "parent_anchor": [0.0] * 3, "child_anchor": [0.0] * 3}
+    del pin["position"], pin["velocity"]
+    _, found = members_of(content, tmp_path, joint_position=0.01)
+    energies = [crosscheck.run(scene, "lieeuler", "taylor", duration=0.1, rtol=1e-8).energy[0] for scene in found]
+    drawn = 3.14 + 0.01 * np.random.default_rng(2).standard_normal(6)
+    assert (drawn > np.pi).any()
+    np.testing.assert_allclose(energies, 1.5 * drawn**2, rtol=1e-12)
+
+
+def test_a_joint_whose_child_is_nearer_to_the_ground(tmp_path):
+    """Two links about z; the second joint's parent is the outer one."""
+    J, axes = np.diag([0.1] * 3).tolist(), {"parent_axis": [0.0, 0.0, 1.0], "child_axis": [0.0, 0.0, 1.0]}
+    outer = turned([0, 0, 1], 0.4 - 0.5)  # R_inner = R_outer exp(q), q = 0.5
+    content = {"schema": 2, "name": "reversed", "gravity": [0.0, -9.81, 0.0], "duration": 1.0, "samples": 3, "bodies": [
+        {"name": "inner", "mass": 1.0, "inertia": J, "attitude": [np.cos(0.2), 0.0, 0.0, np.sin(0.2)],
+         "angular_velocity": [0.0, 0.0, 1.0]},
+        {"name": "outer", "mass": 1.0, "inertia": J, "angular_velocity": [0.0, 0.0, -1.0],
+         "attitude": Rotation.from_matrix(outer).as_quat(scalar_first=True).tolist()}], "joints": [
+        {"name": "near", "type": "revolute", "parent": "ground", "child": "inner", "parent_anchor": [0.0] * 3,
+         "child_anchor": [-0.5, 0.0, 0.0], **axes},
+        {"name": "far", "type": "revolute", "parent": "outer", "child": "inner", "parent_anchor": [-0.5, 0.0, 0.0],
+         "child_anchor": [0.5, 0.0, 0.0], **axes}]}
+    start, found = members_of(content, tmp_path, joint_position=0.2, seed=9)
+    drawn = 0.2 * np.random.default_rng(9).standard_normal((6, 2))
+    for scene, (near, far) in zip(found, drawn, strict=True):
+        angles = np.array([0.4 + near, 0.4 + near - 0.5 - far])
+        np.testing.assert_allclose(scene.R0, [turned([0, 0, 1], angle) for angle in angles], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(scene.w0[:, 2], [1.0, -1.0], rtol=0, atol=1e-12)
+        ends = [0.5 * np.array([np.cos(angle), np.sin(angle), 0.0]) for angle in angles]
+        np.testing.assert_allclose(scene.x0, [ends[0], 2 * ends[0] + ends[1]], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(start.w0[:, 2], [1.0, -1.0], rtol=0, atol=1e-12)

@@ -51,12 +51,11 @@ def members(scene: Any, count: int) -> dict[str, np.ndarray]:
 
 
 def contenders(scene: Any, threads: int) -> list[Contender]:
-    """Ensembles, with lanes and without, the loop, heyoka, and MuJoCo's Runge-Kutta rule of order 4."""
+    """Ensembles, the loop, heyoka, and MuJoCo's Runge-Kutta rule of order 4."""
     problem = build_problem(scene)
 
-    def ensemble(method: str, lanes: str = lieeuler.ensemble.LANES, control: str = "rtol") -> Any:
+    def ensemble(method: str, control: str = "rtol") -> Any:
         def run(states: dict[str, np.ndarray], value: float) -> tuple[np.ndarray, float]:
-            lieeuler.ensemble.LANES = lanes
             began = time.perf_counter()
             many = lieeuler.integrate_ensemble(problem, method, t_eval=[0.0, DURATION], threads=threads,
                                                **{control: value}, **states)
@@ -70,10 +69,8 @@ def contenders(scene: Any, threads: int) -> list[Contender]:
         return np.array(ends), time.perf_counter() - began
 
     return [Contender("ensemble taylor", RTOLS, ensemble("taylor")),
-            Contender("ensemble taylor, each by itself", RTOLS, ensemble("taylor", "none")),
             Contender("ensemble rkmk853", RTOLS, ensemble("rkmk853")),
-            Contender("ensemble rkmk4", STEPS, ensemble("rkmk4", control="step")),
-            Contender("each rkmk4 by itself", STEPS, ensemble("rkmk4", "none", "step")),
+            Contender("ensemble rkmk4", STEPS, ensemble("rkmk4", "step")),
             Contender("loop over integrate, taylor", RTOLS, loop),
             Contender("heyoka batches", RTOLS, heyoka_batches(scene, threads)),
             Contender("mujoco.rollout RK4", STEPS, mujoco_rollout(scene, threads))]

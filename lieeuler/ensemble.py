@@ -26,9 +26,6 @@ log = logging.getLogger("lieeuler")
 
 GROUPS = ("bodies", "joints", "forces")
 MOST_MEMBERS = 10_000_000
-LANES = _kernel.lane_sets()[0]
-"""Instructions for several members in one register: "avx512" (eight), "avx2" (four), or "none". The results are the
-same to the last bit, so that there is no reason to change it but a measurement."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,8 +45,6 @@ class EnsembleSolution:
     t_end : (N,)
         The time that each member reached, s.
     steps, rejected_steps : (N,)
-    lanes : (N,)
-        How many members shared the registers in which each was computed; 1: by itself.
     wall_time : float
         For all members together, s.
     method : str
@@ -64,7 +59,6 @@ class EnsembleSolution:
     t_end: np.ndarray
     steps: np.ndarray
     rejected_steps: np.ndarray
-    lanes: np.ndarray
     wall_time: float
     method: str
 
@@ -88,10 +82,7 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     """Integrate many members of one problem: each has its own state, parameters, steps and status.
 
     Each trajectory is that of `lieeuler.integrate` with reduce="off" to the last bit, whatever the other members,
-    threads and processor. Members of up to four bodies on ball joints, without loops and forces but gravity, share
-    registers on x86-64 processors with AVX2 (four at a time) or AVX-512 (eight): with "taylor", and on chains with
-    "rkmk4", "rkmk54" and "rkmk853" if `step` is given. Parameters, and symmetric bodies unless `spin_free` is False,
-    cost 0.3 ms a member.
+    threads and processor. Parameters, and symmetric bodies unless `spin_free` is False, cost 0.3 ms a member.
 
     Parameters
     ----------
@@ -130,7 +121,7 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     members, frames = _members(problem, plan.spin_free, states, N, values)
     systems = [(frame or member).kernel for member, frame in zip(members, frames, strict=True)]
     result = _kernel.integrate_ensemble(systems, plan.run, states["x"], states["R"], states["v"], states["w"],
-                                        LANES, min(int(threads) or allowed or 1, N))
+                                        min(int(threads) or allowed or 1, N))
     if result["interrupted"]:
         raise KeyboardInterrupt("interrupted during an ensemble")
     for k, each in enumerate(frames):
@@ -142,7 +133,7 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
         open_ = held.open_at(member, method, *(result[name][here, -1] for name in "xRvw"), float(plan.t[-1]),
                              float(plan.t[-1] - plan.t[0]))
         status[here][open_ & (status[here] == Status.SUCCESS)] = Status.CONSTRAINTS_OPEN
-    counts = {name: np.array(result[name]) for name in ("steps", "rejected_steps", "lanes")}
+    counts = {name: np.array(result[name]) for name in ("steps", "rejected_steps")}
     solution = EnsembleSolution(t=plan.t, t_end=plan.t[0] + result["time"], status=status, method=method, **counts,
                                 **{name: result[name] for name in ("x", "R", "v", "w", "wall_time")})
     log.info("%r", solution)

@@ -1,37 +1,25 @@
-// Elimination of matrices of 3 x 3 blocks and of small dense ones, for one system or for one to a lane of registers
-// (linalg/lanes.hpp): without Eigen and always inlined, because several instruction sets share this header.
+// Elimination of matrices of 3 x 3 blocks and of small dense ones.
 #pragma once
 
-#include <type_traits>
+#include <cmath>
 
 namespace lieeuler {
-
-template <class Number>
-[[gnu::always_inline]] inline Number square_root(const Number& a) {
-  if constexpr (std::is_same_v<Number, double>) {
-    return __builtin_sqrt(a);
-  } else {
-    Number y;
-    for (unsigned i = 0; i < sizeof(Number) / sizeof(double); ++i) y[i] = __builtin_sqrt(a[i]);
-    return y;
-  }
-}
 
 // A block is stored by columns of four, the last entry unused: columns then fit the vector registers.
 inline constexpr int kColumn = 4, kBlock = 3 * kColumn;
 
 // The inverse by cofactors of a matrix whose rows (or columns) are `stride` apart, and whether it exists: their volume
 // is not rounding compared with the product of their lengths.
-template <int stride, class Number>
-[[gnu::always_inline]] inline auto invert_by_cofactors(const Number* a, Number* out) {
+template <int stride>
+[[gnu::always_inline]] inline bool invert_by_cofactors(const double* a, double* out) {
   constexpr double kSingular = 1e-14;
-  const Number *b = a + stride, *c = b + stride;
-  const Number a0 = a[0], a1 = a[1], a2 = a[2], b0 = b[0], b1 = b[1], b2 = b[2], c0 = c[0], c1 = c[1], c2 = c[2];
-  const Number m00 = b1 * c2 - b2 * c1, m01 = b2 * c0 - b0 * c2, m02 = b0 * c1 - b1 * c0;
-  const Number volume = a0 * m00 + a1 * m01 + a2 * m02;
-  const Number lengths = (a0 * a0 + a1 * a1 + a2 * a2) * (b0 * b0 + b1 * b1 + b2 * b2) * (c0 * c0 + c1 * c1 + c2 * c2);
-  const Number inverse = 1 / volume;
-  Number *p = out + stride, *q = p + stride;
+  const double *b = a + stride, *c = b + stride;
+  const double a0 = a[0], a1 = a[1], a2 = a[2], b0 = b[0], b1 = b[1], b2 = b[2], c0 = c[0], c1 = c[1], c2 = c[2];
+  const double m00 = b1 * c2 - b2 * c1, m01 = b2 * c0 - b0 * c2, m02 = b0 * c1 - b1 * c0;
+  const double volume = a0 * m00 + a1 * m01 + a2 * m02;
+  const double lengths = (a0 * a0 + a1 * a1 + a2 * a2) * (b0 * b0 + b1 * b1 + b2 * b2) * (c0 * c0 + c1 * c1 + c2 * c2);
+  const double inverse = 1 / volume;
+  double *p = out + stride, *q = p + stride;
   out[0] = inverse * m00, p[0] = inverse * m01, q[0] = inverse * m02;
   out[1] = inverse * (a2 * c1 - a1 * c2), p[1] = inverse * (a0 * c2 - a2 * c0), q[1] = inverse * (a1 * c0 - a0 * c1);
   out[2] = inverse * (a1 * b2 - a2 * b1), p[2] = inverse * (a2 * b0 - a0 * b2), q[2] = inverse * (a0 * b1 - a1 * b0);
@@ -95,35 +83,35 @@ template <class By>
 
 // S = L L^T of so many rows, by columns `stride` apart, with L in place of the lower half and the inverses of its
 // diagonal apart. Returns the smallest pivot relative to its entry of S; a NaN is one.
-template <int stride, class Number>
-[[gnu::always_inline]] inline Number factor_dense(Number* S, int rows, Number* inverse) {
-  Number entry[stride], least = Number{} + 1;
+template <int stride>
+[[gnu::always_inline]] inline double factor_dense(double* S, int rows, double* inverse) {
+  double entry[stride], least = 1;
   for (int j = 0; j < rows; ++j) entry[j] = S[(stride + 1) * j];
   for (int j = 0; j < rows; ++j) {
-    Number* const column = S + stride * j;
-    const Number left = column[j] / entry[j];
+    double* const column = S + stride * j;
+    const double left = column[j] / entry[j];
     least = (left > least) | (least != least) ? least : left;
-    inverse[j] = 1 / square_root(column[j]);
+    inverse[j] = 1 / std::sqrt(column[j]);
     for (int i = j + 1; i < rows; ++i) column[i] *= inverse[j];
     for (int k = j + 1; k < rows; ++k) {
-      Number* const other = S + stride * k;
-      const Number factor = column[k];
+      double* const other = S + stride * k;
+      const double factor = column[k];
       for (int i = k; i < rows; ++i) other[i] -= factor * column[i];
     }
   }
   return least;
 }
 // x <- S^-1 x
-template <int stride, class Number>
-[[gnu::always_inline]] inline void solve_dense(const Number* S, int rows, const Number* inverse, Number* x) {
+template <int stride>
+[[gnu::always_inline]] inline void solve_dense(const double* S, int rows, const double* inverse, double* x) {
   for (int j = 0; j < rows; ++j) {
-    const Number* const column = S + stride * j;
+    const double* const column = S + stride * j;
     x[j] *= inverse[j];
     for (int i = j + 1; i < rows; ++i) x[i] -= x[j] * column[i];
   }
   for (int j = rows - 1; j >= 0; --j) {
-    const Number* const column = S + stride * j;
-    Number sum = x[j];
+    const double* const column = S + stride * j;
+    double sum = x[j];
     for (int i = j + 1; i < rows; ++i) sum -= column[i] * x[i];
     x[j] = sum * inverse[j];
   }

@@ -1,11 +1,12 @@
-// Power series of the vectors of one system, in registers of two components, and their sums of products in registers of
-// four (docs/theory.md, section 12).
+// Cauchy products of truncated power series of vectors (docs/theory.md, section 12).
+//
+// Coefficients are stored order by order, with the components of one order side by side in registers of two. A product
+// of series then multiplies whole columns by one number and adds up in registers of four, without shuffling.
 #pragma once
 
 #include <cstdint>
 #include <cstring>
 
-#include "linalg/convolution.hpp"
 #include "model/so3.hpp"
 
 namespace lieeuler {
@@ -14,9 +15,17 @@ typedef double Pair __attribute__((vector_size(16)));
 typedef std::uint64_t PairBits __attribute__((vector_size(16)));
 typedef double Four __attribute__((vector_size(32)));
 
-using Quad = Stack<Pair, 2>;  // the fourth place is zero
-using Doubled = Factors<Pair>;
-struct Columns : ColumnStack<Pair, 2> {
+// A vector; the fourth place is zero.
+struct Quad {
+  Pair part[2];
+};
+// A vector with every component by itself, to multiply columns.
+struct Doubled {
+  Pair component[3];
+};
+// The three columns of a matrix of four rows.
+struct Columns {
+  Pair part[3][2];
   double& operator()(int row, int column) { return reinterpret_cast<double*>(part[column])[row]; }
   double operator()(int row, int column) const { return part[column][row / 2][row % 2]; }
 };
@@ -61,8 +70,17 @@ template <class To, class From>
 }
 [[gnu::always_inline]] inline void fill(Four& to, double a) { to = Four{a, a, a, a}; }
 
-// As turned() of linalg/convolution.hpp. Registers of four have names here and below, because GCC keeps small arrays of
-// them in memory.
+// total += A hat(w)
+[[gnu::always_inline]] inline void add_turned(Columns& total, const Columns& A, const Doubled& w) {
+  for (int i = 0; i < 2; ++i) {
+    total.part[0][i] += A.part[1][i] * w.component[2] - A.part[2][i] * w.component[1];
+    total.part[1][i] += A.part[2][i] * w.component[0] - A.part[0][i] * w.component[2];
+    total.part[2][i] += A.part[0][i] * w.component[1] - A.part[1][i] * w.component[0];
+  }
+}
+// Coefficient k + 1 of A hat(w) without the term A_0 hat(w_(k+1)). The last row of A is stored shifted by one order;
+// for that row the result is the complete coefficient k. Registers of four have names here and below, because GCC keeps
+// small arrays of them in memory.
 [[gnu::always_inline]] inline void turn(const Columns* A, const Doubled* w, int k, Columns& total) {
   Four x{}, y{}, z{}, a, b, c, p{}, q{}, r{};
   for (int j = 1; j <= k + 1; ++j) {
@@ -113,10 +131,16 @@ inline void add_scaled(Columns& total, double factor, const Columns& A) {
     for (int i = 0; i < 2; ++i) total.part[c][i] += both(factor) * A.part[c][i];
 }
 
-// The series at h, from coefficients 0 .. order.
+// The series at h, from coefficients 0 .. order, by Horner's rule.
 template <class Coefficient>
 Coefficient evaluate(const Coefficient* series, int order, double h) {
-  return horner(series, order, both(h));
+  constexpr int n = sizeof(Coefficient) / sizeof(Pair);
+  const Pair step = both(h);
+  Coefficient value = series[order];
+  Pair* const sum = reinterpret_cast<Pair*>(&value);
+  for (int k = order - 1; k >= 0; --k)
+    for (int i = 0; i < n; ++i) sum[i] = sum[i] * step + reinterpret_cast<const Pair*>(series + k)[i];
+  return value;
 }
 
 }  // namespace lieeuler

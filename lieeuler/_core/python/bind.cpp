@@ -135,7 +135,6 @@ NB_MODULE(_kernel, m) {
   m.def("adaptive_runge_kutta", &adaptive_runge_kutta);
   m.def("seulex", &adaptive<AdaptiveExtrapolation>);
   m.def("taylor", &taylor);
-  m.def("lane_sets", &lane_sets);
   m.def("integrate", &integrate);
   m.def("integrate_ensemble", &integrate_ensemble);
   m.def("taylor_coefficients", &taylor_coefficients);

@@ -4,10 +4,29 @@
 #include "methods/rkmk.hpp"
 #include "methods/taylor.hpp"
 #include "python/arrays.hpp"
-#include "run/ensemble.hpp"
 #include "run/loop.hpp"
 
 namespace lieeuler {
+
+// A method with its steps or its tolerance, ready to run a system from a state.
+struct Run {
+  std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&)> run;
+  size_t samples;
+  bool monitored;
+  double duration;   // s
+  double begin = 0;  // s, the time of the initial state
+  // The same in the coordinates of a tree's joints, for methods that can.
+  std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&,
+                        const std::vector<JointNode>&)>
+      by_joints = {};
+  std::vector<JointNode> nodes = {};  // of the tree; none: the bodies' coordinates
+
+  Outcome operator()(const Plan& plan, const State& initial, const Record& record,
+                     const Interrupted& interrupted) const {
+    return nodes.empty() ? run(plan, initial, record, interrupted)
+                         : by_joints(plan, initial, record, interrupted, nodes);
+  }
+};
 
 // Keeps a stepper that has renew(), which makes it start like a new one, from one run to the next of the same system:
 // making it costs as much as several steps. Runs at the same time make their own.
@@ -85,7 +104,6 @@ inline Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps,
   };
   Run run{lent<FixedMuntheKaas<BodyChart>>(go, tableau), steps.size() + 1, monitored, duration_of(steps, counts)};
   run.by_joints = lent<FixedMuntheKaas<JointChart>>(go, tableau);
-  if (!monitored && tableau.stages.size() + 2 <= kMostSlopes) run.in_lanes = ExplicitRun{tableau, steps, counts};
   return run;
 }
 
@@ -112,9 +130,7 @@ inline Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double
 }
 
 inline Run taylor(const std::vector<double>& t_eval, double rtol, bool monitored, bool conserves) {
-  Run run = adaptive<TaylorStepper>(t_eval, rtol, monitored, conserves);
-  if (!monitored && !conserves) run.in_lanes = TaylorRun{t_eval, rtol};
-  return run;
+  return adaptive<TaylorStepper>(t_eval, rtol, monitored, conserves);
 }
 
 }  // namespace lieeuler

@@ -4,7 +4,8 @@
 #include <chrono>
 
 #include "python/levels.hpp"
-#include "run/ensemble.hpp"
+#include "python/methods.hpp"
+#include "run/threads.hpp"
 
 namespace lieeuler {
 
@@ -102,8 +103,7 @@ inline nb::object integrate(const Plan& plan, const Run& method, const Array& x,
 
 // Runs all members; returns their samples and how each ended. `plans` holds one plan for all members, or one for each.
 inline nb::dict integrate_ensemble(const std::vector<const Plan*>& plans, const Run& method, const Array& x,
-                                   const Array& R, const Array& v, const Array& w, const std::string& lanes,
-                                   int threads) {
+                                   const Array& R, const Array& v, const Array& w, int threads) {
   require(!plans.empty() && threads > 0, "an ensemble needs a system and a thread");
   const size_t T = method.samples, n = plans[0]->system.n(), N = x.size() / (3 * n);
   require(plans.size() == 1 || plans.size() == N, "one system, or one for each member");
@@ -112,35 +112,27 @@ inline nb::dict integrate_ensemble(const std::vector<const Plan*>& plans, const 
   std::vector<double> xs(N * T * n * 3, nothing), Rs(N * T * n * 9, nothing), vs(xs), ws(xs), times(N, 0.0);
   std::vector<Status> statuses(N, Status::interrupted);
   std::vector<std::int64_t> steps(N, 0), rejected(N, 0);
-  std::vector<int> in_lanes(N, 1);
-  Members members;
-  members.plan = [&](size_t k) -> const Plan& { return *plans[plans.size() == 1 ? 0 : k]; };
-  members.initial = [&](size_t k) {
-    State initial = make_state(members.plan(k).system, x, R, v, w, k);
+  const auto run_member = [&](size_t k, const Interrupted& stopped) {
+    const Plan& plan = *plans[plans.size() == 1 ? 0 : k];
+    State initial = make_state(plan.system, x, R, v, w, k);
     initial.frames.time = method.begin;
-    return initial;
-  };
-  members.record = [&](size_t k, int sample, const State& state) {
-    for (size_t b = 0; b < n; ++b) {
-      const size_t at = (k * T + sample) * n + b;
-      put(xs, 3 * at, state.frames[b].x), put(Rs, 9 * at, state.frames[b].R);
-      put(vs, 3 * at, state.u[b].v), put(ws, 3 * at, state.u[b].w);
-    }
-  };
-  members.end = [&](size_t k, const Outcome& outcome, int width) {
-    statuses[k] = outcome.status, times[k] = outcome.time_reached, in_lanes[k] = width;
+    const Record record = [&](int sample, const State& state) {
+      for (size_t b = 0; b < n; ++b) {
+        const size_t at = (k * T + sample) * n + b;
+        put(xs, 3 * at, state.frames[b].x), put(Rs, 9 * at, state.frames[b].R);
+        put(vs, 3 * at, state.u[b].v), put(ws, 3 * at, state.u[b].w);
+      }
+    };
+    const Outcome outcome = method(plan, initial, record, stopped);
+    statuses[k] = outcome.status, times[k] = outcome.time_reached;
     steps[k] = outcome.counters.steps, rejected[k] = outcome.counters.rejected_steps;
-  };
-  members.alone = [&](size_t k, const Interrupted& stopped) {
-    const Record record = [&](int sample, const State& state) { members.record(k, sample, state); };
-    members.end(k, method(members.plan(k), members.initial(k), record, stopped), 1);
   };
   bool interrupted;
   double seconds;
   {
     nb::gil_scoped_release release;
     const auto start = std::chrono::steady_clock::now();
-    interrupted = run_members(N, members, method, lanes, threads, ctrl_c);
+    interrupted = on_threads(N, threads, ctrl_c, run_member);
     seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
   nb::dict result;
@@ -154,7 +146,6 @@ inline nb::dict integrate_ensemble(const std::vector<const Plan*>& plans, const 
   result["status"] = names;
   result["steps"] = steps;
   result["rejected_steps"] = rejected;
-  result["lanes"] = in_lanes;
   result["interrupted"] = interrupted;
   result["wall_time"] = seconds;
   return result;

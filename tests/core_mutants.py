@@ -96,10 +96,6 @@ MUTANTS = (
     ("solve/saddle_solver.hpp", "-joints[plan_.parts[k]].drift(plan_.part(k))",
      "joints[plan_.parts[k]].drift(plan_.part(k))", Vector),
     ("solve/stabilised.hpp", "w.cross(y) - angular_momentum(system_.bodies[b], w).cross(rate)", "w.cross(y)", Vector),
-    ("solve/tree_schur.hpp", "at_child - times(turns_[k], w_parent.cross(w_parent.cross(joint.parent_anchor)))",
-     "at_child + times(turns_[k], w_parent.cross(w_parent.cross(joint.parent_anchor)))", Vector),
-    ("solve/tree_schur.hpp", "times(J_inverse, end.s.cross(mu))",
-     "transposed_times(*axes_[end.part], end.s.cross(mu))", Vector),
     ("solve/small_schur.hpp", "times(side.H.w, lam)", "times(side.H.w.transpose(), lam)", Vector),
     ("solve/independent_rows.hpp", "lengths[c] / lengths[kept[k]]", "lengths[kept[k]] / lengths[c]", "double"),
     ("solve/free_bodies.hpp", "a.dot(b) * residual", "0", "double"),
@@ -113,9 +109,8 @@ FIRST = {"axis_rows": "driven", "forces": "adapter", "contact": "rolling", "so3"
          "body_chart": "rkmk", "euler_lagrange": "oracle", "euler_hamilton": "oracle",
          "generalized_alpha": "generalized_alpha", "system": "spin_free", "rkmk": "rkmk", "joint_chart": "joint_tree",
          "motion_series": "taylor", "term_series": "taylor", "contact_series": "rolling", "turning": "planar",
-         "extrapolation": "seulex", "saddle_solver": "driven", "stabilised": "methods", "tree_schur": "rkmk",
-         "small_schur": "taylor", "independent_rows": "redundant", "free_bodies": "free_bodies",
-         "compensated": "compositions"}
+         "extrapolation": "seulex", "saddle_solver": "driven", "stabilised": "methods", "small_schur": "taylor",
+         "independent_rows": "redundant", "free_bodies": "free_bodies", "compensated": "compositions"}
 """The test to begin with, by the file of a mutant."""
 SECONDS = 300
 """Computing (s) of a test file after which it counts as failed: it runs on."""

@@ -38,7 +38,7 @@ struct EulerStep {
         columns(nodes),
         joints(system),
         start_joints(system),
-        saddle(plan, layout.eliminates && plan.independent ? Elimination::independent : Elimination::complete),
+        saddle(plan, layout.eliminates && plan.independent),
         start(system),
         state(system),
         maps(system.n() + 1),
@@ -199,20 +199,20 @@ struct EulerStep {
   }
 
   void follow_choice() {
-    core->drop(*saddle.sparse().dropped());
-    choice = saddle.sparse().choice();
+    core->drop(*saddle.dropped());
+    choice = saddle.choice();
   }
 
   void remove_null_space(std::vector<double>& r) const {
     if (saddle.redundant() == 0) return;
-    saddle.sparse().remove_null_space(&r[3 * nodes.lam(0)]);
-    if (nodes.doubled()) saddle.sparse().remove_null_space(&r[3 * nodes.mu(0)]);
+    saddle.remove_null_space(&r[3 * nodes.lam(0)]);
+    if (nodes.doubled()) saddle.remove_null_space(&r[3 * nodes.mu(0)]);
   }
 
   // Scales the rows of lam and of mu, and tells the matrix how many of them depend on others.
   void scale_tail(const Constraints& joints) {
     std::vector<double> scales(3 * columns.count(), 1.0);
-    const std::vector<double> rows = saddle.sparse().row_scales(joints);
+    const std::vector<double> rows = saddle.row_scales(joints);
     std::copy(rows.begin(), rows.end(), scales.begin() + 3 * columns.lam(0));
     std::copy(rows.begin(), rows.end(), scales.begin() + 3 * columns.mu(0));
     lu.scale_tail(scales);
@@ -333,13 +333,13 @@ class EulerStepper {
     at.joints.update(at.state.frames);
     if (rank_ == Rank::unknown) {
       if (!at.saddle.find_redundancy(at.joints)) return Status::singular_matrix;
-      if (at.core && at.saddle.sparse().dropped()) at.follow_choice();
+      if (at.core && at.saddle.dropped()) at.follow_choice();
       if (!at.core) at.scale_tail(at.joints);
       rank_ = Rank::of_start;
     }
     // Take the whole matrix if rows depend on several loops together, or if the matrix with the bodies eliminated would
     // leave out too much.
-    if (at.core && at.plan.independent && (!at.saddle.sparse().dropped() || equations_.couples_by_springs()))
+    if (at.core && at.plan.independent && (!at.saddle.dropped() || equations_.couples_by_springs()))
       equations_.take_whole_matrix(at.joints);
     if (const Status status = at.solve_index1(); status != Status::success) return status;
     if (const Status status = equations_.begin(); status != Status::success) return status;
@@ -390,7 +390,7 @@ class EulerStepper {
     forget_rates();
     predictor.push(at.z);
     if (const Status end = equations_.finish(); end != Status::success) return end;
-    if (at.core && at.saddle.sparse().choice() != at.choice) {
+    if (at.core && at.saddle.choice() != at.choice) {
       at.follow_choice();
       predictor.forget();  // its multipliers belong to other rows
     }
@@ -530,9 +530,9 @@ class EulerStepper {
     if (rank_ == Rank::of_start) {
       if (const Status status = confirm_rank(); status != Status::success) return status;
       rank_ = Rank::confirmed;
-      if (at.saddle.sparse().dropped()) return Status::success;
+      if (at.saddle.dropped()) return Status::success;
       if (!at.saddle.factor(at.joints)) return Status::singular_matrix;
-    } else if (at.saddle.sparse().dropped()) {
+    } else if (at.saddle.dropped()) {
       return Status::success;                                          // no null space to follow
     } else if (!at.index1_output && !Equations::projects(at.level)) {  // else finish() has factored it here
       if (!at.saddle.factor(at.joints)) return Status::singular_matrix;

@@ -219,8 +219,7 @@ class LagrangeEquations {
         stiffness_of_(at.system.n() + 1),
         balance_(at.system.n() + 1),
         drift_(at.system.n() + 1) {
-    if (!plain_ && splits(plan, level))
-      split_.emplace(plan, at.saddle.sparse().delassus(), force_share_, velocity_share_);
+    if (!plain_ && splits(plan, level)) split_.emplace(plan, at.saddle.delassus(), force_share_, velocity_share_);
     if (!at.core) find_blocks();
     for (int k = 0; k < at.nodes.parts(); ++k) {
       const Part& part = at.plan.part(k);
@@ -423,7 +422,7 @@ class LagrangeEquations {
   }
 
   // Whether the matrix with the bodies eliminated leaves out how forces and rows of dot products couple bodies.
-  bool incomplete() const { return at.core && at.saddle.sparse().dropped(); }
+  bool incomplete() const { return at.core && at.saddle.dropped(); }
 
   // The matrix with the bodies eliminated: a rotational block per body, and the rows of the parts.
   bool fill_core() {

@@ -2,7 +2,6 @@
 #pragma once
 
 #include "methods/contact_series.hpp"
-#include "solve/saddle_solver.hpp"
 
 namespace lieeuler {
 
@@ -38,9 +37,15 @@ class MotionSeries {
   // Computes order k of accelerations and multipliers, k + 1 of velocities, k + 2 of configurations. False if a force
   // has no series.
 #if defined(__x86_64__)
-  bool extend(int k, SaddleSolver& saddle) { return wide_ ? extend_wide(k, saddle) : extend_by(k, saddle); }
+  template <class Solver>
+  bool extend(int k, Solver& saddle) {
+    return wide_ ? extend_wide(k, saddle) : extend_by(k, saddle);
+  }
 #else
-  [[gnu::flatten]] bool extend(int k, SaddleSolver& saddle) { return extend_by(k, saddle); }
+  template <class Solver>
+  [[gnu::flatten]] bool extend(int k, Solver& saddle) {
+    return extend_by(k, saddle);
+  }
 #endif
 
   // Frames, u and torsion angles at time h from the centre of the series, with accelerations of orders below `order`.
@@ -61,7 +66,8 @@ class MotionSeries {
   }
 
  private:
-  [[gnu::always_inline]] bool extend_by(int k, SaddleSolver& saddle) {
+  template <class Solver>
+  [[gnu::always_inline]] bool extend_by(int k, Solver& saddle) {
     for (int b = 0; b < system_.n(); ++b) {
       const Columns* const R = body_.R[b].data();
       turn(R, body_.w[b].data(), k, turned_[b]);
@@ -87,7 +93,10 @@ class MotionSeries {
     return true;
   }
 #if defined(__x86_64__)
-  [[gnu::flatten, gnu::target("avx2")]] bool extend_wide(int k, SaddleSolver& saddle) { return extend_by(k, saddle); }
+  template <class Solver>
+  [[gnu::flatten, gnu::target("avx2")]] bool extend_wide(int k, Solver& saddle) {
+    return extend_by(k, saddle);
+  }
 #endif
 
   static constexpr int kLowOrders = 5;  // errors of higher orders are multiplied by high powers of the step

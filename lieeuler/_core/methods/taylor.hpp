@@ -7,6 +7,7 @@
 #include "run/watch.hpp"
 #include "solve/free_bodies.hpp"
 #include "solve/projection.hpp"
+#include "solve/small_schur.hpp"
 #include "solve/step_control.hpp"
 
 namespace lieeuler {
@@ -16,12 +17,12 @@ class TaylorStepper {
   explicit TaylorStepper(const Plan& plan, bool conserves = false)
       : system_(plan.system),
         tree_(plan.hinges),
-        points_(plan, plan.expands_by == Elimination::small && plan.forest),
+        points_(plan, plan.small),
         state_(system_),
         projection_(plan),
         conserves_(conserves),
-        free_(plan.system, conserves),
-        saddle_(plan.expands_by == plan.projects_by ? projection_.saddle() : own_.emplace(plan, plan.expands_by)) {
+        free_(plan.system, conserves) {
+    if (plan.small) small_.emplace(plan);
     if (TurningSeries::suits(plan))
       turning_.emplace(plan, points_), here_.emplace(*turning_);
     else
@@ -48,7 +49,6 @@ class TaylorStepper {
     projected_ = true;
     if (const Status status = projection_.start(state_); status != Status::success) return status;
     free_.start(state_);
-    if (own_ && !own_->find_redundancy(projection_.joints())) return Status::singular_matrix;
     return factor();
   }
 
@@ -124,7 +124,7 @@ class TaylorStepper {
     }
     series_->start(state_);
     for (int k = 0; k < order_; ++k)
-      if (!series_->extend(k, saddle_)) return Status::non_finite;
+      if (!(small_ ? series_->extend(k, *small_) : series_->extend(k, projection_.saddle()))) return Status::non_finite;
     measure_scales();
     return Status::success;
   }
@@ -154,9 +154,10 @@ class TaylorStepper {
     return factor();
   }
   Status factor() {
-    if (projected_ && !own_) return Status::success;
+    if (projected_ && !small_) return Status::success;
     if (tree_.complete) projection_.move_to(state_);
-    return saddle_.factor(projection_.joints()) ? Status::success : Status::singular_matrix;
+    if (!small_) return projection_.factor();
+    return small_->factor(projection_.joints()) ? Status::success : Status::singular_matrix;
   }
 
   // For a system at rest the rate is the one at which it starts to move.
@@ -210,8 +211,7 @@ class TaylorStepper {
   Projection projection_;
   const bool conserves_;
   FreeBodies free_;
-  std::optional<SaddleSolver> own_;
-  SaddleSolver& saddle_;  // of the series: own_, or that of projection_ if it is the same
+  std::optional<SmallSchur> small_;  // solves for the series; else the projection's matrix does
   std::optional<MotionSeries> series_;
   std::optional<TurningSeries> turning_, here_;  // in its place: about the start of the step, and at its end
   Scales scales_;

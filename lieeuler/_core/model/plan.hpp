@@ -17,17 +17,9 @@ struct PlacedMimic : Mimic {
   int follower, leader;
 };
 
-// How the saddle point [M G^T; G 0] is eliminated (solve/saddle_solver.hpp).
-enum class Elimination {
-  tree,         // bodies first, spherical rows in the axes of their child; no loops
-  small,        // bodies first, then a dense Cholesky factorization; few rows, no loops
-  independent,  // bodies first, then the rows that do not depend on others; for loops
-  complete,     // the whole matrix with all rows; dependent ones make a null space
-};
-
-// A matrix of 3 x 3 blocks: G M^-1 G^T of a tree or in general, or the matrix of a step.
+// A matrix of 3 x 3 blocks: G M^-1 G^T, or the matrix of a step.
 struct Pattern {
-  enum class Matrix { tree, mobility, step } matrix;
+  enum class Matrix { mobility, step } matrix;
   bool first = false, second = false;  // independent rows; doubled unknowns, second derivatives
   auto operator<=>(const Pattern&) const = default;
 };
@@ -58,8 +50,7 @@ class Plan {
         thin(system.thin()),
         whole(fits_whole()),
         independent(!forest && !whole && mimics.empty()),
-        projects_by(fits_tree() ? Elimination::tree : for_any_rows()),
-        expands_by(fits_small() ? Elimination::small : for_any_rows()) {}
+        small(fits_small()) {}
   Plan(const Plan&) = delete;  // its members hold pointers into it
 
   const System system;
@@ -71,10 +62,10 @@ class Plan {
   const HingeTree hinges;
   const bool forest;  // joints close no loop
   const bool graded, thin;
-  const bool whole;        // masses or moments differ so much that only the whole matrix keeps its digits
-  const bool independent;  // loops are solved with independent rows
-  const Elimination projects_by, expands_by;  // for projections, for series
-  const std::uint64_t serial = ++made_;       // tells it from others that had its address
+  const bool whole;                      // masses or moments differ so much that only the whole matrix keeps its digits
+  const bool independent;                // loops are solved with independent rows
+  const bool small;                      // a tree of so few rows that series are solved by a dense factorization
+  const std::uint64_t serial = ++made_;  // tells it from others that had its address
   bool turns_about_pins = false;  // the maker of the system knows that every body only turns about the third axis
 
   // Every row is a constraint of the two bodies of its joint.
@@ -145,21 +136,10 @@ class Plan {
         (part.row < system.rows() ? found[part.mimic].follower : found[part.mimic].leader) = k;
     return found;
   }
-  Elimination for_any_rows() const { return independent ? Elimination::independent : Elimination::complete; }
   bool fits_whole() const {
     constexpr double kThin = 1e5, kGraded = 1e6;
     constexpr int kMostUnknowns = 96;
     return plain() && (system.thin(kThin) || system.graded(kGraded)) && 6 * system.n() + system.rows() <= kMostUnknowns;
-  }
-  // Without loops no row can be redundant. A body with many parts would fill S, and with very different masses or
-  // moments S alone loses digits.
-  bool fits_tree() const {
-    constexpr int kMostParts = 6;
-    std::vector<int> on(system.n() + 1, 0);
-    for (const Joint& joint : system.joints)
-      for (int body : {joint.parent, joint.child}) on[body] += static_cast<int>(joint.parts.size());
-    on[system.n()] = 0;
-    return plain() && forest && !graded && !thin && *std::max_element(on.begin(), on.end()) <= kMostParts;
   }
   // Trees of few rows, those of pins on the ground not counted, if refinement can correct the Schur complement; of pins
   // alone there is none.

@@ -18,7 +18,7 @@ class Projection {
       : plan_(plan),
         system_(plan.system),
         joints_(system_),
-        saddle_(plan, plan.projects_by),
+        saddle_(plan, plan.independent),
         change_(system_.n() + 1) {}
   Projection(const Projection&) = delete;
 

@@ -2,43 +2,38 @@
 //
 //   M y + G^T lam = f,   G y = rows
 //
-// by the elimination that the plan of the system chooses. Each elimination supplies
-//
-//   bool find_redundancy(joints), count_redundancy(joints, int&); int redundant(); double smallest_pivot()
-//   bool factor(joints, on_constraints)
-//   void solve(f, rows, to_rounding)      f becomes y, rows become lam, in the axes of the elimination's rows
-//   void correct(y, rows, to_rounding)    the same from y = M^-1 f
-//   Vec3 own(k, rows), in_world(k, lam)   convert between its rows of part k and those of the joint
-//   Vec3 gamma(k, joints, u)              gamma of its rows
+// by block elimination (solve/delassus.hpp; docs/theory.md, section 8), either with all rows and the null space of
+// redundant ones removed, or with independent rows only. If masses or moments differ too much for that, the whole
+// matrix is factored.
 #pragma once
 
 #include <optional>
-#include <variant>
 
 #include "model/system.hpp"
 #include "solve/delassus.hpp"
 #include "solve/independent_rows.hpp"
-#include "solve/small_schur.hpp"
-#include "solve/tree_schur.hpp"
-#include "solve/world_rows.hpp"
 
 namespace lieeuler {
 
-// The saddle point of any system by block elimination (solve/delassus.hpp; docs/theory.md, section 8), either with all
-// rows and the null space of redundant ones removed, or with independent rows only. If masses or moments differ too
-// much for that, the whole matrix is factored.
-class SparseSaddle : public WorldRows {
+// A method that fails with a scaled pivot below this is within about 1e-3 of a singular position.
+inline constexpr double kNearlySingular = 1e-6;
+
+class SaddleSolver {
  public:
   // independent: leaves out the rows of loops that depend on others.
-  SparseSaddle(const Plan& plan, bool independent)
-      : WorldRows(plan),
+  SaddleSolver(const Plan& plan, bool independent)
+      : plan_(plan),
         system_(plan.system),
         delassus_(std::in_place, plan, independent ? Delassus::Kind::independent : Delassus::Kind::sparse),
         thin_(plan.thin || plan.whole),
         leaves_out_(independent),
-        rows_(plan.count()) {
+        force_(system_.n() + 1),
+        rows_(plan.count()),
+        residual_(plan.count()) {
     if (independent) independent_.emplace(plan);
     if (plan.whole) whole_.emplace(plan, Delassus::Kind::whole);
+    for (int k = 0; k < plan.count(); ++k)
+      if (plan.part(k).drive) driven_.push_back(k);
   }
 
   Delassus& delassus() { return *delassus_; }
@@ -109,7 +104,8 @@ class SparseSaddle : public WorldRows {
     return independent_ ? 1 / delassus_->largest_inverse(scales_) : delassus_->lu().smallest_tail_pivot();
   }
 
-  bool factor(const Constraints& joints, bool on_constraints) {
+  // False if rows have become dependent. on_constraints: other independent rows may be chosen here.
+  bool factor(const Constraints& joints, bool on_constraints = true) {
     factored_ = &joints;
     delassus_->assemble(joints);
     const bool regular = delassus_->lu().factor();
@@ -164,10 +160,47 @@ class SparseSaddle : public WorldRows {
       last = change;
     }
   }
-  // The same from velocities without multipliers, M^-1 f.
-  void correct(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
-    for (int b = 0; b < system_.n(); ++b) y[b] = momentum(system_.bodies[b], y[b]);
-    solve(y, rows, to_rounding);
+
+  // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi. angles: of forces.
+  void displace(const Constraints& joints, const std::vector<double>& angles, std::vector<Twist>& d) {
+    std::fill(d.begin(), d.end(), Twist{});
+    for (int k = 0; k < plan_.count(); ++k) rows_[k] = -joints[plan_.parts[k]].position(plan_.part(k));
+    for (int k : plan_.rotors) rows_[k].setZero();
+    combine(plan_, rows_.data()->data());
+    for (const PlacedMimic& mimic : plan_.mimics) rows_[mimic.follower][0] = -gap(plan_, mimic, joints, angles);
+    solve(d, rows_, false);  // the caller iterates, so the lost digits do not matter
+  }
+  // u <- u - M^-1 G^T mu with G u + dPhi/dt = 0. Solves for the change: M^-1 (M u) would lose a rounding of u each
+  // time, always in the same direction where u is steady.
+  void project(const Constraints& joints, std::vector<Twist>& u) {
+    put_drift(joints);
+    for (int k = 0; k < plan_.count(); ++k) rows_[k] -= joints.velocity(plan_.parts[k], u);
+    for (int k : plan_.rotors) rows_[k].setZero();
+    combine(plan_, rows_.data()->data());
+    std::fill(force_.begin(), force_.end(), Twist{});
+    solve(force_, rows_, true);
+    for (int b = 0; b < system_.n(); ++b) u[b] += force_[b];
+  }
+  // From the momentum p, spins included: u = M^-1 (p - G^T mu) with G u + dPhi/dt = 0. Adds -G^T mu to `change`, which
+  // may be p. `rates` are those of the rotors from their momenta, which change by mu.
+  void project(const Constraints& joints, const std::vector<Twist>& p, std::vector<Twist>& u, double* mu,
+               std::vector<Twist>& change, const std::vector<double>& rates) {
+    for (int b = 0; b < system_.n(); ++b) force_[b] = {p[b].v, p[b].w - system_.bodies[b].spin};
+    put_drift(joints);
+    for (size_t i = 0; i < rates.size(); ++i) rows_[plan_.rotors[i]][0] = rates[i];
+    solve(force_, rows_, true);
+    put_multipliers(mu);
+    std::copy_n(force_.begin(), system_.n(), u.begin());
+    for (int k = 0; k < plan_.count(); ++k) joints.subtract_reaction(plan_.parts[k], rows_[k], change);
+  }
+  // (a, lam) of the index-1 system: M a + G^T lam = f, G a + gamma = 0.
+  void accelerate(const Constraints& joints, State& state) {
+    generalized_forces(system_, state.frames, state.u, state.angles, state.a);
+    for (int k = 0; k < plan_.count(); ++k) rows_[k] = -joints.gamma(plan_.parts[k], state.u);
+    combine(plan_, rows_.data()->data());
+    solve(state.a, rows_, true);
+    put_multipliers(state.lam.data());
+    state.a[system_.n()] = Twist{};
   }
 
  private:
@@ -175,6 +208,19 @@ class SparseSaddle : public WorldRows {
   static constexpr double kDependent = 1e10;  // inverse of an eigenvalue that is rounding
   static constexpr int kMostPasses = 8;       // each pass gains a digit or more if moments span eight decades
   static constexpr double kSlow = 0.3;        // corrections that shrink less than this are rounding
+
+  // rows_ = -dPhi/dt, which is zero except for driven rows.
+  void put_drift(const Constraints& joints) {
+    std::fill(rows_.begin(), rows_.end(), Vec3::Zero());
+    for (int k : driven_) rows_[k] = -joints[plan_.parts[k]].drift(plan_.part(k));
+  }
+  // Copies multipliers from rows_, in the order of lam.
+  void put_multipliers(double* lam) const {
+    for (int k = 0; k < plan_.count(); ++k) {
+      const Part& part = plan_.part(k);
+      for (int r = 0; r < part.rows(); ++r) lam[part.row + r] = rows_[k][r];
+    }
+  }
 
   Delassus& factored() { return solves_whole_ ? *whole_ : *delassus_; }
 
@@ -240,20 +286,21 @@ class SparseSaddle : public WorldRows {
       for (int k = 0; k < plan_.count(); ++k) joints.subtract_reaction(plan_.parts[k], rows[k], correction_);
     }
     if (independent_) {
-      rows_ = wanted_;
-      delassus_->subtract_rates(flat(y), rows_.data()->data());
+      residual_ = wanted_;
+      delassus_->subtract_rates(flat(y), residual_.data()->data());
     }
-    for (int k = 0; !independent_ && k < plan_.count(); ++k) rows_[k] = wanted_[k] - joints.velocity(plan_.parts[k], y);
-    combine(plan_, rows_.data()->data());
-    for (int k : plan_.rotors) rows_[k][0] += plan_.part(k).compliance * rows[k][0];
-    solve_once(correction_, rows_);
+    for (int k = 0; !independent_ && k < plan_.count(); ++k)
+      residual_[k] = wanted_[k] - joints.velocity(plan_.parts[k], y);
+    combine(plan_, residual_.data()->data());
+    for (int k : plan_.rotors) residual_[k][0] += plan_.part(k).compliance * rows[k][0];
+    solve_once(correction_, residual_);
     const Scales scales{system_.length};
     double change = 0;
     for (int b = 0; b < system_.n(); ++b) {
       y[b] += correction_[b];
       change = std::max(change, scales.rate_of(correction_[b]));
     }
-    for (int k = 0; k < plan_.count(); ++k) rows[k] += rows_[k];
+    for (int k = 0; k < plan_.count(); ++k) rows[k] += residual_[k];
     return change;
   }
 
@@ -275,17 +322,18 @@ class SparseSaddle : public WorldRows {
   void cleanse(const Constraints& joints, std::vector<double>& w) {
     correction_.assign(system_.n() + 1, Twist{});
     for (int k = 0; k < plan_.count(); ++k) joints.subtract_reaction(plan_.parts[k], -load3(&w[3 * k]), correction_);
-    std::fill(rows_.begin(), rows_.end(), Vec3::Zero());
-    solve_all(correction_, rows_, [](double*) {});
-    for (int k = 0; k < plan_.count(); ++k) store(Vec3(load3(&w[3 * k]) - rows_[k]), &w[3 * k]);
+    std::fill(residual_.begin(), residual_.end(), Vec3::Zero());
+    solve_all(correction_, residual_, [](double*) {});
+    for (int k = 0; k < plan_.count(); ++k) store(Vec3(load3(&w[3 * k]) - residual_[k]), &w[3 * k]);
   }
   void subtract_component(const std::vector<double>& w, double* values) const {
-    const size_t count = 3 * rows_.size();
+    const size_t count = 3 * residual_.size();
     double product = 0;
     for (size_t i = 0; i < count; ++i) product += w[i] * values[i];
     for (size_t i = 0; i < count; ++i) values[i] -= product * w[i];
   }
 
+  const Plan& plan_;
   const System& system_;
   std::optional<Delassus> delassus_;
   const bool thin_, leaves_out_;
@@ -297,136 +345,12 @@ class SparseSaddle : public WorldRows {
   double inverse_at_choice_ = 0;
   int redundant_ = 0, choice_ = 0;
   const Constraints* factored_ = nullptr;
-  std::vector<Vec3> rows_, wanted_;  // for refinement
-  std::vector<Twist> forces_, correction_;
-  std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, three values a part
-};
-
-// A method that fails with a scaled pivot below this is within about 1e-3 of a singular position.
-inline constexpr double kNearlySingular = 1e-6;
-
-class SaddleSolver {
-  template <class Use>
-  auto each(const Use& use) {
-    return std::visit(use, by_);
-  }
-
- public:
-  SaddleSolver(const Plan& plan, Elimination by)
-      : plan_(plan), system_(plan.system), by_(make(plan, by)), force_(system_.n() + 1), rows_(plan.count()) {
-    for (int k = 0; k < plan.count(); ++k)
-      if (plan.part(k).drive) driven_.push_back(k);
-  }
-
-  // Counts the rows that depend on others and expects that number from then on. False if the rest is singular.
-  bool find_redundancy(const Constraints& joints) {
-    return each([&](auto& by) { return by.find_redundancy(joints); });
-  }
-  // Counts them again, without expecting the new number.
-  bool count_redundancy(const Constraints& joints, int& redundant) {
-    return each([&](auto& by) { return by.count_redundancy(joints, redundant); });
-  }
-  int redundant() const {
-    return std::visit([](const auto& by) { return by.redundant(); }, by_);
-  }
-  // That of the joints that close loops: near a singular position it is proportional to the square of the distance.
-  double smallest_pivot() {
-    return each([](auto& by) { return by.smallest_pivot(); });
-  }
-
-  // False if rows have become dependent. on_constraints: other independent rows may be chosen here.
-  bool factor(const Constraints& joints, bool on_constraints = true) {
-    return each([&](auto& by) { return by.factor(joints, on_constraints); });
-  }
-
-  // Solves at the joints factored last; y and lam replace f and the rows of each part. to_rounding: recover the digits
-  // that redundant rows lose. Inlined, because series call it for every order.
-  [[gnu::always_inline]] void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool to_rounding) {
-    if (auto* small = std::get_if<SmallSchur>(&by_)) return small->solve(f, rows, to_rounding);
-    std::get<SparseSaddle>(by_).solve(f, rows, to_rounding);
-  }
-
-  // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi. angles: of forces.
-  void displace(const Constraints& joints, const std::vector<double>& angles, std::vector<Twist>& d) {
-    std::fill(d.begin(), d.end(), Twist{});
-    each([&](auto& by) {
-      for (int k = 0; k < plan_.count(); ++k) rows_[k] = by.own(k, -joints[plan_.parts[k]].position(plan_.part(k)));
-      for (int k : plan_.rotors) rows_[k].setZero();
-      combine(plan_, rows_.data()->data());
-      for (const PlacedMimic& mimic : plan_.mimics) rows_[mimic.follower][0] = -gap(plan_, mimic, joints, angles);
-      by.correct(d, rows_, false);  // the caller iterates, so the lost digits do not matter
-    });
-  }
-  // u <- u - M^-1 G^T mu with G u + dPhi/dt = 0
-  void project(const Constraints& joints, std::vector<Twist>& u) {
-    put_drift(joints);
-    for (int k : plan_.rotors) rows_[k][0] = joints.velocity(plan_.parts[k], u)[0];
-    each([&](auto& by) { by.correct(u, rows_, true); });
-  }
-  // From the momentum p, spins included: u = M^-1 (p - G^T mu) with G u + dPhi/dt = 0. Adds -G^T mu to `change`, which
-  // may be p. `rates` are those of the rotors from their momenta, which change by mu.
-  void project(const Constraints& joints, const std::vector<Twist>& p, std::vector<Twist>& u, double* mu,
-               std::vector<Twist>& change, const std::vector<double>& rates) {
-    for (int b = 0; b < system_.n(); ++b) force_[b] = {p[b].v, p[b].w - system_.bodies[b].spin};
-    put_drift(joints);
-    for (size_t i = 0; i < rates.size(); ++i) rows_[plan_.rotors[i]][0] = rates[i];
-    each([&](auto& by) {
-      by.solve(force_, rows_, true);
-      put_multipliers(by, mu);
-    });
-    std::copy_n(force_.begin(), system_.n(), u.begin());
-    for (int k = 0; k < plan_.count(); ++k) joints.subtract_reaction(plan_.parts[k], rows_[k], change);
-  }
-  // (a, lam) of the index-1 system: M a + G^T lam = f, G a + gamma = 0.
-  void accelerate(const Constraints& joints, State& state) {
-    generalized_forces(system_, state.frames, state.u, state.angles, state.a);
-    each([&](auto& by) {
-      for (int k = 0; k < plan_.count(); ++k) rows_[k] = -by.gamma(k, joints, state.u);
-      combine(plan_, rows_.data()->data());
-      by.solve(state.a, rows_, true);
-      put_multipliers(by, state.lam.data());
-    });
-    state.a[system_.n()] = Twist{};
-  }
-
-  // Replaces the multipliers by those of least norm with the same effect.
-  void make_least_norm(const Constraints& joints, std::vector<double>& lam) {
-    if (auto* sparse = std::get_if<SparseSaddle>(&by_)) sparse->make_least_norm(joints, lam);
-  }
-
-  // The elimination of a step, whose rows Newton's matrix shares.
-  SparseSaddle& sparse() { return std::get<SparseSaddle>(by_); }
-  const SparseSaddle& sparse() const { return std::get<SparseSaddle>(by_); }
-
- private:
-  using Any = std::variant<TreeSchur, SmallSchur, SparseSaddle>;
-  static Any make(const Plan& plan, Elimination by) {
-    if (by == Elimination::tree) return Any(std::in_place_type<TreeSchur>, plan);
-    if (by == Elimination::small) return Any(std::in_place_type<SmallSchur>, plan);
-    return Any(std::in_place_type<SparseSaddle>, plan, by == Elimination::independent);
-  }
-
-  // rows_ = -dPhi/dt, which is zero except for driven rows.
-  void put_drift(const Constraints& joints) {
-    std::fill(rows_.begin(), rows_.end(), Vec3::Zero());
-    for (int k : driven_) rows_[k] = -joints[plan_.parts[k]].drift(plan_.part(k));
-  }
-  // Copies multipliers from rows_, in the order of lam.
-  template <class By>
-  void put_multipliers(const By& by, double* lam) const {
-    for (int k = 0; k < plan_.count(); ++k) {
-      const Vec3 own = by.in_world(k, rows_[k]);
-      const Part& part = plan_.part(k);
-      for (int r = 0; r < part.rows(); ++r) lam[part.row + r] = own[r];
-    }
-  }
-
-  const Plan& plan_;
-  const System& system_;
-  Any by_;
   std::vector<int> driven_;  // parts with a drive
   std::vector<Twist> force_;
-  std::vector<Vec3> rows_;  // of each part: right-hand sides, then multipliers
+  std::vector<Vec3> rows_;               // of each part: right-hand sides, then multipliers
+  std::vector<Vec3> residual_, wanted_;  // for refinement
+  std::vector<Twist> forces_, correction_;
+  std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, three values a part
 };
 
 }  // namespace lieeuler

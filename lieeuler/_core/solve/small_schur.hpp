@@ -7,13 +7,12 @@
 
 #include "linalg/elimination.hpp"
 #include "model/reference_points.hpp"
-#include "solve/world_rows.hpp"
 
 namespace lieeuler {
 
-class SmallSchur : public WorldRows, public FullRank {
+class SmallSchur {
  public:
-  explicit SmallSchur(const Plan& plan) : WorldRows(plan), system_(plan.system), points_(plan, true) {
+  explicit SmallSchur(const Plan& plan) : system_(plan.system), points_(plan, true) {
     for (int b = 0; b < system_.n(); ++b) bodies_.push_back({1 / system_.bodies[b].mass, points_.inertia(b).inverse()});
     for (int k = 0; k < plan.count(); ++k) {
       if (points_.holds(plan.parts[k])) continue;
@@ -27,12 +26,8 @@ class SmallSchur : public WorldRows, public FullRank {
     }
   }
 
-  bool find_redundancy(const Constraints& joints) { return factor(joints, true); }
-  // Relative to its diagonal entry of S.
-  double smallest_pivot() const { return smallest_pivot_; }
-
   // False if rows have become dependent.
-  bool factor(const Constraints& joints, bool) {
+  bool factor(const Constraints& joints) {
     assemble(joints);
     if (parts() == 1) return invert_block();
     smallest_pivot_ = factor_dense<kMostRows>(S_, rows_, pivot_inverse_);
@@ -46,12 +41,8 @@ class SmallSchur : public WorldRows, public FullRank {
       f[b].v *= bodies_[b].mass_inverse;
       f[b].w = times(bodies_[b].inertia_inverse, f[b].w);
     }
-    correct(f, rows);
-  }
-  // The same from velocities without multipliers, y = M^-1 f.
-  [[gnu::always_inline]] void correct(std::vector<Twist>& y, std::vector<Vec3>& rows, bool = false) {
-    if (parts() == 1) solve_single(y, rows[parts_[0].index]);
-    if (parts() > 1) solve_rows(y, rows);
+    if (parts() == 1) solve_single(f, rows[parts_[0].index]);
+    if (parts() > 1) solve_rows(f, rows);
   }
 
  private:
@@ -126,7 +117,8 @@ class SmallSchur : public WorldRows, public FullRank {
     }
   }
 
-  // solve() from velocities without multipliers. Not inlined: series of pinned bodies would have to save its registers.
+  // solve() from velocities without multipliers, y = M^-1 f. Not inlined: series of pinned bodies would have to save
+  // its registers.
   [[gnu::noinline]] void solve_rows(std::vector<Twist>& y, std::vector<Vec3>& rows) {
     double r[kMostRows], lam[kMostRows] = {};
     for (int pass = 0; pass < (smallest_pivot_ < kGraded ? 2 : 1); ++pass) {
@@ -176,7 +168,7 @@ class SmallSchur : public WorldRows, public FullRank {
   double S_[kMostRows * kMostRows];  // by columns
   Mat3 inverse_;                     // S^-1 of a single part
   double pivot_inverse_[kMostRows];
-  double smallest_pivot_ = 1;  // over the entry of S
+  double smallest_pivot_ = 1;  // relative to its diagonal entry of S
 };
 
 }  // namespace lieeuler

@@ -6,7 +6,6 @@ import dataclasses
 import difflib
 import logging
 import operator
-from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,10 +18,9 @@ from lieeuler.pieces import Pieces
 from lieeuler.planar import Plane
 from lieeuler.problem import Problem
 from lieeuler.reduction import nodes, reductions, take_multipliers
-from lieeuler.sensitivities import RTOL, Changed, differentiated
 from lieeuler.solution import STATUSES, Solution, Stats, Status
 from lieeuler.spin_free import spin_free_frames, symmetric_bodies
-from lieeuler.types import ArrayLike
+from lieeuler.types import ArrayLike, State
 
 log = logging.getLogger("lieeuler")
 
@@ -64,8 +62,7 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
               rtol: float | None = None, coordinate_map: str = "exp", alpha: float | None = None,
               beta: float | None = None, spectral_radius: float | None = None, correction: str = "mass",
               spin_free: bool | None = None, reduce: str | None = None, conserve: bool = False, polish: bool = True,
-              monitor: bool = True, events: bool | None = None,
-              sensitivities: Sequence[str] | Mapping[str, Changed] = ()) -> Solution:
+              monitor: bool = True, events: bool | None = None) -> Solution:
     """Integrate a problem with a fixed step, or with steps that follow a tolerance.
 
     One line of level INFO goes to the logger "lieeuler".
@@ -109,14 +106,6 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     events : bool, optional
         For problems with laws: whether the times at which friction, servos and stops change are solved for. Otherwise
         changes are taken at ends of steps, those at stops excepted. Default: not by the Euler methods.
-    sensitivities : tuple of str, or mapping of names to functions, optional
-        What the solution is to be differentiated by: numbers of the problem by their paths, such as "bodies.0.mass",
-        "bodies.0.inertia.0.0", "joints.1.child_anchor.2", "forces.0.stiffness", "gravity.2" or
-        "laws.0.servos.0.proportional"; "start", the directions that the joints admit; or functions that return the
-        problem for a change s (for an axis, which is in several places). A start that a change opens is projected.
-        They are the derivatives of the method's discrete map, with `rtol` those of the motion, by differences of whole
-        runs: eight a direction and step, mostly eight or sixteen (`Sensitivity.runs`). With laws events have to be
-        located, in the same order.
 
     Returns
     -------
@@ -134,23 +123,9 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
         raise ArgumentError(f"events must be True or False, not {events!r}")
     arguments = Arguments(method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction,
                           spin_free, reduce, conserve, polish, monitor)
-    laws = isinstance(problem, Problem) and problem.laws
-    solution = _by_pieces(problem, arguments, events) if laws else _kept(problem, arguments)()
-    if sensitivities:
-        if laws and not _located(method, events):
-            raise ArgumentError("sensitivities: steps over events have no derivative; give events=True")
-        quiet = arguments._replace(rtol=RTOL if step is None else None, monitor=False)
-
-        def solve(changed: Problem, whole: bool) -> Solution:
-            how = quiet._replace(spin_free=False, reduce="off") if whole else quiet
-            return _by_pieces(changed, how, events) if laws else PreparedRun(changed, how).unjudged()
-
-        solution.sensitivities = differentiated(problem, sensitivities, solve)
-    return solution
-
-
-def _located(method: str, events: bool | None) -> bool:
-    return METHODS[method].order != 1 if events is None else events
+    if isinstance(problem, Problem) and problem.laws:
+        return _by_pieces(problem, arguments, events)
+    return _kept(problem, arguments)()
 
 
 def _by_pieces(problem: Problem, arguments: Arguments, events: bool | None) -> Solution:
@@ -170,7 +145,8 @@ def _by_pieces(problem: Problem, arguments: Arguments, events: bool | None) -> S
         return PreparedRun(piece, Arguments("INDEX1_LE", float(times[1] - times[0]), times, reduce="off",
                                             monitor=False)).unjudged()
 
-    solution = Pieces(problem, solve, start, np.asarray(t, dtype=float), step, _located(method, events)).integrate()
+    located = METHODS[method].order != 1 if events is None else events
+    solution = Pieces(problem, solve, start, np.asarray(t, dtype=float), step, located).integrate()
     return without.ended(without.closed(solution))
 
 
@@ -188,10 +164,6 @@ def prepare(problem: Problem, method: str, step: float | None = None, t_eval: Ar
     """
     return PreparedRun(problem, Arguments(method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius,
                                           correction, spin_free, reduce, conserve, polish, monitor))
-
-
-State = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""x, R, v, w"""
 
 
 class PreparedRun:

@@ -93,30 +93,13 @@ class Stats:
     reduce: str = "off"
 
 
-@dataclasses.dataclass(frozen=True)
-class Sensitivity:
-    """Derivatives of a trajectory by one number, (T, n, 3) each, or by k directions of the start, (T, n, 3, k).
-
-    Those of attitudes are turns in body axes: dR = R hat(turn). At t = 0 they are the derivatives of the start, which
-    moves where a number opens joints. `error` is the estimated error of an entry, `runs` how many runs were made.
-    """
-
-    x: np.ndarray
-    turn: np.ndarray
-    v: np.ndarray
-    w: np.ndarray
-    error: float
-    runs: int
-
-
 @dataclasses.dataclass
 class Solution:
     """A trajectory at the output times, in the conventions of `lieeuler.types`.
 
     a and alpha are M^-1 (f - G^T lam) with the multipliers of the method; at the start, with those of the index-1
     system. `events` are those of laws: the time, s, the index of the joint, and what happened: sticks, slips, reverses,
-    hits_lower, hits_upper, leaves_lower, leaves_upper, saturates, unsaturates. `sensitivities` are the derivatives that
-    `lieeuler.integrate` was asked for, by name.
+    hits_lower, hits_upper, leaves_lower, leaves_upper, saturates, unsaturates.
     """
 
     t: np.ndarray
@@ -132,7 +115,6 @@ class Solution:
     method: str
     t_end: float
     events: tuple[tuple[float, int, str], ...] = ()
-    sensitivities: dict[str, Sensitivity] = dataclasses.field(default_factory=dict)
 
     @property
     def success(self) -> bool:

@@ -27,6 +27,9 @@ import numpy as np
 
 ArrayLike = np.ndarray | Sequence[Any]
 
+State = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""x, R, v, w"""
+
 Measured = tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """A joint's coordinate as the kernel takes it: whether it turns, its axis in parent and child, two normals of
 the parent's, the first one as the child sees it at zero."""

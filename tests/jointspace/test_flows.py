@@ -7,10 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 import crosscheck
-import lieeuler
-from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.scene.building import scene_from
-from crosscheck.scene.paths import changed, content_of, number_at
 from tests.jointspace.arms import arm
 
 
@@ -88,27 +85,6 @@ def test_a_discrete_map_converges_at_its_order(source, order):
         given = crosscheck.flow_derivative(scene, 0.4, source=source, step=step, parameters=paths)
         errors.append([np.abs(given.matrix - exact.matrix).max(), np.abs(given.parameters - exact.parameters).max()])
     np.testing.assert_allclose(np.log2(np.divide(*errors)), order, atol=0.25)
-
-
-def test_sensitivities_of_lieeuler_converge_to_truth():
-    scene, duration = crosscheck.load_scene("double_pendulum"), 0.3
-    lower = scene.bodies[1].name
-    paths = (f"bodies.{lower}.mass", f"bodies.{lower}.inertia.0.0", "joints.1.child_anchor.2", "gravity.2")
-    exact = crosscheck.flow_derivative(scene, duration, parameters=paths).parameters[[0, 1, 2, 6, 7, 8]]
-    changes = {path: lambda s, path=path: build_problem(changed(
-        scene, {path: number_at(content_of(scene), path) + s}))
-               for path in paths}
-    for method, order, steps in (("DAE1L_LSE", 1, (1e-3, 5e-4)), ("rattle2", 2, (2e-2, 1e-2)),
-                                 ("rkmk4", 4, (3e-2, 1.5e-2)), ("taylor", 0, (None,))):
-        errors = []
-        for step in steps:
-            run = lieeuler.integrate(build_problem(scene), method, step, [0.0, duration], sensitivities=changes)
-            found = np.array([np.concatenate([each.turn[-1, 0], each.w[-1, 0]]) for each in run.sensitivities.values()])
-            errors.append(np.abs(found.T - exact).max())
-        if order:
-            assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
-        else:
-            assert errors[0] < 1e-9
 
 
 @pytest.mark.parametrize(("arguments", "said"), [

@@ -103,4 +103,4 @@ benchmark: setup
 	@$(PY) -m benchmarks.step_cost
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) build dist lieeuler/_kernel.pyi .pytest_cache .ruff_cache .mypy_cache

@@ -13,8 +13,8 @@ import tarfile
 
 import pytest
 
-import lieeuler._kernel
 from crosscheck.scene.joints import JOINT_TYPES
+from lieeuler import _kernel
 from tests import ROOT
 from tests.test_without_extras import DRIVER
 
@@ -47,7 +47,7 @@ def said(tmp_path_factory):
     for name in ("crosscheck", "scenarios"):
         shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "lieeuler", copy / "lieeuler", ignore=shutil.ignore_patterns("__pycache__", "_core", "*.so"))
-    shutil.copy(lieeuler._kernel.__file__, copy / "lieeuler")
+    shutil.copy(_kernel.__file__, copy / "lieeuler")
     inserted(copy / "lieeuler" / "methods.py", '        Method("INDEX1_LE"', blocks(RECIPES["A method"])[0])
     scene, *_ = blocks((ROOT / "docs" / "adding-a-scene.md").read_text("utf-8"))
     (copy / "scenarios" / "compound_pendulum.toml").write_text(scene, "utf-8")

@@ -59,16 +59,13 @@ TYPES = {
 
 
 def modules(root: Path) -> dict[str, Path]:
-    """Modules of both packages by their dotted names, the compiled one by its stub."""
+    """Modules of both packages by their dotted names, the compiled one by its bindings."""
     found = {}
     for package in ("crosscheck", "lieeuler"):
         for file in sorted((root / package).rglob("*.py")):
             parts = file.relative_to(root).with_suffix("").parts
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
-        stubs = (root / package).glob("*.pyi")
-        found |= {".".join(stub.relative_to(root).with_suffix("").parts): stub
-                  for stub in stubs if stub.stem != "__init__"}
-    return found
+    return found | {"lieeuler._kernel": root / "lieeuler" / "_core" / "python" / "bind.cpp"}
 
 
 def imports(known: Mapping[str, Path]) -> Edges:
@@ -76,7 +73,7 @@ def imports(known: Mapping[str, Path]) -> Edges:
     edges: Edges = {}
     for name, file in known.items():
         targets = set()
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if file.suffix == ".py" else ():
             if isinstance(node, ast.Import):
                 targets |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module:

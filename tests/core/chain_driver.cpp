@@ -14,7 +14,7 @@
 #include "methods/rkmk.hpp"
 #include "methods/taylor.hpp"
 #include "model/system.hpp"
-#include "run/loop.hpp"
+#include "run/implicit.hpp"
 
 using namespace lieeuler;
 

@@ -15,6 +15,8 @@ namespace nb = nanobind;
 
 using Array = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
 using Output = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
+using Made = nb::ndarray<nb::numpy, double>;
+using Parts = nb::typed<nb::dict, nb::str, nb::any>;  // of a result, by their names
 
 // Python checks values, with messages that name them. Here only input is refused that would read beyond memory or never
 // end.
@@ -22,10 +24,10 @@ inline void require(bool fine, const char* what) {
   if (!fine) throw std::invalid_argument(what);
 }
 
-inline nb::object make_array(std::vector<double> data, std::initializer_list<size_t> shape) {
+inline Made make_array(std::vector<double> data, std::initializer_list<size_t> shape) {
   auto* kept = new std::vector<double>(std::move(data));
   nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
-  return nb::cast(nb::ndarray<nb::numpy, double>(kept->data(), shape.size(), shape.begin(), owner));
+  return Made(kept->data(), shape.size(), shape.begin(), owner);
 }
 
 inline Mat3 mat3(const double* p) { return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(p); }

@@ -7,8 +7,6 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include "methods/extrapolation.hpp"
-#include "methods/taylor.hpp"
 #include "python/building.hpp"
 #include "python/levels.hpp"
 #include "python/methods.hpp"
@@ -133,7 +131,7 @@ NB_MODULE(_kernel, m) {
   m.def("implicit", &implicit);
   m.def("runge_kutta", &runge_kutta);
   m.def("adaptive_runge_kutta", &adaptive_runge_kutta);
-  m.def("seulex", &adaptive<AdaptiveExtrapolation>);
+  m.def("seulex", &seulex);
   m.def("taylor", &taylor);
   m.def("integrate", &integrate);
   m.def("integrate_ensemble", &integrate_ensemble);

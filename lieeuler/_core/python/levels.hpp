@@ -1,7 +1,9 @@
-// How far states violate the constraints, which levels a run has left open, and the multipliers at given states.
+// How far states violate the constraints, which levels a run has left open, the multipliers at given states, and states
+// put onto the constraints.
 #pragma once
 
 #include <array>
+#include <tuple>
 
 #include "model/mimic.hpp"
 #include "model/system.hpp"
@@ -60,8 +62,8 @@ inline std::pair<double, double> constraint_levels(const Plan& plan, const State
 }
 
 // The two levels (N, 2) of N states at a time.
-inline nb::object levels_of_states(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w,
-                                   double time, double duration) {
+inline Made levels_of_states(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w,
+                             double time, double duration) {
   const System& system = plan.system;
   const size_t n = system.n(), N = x.size() / (3 * n);
   std::vector<double> levels;
@@ -111,9 +113,10 @@ inline std::array<bool, 3> open_levels(const Plan& plan, const Trajectory& run, 
 }
 
 // The same of arrays (T, ...), as booleans, by three maxima over all steps and the largest kinetic energy.
-inline nb::tuple open_levels_of(const Plan& plan, const Array& x, const Array& v, const Array& w, const Array& a,
-                                const Array& alpha, const Array& lam, double position, double velocity,
-                                double acceleration, double kinetic, double duration) {
+inline std::tuple<bool, bool, bool> open_levels_of(const Plan& plan, const Array& x, const Array& v, const Array& w,
+                                                   const Array& a, const Array& alpha, const Array& lam,
+                                                   double position, double velocity, double acceleration,
+                                                   double kinetic, double duration) {
   const size_t count = x.size() / (3 * plan.system.n());
   for (const Array* each : {&x, &v, &w, &a, &alpha})
     require(each->size() == 3 * plan.system.n() * count, "x, v, w, a and alpha must be those of the system's bodies");
@@ -122,14 +125,14 @@ inline nb::tuple open_levels_of(const Plan& plan, const Array& x, const Array& v
   maxima.position = position, maxima.velocity = velocity, maxima.acceleration = acceleration, maxima.kinetic = kinetic;
   const auto open =
       open_levels(plan, {x.data(), v.data(), w.data(), a.data(), alpha.data(), lam.data(), count}, maxima, duration);
-  return nb::make_tuple(open[0], open[1], open[2]);
+  return {open[0], open[1], open[2]};
 }
 
 // Multipliers (N, m) of the index-1 system at N states, with least norm if rows are redundant, the number of redundant
 // rows at the first state, and the first state without multipliers, else N. `angles` (N, forces) are those of torsional
 // springs, unwrapped.
-inline nb::tuple multipliers(const Plan& plan, const Array& times, const Array& x, const Array& R, const Array& v,
-                             const Array& w, const Array& angles) {
+inline std::tuple<Made, int, size_t> multipliers(const Plan& plan, const Array& times, const Array& x, const Array& R,
+                                                 const Array& v, const Array& w, const Array& angles) {
   const System& system = plan.system;
   const size_t n = system.n(), N = x.size() / (3 * n), m = system.rows(), springs = system.forces.size();
   require(times.size() == N && angles.size() == N * springs, "every state needs a time and an angle a force");
@@ -157,7 +160,34 @@ inline nb::tuple multipliers(const Plan& plan, const Array& times, const Array& 
     lam.insert(lam.end(), state.lam.begin(),
                state.lam.begin() + static_cast<long>(m));  // not those of rotors and leaders
   }
-  return nb::make_tuple(make_array(std::move(lam), {N, m}), projection.redundant_rows(), unknown);
+  return {make_array(std::move(lam), {N, m}), projection.redundant_rows(), unknown};
+}
+
+// A state projected onto Phi = 0 and G u = 0 at a time, with a matrix of its own and the number of redundant rows at
+// `home`: how that ended, and x, R, v, w.
+inline std::tuple<const char*, Made, Made, Made, Made> project(const Plan& plan, double time, const Array& home_x,
+                                                               const Array& home_R, const Array& x, const Array& R,
+                                                               const Array& v, const Array& w) {
+  const System& system = plan.system;
+  const auto at_time = [&](State state) {
+    state.frames.time = time;
+    update_angles(system, state.frames, state.u, state.angles);
+    return state;
+  };
+  State state = at_time(make_state(system, x, R, v, w));
+  const State home = at_time(make_state(system, home_x, home_R, v, w));
+  Projection projection(plan);
+  Counters counters;
+  Status status = projection.start(home);
+  if (status == Status::success) status = projection.project(state, Scales::of_motion(system, home).length, counters);
+  const size_t n = system.n();
+  std::vector<double> xs(3 * n), Rs(9 * n), vs(3 * n), ws(3 * n);
+  for (size_t b = 0; b < n; ++b) {
+    put(xs, 3 * b, state.frames[b].x), put(Rs, 9 * b, state.frames[b].R);
+    put(vs, 3 * b, state.u[b].v), put(ws, 3 * b, state.u[b].w);
+  }
+  return {name_of(status), make_array(std::move(xs), {n, 3}), make_array(std::move(Rs), {n, 3, 3}),
+          make_array(std::move(vs), {n, 3}), make_array(std::move(ws), {n, 3})};
 }
 
 }  // namespace lieeuler

@@ -1,10 +1,10 @@
 // Methods with their steps or their tolerance, ready to run.
 #pragma once
 
+#include "methods/joint_chart.hpp"
 #include "methods/rkmk.hpp"
-#include "methods/taylor.hpp"
 #include "python/arrays.hpp"
-#include "run/loop.hpp"
+#include "run/implicit.hpp"
 
 namespace lieeuler {
 
@@ -72,18 +72,6 @@ inline double duration_of(const std::vector<double>& steps, const std::vector<st
   return duration;
 }
 
-inline Run implicit(CoordinateMap map, const Method& method, const std::vector<double>& steps,
-                    const std::vector<std::int64_t>& counts, bool monitored) {
-  require_steps(steps, counts);
-  const auto run = map == CoordinateMap::exp      ? run_method<ExpMap>
-                   : map == CoordinateMap::cayley ? run_method<CayleyMap>
-                                                  : run_method<CcskMap>;
-  return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
-            return run(plan, method, initial, steps, counts, monitored, record, interrupted);
-          },
-          steps.size() + 1, monitored, duration_of(steps, counts)};
-}
-
 // A run by steppers from a shelf, made of the plan, `given` and, of a tree's joints, its nodes. go(stepper, plan,
 // initial, record, interrupted) is the run itself.
 template <class Stepper, class Go, class... Arguments>
@@ -93,18 +81,6 @@ auto lent(const Go& go, const Arguments&... given) {
     return shelf->lend(
         plan, [&](Stepper& by) { return go(by, plan, initial, record, interrupted); }, given..., nodes...);
   };
-}
-
-inline Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps,
-                       const std::vector<std::int64_t>& counts, bool monitored) {
-  require_steps(steps, counts);
-  const auto go = [=](auto& by, const Plan& plan, const State& initial, const Record& record,
-                      const Interrupted& interrupted) {
-    return run(by, plan, initial, steps, counts, monitored, record, interrupted);
-  };
-  Run run{lent<FixedMuntheKaas<BodyChart>>(go, tableau), steps.size() + 1, monitored, duration_of(steps, counts)};
-  run.by_joints = lent<FixedMuntheKaas<JointChart>>(go, tableau);
-  return run;
 }
 
 // What adaptive steppers do; t_eval starts at zero.
@@ -122,15 +98,25 @@ inline Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitor
   return {lent<Stepper>(choose_steps(t_eval, rtol, monitored), given...), t_eval.size(), monitored, t_eval.back()};
 }
 
-inline Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored,
-                                bool conserves) {
-  Run run = adaptive<AdaptiveMuntheKaas<BodyChart>>(t_eval, rtol, monitored, tableau, conserves);
-  run.by_joints = lent<AdaptiveMuntheKaas<JointChart>>(choose_steps(t_eval, rtol, monitored), tableau);
-  return run;
+inline Run implicit(CoordinateMap map, const Method& method, const std::vector<double>& steps,
+                    const std::vector<std::int64_t>& counts, bool monitored) {
+  require_steps(steps, counts);
+  const auto run = map == CoordinateMap::exp      ? run_method<ExpMap>
+                   : map == CoordinateMap::cayley ? run_method<CayleyMap>
+                                                  : run_method<CcskMap>;
+  return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
+            return run(plan, method, initial, steps, counts, monitored, record, interrupted);
+          },
+          steps.size() + 1, monitored, duration_of(steps, counts)};
 }
 
-inline Run taylor(const std::vector<double>& t_eval, double rtol, bool monitored, bool conserves) {
-  return adaptive<TaylorStepper>(t_eval, rtol, monitored, conserves);
-}
+// Compiled in python/runge_kutta.cpp.
+Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps, const std::vector<std::int64_t>& counts,
+                bool monitored);
+Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored,
+                         bool conserves);
+// Compiled in python/adaptive.cpp.
+Run seulex(const std::vector<double>& t_eval, double rtol, bool monitored);
+Run taylor(const std::vector<double>& t_eval, double rtol, bool monitored, bool conserves);
 
 }  // namespace lieeuler

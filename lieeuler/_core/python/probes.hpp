@@ -3,7 +3,6 @@
 
 #include <nanobind/eigen/dense.h>
 
-#include "methods/taylor.hpp"
 #include "python/arrays.hpp"
 
 namespace lieeuler {
@@ -11,49 +10,8 @@ namespace lieeuler {
 using Dense = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 // Taylor coefficients of x, R and w about a state, order by order, from a stepper's expansion.
-inline nb::dict taylor_coefficients(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w,
-                                    int order) {
-  require(order >= 0 && order <= kMostOrder, "no series has this order");
-  TaylorStepper stepper(plan);
-  const Status status = stepper.expand_at(make_state(plan.system, x, R, v, w), order);
-  const size_t n = plan.system.n(), count = order + 1;
-  std::vector<double> xs(3 * n * count), Rs(9 * n * count), ws(3 * n * count);
-  for (size_t at = 0; at < n * count; ++at) {
-    const auto [position, attitude, rate] =
-        stepper.series().coefficient(static_cast<int>(at % n), static_cast<int>(at / n));
-    put(xs, 3 * at, position), put(ws, 3 * at, rate), put(Rs, 9 * at, attitude);
-  }
-  nb::dict result;
-  result["status"] = name_of(status);
-  result["x"] = make_array(std::move(xs), {count, n, 3});
-  result["R"] = make_array(std::move(Rs), {count, n, 3, 3});
-  result["w"] = make_array(std::move(ws), {count, n, 3});
-  return result;
-}
-
-// A state projected onto Phi = 0 and G u = 0 with a matrix of its own, with the number of redundant rows at `home`.
-inline nb::dict project(const Plan& plan, const Array& home_x, const Array& home_R, const Array& x, const Array& R,
-                        const Array& v, const Array& w) {
-  const System& system = plan.system;
-  State state = make_state(system, x, R, v, w);
-  const State home = make_state(system, home_x, home_R, v, w);
-  Projection projection(plan);
-  Counters counters;
-  Status status = projection.start(home);
-  if (status == Status::success) status = projection.project(state, Scales::of_motion(system, home).length, counters);
-  const size_t n = system.n();
-  std::vector<double> Rs(9 * n);
-  Dense xs(n, 3), vs(n, 3), ws(n, 3);
-  for (size_t b = 0; b < n; ++b) {
-    put(Rs, 9 * b, state.frames[b].R);
-    xs.row(b) = state.frames[b].x, vs.row(b) = state.u[b].v, ws.row(b) = state.u[b].w;
-  }
-  nb::dict result;
-  result["status"] = name_of(status);
-  result["x"] = xs, result["v"] = vs, result["w"] = ws;
-  result["R"] = make_array(std::move(Rs), {n, 3, 3});
-  return result;
-}
+// Compiled in python/adaptive.cpp.
+Parts taylor_coefficients(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w, int order);
 
 // Adds a block of second derivatives between two bodies, if neither is the ground.
 inline void add_block(Dense& sum, int row, int column, const Stiffness& K) {
@@ -64,8 +22,8 @@ inline void add_block(Dense& sum, int row, int column, const Stiffness& K) {
 }
 
 // Phi, G, gamma, d(G u)/dq and d(gamma)/du of a state, dense; and d(G^T lam)/dq.
-inline nb::dict constraints(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w,
-                            const Array& lam) {
+inline Parts constraints(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w,
+                         const Array& lam) {
   const System& system = plan.system;
   const State state = make_state(system, x, R, v, w);
   const int m = system.rows() + system.others(), columns = 6 * system.n();
@@ -98,14 +56,14 @@ inline nb::dict constraints(const Plan& plan, const Array& x, const Array& R, co
       }
     }
   }
-  nb::dict result;
+  Parts result;
   result["phi"] = phi, result["gamma"] = gamma, result["G"] = G;
   result["velocity_slope"] = slope, result["gamma_velocity_slope"] = gamma_slope, result["geometric_stiffness"] = K;
   return result;
 }
 
 // f without -w x J w, its derivatives with respect to q and u, and the energy of springs.
-inline nb::dict forces(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w) {
+inline Parts forces(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w) {
   const System& system = plan.system;
   const State state = make_state(system, x, R, v, w);
   const int columns = 6 * system.n();
@@ -123,7 +81,7 @@ inline nb::dict forces(const Plan& plan, const Array& x, const Array& R, const A
         add_block(by_u, bodies[row], bodies[column], here.by_velocity(row, column));
       }
   }
-  nb::dict result;
+  Parts result;
   result["f"] = Eigen::VectorXd(Eigen::Map<Eigen::VectorXd>(flat(f), columns));
   result["by_q"] = by_q, result["by_u"] = by_u;
   result["potential"] = potential;
@@ -131,9 +89,9 @@ inline nb::dict forces(const Plan& plan, const Array& x, const Array& R, const A
 }
 
 template <class Map>
-nb::dict map_values(const Vec3& xi, const Mat3& J, double h) {
+Parts map_values(const Vec3& xi, const Mat3& J, double h) {
   Map map;
-  nb::dict result;
+  Parts result;
   result["inside"] = map.set(h * xi);
   result["rotation"] = Mat3(map.rotation());
   result["left_tangent"] = Mat3(map.left_tangent());

@@ -66,13 +66,16 @@ inline bool ctrl_c() {
 // Runs from a state at the time of `method` into the arrays of Samples. checks: returns None, without a run, if the
 // state is not admissible. Returns the status; samples filled, time reached and wall time (s); counters, maxima, and
 // which levels are open at the end, of all steps with maxima or else of the last sample.
-inline nb::object integrate(const Plan& plan, const Run& method, const Array& x, const Array& R, const Array& v,
-                            const Array& w, bool checks, const Output& vectors, const Output& attitudes,
-                            const Output& lam, const Output& angles) {
+using Counted = std::tuple<long, long, long, long, long, long, int>;
+using Ended = std::tuple<std::string, int, double, double, Counted,
+                         std::tuple<double, double, double, double, double, double>, std::tuple<bool, bool, bool>>;
+inline std::optional<Ended> integrate(const Plan& plan, const Run& method, const Array& x, const Array& R,
+                                      const Array& v, const Array& w, bool checks, const Output& vectors,
+                                      const Output& attitudes, const Output& lam, const Output& angles) {
   const System& system = plan.system;
   State initial = make_state(system, x, R, v, w);
   initial.frames.time = method.begin;
-  if (checks && !is_admissible(plan, initial)) return nb::none();
+  if (checks && !is_admissible(plan, initial)) return std::nullopt;
   Samples samples(method.samples, system, vectors, attitudes, lam, angles);
   std::array<bool, 3> open{};
   const Record record = [&](int sample, const State& state) {
@@ -93,17 +96,19 @@ inline nb::object integrate(const Plan& plan, const Run& method, const Array& x,
     open = open_levels(plan, samples.trajectory(outcome.samples), outcome.maxima, method.duration);
   const Counters& done = outcome.counters;
   const Maxima& most = outcome.maxima;
-  return nb::make_tuple(name_of(outcome.status), outcome.samples, outcome.time_reached, seconds,
-                        nb::make_tuple(done.steps, done.rejected_steps, done.force_evaluations, done.newton_iterations,
-                                       done.factorizations, done.most_iterations, outcome.redundant_rows),
-                        nb::make_tuple(most.energy_error, most.kinetic, most.position, most.velocity, most.acceleration,
-                                       most.orthogonality),
-                        nb::make_tuple(open[0], open[1], open[2]));
+  return Ended{name_of(outcome.status),
+               outcome.samples,
+               outcome.time_reached,
+               seconds,
+               {done.steps, done.rejected_steps, done.force_evaluations, done.newton_iterations, done.factorizations,
+                done.most_iterations, outcome.redundant_rows},
+               {most.energy_error, most.kinetic, most.position, most.velocity, most.acceleration, most.orthogonality},
+               {open[0], open[1], open[2]}};
 }
 
 // Runs all members; returns their samples and how each ended. `plans` holds one plan for all members, or one for each.
-inline nb::dict integrate_ensemble(const std::vector<const Plan*>& plans, const Run& method, const Array& x,
-                                   const Array& R, const Array& v, const Array& w, int threads) {
+inline Parts integrate_ensemble(const std::vector<const Plan*>& plans, const Run& method, const Array& x,
+                                const Array& R, const Array& v, const Array& w, int threads) {
   require(!plans.empty() && threads > 0, "an ensemble needs a system and a thread");
   const size_t T = method.samples, n = plans[0]->system.n(), N = x.size() / (3 * n);
   require(plans.size() == 1 || plans.size() == N, "one system, or one for each member");
@@ -135,7 +140,7 @@ inline nb::dict integrate_ensemble(const std::vector<const Plan*>& plans, const 
     interrupted = on_threads(N, threads, ctrl_c, run_member);
     seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
-  nb::dict result;
+  Parts result;
   result["x"] = make_array(std::move(xs), {N, T, n, 3});
   result["R"] = make_array(std::move(Rs), {N, T, n, 3, 3});
   result["v"] = make_array(std::move(vs), {N, T, n, 3});

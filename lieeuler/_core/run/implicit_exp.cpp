@@ -1,0 +1,7 @@
+#include "run/implicit.hpp"
+
+namespace lieeuler {
+
+template RunMethod run_method<ExpMap>;
+
+}  // namespace lieeuler

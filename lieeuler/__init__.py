@@ -24,7 +24,7 @@ from lieeuler.joints import (
 )
 from lieeuler.laws import Law, Servo, Stops
 from lieeuler.methods import COORDINATE_MAPS, EULER_METHODS, METHODS, Method
-from lieeuler.problem import Body, Problem
+from lieeuler.problem import Body, Problem, project
 from lieeuler.solution import Solution, Stats, Status
 
 __all__ = [
@@ -33,7 +33,7 @@ __all__ = [
     "LinearSpring", "Method", "Mimic", "PreparedRun", "Problem", "Rotor", "Servo", "SlideForce", "Solution", "Stats",
     "Status", "Stops", "TimeFunction", "TorsionalSpring", "cylindrical_joint", "distance_joint", "fixed_joint",
     "integrate", "integrate_ensemble", "knife_edge_joint", "planar_joint", "point_on_line_joint",
-    "point_on_plane_joint", "prepare", "prismatic_joint", "revolute_joint", "rolling_disk_joint",
+    "point_on_plane_joint", "prepare", "prismatic_joint", "project", "revolute_joint", "rolling_disk_joint",
     "rolling_sphere_joint", "spherical_joint", "universal_joint",
 ]  # fmt: skip
 

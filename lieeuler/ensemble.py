@@ -212,7 +212,7 @@ def _check_states(problem: Problem, states: Mapping[str, np.ndarray]) -> None:
         member, level = np.argwhere(open_)[0]
         what, size = (("joints", "length"), ("velocity constraints", "speed"))[level]
         raise ArgumentError(f"the initial state of member {member} violates the {what} by {levels[member, level]:.3g} "
-                            f"of the system's {size}; project it first (bound {CLOSED:g})")
+                            f"of the system's {size}; the bound is {CLOSED:g}, and lieeuler.project closes it")
 
 
 def _new(value: Any, _: Any) -> Any:

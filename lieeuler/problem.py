@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -15,7 +15,8 @@ from lieeuler.errors import ArgumentError
 from lieeuler.forces import Force
 from lieeuler.joints import Joint
 from lieeuler.laws import Law
-from lieeuler.types import GROUND
+from lieeuler.solution import Status
+from lieeuler.types import GROUND, ArrayLike, State
 
 Found = TypeVar("Found")
 CLOSED = 1e-8
@@ -23,6 +24,8 @@ CLOSED = 1e-8
 ROUNDING = 1e-12
 """The same where constraints are left out, as those of welds are; relative size below which an angle between
 directions, or a velocity out of a plane, is rounding."""
+MOST_PASSES = 10
+"""Of a projection, twelve iterations each; from further off they wander."""
 DEPENDENT = 1e-6
 """Sine of the angle below which two directions of one joint count as one."""
 
@@ -109,10 +112,8 @@ class Problem(Frozen):
         n = len(self.bodies)
         if n == 0:
             raise ArgumentError("a problem needs at least one body")
-        for name, shape in (("x", (n, 3)), ("R", (n, 3, 3)), ("v", (n, 3)), ("w", (n, 3))):
-            object.__setattr__(self, name, array(name, getattr(self, name), shape))
-        if np.abs(np.swapaxes(self.R, 1, 2) @ self.R - np.eye(3)).max() > 1e-10 or (np.linalg.det(self.R) < 0).any():
-            raise ArgumentError("R must hold rotation matrices")
+        for name, value in zip("xRvw", _state(n, (self.x, self.R, self.v, self.w)), strict=True):
+            object.__setattr__(self, name, value)
         for group in ("joints", "forces"):
             for k, item in enumerate(getattr(self, group)):
                 if not (0 <= item.child < n and GROUND <= item.parent < n and item.parent != item.child):
@@ -131,7 +132,7 @@ class Problem(Frozen):
             if not gap <= CLOSED:
                 when = "" if t == self.time else f" at t = {t:g} s, where the run begins, not at Problem.time"
                 raise ArgumentError(f"the initial state violates the {name} by {gap:.3g} of the system's {size}{when}; "
-                                    f"project it first (bound {CLOSED:g})")
+                                    f"the bound is {CLOSED:g}; from a nearby problem lieeuler.project closes it")
 
     @classmethod
     def unchecked(cls, problem: Problem, **changes: object) -> Problem:
@@ -184,3 +185,51 @@ class Problem(Frozen):
         for index, joint in enumerate(self.joints):
             joint.add_rotors_to(system, index)
         return system
+
+
+def project(problem: Problem, state: Sequence[ArrayLike]) -> State:
+    """A state that satisfies the joints and their velocity constraints to rounding, from one that does not.
+
+    Positions and attitudes change by the least in the metric of the masses, to first order in the change, velocities
+    then by the least kinetic energy (docs/theory.md, section 10). Drives are those at `problem.time`.
+
+    Parameters
+    ----------
+    problem : Problem
+        Redundant constraint rows are counted at its own state.
+    state : x, R, v, w
+        (n, 3), (n, 3, 3), (n, 3), (n, 3), in the conventions of `lieeuler.types`; open by a part of the system's size.
+
+    Returns
+    -------
+    x, R, v, w
+        As `dataclasses.replace(problem, x=x, R=R, v=v, w=w)` and prepared runs take them.
+
+    Raises
+    ------
+    ArgumentError
+        The state has other shapes or no rotations, or no closed state was found from there.
+    """
+    if not isinstance(problem, Problem):
+        raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
+    if not isinstance(state, Sequence) or len(state) != 4:
+        raise ArgumentError(f"state must be four arrays, x, R, v and w, not {state!r}")
+    x, R, v, w = _state(problem.n, state)
+    closed = 0
+    for _ in range(MOST_PASSES):  # each with a matrix from where it begins
+        status, x, R, v, w = _kernel.project(problem.kernel, problem.time, problem.x, problem.R, x, R, v, w)
+        if status not in (Status.SUCCESS, Status.NEWTON_FAILED):
+            break
+        closed += status == Status.SUCCESS
+        if closed == 2:  # the first ends near the joints, the second to rounding
+            return x, R, v, w
+    raise ArgumentError(f"no closed joints are found from this state ({status}); give a closer one")
+
+
+def _state(n: int, state: Sequence[ArrayLike]) -> State:
+    """The arrays of a state of n bodies."""
+    x, R, v, w = (array(name, value, shape) for name, value, shape in
+                  zip("xRvw", state, ((n, 3), (n, 3, 3), (n, 3), (n, 3)), strict=True))
+    if np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max() > 1e-10 or (np.linalg.det(R) < 0).any():
+        raise ArgumentError("R must hold rotation matrices")
+    return x, R, v, w

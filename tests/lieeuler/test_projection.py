@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import lieeuler
 from lieeuler import _kernel
 from tests.lieeuler.accuracy import EPS, mass_matrix
 from tests.lieeuler.systems import SYSTEMS, hung_by_both_ends
@@ -27,7 +30,8 @@ def moved(problem, x, turn):
 def project(problem, x, R, v=None, w=None):
     v, w = problem.v if v is None else v, problem.w if w is None else w
     state = [np.ascontiguousarray(a, float) for a in (x, R, v, w)]
-    return _kernel.project(problem.kernel, problem.x, problem.R, *state)
+    return dict(zip(("status", *"xRvw"), _kernel.project(problem.kernel, problem.time, problem.x, problem.R, *state),
+                    strict=True))
 
 
 def rows(problem, x, R, v, w):
@@ -126,3 +130,73 @@ def test_near_a_singular_position_rounding_of_the_joints_is_no_failure(angle):
         assert gap(problem, found) < 50 * EPS * 3
     else:
         assert found["status"] in ("newton_failed", "singular_matrix")
+
+
+def arm(angle, rate, at, body, **more):
+    """An arm of a hinge about y on the ground, with what moves the hinge; its state is x, R, v, w."""
+    R, axis, down = Rotation.from_euler("y", angle).as_matrix(), [0.0, 1.0, 0.0], np.array([0.0, 0.0, -1.0])
+    hinge = dataclasses.replace(lieeuler.revolute_joint(-1, body, at, -down, axis, axis), **more)
+    w = rate * np.array(axis)
+    return hinge, (at + R @ down, R, R @ np.cross(w, down), w)
+
+
+def system(arms, time=0.0):
+    hinges, states = zip(*arms, strict=True)
+    bodies = [lieeuler.Body(1.0, np.diag([0.02, 0.03, 0.04]))] * len(arms)
+    return lieeuler.Problem(bodies, hinges, [0, 0, -9.81], *map(np.array, zip(*states, strict=True)), time=time)
+
+
+ANGLE = lieeuler.Coordinate([0, 1, 0], [0, 1, 0], np.eye(3))
+
+
+def driven():
+    """A hinge whose angle is 0.3 + 0.8 t, at t = 1.5 s."""
+    drive = lieeuler.Drive(lieeuler.TimeFunction([[0.3, 0.8]]), ANGLE)
+    return system([arm(1.5, 0.8, np.zeros(3), 0, drive=drive)], time=1.5)
+
+
+def geared():
+    """Two hinges, of which the second turns twice as far as the first."""
+    follows = lieeuler.Mimic(0, ANGLE, ANGLE, 2.0, 0.1)
+    return system([arm(0.4, 0.5, np.zeros(3), 0), arm(0.9, 1.0, np.array([3.0, 0, 0]), 1, mimic=follows)])
+
+
+@pytest.mark.parametrize("make", [*PROBLEMS.values(), driven, geared], ids=[*PROBLEMS, "driven", "geared"])
+@pytest.mark.parametrize("size", [0.1, 1e-4])
+def test_a_projected_state_starts_a_run(make, size):
+    problem = make()
+    random = np.random.default_rng(3)
+    shape = problem.x.shape
+    x, R = moved(problem, size * random.normal(size=shape), size * random.normal(size=shape))
+    v, w = problem.v + size * random.normal(size=shape), problem.w + size * random.normal(size=shape)
+    with pytest.raises(lieeuler.ArgumentError, match=r"lieeuler\.project"):
+        dataclasses.replace(problem, x=x, R=R, v=v, w=w)
+    closed = dict(zip("xRvw", lieeuler.project(problem, (x, R, v, w)), strict=True))
+    start = dataclasses.replace(problem, **closed)
+    assert start.opening < 1e-14
+    assert np.abs(start.x - x).max() < 10 * size
+    again = lieeuler.project(problem, (start.x, start.R, start.v, start.w))
+    for before, after in zip((start.x, start.R, start.v, start.w), again, strict=True):
+        np.testing.assert_allclose(after, before, rtol=0, atol=1e-14 * np.abs(before).max())
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda x, R, v, w: (x, R, v), "four arrays"), (lambda x, R, v, w: 1.0, "four arrays"),
+    (lambda x, R, v, w: (x[:1], R, v, w), r"x must be finite and of shape \(2, 3\)"),
+    (lambda x, R, v, w: (x, 2 * R, v, w), "rotation matrices"),
+    (lambda x, R, v, w: (x, R, v * np.nan, w), "v must be finite"),
+])
+def test_a_state_that_cannot_be_projected_is_named(change, words):
+    problem = SYSTEMS["double_pendulum"]()
+    with pytest.raises(lieeuler.ArgumentError, match=words):
+        lieeuler.project(problem, change(problem.x, problem.R, problem.v, problem.w))
+    with pytest.raises(lieeuler.ArgumentError, match="must be a lieeuler"):
+        lieeuler.project(problem.bodies, (problem.x, problem.R, problem.v, problem.w))
+
+
+def test_a_state_too_far_off_is_refused():
+    problem = PROBLEMS["four-bar"]()
+    random = np.random.default_rng(0)
+    x, R = moved(problem, 3 * random.normal(size=problem.x.shape), 3 * random.normal(size=problem.x.shape))
+    with pytest.raises(lieeuler.ArgumentError, match="give a closer one"):
+        lieeuler.project(problem, (x, R, problem.v, problem.w))

@@ -106,7 +106,7 @@ def test_workflows_use_what_is_there():
 
 def test_pages_show_the_workflows_as_they_are():
     shown = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "nightly.md").read_text(), re.DOTALL)
-    assert [yaml.safe_load(each) for each in shown] == [WORKFLOWS["nightly.yml"], WORKFLOWS["pull-request.yml"]]
+    assert [yaml.safe_load(each) for each in shown] == [WORKFLOWS["nightly.yml"]]
 
 
 def test_oldest_and_newest_python_and_both_compilers():

@@ -118,8 +118,7 @@ def split(entry: str) -> tuple[str, str]:
     """(engine, method) of "engine", "engine:method" and, for a class of the user, "module:Class:method"."""
     if is_own(entry):
         home, _, rest = entry.rpartition(":")
-        # A Windows path has a colon too, after its drive letter.
-        return (home, rest) if ":" in home[2:] else (entry, "")
+        return (home, rest) if ":" in home else (entry, "")
     engine, _, method = entry.partition(":")
     return engine, method
 

@@ -87,7 +87,7 @@ def flow_derivative(scene: Scene | str | os.PathLike[str], duration: float, sour
         raise ArgumentError(f"duration: {duration!r} is no time in s above 0")
     if isinstance(parameters, str):
         raise ArgumentError(f"parameters: give a tuple of paths, ({parameters!r},)")
-    loaded = loaded.replace(duration=float(duration), samples=2)
+    loaded = loaded.lasting(duration).replace(samples=2)
     space = JointSpace(loaded.lawless)
     content = content_of(loaded) if parameters else {}
     numbers = [number_at(content, path) for path in parameters]

@@ -145,7 +145,8 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     system = begun(scene)
     verdict = Verdict("measured", {}, None, None, None, None, scene=scene)
     lines = [f"{scene.name}: {fine.name}, {len(fine.t)} rows from {fine.t[0]:g} to {fine.t[-1]:g} s"]
-    most = (min(truth.horizon, BEYOND * scene.duration) + since) * (1 + 1e-12)
+    table = min((function.end for function in scene.functions), default=math.inf)
+    most = min(min(truth.horizon, BEYOND * scene.duration) + since, table) * (1 + 1e-12)
     kept = [part_of(each, slice(0, int(np.searchsorted(each.t, most, side="right")))) for each in given]
     if any(len(each.t) == 0 for each in kept):
         verdict.outcome = "unjudged"
@@ -156,8 +157,9 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     verdict.differences, verdict.until, verdict.errors = seen, float(kept[0].t[-1]), seen.errors
     verdict.floors = {key: float(seen.floor[k][at]) for key in fine.keys for k, at in [seen.worst(key)]}
     if verdict.until < fine.t[-1]:
-        notes.append(f"judged up to {verdict.until:g} s" + (f": {truth.horizon_cause}" if truth.horizon_cause else
-                                                            ", where truth ends"))
+        why = f": {truth.horizon_cause}" if truth.horizon_cause else ", where truth ends"
+        notes.append(f"judged up to {verdict.until:g} s" + (
+            f": the table of a spline ends at {table:g} s" if fine.t[-1] > table >= verdict.until else why))
     failed = _sizes(seen, allowed, lines) + _kinds(seen, notes)
     failed += _defects(system, seen, since, allowed, verdict, notes)
     _figures(system, kept[0], truth, since, verdict, notes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import numbers
 from collections.abc import Mapping
@@ -87,7 +86,7 @@ def overridden(scene: Scene, options: Mapping[str, Any]) -> Scene:
         samples = int(given)
     duration = _positive("duration", options.get("duration")) or duration
     unchanged = (samples, duration) == (scene.samples, scene.duration)
-    return scene if unchanged else dataclasses.replace(scene, samples=samples, duration=duration)
+    return scene if unchanged else scene.lasting(duration).replace(samples=samples)
 
 
 def _positive(name: str, value: object) -> float | None:

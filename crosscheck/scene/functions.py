@@ -19,11 +19,13 @@ class TimeFunction:
     breaks : where the pieces begin, s, increasing; the first piece also holds before its break, the last one never ends
     pieces : for each break its coefficients in powers of t - break, constant first
     terms : (amplitude, angular frequency in rad/s, phase in rad) of amplitude sin(angular frequency t + phase)
+    end : s, until which it is known: a spline is no longer known after its table
     """
 
     breaks: tuple[float, ...] = (0.0,)
     pieces: tuple[tuple[float, ...], ...] = ((0.0,),)
     terms: tuple[tuple[float, float, float], ...] = ()
+    end: float = math.inf
 
     def __call__(self, t: object, derivative: int = 0) -> Any:
         """The value, or that of a derivative, at times of any shape."""
@@ -41,22 +43,23 @@ class TimeFunction:
     def times(self, factor: float) -> TimeFunction:
         """The function times a number."""
         return TimeFunction(self.breaks, tuple(tuple(factor * c for c in piece) for piece in self.pieces),
-                            tuple((factor * a, w, phase) for a, w, phase in self.terms))
+                            tuple((factor * a, w, phase) for a, w, phase in self.terms), self.end)
 
     def plus(self, value: float) -> TimeFunction:
         """The function plus a number."""
-        return TimeFunction(self.breaks, tuple((piece[0] + value, *piece[1:]) for piece in self.pieces), self.terms)
+        return dataclasses.replace(self, pieces=tuple((piece[0] + value, *piece[1:]) for piece in self.pieces))
 
     def delayed(self, by: float) -> TimeFunction:
         """The function of t - by."""
         return TimeFunction(tuple(t + by for t in self.breaks), self.pieces,
-                            tuple((a, w, phase - w * by) for a, w, phase in self.terms))
+                            tuple((a, w, phase - w * by) for a, w, phase in self.terms), self.end + by)
 
     def derivative(self, order: int) -> TimeFunction:
         """A derivative as a function."""
         pieces = (np.polynomial.polynomial.polyder(np.array(piece), order).tolist() for piece in self.pieces)
         return TimeFunction(self.breaks, tuple(tuple(piece) for piece in pieces),
-                            tuple((a * w**order, w, phase + order * math.pi / 2) for a, w, phase in self.terms))
+                            tuple((a * w**order, w, phase + order * math.pi / 2) for a, w, phase in self.terms),
+                            self.end)
 
     @property
     def jumps(self) -> bool:
@@ -97,7 +100,7 @@ def spline(times: Sequence[float], values: Sequence[float]) -> TimeFunction:
     from scipy.interpolate import CubicSpline
 
     curve = CubicSpline(np.array(times), np.array(values))
-    return TimeFunction(tuple(times[:-1]), tuple(tuple(piece[::-1]) for piece in curve.c.T.tolist()))
+    return TimeFunction(tuple(times[:-1]), tuple(tuple(piece[::-1]) for piece in curve.c.T.tolist()), end=times[-1])
 
 
 def hold(times: Sequence[float], values: Sequence[float]) -> TimeFunction:

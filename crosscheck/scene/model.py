@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.errors import SceneError
 from crosscheck.scene.functions import TimeFunction, Value, at
 from crosscheck.scene.joints import JOINT_TYPES, JointType
 from crosscheck.scene.laws import DryFriction, Limits, Monitor, Servo, Shape
@@ -443,6 +444,14 @@ class Scene(_Record):
         return tuple(sorted({t for function in self.functions for t in function.inner_breaks
                              if 0 < t < self.duration}))
 
+    def lasting(self, duration: float) -> Scene:
+        """The scene with another duration (s); raises `SceneError` if a spline is not known so long."""
+        end = min((function.end for function in self.functions), default=np.inf)
+        if duration > end * (1 + 1e-12):
+            raise SceneError(f"duration: the table of a spline of scene {self.name!r} ends at {end:g} s, before "
+                             f"{duration:g} s; give it a longer table, or a shorter duration")
+        return self.replace(duration=float(duration))
+
     def replace(self, **changes: Any) -> Scene:
         """A copy with some fields changed, such as `duration` or `samples`."""
         return dataclasses.replace(self, **changes)
@@ -494,4 +503,6 @@ def _value(value: object) -> Any:
         return {key: _value(each) for key, each in value.items()}
     if isinstance(value, tuple) and any(isinstance(each, DryFriction | Limits) for each in value):
         return [None if each is None else dataclasses.astuple(each) for each in value]
-    return dataclasses.astuple(value) if isinstance(value, TimeFunction | Mimic) else value
+    if isinstance(value, TimeFunction):  # what is known of it does not change the motion
+        return value.breaks, value.pieces, value.terms
+    return dataclasses.astuple(value) if isinstance(value, Mimic) else value

@@ -357,7 +357,7 @@ class WorkPrecision:
         """Measure scene by scene. Runs of one scene take turns, so that their times can be compared."""
         results: list[SceneLadders] = []
         for scene in work.scenes:
-            self._measure(work, scene.replace(duration=work.ask.duration or scene.duration), results)
+            self._measure(work, scene.lasting(work.ask.duration or scene.duration), results)
 
     def _measure(self, work: Work[WorkPrecisionAsk, SceneLadders], scene: Scene, results: list[SceneLadders]) -> None:
         """Add the ladders of a scene to the results."""

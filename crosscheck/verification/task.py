@@ -63,7 +63,7 @@ def load(name: str, plan: Plan, whole: bool = True) -> Scene:
     """A scene, or its first window, at the output times of its plan."""
     scene = load_scene(name)
     duration = plan.duration or scene.duration if whole else min(plan.window, scene.duration)
-    return scene.replace(duration=duration, samples=plan.samples)
+    return scene.lasting(duration).replace(samples=plan.samples)
 
 
 @dataclasses.dataclass(frozen=True)

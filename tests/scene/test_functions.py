@@ -167,3 +167,16 @@ def test_energy_less_work_stays_as_samples_get_dense(name):
     assert gaps[2] < 1e-6 * np.ptp(traj.energy)
     assert min(np.log2(np.divide(gaps[:-1], gaps[1:]))) > 5.5  # towards eight; the ends of a spline are of order less
     np.testing.assert_allclose(mechanics.work(scene, traj), traj.work)
+
+
+def test_a_spline_is_not_known_after_its_table():
+    scene = crosscheck.load_scene("driven_cart")
+    ends = {function.end for function in scene.functions}
+    assert min(ends) == 2.0
+    assert scene.delayed(0.5).lasting(2.5).duration == 2.5
+    assert {function.times(2.0).plus(1.0).end for function in scene.functions} == ends
+    for prolonged in (lambda: crosscheck.run(scene, "lieeuler", "rattle2", step=1e-2, duration=2.1),
+                      lambda: scene.lasting(2.1),
+                      lambda: crosscheck.flow_derivative(scene, 2.1)):
+        with pytest.raises(crosscheck.SceneError, match="table of a spline of scene 'driven_cart' ends at 2 s"):
+            prolonged()

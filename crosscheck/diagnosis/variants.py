@@ -53,7 +53,8 @@ def on_balls(scene: Scene) -> tuple[Scene, tuple[int, ...]] | None:
     hinged = {joint.name for joint in scene.joints if joint.type == "revolute"}
     joints = tuple(
         dataclasses.replace(joint, type="spherical", parent_axis=None, child_axis=None, drive=None, mimic=None,
-                            armature=(), damping=(), stiffness=(), rest_position=(), start=None)
+                            start=None, armature=(), damping=(), stiffness=(), rest_position=(), dry_friction=(),
+                            limits=())
         if joint.name in hinged else dataclasses.replace(joint, mimic=None) for joint in scene.joints)
     kept = tuple(k for k, force in enumerate(scene.loads) if force.joint not in hinged)
     return scene.replace(joints=joints, forces=tuple(each for each in scene.forces if each.joint not in hinged)), kept

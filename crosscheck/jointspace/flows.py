@@ -21,6 +21,7 @@ from crosscheck.jointspace.motion import JointSpace, angles, between, coordinate
 from crosscheck.references import compute
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
+from crosscheck.references.tree import FREE
 from crosscheck.running.attempt import Ran, Way, attempt
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
@@ -138,6 +139,10 @@ def jet(space: JointSpace) -> np.ndarray:
     state = np.array(integrator.state)
     first = np.array([state[integrator.get_vslice(order=1, component=k)] for k in range(size)])
     last = JointSpace(posed(scene, space.at(state[:size].tolist())))
+    for link in last.links:
+        place = last.equations.tree.coordinates[link.body].start
+        if link.turn == FREE and state[place:place + 4] @ last.equations.initial[place:place + 4] < 0.0:
+            first[place:place + 4] *= -1.0  # one attitude has two quaternions
     return np.asarray(np.linalg.pinv(_tangent(last)) @ first @ _tangent(space))
 
 

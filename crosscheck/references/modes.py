@@ -31,6 +31,8 @@ CLOSED = 1e-6
 """Relative distance from a stop at which a motion that was held there still is."""
 COUPLED = 1e-12
 """What an impulse at one stop changes of the rate at another one is rounding below this part of their own."""
+DEAD = 1e-12
+"""A joint whose acceleration by an effort is below this part of the largest before is at a dead centre."""
 PILE = 1e-4
 """Bounces less than this (s) apart pile up."""
 SIDES = {-1: "lower", 1: "upper"}
@@ -162,6 +164,7 @@ class Machine:
     def __init__(self, form: Formulation) -> None:
         self.form, self.laws = form, form.laws
         self.breaks = breaks(form.scene)
+        self.gains = np.zeros(len(self.laws))  # the largest accelerations by unit efforts at starts
 
     def next_time(self, t: float, mode: Mode) -> float:
         """The next time after t at which a function of time breaks or a servo samples."""
@@ -215,6 +218,8 @@ class Machine:
         """
         q, rate = (each[:, 0] for each in self.form.moving(np.full(1, t), y[None]))
         tiny = RESTING * max(1.0, np.abs(rate).max(initial=0.0))
+        if self.laws:
+            self.gains = np.maximum(self.gains, np.diag(self.form.response(t, y)[1]))
         parts, fired = [], list[Label]()
         for i, law in enumerate(self.laws):
             part = Part(way=1 if rate[i] >= 0 else -1)
@@ -296,6 +301,7 @@ class _Change:
 
     def __init__(self, machine: Machine, t: float, y: np.ndarray, parts: list[Part]) -> None:
         self.form, self.laws, self.t, self.y, self.parts = machine.form, machine.laws, t, y, parts
+        self.gains = machine.gains
         self.names: dict[str, str] = {}
         self.resting: dict[int, int] = {}  # coordinates that came to rest, with the direction in which they moved
         self.hits: dict[int, int] = {}
@@ -318,7 +324,9 @@ class _Change:
     def fire(self, i: int, name: Any) -> None:
         """One surface is reached."""
         part, law = self.parts[i], self.laws[i]
-        if name == "rest":
+        if name == "rest" and self.at_dead_centre(i):
+            self.turn_back(i)
+        elif name == "rest":
             self.y = self.form.settled(self.y, i, None, 0.0)
             self.resting[i] = part.slip
         elif name in ("lo", "hi"):
@@ -343,6 +351,18 @@ class _Change:
         else:
             sign = int(np.sign(part.way))
             self.change(i, way={"way": -sign, "fast": 2 * sign, "slow": sign}[name])
+
+    def at_dead_centre(self, i: int) -> bool:
+        """Whether no effort along a coordinate moves it or holds it, as along the guide of a straight slider-crank."""
+        return bool(self.form.response(self.t, self.y)[1][i, i] <= DEAD * self.gains[i])
+
+    def turn_back(self, i: int) -> None:
+        """Its friction changes sign where its acceleration, on which friction has no part there, takes it back."""
+        slip, pulled = self.parts[i].slip, float(self.form.response(self.t, self.y)[0][i])
+        if not slip * pulled < 0.0:
+            self.cause = f"joint {self.laws[i].joint.name!r} is at rest at its dead centre, where nothing holds it"
+        self.change(i, slip=-slip, way=-slip)
+        self.name(i, "reverses")
 
     def free(self, i: int, direction: int) -> None:
         """A held coordinate begins to move."""

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import crosscheck
 from crosscheck.diagnosis import altered, fit, hypotheses, misreadings, observe, of_stepping, physics, variants
 from crosscheck.diagnosis.hypotheses import Cause, Context
 from crosscheck.diagnosis.observe import Observation, Scale, Subject
@@ -15,6 +16,7 @@ from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.file import load_scene
 from tests.diagnosis import misbuilt
 from tests.diagnosis.stepper import Flaws, Stepper
+from tests.jointspace.arms import arm
 
 SCENES = ("double_pendulum", "spring_pendulum", "torsion_wheel", "damped_pendulum", "loaded_pendulum", "four_bar",
           "hinge_pendulum", "puck_on_plane")
@@ -111,6 +113,14 @@ def test_copies_close_their_joints_and_turn():
         speeds = Constraints(copy).velocity(copy.x0[None], copy.R0[None], copy.v0[None], copy.w0[None])
         assert max(np.abs(gaps).max(), np.abs(speeds).max()) < 1e-9
         assert np.abs(copy.R0 - scene.R0).max() > 0.05
+
+
+def test_balls_in_place_of_hinges_have_no_laws_of_angles():
+    balls, kept = variants.on_balls(arm(2, stiffness=0.5))
+    assert not any(getattr(joint, name) for joint in balls.joints for name in (
+        "start", "armature", "damping", "stiffness", "rest_position", "dry_friction", "limits", "mimic", "drive"))
+    assert not kept
+    assert crosscheck.run(balls, "lieeuler", "rkmk4", step=0.1).status == "success"
 
 
 @pytest.mark.parametrize("wrong", [

@@ -38,6 +38,22 @@ def test_a_linear_oscillator():
     assert found.error < 1e-10
 
 
+@pytest.mark.parametrize("duration", [0.2, 0.7, 1.3])
+def test_a_ball_that_turns_by_more_than_half_a_turn(duration):
+    """A body of equal moments keeps its rate w; turns in its axes go as expm(-w x t), whatever its quaternion."""
+    w = np.array([2.0, -3.0, 6.0])
+    scene = scene_from({
+        "schema": 2, "name": "ball", "gravity": [0.0, 0.0, 0.0], "duration": 1.0, "samples": 2,
+        "bodies": [{"name": "ball", "mass": 1.0, "inertia": np.diag([0.2] * 3).tolist(), "position": [0.0] * 3,
+                    "angular_velocity": w.tolist()}],
+        "joints": [{"name": "joint", "type": "spherical", "parent": "ground", "child": "ball",
+                    "parent_anchor": [0.0] * 3, "child_anchor": [0.0] * 3}]}, "ball")
+    found = crosscheck.flow_derivative(scene, duration)
+    turning = np.zeros((6, 6))
+    turning[:3] = np.hstack([np.cross(w, np.eye(3)), np.eye(3)])
+    np.testing.assert_allclose(found.matrix, expm(duration * turning), atol=1e-12)
+
+
 def test_the_gains_of_a_servo():
     scene = slider({"type": "servo", "joint": "slide", "proportional": 30.0, "derivative": 0.7})
     found = crosscheck.flow_derivative(scene, 0.9, parameters=("forces.0.proportional", "forces.0.derivative"))

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, Annotated, Any
 
 import msgspec
+import numpy as np
 import typer
 from msgspec.structs import replace
 
@@ -25,6 +26,7 @@ from crosscheck.diagnosis.laws import which_law
 from crosscheck.document import PASSING, Advice, Record, Way, extended
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.files import cell, replacing
+from crosscheck.judge.metrics import up_to
 from crosscheck.judge.verdict import word, worst
 from crosscheck.references import Chaotic, conditioning
 from crosscheck.running.provenance import engine_version
@@ -173,12 +175,14 @@ def truth(
     if reference.outvoted:
         say(f"outvoted: {reference.outvoted}")
     say(f"a perturbation grows {reference.amplification:.3g}-fold over {shown.duration:g} s; "
-        f"runs are compared with truth up to {reference.horizon:g} s")
+        f"runs are compared with truth up to {reference.horizon:g} s"
+        + (f", where it ends: {reference.horizon_cause}" if reference.horizon_cause else ""))
     if floor:
         left, when = conditioning.floor(shown)
         say(f"floor of double precision: {left:.1e} of the length, radians; a rounding at {when:g} s grows most")
-    for body, position in zip(shown.bodies, reference.states.x[-1], strict=True):
-        say(f"{body.name}: x({shown.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")
+    last = int(np.count_nonzero(up_to(reference.t, reference.horizon))) - 1
+    for body, position in zip(shown.bodies, reference.states.x[last], strict=True):
+        say(f"{body.name}: x({reference.t[last]:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")
 
 
 def write_csv(scene: Scene, states: Trajectory | States, target: str) -> None:

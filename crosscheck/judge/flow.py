@@ -16,7 +16,7 @@ import numpy as np
 from crosscheck.document import Scales
 from crosscheck.judge.claim import Trace
 from crosscheck.judge.crossings import Crossed
-from crosscheck.references.base import Reference, breaks
+from crosscheck.references.base import GROWN, Reference, breaks
 from crosscheck.references.maximal import fastest
 from crosscheck.references.modes import Mode
 from crosscheck.scene import mechanics
@@ -77,7 +77,8 @@ class Flow:
     sizes: np.ndarray  # (K, I) the largest k-th derivative of y = (x / L, R) in the interval and near it, 1/s^k
     jerks: np.ndarray  # (K, I) the same for the accelerations (a / L, alpha), 1/s^(k + 2)
     spring: float  # 1/s, the rate of the fastest spring
-    regular: np.ndarray  # (I,) whether the constraints of closed loops are away from a loss of rank
+    regular: np.ndarray  # (I,) whether it ends before the claim, and closed loops are away from a loss of rank
+    ended: np.ndarray  # (I,) whether the claim of the scene ends before it does
     crossed: Crossed | None = None  # of a scene with laws of joints
 
     @property
@@ -185,7 +186,14 @@ def _flow(scene: Scene, run: Run, begin: States, regular: np.ndarray, moved: Any
         sizes[k] = np.fmin(sizes[k], later**k * most)
     fall = math.sqrt(float(np.linalg.norm(scene.gravity)) / scale.length)
     rate = np.maximum(around(fast, near), max(fall, fastest(scene)))
-    return Flow(index, tau, begin, since, end, rate, sizes, largest[1], spring, regular & _regular(scene, end), crossed)
+    ended = t + tau > claimed(truth) * (1 + 1e-12)
+    return Flow(index, tau, begin, since, end, rate, sizes, largest[1], spring,
+                regular & _regular(scene, end) & ~ended, ended, crossed)
+
+
+def claimed(truth: Reference) -> float:
+    """The time (s) at which the claim of a scene ends; a motion that goes on beyond its horizon, by chaos, has one."""
+    return truth.horizon if truth.horizon_cause not in ("", GROWN) else math.inf
 
 
 def _rows(states: Trace, rows: object) -> States:

@@ -83,7 +83,8 @@ def judge_intervals(scene: Scene, traj: Trace, runs: Sequence[Defects], apart: S
     every[own.flow.index] = told
     why = "; ".join(text for text, some in (
         ("errors grow more than twentyfold between two output times", steep.any()),
-        ("closed loops pass next to a singular position", not own.flow.regular.all()),
+        ("truth ends before", own.flow.ended.any()),
+        ("closed loops pass next to a singular position", not (own.flow.regular | own.flow.ended).all()),
         ("at this step a bound exceeds what the motion covers between two output times", (seen & ~told).any()),
         (f"of so many bodies only {len(told)} intervals are judged", len(told) < len(every))) if some)
     return findings, Judged(every, why)

@@ -36,23 +36,23 @@ class Error:
 
     unit: str
     times: np.ndarray  # (T,) s
-    series: np.ndarray  # (T,) the largest of all bodies
+    series: np.ndarray  # (T,) the largest of all bodies; NaN where there is no truth
     body: str  # the body with the largest error of all times
 
     @property
     def end(self) -> float:
-        """The error at the last time."""
-        return float(self.series[-1])
+        """The error at the last time for which there is truth."""
+        return float(self.series[~np.isnan(self.series)][-1])
 
     @property
     def max(self) -> float:
         """The largest error."""
-        return float(self.series.max())
+        return float(np.nanmax(self.series))
 
     @property
     def time(self) -> float:
         """Time (s) of the largest error."""
-        return float(self.times[int(np.argmax(self.series))])
+        return float(self.times[int(np.nanargmax(self.series))])
 
     @property
     def figures(self) -> Errors:
@@ -87,14 +87,15 @@ def differences(one: Motion, other: Motion) -> dict[str, np.ndarray]:
 def errors(scene: Scene, run: Motion, truth: Motion, until: float = np.inf) -> dict[str, Error]:
     """Errors of a run against truth, per quantity, over the samples up to the time `until` (s).
 
-    The error is infinite at times at which the run is not finite.
+    The error is infinite at times at which the run is not finite, NaN where truth is not.
     """
     keep = up_to(truth.t, until)
-    times = truth.t[keep]
+    times, unknown = truth.t[keep], np.isnan(truth.x[keep, 0, 0])
     result = {}
     for quantity, values in differences(run, truth).items():
         values = np.where(np.isfinite(values[keep]), values[keep], np.inf)
-        body = int(np.unravel_index(int(np.argmax(values)), values.shape)[1])
+        values[unknown] = np.nan
+        body = int(np.unravel_index(int(np.nanargmax(values)), values.shape)[1])
         result[quantity] = Error(QUANTITIES[quantity], times, values.max(axis=1), scene.bodies[body].name)
     return result
 

@@ -95,7 +95,7 @@ def judge_states(scene: Scene, traj: Trace, truth: Reference, window: Reference,
                 for quantity, error in judged.items()]
     if claim.eps > tolerances.EPS:
         findings.append(_arithmetic(scene, used, claim, round(until / float(traj.t[-1]) * traj.steps)))
-    return findings, errors(scene, traj, truth.states), dataclasses.replace(bounds, near=near)
+    return findings, errors(scene, traj, truth.states.until(truth.horizon)), dataclasses.replace(bounds, near=near)
 
 
 def _late(claim: Claim) -> float:

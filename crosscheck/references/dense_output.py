@@ -208,6 +208,8 @@ class Truth:
     def at(self, t: object) -> States:
         """States at increasing times (s), with accelerations; it is prolonged if it has to be.
 
+        After the horizon they are NaN.
+
         Raises
         ------
         TruthError
@@ -218,7 +220,7 @@ class Truth:
             raise ValueError("times of a truth have to increase from 0 on")
         if len(t) and self.prolong(float(t[-1])):
             self._keep()
-        return self._motion(self._agreed(self.reach)[1].chosen, t)
+        return self._motion(self._agreed(self.reach)[1].chosen, t).until(self.horizon)
 
     keep: Callable[[Truth], None] | None = None
     """What stores it after it was prolonged."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from typing import Any, cast
 
@@ -68,6 +69,8 @@ def run(scene: Scene | str | os.PathLike[str], engine: str | Engine, method: str
 def truth(scene: Scene | str | os.PathLike[str]) -> Reference:
     """The independent truth of a scene (a Scene, a name or a path), read from the cache if it is in it.
 
+    After its horizon its states and sensors are NaN: there is no truth.
+
     Raises
     ------
     ArgumentError, SceneError
@@ -81,4 +84,4 @@ def truth(scene: Scene | str | os.PathLike[str]) -> Reference:
     reference = references.truth(loaded)
     if loaded.sensors:
         reference.states.sensors = readings(loaded, reference.states)
-    return reference
+    return dataclasses.replace(reference, states=reference.states.until(reference.horizon))

@@ -26,6 +26,20 @@ class States:
     lam: np.ndarray | None = None  # (T, m)
     sensors: Mapping[str, np.ndarray] | None = dataclasses.field(default=None, kw_only=True)  # by name, (T, ...)
 
+    def until(self, end: float) -> States:
+        """These states, with NaN at times after `end` (s)."""
+        later = self.t > end * (1 + 1e-12)
+        if not later.any():
+            return self
+
+        def known(values: np.ndarray) -> np.ndarray:
+            return np.where(later.reshape(-1, *[1] * (values.ndim - 1)), np.nan, values)
+
+        given = {name: known(value) for name in ("x", "R", "v", "w", "a", "alpha", "lam")
+                 if (value := getattr(self, name)) is not None}
+        sensors = None if self.sensors is None else {name: known(values) for name, values in self.sensors.items()}
+        return dataclasses.replace(self, sensors=sensors, **given)
+
 
 class Motion(Protocol):
     """Anything with the states of all bodies at its times: `States`, and the trajectory of a run."""

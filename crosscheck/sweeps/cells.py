@@ -172,7 +172,7 @@ def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
         except ImportError:  # without the extra heyoka, SciPy integrates two formulations for every member
             reference = references.truth(member.scene)
             checked.append(reference.disagreement)
-            return reference.states, ""
+            return reference.states.until(reference.horizon), ""
         states = compiled.states(member.scene)
         if member.checked:
             checked.append(compiled.check(member.scene, states))

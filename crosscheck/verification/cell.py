@@ -365,8 +365,8 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference 
         series = getattr(traj, f"constraint_{level}")
         most = None if series is None else _most(series, maxima.get(f"constraint_{level}"))
         levels[level] = Level(max=most, held=level in held, unit=unit)
-    momentum = None if reference is None else float(np.abs(
-        traj.momentum_vertical - mechanics.momentum_vertical(scene, reference.states)).max())
+    momentum = None if reference is None else float(np.nanmax(np.abs(
+        traj.momentum_vertical - mechanics.momentum_vertical(scene, reference.states.until(reference.horizon)))))
     start = abs(float(traj.energy[0]))
     return replace(
         run, form=traj.form or run.form, status=traj.status, duration=scene.duration,

@@ -23,7 +23,7 @@ from crosscheck.document.curves import (
     RunCurves,
     SceneCurves,
 )
-from crosscheck.judge.metrics import Error
+from crosscheck.judge.metrics import Error, up_to
 from crosscheck.references.base import Reference
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene import mechanics
@@ -83,8 +83,9 @@ def run_curves(scene: Scene, traj: Trajectory, errors: Mapping[str, Error], refe
     true = None if reference is None else _true_motion(scene, reference)
     with np.errstate(over="ignore", invalid="ignore"):  # a diverged run has such values; they become gaps
         # Compare with the true energy and momentum, as loads and dampers change them; without truth with the start.
-        energy = traj.energy[:1] if reference is None else mechanics.energy(scene, exact)
-        momentum = traj.momentum_vertical[:1] if true is None else true.arrays["momentum"]
+        later = np.where(up_to(scene.t, np.inf if reference is None else reference.horizon), 0.0, np.nan)
+        energy = traj.energy[:1] if reference is None else mechanics.energy(scene, exact) + later
+        momentum = traj.momentum_vertical[:1] if true is None else true.arrays["momentum"] + later
         levels = {f"constraint_{level}": None if values is None else _log(values) for level in LEVELS
                   for values in [getattr(traj, f"constraint_{level}")]}
         return extended(

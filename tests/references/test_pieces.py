@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+import crosscheck
 from crosscheck.errors import Unsupported
-from crosscheck.references import TruthError, compute
+from crosscheck.references import TruthError, compute, dense
 from crosscheck.references.dense_output import Truth
 from crosscheck.references.pieces import first_crossing
 from crosscheck.references.taylor import Taylor
@@ -276,6 +277,31 @@ def test_an_impact_kicks_off_what_rests_on_its_stop(tmp_path):
     assert [event[1:] for event in reference.events] == [
         ("jb", "hits_upper"), ("ja", "leaves_lower"), ("ja", "hits_lower"), ("jb", "leaves_upper")]
     assert reference.horizon == 4.2
+
+
+@pytest.mark.slow
+def test_friction_at_a_dead_centre_changes_sign(tmp_path):
+    """The slider of a straight crank rests for an instant: nothing holds it, and its acceleration takes it back."""
+    reference = compute(with_laws("slider_crank", "guide", 0.5, dry_friction=(DryFriction(0.05, 0.05),)))
+    assert reference.horizon == 0.5
+    assert reference.events
+    assert {event[1:] for event in reference.events} == {("guide", "reverses")}
+    crank, slider = (reference.states.x[:, k] for k in (0, -1))
+    assert np.isfinite(crank).all()
+    assert np.ptp(slider[:, 0]) > 0.1
+
+
+def test_a_truth_is_nothing_after_its_horizon(tmp_path):
+    """A carriage that is pressed on its stop carries another one that bounces after a second."""
+    pressed = slides(tmp_path, {"position": 0.5, "limits": {"upper": 0.5}},
+                     {"limits": {"upper": 0.5, "restitution": 0.5}}, gravity=(1.0, 0, 0), duration=1.9,
+                     samples=20, sensors=[{"name": "place", "type": "joint_position", "joint": "jb"}])
+    reference = crosscheck.truth(pressed)
+    known = reference.t <= 1.0
+    for values in (reference.states.x, reference.states.a, reference.sensors["place"]):
+        assert np.isfinite(values[known]).all()
+        assert np.isnan(values[~known]).all()
+    assert np.isnan(dense(pressed).at([1.0, 1.5]).x[:, 0, 0]).tolist() == [False, True]
 
 
 BALL = {"bodies": [{"name": "b", "mass": 1.0, "inertia": [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]],

@@ -48,7 +48,7 @@ def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> Sce
         except references.Chaotic as early:  # before the first output time, where a monitor fires
             if extent is not None or asked.duration is not None:
                 raise
-            return prepared((early.horizon, float(f"{early.horizon * JUST_BEYOND:.2g}")))
+            return prepared((early.horizon, early.horizon))
 
     try:
         plan, scene, reference = prepared()
@@ -56,12 +56,14 @@ def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> Sce
         plan = _as_asked(PLANS.get(name) or plan_without_truth(given), asked)
         return replace(described(given, plan), no_truth=said(error),
                        curves=scene_curves(load(name, plan, whole), None), disputed=not isinstance(error, Unsupported))
+    dense = references.dense(scene)  # which may know more than the duration
+    ends = dense.horizon <= scene.duration * (1 + 1e-12) and dense.horizon_cause != GROWN
     known = Truth(source=reference.source, second_source=reference.second_source,
                   disagreement=reference.disagreement, allowed=reference.allowed,
                   amplification=reference.amplification, error=reference.error,
                   horizon=reference.horizon, outvoted=reference.outvoted,
                   events=reference.events[:MOST_EVENTS],
-                  ended="" if reference.horizon_cause == GROWN else reference.horizon_cause)
+                  ended=dense.horizon_cause if ends else "")
     return replace(described(scene, plan), truth=known, scales=tolerances.scales(scene, reference),
                    rounding=tolerances.rounding_levels(scene, reference), curves=scene_curves(scene, reference))
 
@@ -81,9 +83,6 @@ WINDOWS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 
 WIDEST = 0.5
 """Largest bound as a share of the scene's size. A bound beyond the whole size would judge nothing."""
-
-JUST_BEYOND = 1.1
-"""Duration of the main runs of a scene whose truth ends early, over the time at which it does."""
 
 Extent = tuple[float, float | None]
 """First window to try and duration of the main runs or None for the scene's, s."""

@@ -13,12 +13,17 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.models.writing import mjcf, urdf
 
 
-def export_model(scene: Scene | str | os.PathLike[str], path: str | os.PathLike[str]) -> None:
+def export_model(scene: Scene | str | os.PathLike[str], path: str | os.PathLike[str]) -> tuple[str, ...]:
     """Write a scene (or its name or path) as MJCF, .xml, as URDF, .urdf, or as a Python script that runs Exudyn, .py.
 
     `import_model` reads an exported model back with errors of rounding size. An MJCF holds the state in its keyframe
     "start". A URDF holds no state: give `qpos` and `qvel` to `import_model`. The script prints the states of its run as
     CSV.
+
+    Returns
+    -------
+    tuple of str
+        What is left out: shapes, touches that are watched, sites and sensors, which change no motion.
 
     Raises
     ------
@@ -42,3 +47,6 @@ def export_model(scene: Scene | str | os.PathLike[str], path: str | os.PathLike[
         put(target, text)
     except OSError as error:
         raise SceneError(f"{target}: cannot be written, {(error.strerror or str(error)).lower()}") from None
+    watched = [f"watched touch of {each.name}" for each in scene.monitors if each.joint is None]
+    named = (("shape", scene.shapes), ("site", scene.sites), ("sensor", scene.sensors))
+    return (*(f"{word} {each.name!r}" for word, group in named for each in group), *watched)

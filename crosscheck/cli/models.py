@@ -76,8 +76,10 @@ def export(
     out: Annotated[Path, typer.Option("--out", "-o", help="the file: .xml (MJCF), .urdf, or .py, which runs Exudyn")],
 ) -> None:
     """Convert a scene to MJCF, URDF or a script for Exudyn; refuse, by name, what the format cannot hold."""
-    export_model(scene, out)
+    left_out = export_model(scene, out)
     typer.echo(f"written: {out}")
+    for words in left_out:
+        typer.echo(f"left out: {words}")
 
 
 def diff(

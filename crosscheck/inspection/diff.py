@@ -20,6 +20,7 @@ import numpy as np
 from crosscheck.inspection import admissible
 from crosscheck.scene.coordinates import relative_pose
 from crosscheck.scene.file import as_scene
+from crosscheck.scene.laws import Shape
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.models import import_model, is_model
@@ -171,6 +172,7 @@ class _Comparison:
         self.size = max(one.size, other.size)
         self.bodies: dict[int, int] = {GROUND: GROUND}
         self.Q: dict[int, np.ndarray] = {GROUND: np.eye(3)}
+        self.shifts = {GROUND: np.zeros(3)}  # of mass centres, in the axes of the first
         self.joints: dict[str, str] = {}
         self.ambiguous: list[str] = []
         self.differences: list[Difference] = []
@@ -181,6 +183,7 @@ class _Comparison:
         self._couplings()
         self._forces()
         self._rest()
+        self._touches(self._shapes())
         self.moves = self._accelerations()
         if self.moves is not None and self.moves > MOVES and not self.differences:
             self._tell("", "accelerations", 0.0, self.moves)
@@ -210,7 +213,7 @@ class _Comparison:
                 self._tell(a.name, "mass", a.mass, b.mass)
             if not _alike(a.inertia, Q.T @ b.inertia @ Q):
                 self._tell(a.name, "inertia", a.inertia, Q.T @ b.inertia @ Q)
-            own = self._joint(k, j, shift)
+            own = self.shifts[k] = self._joint(k, j, shift)
             if self.one.joint.get(k) is not None and self.other.joint.get(j) is not None and Q is not home:
                 turn = Q.T @ home
                 angle = math.acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1) / 2)))
@@ -420,6 +423,46 @@ class _Comparison:
         for words in there.keys() - here.keys():
             self._tell("", "left out", "", there[words])
 
+    def _shapes(self) -> dict[str, str]:
+        """Compare the shapes of matched bodies; those of the second model by their names in the first."""
+        names: dict[str, str] = {}
+        for k, j in self.bodies.items():
+            mine = {each.name: _outline(each, np.eye(3), np.zeros(3)) for each in self.one.scene.shapes
+                    if each.body == k}
+            theirs = {each.name: _outline(each, self.Q[k].T, self.shifts[k]) for each in self.other.scene.shapes
+                      if each.body == j}
+            for name, outline in [*mine.items()]:
+                same = next((each for each, other in theirs.items()
+                             if not self._outlined_otherwise(outline, other)), None)
+                if same is not None:
+                    names[same] = name
+                    del mine[name], theirs[same]
+            for name in mine.keys() & theirs.keys():
+                names[name] = name
+                one, other = mine.pop(name), theirs.pop(name)
+                for key in self._outlined_otherwise(one, other):
+                    self._tell(name, f"{key} of the shape", one.get(key), other.get(key))
+            for name in mine:
+                self._tell(name, "shape", "there", "missing")
+            for name in theirs:
+                self._tell(name, "shape", "missing", "there")
+        return names
+
+    def _outlined_otherwise(self, one: dict[str, Any], other: dict[str, Any]) -> list[str]:
+        """In which of their keys two outlines differ."""
+        return [key for key in dict.fromkeys((*one, *other))
+                if not _alike(one.get(key), other.get(key), self.size if key in ("place", "corners") else None)]
+
+    def _touches(self, names: dict[str, str]) -> None:
+        """Compare which shapes end the claim where they come near, and how near."""
+        mine, theirs = ({frozenset(back.get(shape, shape) for shape in each.shapes): each.margin
+                         for each in tree.scene.monitors if each.joint is None}
+                        for tree, back in ((self.one, {}), (self.other, names)))
+        for pair in dict.fromkeys((*mine, *theirs)):
+            margin = mine.get(pair), theirs.get(pair)
+            if not _alike(*margin):
+                self._tell(" and ".join(sorted(pair)), "margin of a watched touch", *margin)
+
     def _accelerations(self) -> float | None:
         """The largest difference at the start of the first model and at random states, which the second takes over."""
         one, other = self.one.scene, self.other.scene
@@ -511,8 +554,28 @@ def _merged(scene: Scene) -> Scene:
                 parameters[key] = tuple(turned(force.child, parameters[key]))
         parent, child = (None if body is None else index[roots[body]] for body in (force.parent, force.child))
         forces.append(dataclasses.replace(force, parameters=parameters, parent=parent, child=child))
-    return scene.replace(bodies=tuple(bodies), joints=tuple(joints), forces=tuple(forces), shapes=(), sites=(),
+    shapes = tuple(dataclasses.replace(
+        each, body=index[roots[each.body]], position=tuple(moved(each.body, each.position)),
+        attitude=tuple(quaternion_from_rotation(turned(each.body, rotation_from_quaternion(np.array(each.attitude))))))
+        for each in scene.shapes)
+    return scene.replace(bodies=tuple(bodies), joints=tuple(joints), forces=tuple(forces), shapes=shapes, sites=(),
                          sensors=())
+
+
+def _outline(shape: Shape, turn: np.ndarray, shift: np.ndarray) -> dict[str, Any]:
+    """What is seen of a shape in other axes, as numbers that do not depend on how its own axes are written."""
+    axes = turn @ rotation_from_quaternion(np.array(shape.attitude))
+    place = turn @ np.array(shape.position) - shift
+    if shape.type == "plane":
+        return {"type": shape.type, "turn": axes[:, 2], "place": axes[:, 2] @ place}
+    if shape.type == "mesh":
+        return {"type": shape.type, "corners": np.array(shape.points) @ axes.T + place}
+    if shape.type == "sphere":
+        return {"type": shape.type, "size": shape.size, "place": place}
+    if len(shape.size) == 2:
+        return {"type": shape.type, "size": shape.size, "place": place, "turn": np.outer(axes[:, 2], axes[:, 2])}
+    return {"type": shape.type, "size": sorted(shape.size), "place": place,
+            "turn": axes * np.array(shape.size) ** 2 @ axes.T}
 
 
 def _plain(value: object) -> Any:

@@ -103,12 +103,12 @@ def errors(scene: Scene, run: Motion, truth: Motion, until: float = np.inf) -> d
 def energy_gap(scene: Scene, run: Motion, truth: Motion | None, maxima: Mapping[str, float]) -> float:
     """The largest |E(t) - E(0) - work| of a run, J: of every step, by the `maxima` over them, if nothing does work.
 
-    Otherwise it is that of the samples. If there is truth, the work is that of the true motion.
+    Otherwise it is that of the samples. If there is truth, the work is that of the true motion, as far as that reaches.
     """
     energy = mechanics.energy(scene, run)
     if scene.worked_on:
         expected = energy[0] + mechanics.work(scene, run) if truth is None else mechanics.energy(scene, truth)
-        return float(np.abs(energy - expected).max())
+        return float(np.nanmax(np.abs(energy - expected)))
     kinetic = maxima.get("kinetic_energy", float(mechanics.kinetic_energy(scene, run).max(initial=0.0)) or 1.0)
     return max(float(np.abs(energy - energy[0]).max()), maxima.get("energy_error", 0.0) * kinetic)
 

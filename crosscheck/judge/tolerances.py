@@ -82,7 +82,7 @@ def scales(scene: Scene, truth: Reference) -> Scales:
 
 
 def scales_of(scene: Scene, states: Motion) -> Scales:
-    """Lengths, speeds, rates and energies of a scene along a motion."""
+    """Lengths, speeds, rates and energies of a scene along a motion, which is NaN where it is not known."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
     levers += [float(np.linalg.norm(joint.parent_anchor)) for joint in scene.joints if joint.parent != GROUND]
     # A free body has no lever. Its length is its radius of gyration.
@@ -92,15 +92,15 @@ def scales_of(scene: Scene, states: Motion) -> Scales:
     rates = np.linalg.norm(states.w, axis=-1)
     kinetic = 0.5 * (np.einsum("i,tik,tik->t", scene.masses, states.v, states.v)
                      + np.einsum("tik,ikl,til->t", states.w, scene.inertias, states.w))
-    speed, reach = (float(np.linalg.norm(values, axis=-1).max()) for values in (states.v, states.x))
+    speed, reach = (float(np.nanmax(np.linalg.norm(values, axis=-1))) for values in (states.v, states.x))
     inertia = float(np.linalg.norm(scene.inertias, ord=2, axis=(1, 2)).sum())
-    rate, most = max(float(rates.max()), fall), float(kinetic.max())
+    rate, most = max(float(np.nanmax(rates)), fall), float(np.nanmax(kinetic))
     falling = float(scene.masses.sum()) * (length * (rate or 1.0)) ** 2
     if most <= AT_REST * falling:  # nothing moves: the sizes are those of a fall through the length
         speed, most = length * (rate or 1.0), falling
     return Scales(length=length, speed=speed, rate=rate or 1.0,
                   unit_rate=max(float(rates[0].max()), fall) or 1.0, reach=reach, kinetic=most,
-                  momentum=float(scene.masses.sum() * reach * speed + inertia * rates.max()))
+                  momentum=float(scene.masses.sum() * reach * speed + inertia * np.nanmax(rates)))
 
 
 def energy_size(scene: Scene, run: Motion, truth: Motion | None) -> float:

@@ -7,7 +7,7 @@ import functools
 import html
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -92,7 +92,7 @@ class Trajectory:
         """A `pandas.DataFrame` with one row per output time, indexed by `t` (s); needs the extra `data`.
 
         The columns are "BODY.x_x" ... "BODY.R_33" ... "BODY.w_z" for every body, then energies, constraint levels,
-        multipliers, and sensors as "NAME" or "NAME.x", all in SI units.
+        multipliers, and sensors as "NAME" or "NAME.x", all in SI units; "sensor.NAME" where that is taken.
         """
         try:
             import pandas as pd
@@ -111,13 +111,16 @@ class Trajectory:
         columns |= {name: getattr(self, name) for name in SERIES if getattr(self, name) is not None}
         if self.lam is not None:
             columns |= {f"lam_{row}": self.lam[:, row] for row in range(self.lam.shape[1])}
-        columns |= sensor_columns(self.sensors)
+        columns |= _beside(sensor_columns(self.sensors), {*columns, "t"})
         made = pd.DataFrame(columns, index=pd.Index(self.t, name="t"))
         made.attrs = self._attributes()
         return made
 
     def to_xarray(self) -> xr.Dataset:
-        """An `xarray.Dataset` over t, body and axis, with units as attributes (needs the extra `data`)."""
+        """An `xarray.Dataset` over t, body and axis, with units as attributes (needs the extra `data`).
+
+        A sensor has its name, or "sensor.NAME" where that is taken.
+        """
         try:
             import xarray as xr
         except ImportError as error:
@@ -132,10 +135,10 @@ class Trajectory:
                    if getattr(self, name) is not None}
         if self.lam is not None:
             arrays["lam"] = (("t", "row"), self.lam, {})
-        arrays |= {name: (("t", f"{name} part")[:values.ndim], values, {"source": self.sensors.source[name]})
-                   for name, values in self.sensors.items()}
         coordinates = {"t": ("t", self.t, {"units": "s"}), "body": [body.name for body in self.scene.bodies],
                        "axis": axis, "body_axis": axis}
+        arrays |= _beside({name: (("t", f"{name} part")[:values.ndim], values, {"source": self.sensors.source[name]})
+                           for name, values in self.sensors.items()}, {*arrays, *coordinates, "row"})
         return xr.Dataset(arrays, coordinates, self._attributes())
 
     def plot(self) -> Figure:
@@ -250,3 +253,8 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
             steps=raw.steps, status=raw.status,
             stats=cast(Stats, {**raw.stats, "step": raw.step, **(raw.maxima or {})}), own_sensors=s.sensors,
             events=raw.events or happened(scene, s), **levels)
+
+
+def _beside(sensors: Mapping[str, Any], taken: set[str]) -> dict[str, Any]:
+    """Sensors by names that are not taken."""
+    return {f"sensor.{name}" if name in taken else name: value for name, value in sensors.items()}

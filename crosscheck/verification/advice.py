@@ -346,7 +346,7 @@ def choose(walk: Walk, wanted: float, scene: str) -> Advice:
     if not reaching:
         return advice
     best = reaching[0]
-    size = f"--step {best.step:.12g}" if best.step else f"--rtol {best.rtol!r}"
+    size = f"--step {best.step!r}" if best.step else f"--rtol {best.rtol!r}"
     words = f"crosscheck run {shlex.quote(scene)} --engine {shlex.quote(walk.engine)} --method {best.method} {size}"
     return replace(
         advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error, cost=best.cost,
@@ -411,7 +411,7 @@ def _expected(scene: SceneTruth, record: Record, asked: Advice) -> Advice | None
         return None
     command = record.command.partition(" --samples ")[0]
     if step is not None:
-        command = command.replace(f"--step {step!r}", f"--step {step * stretch:.12g}")
+        command = command.replace(f"--step {step!r}", f"--step {step * stretch!r}")
     return replace(asked, until=record.judged_until or scene.duration, method=record.method, form=record.form,
                    step=None if step is None else step * stretch, rtol=record.rtol, error=error,
                    cost=record.wall_time / stretch, command=command, estimated=estimated)

@@ -358,7 +358,7 @@ def _off(scene: Scene, reference: Reference | None, missed: Mapping[str, Error])
 def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference | None, missed: Mapping[str, Error],
               held: frozenset[str], maxima: Mapping[str, float]) -> Record:
     """The measured values of a run."""
-    exact = None if reference is None else reference.states
+    exact = None if reference is None else reference.states.until(reference.horizon)
     size, gap = tolerances.energy_size(scene, traj, exact), energy_gap(scene, traj, exact, maxima)
     levels = {}
     for level, unit in LEVELS.items():

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import crosscheck
+from crosscheck.scene.building import scene_from
 from tests.scene.models.model_files import ARM_MJCF, ARM_URDF, ZOO
 
 ROBOT = """<mujoco><compiler angle="radian"/><worldbody>
@@ -166,6 +167,36 @@ def test_one_change_is_named_with_its_place(old, new, where, what, disguise, tmp
     assert any(what in each.what and where in each.where for each in report.differences), report.lines
     allowed = 3 if what in ("joint type", "mass") else 2  # another type has other keys
     assert len({(each.where, each.what) for each in report.differences}) <= allowed, report.lines
+
+
+def watched(**changes):
+    """A box that falls to the floor on a round foot, which is watched."""
+    size, attitude = changes.get("box", ([0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0]))
+    shapes = [{"name": changes.get("name", "foot"), "body": "b", "type": "sphere", "size": [changes.get("radius", 0.1)],
+               "position": changes.get("position", [0.0, 0.0, -0.3])},
+              {"name": "crate", "body": "b", "type": "box", "size": size, "attitude": attitude},
+              {"name": "floor", "body": "ground", "type": "plane"}]
+    monitors = [{"type": "touch", "shapes": [shapes[0]["name"], "floor"], "margin": changes.get("margin", 0.01)}]
+    return scene_from({
+        "schema": 3, "name": "crate", "gravity": [0.0, 0.0, -9.81], "duration": 0.1, "samples": 2, "shapes": shapes,
+        "monitors": monitors[:changes.get("monitors", 1)],
+        "bodies": [{"name": "b", "mass": 1.0, "inertia": np.diag([0.1, 0.11, 0.12]).tolist(), "position": [0, 0, 1.0],
+                    "angular_velocity": [1.0, 2.0, 0.5]}]}, "crate")
+
+
+@pytest.mark.parametrize(("changes", "where", "what"), [
+    ({"margin": 0.02}, "floor and foot", "margin of a watched touch"), ({"monitors": 0}, "floor and foot", "margin"),
+    ({"radius": 0.2}, "foot", "size of the shape"), ({"position": [0.0, 0.0, -0.31]}, "foot", "place of the shape"),
+    ({"box": ([0.1, 0.2, 0.3], [0.8, 0.6, 0.0, 0.0])}, "crate", "turn of the shape")])
+def test_what_ends_a_claim_is_compared(changes, where, what):
+    report = crosscheck.diff(watched(), watched(**changes))
+    assert [each.where for each in report.differences] == [where], report.lines
+    assert what in report.differences[0].what
+
+
+@pytest.mark.parametrize("changes", [{}, {"name": "heel"}, {"box": ([0.2, 0.1, 0.3], [0.5**0.5, 0.0, 0.0, 0.5**0.5])}])
+def test_shapes_are_compared_whatever_their_names_and_axes(changes):
+    assert crosscheck.diff(watched(), watched(**changes)).same
 
 
 def test_a_scene_is_compared_with_a_model_and_names_are_matched(tmp_path):

@@ -10,6 +10,7 @@ import pytest
 import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.scene.model import Sensor
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,23 @@ def test_a_dataset_has_names_and_units(traj):
     np.testing.assert_array_equal(data["R"], traj.R)
     assert data["w"].attrs["units"] == "rad/s"
     assert data.attrs["engine"] == "lieeuler"
+
+
+def test_sensors_leave_every_other_column_as_it_is():
+    """Sensors may have any name, those of series among them."""
+    scene = crosscheck.load_scene("hinge_pendulum")
+    joint = scene.joints[0].name
+    named = scene.replace(sensors=tuple(Sensor(name, "joint_position", joint=joint)
+                                        for name in ("energy", "t", "x", "q")))
+    traj = crosscheck.run(named, "lieeuler", "rattle2", step=1e-2, duration=0.1, samples=3)
+    frame, data = traj.to_frame(), traj.to_xarray()
+    for table in (frame, data):
+        np.testing.assert_array_equal(table["energy"], traj.energy)
+        for column in ("sensor.energy", "sensor.t", "q"):
+            np.testing.assert_array_equal(table[column], traj.sensors["energy"])
+    np.testing.assert_array_equal(data["x"], traj.x)
+    np.testing.assert_array_equal(data["t"], traj.t)
+    np.testing.assert_array_equal(data["sensor.x"], traj.sensors["x"])
 
 
 def test_a_recording_has_every_body_and_figure(traj, tmp_path):

@@ -9,7 +9,7 @@ import crosscheck
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.functions import sine
 from crosscheck.scene.mechanics import index1
-from crosscheck.scene.model import Force
+from crosscheck.scene.model import Force, Sensor, Site
 from tests.scene.models.model_files import ARM_URDF, ZOO
 from tests.scene.test_coordinates import body, joint, load
 
@@ -171,3 +171,11 @@ def test_functions_of_time_are_refused(given, ending, tmp_path):
         scene = scene.replace(forces=(Force("torsional_spring", None, None, scene.joints[0].name, spring),))
     with pytest.raises(crosscheck.SceneError, match=r"cannot hold (the drive|forces)"):
         crosscheck.export_model(scene, tmp_path / f"robot{ending}")
+
+
+def test_what_changes_no_motion_and_is_left_out_is_named(tmp_path):
+    scene = crosscheck.load_scene("hinge_pendulum").replace(
+        sites=(Site("tip", 0, (0.0, 0.0, -0.1), (1.0, 0.0, 0.0, 0.0)),),
+        sensors=(Sensor("turned", "joint_position", joint="hinge"),))
+    for ending in (".xml", ".urdf"):
+        assert crosscheck.export_model(scene, tmp_path / f"model{ending}") == ("site 'tip'", "sensor 'turned'")

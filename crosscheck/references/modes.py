@@ -18,7 +18,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import TruthError, breaks
-from crosscheck.references.pieces import Event, Label, Values
+from crosscheck.references.pieces import LATE, Event, Label, Values
 from crosscheck.scene.model import Joint, Scene
 
 Number = Any  # a number, or an array of them over times
@@ -240,9 +240,10 @@ class Machine:
                         part = dataclasses.replace(part, soft=side, pushing=pushing)
             if law.servo is not None:
                 part = self._started(i, part, t, float(q[i]), float(rate[i]))
-            if before is not None:
+            if before is not None:  # a bounce at this time is the one that this state comes to
+                hit = before[i].hit if t - before[i].hit > LATE * max(1.0, t) else -math.inf
                 part = dataclasses.replace(part, acting=before[i].acting, waiting=before[i].waiting,
-                                           sample=before[i].sample, hit=before[i].hit,
+                                           sample=before[i].sample, hit=hit,
                                            cut=part.cut if law.bounded else before[i].cut)
             parts.append(part)
         settled = self.settle(t, y, tuple(parts), fired)

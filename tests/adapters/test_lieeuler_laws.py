@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import crosscheck
+from crosscheck.document import Record, Way, extended
 from crosscheck.references import compute
+from crosscheck.verification.cell import judge_run
 from tests.adapters.test_laws import SERVO, arm, coulomb, pendulum
 from tests.law_mistakes import SCENES
 from tests.references.law_scenes import arm as swinging
@@ -98,3 +100,13 @@ def test_a_motion_that_ends_is_refused_by_name(tmp_path):
     with pytest.raises(crosscheck.Unsupported, match=r"joint 'jb' is hit at 1 s .*a shorter duration"):
         crosscheck.run(scene, "lieeuler", "rkmk4", step=0.1)
     assert crosscheck.run(scene, "lieeuler", "rkmk4", step=0.1, duration=0.9).events == ()
+
+
+def test_a_bounce_at_an_output_time_is_one_bounce(tmp_path):
+    """The run's state there is that before the impact, and its interval before ends with that impact, too."""
+    scene = slides(tmp_path, {"limits": {"lower": 0.0}},
+                   {"position": 0.5, "limits": {"lower": 0.0, "restitution": 0.5}}, rides=False,
+                   gravity=(-1.0, 0, 0), duration=1.9, samples=20)
+    traj = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-9)
+    record = extended(Record, Way("lieeuler", "taylor", rtol=1e-9), scene="laws", version="1")
+    assert judge_run(record, scene, traj, frozenset()).outcome == "pass"

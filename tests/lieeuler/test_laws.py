@@ -344,6 +344,14 @@ def test_a_mass_beyond_all_sense_ends_with_a_status(law):
         lieeuler.integrate(problem, "rkmk4", 0.1, [0.0, 1.0])
 
 
+def test_a_run_that_fails_in_its_first_step_says_so():
+    problem = pendulum(sliding=0.5, static=0.5)
+    w = np.array([0.0, 1e5, 0.0])
+    with pytest.raises(lieeuler.IntegrationError, match="coordinate map") as caught:
+        lieeuler.integrate(dataclasses.replace(problem, v=np.cross(w, problem.x), w=[w]), "DAE1L_LSE", 0.1, [0.0, 1.0])
+    assert caught.value.status is lieeuler.Status.MAP_DOMAIN
+
+
 def test_ensembles_refuse_laws():
     with pytest.raises(lieeuler.ArgumentError, match="take no laws"):
         lieeuler.integrate_ensemble(pendulum(sliding=0.5, static=0.5), "rkmk4", 0.1, [0, 1], x=np.zeros((2, 1, 3)))

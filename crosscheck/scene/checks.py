@@ -406,6 +406,8 @@ def _monitor(scene: SceneEntry, index: int, monitor: MonitorEntry) -> Monitor:
     if first.body == second.body:
         raise EntryError(f"{entry}: shapes", f'both are of "{first.body}" and never move against each other',
                          "name shapes of two bodies")
+    if first.type == second.type == "plane":
+        raise EntryError(f"{entry}: shapes", "both are planes, which have no end and no distance", "name another shape")
     return Monitor(kind, monitor.shapes, monitor.margin)
 
 

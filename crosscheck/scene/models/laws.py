@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from crosscheck.errors import ArgumentError, unknown
+from crosscheck.scene import touching
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import quaternion_from_rotation
 from crosscheck.scene.models.neutral import Reading, body_label, joints_of, label, off
@@ -28,6 +29,9 @@ UNREACHABLE = 1e6
 
 PASSIVE = ("actuator_damping", "actuator_dampingpoly", "actuator_armature", "actuator_delay")
 """What an actuator may have and a servo has not."""
+
+PLANE = 0
+"""mjGEOM_PLANE; two planes do not collide."""
 
 Control = float | Table
 
@@ -330,6 +334,7 @@ def colliding(reading: Reading) -> list[tuple[int, int, float]]:
     if off(m, "CONTACT", "CONSTRAINT"):
         return []
     weld, types, affinities, bodies = reading.groups, m.geom_contype, m.geom_conaffinity, m.geom_bodyid
+    kinds = m.geom_type
     parents = weld[m.body_parentid]
     groups = weld[bodies]
     excluded = {(int(code) >> 16, int(code) & 0xFFFF) for code in m.exclude_signature}
@@ -340,6 +345,7 @@ def colliding(reading: Reading) -> list[tuple[int, int, float]]:
         others = some[i + 1:]
         own, theirs = groups[a], groups[others]
         meet = (own != theirs) & ((types[a] & affinities[others]) | (types[others] & affinities[a]) != 0)
+        meet &= (kinds[a] != PLANE) | (kinds[others] != PLANE)
         if not off(m, "FILTERPARENT"):
             meet &= (own == 0) | (theirs == 0) | ((own != parents[theirs]) & (theirs != parents[own]))
         margins |= {(a, b): float(m.geom_margin[a] + m.geom_margin[b]) for b in others[meet].tolist()
@@ -349,12 +355,19 @@ def colliding(reading: Reading) -> list[tuple[int, int, float]]:
     return [(a, b, margin) for (a, b), margin in margins.items()]
 
 
+def clear(reading: Reading) -> bool:
+    """Whether no two shapes that may collide touch in this state, as far as their distances are known."""
+    solids, pairs = _Solids(reading), colliding(reading) if touching.available() else []
+    return all((gap := solids.distance(a, b)) is None or gap >= margin for a, b, margin in pairs)
+
+
 def _contacts(reading: Reading, wants: Wants, laws: Laws) -> None:
     """Shapes and monitors for the pairs that may collide; those that touch at the start are lost."""
-    import mujoco
-
-    m, d = reading.model, reading.data
     pairs = colliding(reading)
+    if wants.contacts == "monitor" and pairs and not touching.available():
+        reading.lost.append("contacts of the shapes that may collide: coal, which watches them, comes with pin and is "
+                            "not installed (pip install pin)")
+        return
     if len(pairs) > MOST_PAIRS:
         (reading.noted if wants.contacts == "drop" else reading.lost).append(
             f"contacts of the {len(pairs)} pairs of shapes that may collide, more than {MOST_PAIRS}")
@@ -363,22 +376,40 @@ def _contacts(reading: Reading, wants: Wants, laws: Laws) -> None:
         reading.noted += list(dict.fromkeys(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}"
                                             for a, b, _ in pairs))
         return
-    shapes: dict[int, Table] = {}
-    watched = []
+    solids, watched = _Solids(reading), []
     for a, b, margin in pairs:
-        made = [shapes.get(g) or _shape(reading, g) for g in (a, b)]
-        if None in made:
-            reading.lost.append(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}")
-            continue
-        if mujoco.mj_geomDistance(m, d, a, b, 1.0, None) < margin:
-            words = f"contacts of the colliding bodies {_bodies(reading, a, b)!r}"
+        gap, words = solids.distance(a, b), f"contacts of the colliding bodies {_bodies(reading, a, b)!r}"
+        if gap is None:
+            reading.lost.append(words)
+        elif gap < margin:
             reading.lost.append(f"{words}, which touch at the start")
-            continue
-        shapes |= {g: shape for g, shape in zip((a, b), made, strict=True) if shape is not None}
-        watched.append((a, b, margin))
+        else:
+            watched.append((a, b, margin))
+    shapes = {g: solids.tables[g] for a, b, _ in watched for g in (a, b)}
     laws.shapes += distinct(list(shapes.values()))
     laws.monitors += [{"type": "touch", "shapes": [shapes[a]["name"], shapes[b]["name"]], "margin": margin}
                        for a, b, margin in watched]
+
+
+class _Solids:
+    """The geometries of a model as shapes of a scene, and their distances in the state of its data."""
+
+    def __init__(self, reading: Reading) -> None:
+        self._reading = reading
+        self.tables: dict[int, Any] = {}  # entries of a scene file by their numbers; None: no shape has this form
+        self._placed: dict[int, tuple[Any, np.ndarray, np.ndarray]] = {}
+
+    def distance(self, a: int, b: int) -> float | None:
+        """m, of two geometries, negative where they overlap; None for one that is no shape of a scene."""
+        for g in {a, b} - self.tables.keys():
+            table = self.tables[g] = _shape(self._reading, g)
+            if table is not None:
+                d = self._reading.data
+                self._placed[g] = (touching.solid(table["type"], table.get("size"), table.get("points", ())),
+                                   d.geom_xpos[g], d.geom_xmat[g].reshape(3, 3))
+        if None in (self.tables[a], self.tables[b]):
+            return None
+        return touching.distance(self._placed[a], self._placed[b])
 
 
 def _bodies(reading: Reading, a: int, b: int) -> str:

@@ -125,8 +125,7 @@ def _draw(model: Source, m: Any, d: Any, start: str | int, wants: laws.Wants) ->
         if wants.contacts == "drop":
             return
         mujoco.mj_kinematics(m, d)
-        there = read(model, m, d)
-        if all(mujoco.mj_geomDistance(m, d, a, b, 1.0, None) >= margin for a, b, margin in laws.colliding(there)):
+        if laws.clear(read(model, m, d)):
             return
     raise SceneError(f"{model.path}: none of {MOST_DRAWS} random starts is free of touching bodies; give qpos, or "
                      'contacts="drop"')

@@ -30,7 +30,7 @@ from crosscheck.scene.model import Scene
 
 _DIGEST = "digest"
 
-SHARED = ("coordinates", "functions", "joints", "laws", "model", "states", "vectors")
+SHARED = ("coordinates", "functions", "joints", "laws", "model", "states", "touching", "vectors")
 """Modules of `crosscheck.scene` that the formulas import, directly or not."""
 
 
@@ -43,7 +43,7 @@ def formula_version() -> str:
     here = pathlib.Path(__file__).parent
     shared = [here.parent / "scene" / f"{name}.py" for name in SHARED]
     digest = hashlib.sha256(_meaning([*sorted(here.glob("*.py")), *shared]).encode())
-    for library in ("heyoka", "scipy"):
+    for library in ("heyoka", "scipy", "coal"):
         try:
             digest.update(importlib.metadata.version(library).encode())
         except importlib.metadata.PackageNotFoundError:  # an extra

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import math
 from collections import OrderedDict
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,14 @@ from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.known import CONTRADICTORY
 from crosscheck.document.known import Known
 from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported
-from crosscheck.scene.coordinates import at_start, offset_from_half_turn, zero_attitude
+from crosscheck.scene.coordinates import (
+    at_start,
+    followed,
+    hinge_angles,
+    offset_from_half_turn,
+    starting,
+    zero_attitude,
+)
 from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import ELEMENTS, GROUND, Force, Joint, Scene
@@ -82,7 +90,10 @@ def motion(scene: Scene, method: str, step: float, t: np.ndarray) -> States:
         solution = lieeuler.integrate(build_problem(scene), method, step, t, monitor=False)
     except (lieeuler.IntegrationError, lieeuler.LieEulerError) as error:
         raise ArgumentError(str(error)) from error
-    return States(*(np.asarray(getattr(solution, name)) for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam")))
+    states = States(*(np.asarray(getattr(solution, name)) for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam")))
+    states.hinges = _turned(scene, step, states, lambda t: lieeuler.integrate(build_problem(scene), method, step, t,
+                                                                              monitor=False))
+    return states
 
 
 def start(problem: lieeuler.Problem, step: float = 1e-6) -> lieeuler.Solution:
@@ -146,6 +157,33 @@ def _value(value: Value) -> Any:
     if not isinstance(value, TimeFunction):
         return value
     return lieeuler.TimeFunction(value.pieces, value.terms, value.breaks)
+
+
+MOST_PARTS = 512
+"""Of an interval between outputs, at the ends of which a run that chooses its steps is asked how far hinges turned."""
+
+
+def _turned(scene: Scene, step: float | None, states: States, solve: Callable[[np.ndarray], lieeuler.Solution]
+            ) -> np.ndarray:
+    """(T, h) rad: the angles of hinges at the output times, with their turns.
+
+    Where these times are too far apart to tell the turns, the same run is asked for more of them, up to every step.
+    """
+    known, parts, intervals = hinge_angles(scene, states), 1, len(states.t) - 1
+    most = MOST_PARTS if step is None else math.ceil(float(np.diff(states.t).max()) / step * (1 - 1e-12))
+    while np.isnan(known).any() and parts < most:
+        parts = min(8 * parts, most)
+        try:
+            found = solve(np.interp(np.arange(parts * intervals + 1) / parts, np.arange(intervals + 1), states.t))
+        except lieeuler.LieEulerError:
+            break
+        between = States(*(np.asarray(getattr(found, name)) for name in "txRvw"))
+        if parts == most and step is not None:
+            before = starting(scene)
+            before.hinges = hinge_angles(scene, before)
+            between.hinges = followed(scene, between, before)
+        known = hinge_angles(scene, between)[::parts]
+    return known
 
 
 class IntegrationError(CrosscheckError, lieeuler.IntegrationError):
@@ -234,13 +272,17 @@ class LieEuler(Engine):
         if step and any(servo.period for _, servo in scene.servos.values()):
             with contextlib.suppress(ArgumentError):  # it finds the samples within steps, others have to meet them
                 step = steps_per_sample(scene, step)[1]
-        try:
-            solution = lieeuler.integrate(
-                kept_problem(scene), spec.method, step, scene.t, rtol=spec.rtol,
+
+        def solved(t: np.ndarray, monitor: bool) -> lieeuler.Solution:
+            return lieeuler.integrate(
+                kept_problem(scene), spec.method, step, t, rtol=spec.rtol,
                 coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta,
                 spectral_radius=spec.spectral_radius, correction=spec.correction or "mass", spin_free=spec.spin_free,
                 reduce=spec.reduce, conserve=bool(spec.conserve), polish=spec.polish is not False,
-                monitor=spec.monitor, events=spec.events)
+                monitor=monitor, events=spec.events)
+
+        try:
+            solution = solved(scene.t, spec.monitor)
         except lieeuler.IntegrationError as ended:
             if ended.status is lieeuler.Status.NOT_UNIQUE:  # no method can go on there, and truth ends there
                 when, joint, _ = ended.solution.events[-1]
@@ -259,8 +301,9 @@ class LieEuler(Engine):
             most_iterations=stats.most_iterations, redundant_rows=stats.redundant_rows,
             reduce=stats.reduce, spin_free=tuple(scene.bodies[body].name for body in stats.spin_free))
         maxima = {"kinetic_energy" if key == "kinetic" else key: value for key, value in stats.maxima.items()}
+        states = States(*(np.asarray(getattr(solution, field)) for field in fields))
+        states.hinges = _turned(scene, spec.step, states, lambda t: solved(t, False))
         return RawRun(
-            states=States(*(np.asarray(getattr(solution, field)) for field in fields)),
-            wall_time=stats.wall_time, steps=stats.steps, step=stats.step, status=solution.status.value,
+            states=states, wall_time=stats.wall_time, steps=stats.steps, step=stats.step, status=solution.status.value,
             stats=counters, maxima=maxima or None, form="maximal",
             events=tuple((t, scene.joints[joint].name, what) for t, joint, what in solution.events))

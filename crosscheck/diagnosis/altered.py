@@ -12,6 +12,7 @@ from crosscheck.judge.flow import State
 from crosscheck.judge.substeps import TABLEAUX, Stepper, exponential_step, semi_implicit
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import followed, hinge_angles, starting
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
@@ -25,7 +26,8 @@ class Model:
     def __init__(self, scene: Scene, physics: Physics) -> None:
         self.scene, self.physics = scene, physics
         self.forces = tuple(range(len(scene.loads)))
-        self.angles: dict[str, float] | None = None
+        self.last = starting(scene)
+        self.last.hinges = hinge_angles(scene, self.last)
         self.constraints = Constraints(scene)
         self.rank: int | None = None
 
@@ -33,8 +35,9 @@ class Model:
         """Accelerations (n, 6) of the state (n, ...) at time t (s): linear in world axes, angular in body axes."""
         angles: dict[str, np.ndarray] = {}
         if any(force.type == "torsional_spring" for force in self.scene.loads):
-            angles = mechanics.torsion_angles(self.scene, R[None], previous=self.angles)
-            self.angles = {joint: float(values[-1]) for joint, values in angles.items()}
+            now = States(self.last.t, x[None], R[None], v[None], w[None])
+            now.hinges = followed(self.scene, now, self.last)
+            angles, self.last = mechanics.torsion_angles(self.scene, now), now
         points = Points(x[None], R[None], v[None], w[None], np.zeros((1, self.scene.n, 6)), np.zeros(1, int), angles,
                         np.array([t]))
         terms = Terms(self.scene, points, self.forces, self.constraints, self.rank)

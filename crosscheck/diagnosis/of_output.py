@@ -19,6 +19,7 @@ from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.judge.flow import rates_of
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
+from crosscheck.scene.coordinates import hinge_angles
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
@@ -201,7 +202,8 @@ def _filtered(first: Observation) -> Iterator[Told]:
     for names, text in ((("v", "w"), "all velocities"), (("v",), "velocities"), (("w",), "angular velocities")):
         def filtered(given: Scene, tau: float, names: tuple[str, ...] = names) -> States:
             true = true_motion(given)
-            rates = dict(zip("vw", rates_of(given)(true.t, true.x, true.R, true.v, true.w)[2:], strict=True))
+            flow = rates_of(given, hinges=hinge_angles(given, true))
+            rates = dict(zip("vw", flow(true.t, true.x, true.R, true.v, true.w)[2:], strict=True))
             return dataclasses.replace(true, **{name: getattr(true, name) - tau * rates[name] for name in names})
 
         exact, late = filtered(first.scene, 0.0), filtered(first.scene, 1.0)

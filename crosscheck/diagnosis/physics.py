@@ -295,7 +295,7 @@ def _spring(scene: Scene, force: Force, points: Points,
         if not spring:
             return force.type, unit, none, none, bodies
         if slides:
-            moved = history(joint, States(none, x, R, points.v, points.w)).position
+            moved = history(scene, joint, States(none, x, R, points.v, points.w)).position
             length = moved if moved.ndim == 1 else moved[:, joint.kind.coordinates.index("slide")]
         else:
             length = points.angles[joint.name]

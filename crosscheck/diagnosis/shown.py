@@ -82,7 +82,7 @@ def points_of(members: list[tuple[int, Shown]], stride: int) -> tuple[Points, np
         count = len(pieces["rates"][-1])
         pieces["copy"].append(np.full(count, k))
         pieces["noise"].append(np.full(count, each.noise))
-        twists = mechanics.torsion_angles(each.observation.scene, each.states.R, each.states.w, each.states.t)
+        twists = mechanics.torsion_angles(each.observation.scene, each.states)
         for joint, values in twists.items():
             angles.setdefault(joint, []).append(values[inner])
     joined = {name: np.concatenate(parts) for name, parts in pieces.items()}

@@ -53,13 +53,13 @@ class Reference:
 
 
 def reference(scene: Scene, at: States) -> Reference:
-    """The truth of `scene` at the K states `at`. Each is a separate start, with torsion angles in (-pi, pi]."""
+    """The truth of `scene` at the K states `at`. Each is a separate start, its hinges within half a turn of it."""
     constraints = Constraints(scene)
     count, n = len(at.t), scene.n
     mass = np.linalg.inv(mechanics.inverse_mass(scene))
     weight = np.concatenate([scene.masses[:, None] * scene.gravity, np.zeros((n, 3))], axis=1).ravel()
     rows = [slice(k, k + 1) for k in range(count)]
-    angles = [mechanics.torsion_angles(scene, at.R[k]) for k in rows]
+    angles = [mechanics.torsion_angles(scene, at.at(k)) for k in rows]
     held = [_held(scene, at.x[k], at.R[k], at.v[k], at.w[k]) for k in rows]
     solved = [mechanics.index1(one, at.x[k], at.R[k], at.v[k], at.w[k], angle)
              for one, k, angle in zip(held, rows, angles, strict=True)]  # separately, because states may differ in rank

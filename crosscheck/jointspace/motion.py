@@ -30,7 +30,7 @@ from crosscheck.references.generic import (
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree import FREE, Link
 from crosscheck.references.tree_loads import angle_rate
-from crosscheck.scene.coordinates import histories, rates
+from crosscheck.scene.coordinates import histories, rates, starting
 from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import SMOOTH, Scene, quaternion_from_rotation, quaternion_from_turn
@@ -120,13 +120,13 @@ class TreeSpace:
         return self.bodies(np.zeros(self.size), self.speeds)
 
     def _springs(self, change: np.ndarray) -> list[object]:
-        """Changes of the angles of springs in joints that close loops: their rates, with changes for speeds."""
+        """Changes of the angles of hinges that close loops: their rates, with changes for speeds."""
         tree, state = self.equations.tree, [*self.equations.initial.tolist()]
         for link in self.links:
             state[tree.speeds[link.body]] = [*change[self.slots[link.body]]]
         frames = tree.frames(state)
         placed = tree.world(frames)
-        return [angle_rate(joint, frames, placed) for joint in self.equations.springs]
+        return [angle_rate(joint, frames, placed) for joint in self.equations.closing]
 
     def state(self, change: np.ndarray, speeds: np.ndarray) -> list[Any]:
         """The state vector of the formulation."""
@@ -140,7 +140,7 @@ class TreeSpace:
             else:
                 state[place] = add(before, moved) if moved else []
             state[tree.speeds[link.body]] = [*speeds[self.slots[link.body]]]
-        if self.equations.springs:
+        if self.equations.closing:
             state[tree.size:] = add(state[tree.size:], self._springs(change))
         return state
 
@@ -317,11 +317,6 @@ def checked(scene: Scene, wanted: str, given: Any, number: int, axes: int = 1) -
 def positions(scene: Scene) -> np.ndarray:
     """q (n,) at the start; see `placed`."""
     return np.asarray(coordinates(scene)[0][0])
-
-
-def starting(scene: Scene) -> States:
-    """The start as the states of one time."""
-    return States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
 
 
 def turns(scene: Scene) -> list[slice]:

@@ -15,9 +15,10 @@ from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.adapters.common import open_tree
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
 from crosscheck.inspection import probe
-from crosscheck.jointspace.motion import JointSpace, of_coordinates, positions, responses, shifted, starting
+from crosscheck.jointspace.motion import JointSpace, of_coordinates, positions, responses, shifted
 from crosscheck.running.attempt import Ran, Way, attempt
 from crosscheck.scene.assembly import projected
+from crosscheck.scene.coordinates import starting
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 

@@ -17,11 +17,11 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.errors import EngineError, Unsupported
 from crosscheck.jointspace.derivatives import DEPENDENT, Derivatives, of, tangent_space, truth
-from crosscheck.jointspace.motion import JointSpace, TreeSpace, placed, responses, starting
+from crosscheck.jointspace.motion import JointSpace, TreeSpace, placed, responses
 from crosscheck.jointspace.sources import GIVEN, Blocks, acceleration, allowed, condition, taken
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
-from crosscheck.scene.coordinates import relative
+from crosscheck.scene.coordinates import relative, starting
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Joint, Scene
 

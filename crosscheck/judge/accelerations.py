@@ -168,7 +168,7 @@ def by_equations(scene: Scene, traj: Trace, at: np.ndarray, crossed: Crossed | N
                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """As `mechanics.index1`, in a run's own states at the output times `at`, the ends of the intervals of `crossed`."""
     efforts = None if crossed is None else crossed.efforts()
-    angles = {name: values[at] for name, values in mechanics.torsion_angles(scene, traj.R, traj.w, traj.t).items()}
+    angles = {name: values[at] for name, values in mechanics.torsion_angles(scene, traj).items()}
     return mechanics.index1(scene, traj.x[at], traj.R[at], traj.v[at], traj.w[at], angles, traj.t[at], efforts)
 
 

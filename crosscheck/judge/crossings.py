@@ -45,15 +45,14 @@ class Crossed:
     def __init__(self, scene: Scene, traj: Trace, index: np.ndarray, ahead: float, length: float,
                  begins: dict[int, tuple[States, Mode | None]]) -> None:
         self.scene, self.traj, self.index = scene, traj, index
-        self.restarts, self.turns = restarts_of(scene, length), _turns(scene, traj)
+        self.restarts = restarts_of(scene, length)
         self.intervals, self.modes = self.restarts.follow(
             (self._begin(k, *begins.get(k, (None, None))) for k in index.tolist()),
             (traj.t[index + 1] - traj.t[index]).tolist(), ahead)
 
     def _begin(self, k: int, own: Motion | None = None, mode: Mode | None = None) -> Begin:
         here, at = (self.traj, k) if own is None else (own, 0)
-        return Begin(float(self.traj.t[k]), restarted(self.scene, here, at, 1.0),
-                     {name: float(angles[k]) for name, angles in self.turns.items()}, mode)
+        return Begin(float(self.traj.t[k]), restarted(self.scene, here, at, 1.0), mode)
 
     @property
     def end(self) -> States:
@@ -83,11 +82,6 @@ class Crossed:
         given = self.restarts.efforts(self._begin(k, None, mode) for k, mode in zip(
             (self.index + 1).tolist(), self.modes[1:], strict=True))
         return [(law.joint, not law.turns, given[:, i]) for i, law in enumerate(self.restarts.series.laws)]
-
-
-def _turns(scene: Scene, traj: Trace) -> dict[str, np.ndarray]:
-    """(T,) angles of joints with laws over a run, with their whole turns."""
-    return {name: each.position.reshape(len(traj.t), -1)[:, 0] for name, each in histories(scene, traj).items()}
 
 
 def restarts_of(scene: Scene, length: float) -> Restarts:
@@ -153,7 +147,7 @@ def late(scene: Scene, truth: Reference, step: float) -> dict[str, float]:
         restarts = None
     if restarts is None:
         return {}
-    begin = Begin(0.0, scene, {name: float(angles[0]) for name, angles in _turns(scene, truth.states).items()})
+    begin = Begin(0.0, scene)
     interval = restarts.follow([begin], [until], 0.0)[0][0]
     pose, rate = across(interval.events, 0.0, 0.0, until, interval.derivatives, (1, step))
     rate += sum(each.velocity for each in interval.events if np.abs(truth.t - each.after).min() <= STEPS * step)

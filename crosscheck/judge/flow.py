@@ -21,6 +21,7 @@ from crosscheck.references.maximal import fastest
 from crosscheck.references.modes import Mode
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import hinge_angles, starting
 from crosscheck.scene.model import Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import States
@@ -126,24 +127,26 @@ def flows(scene: Scene, runs: Sequence[Run], truth: Reference, scale: Scales, de
           ) -> list[Flow]:
     """The flows over the intervals `index` of runs at the same output times, with derivatives up to `degree`."""
     tau = runs[0][0].t[index + 1] - runs[0][0].t[index]
-    begins = [_begin(traj, index, answer) for traj, answer, _ in runs]
+    begins = [_begin(scene, traj, index, answer) for traj, answer, _ in runs]
     regular = [_regular(scene, begin) for begin in begins]
     moved: list[Any] = [None] * len(runs)
     if not scene.has_laws:
         steps = max(math.ceil(min(3.0, max(scale.rate, fastest(scene)) * float(tau.max())) / TURN), 2)
-        own = [[getattr(begin, name)[_last(good)] for name in ("t", "x", "R", "v", "w")]
+        own = [[getattr(begin, name)[_last(good)] for name in ("t", "x", "R", "v", "w", "hinges")]
                for begin, good in zip(begins, regular, strict=True)]
-        end, nodes, fast = integrate(scene, States(*map(np.concatenate, zip(*own, strict=True))),
-                                     np.tile(tau, len(runs)), steps, max(steps, degree - 1), len(runs))
+        *parts, hinges = map(np.concatenate, zip(*own, strict=True))
+        end, nodes, fast = integrate(scene, States(*parts, hinges=hinges), np.tile(tau, len(runs)), steps,
+                                     max(steps, degree - 1))
         for k in range(len(runs)):
             part = slice(k * len(tau), (k + 1) * len(tau))
             moved[k] = (_rows(end, part), [tuple(each[part] for each in node) for node in nodes], fast[part])
     return [_flow(scene, *each, truth, scale, degree, index) for each in zip(runs, begins, regular, moved, strict=True)]
 
 
-def _begin(traj: Trace, index: np.ndarray, answer: Answer | None) -> States:
+def _begin(scene: Scene, traj: Trace, index: np.ndarray, answer: Answer | None) -> States:
     """The run's own states at the beginning of intervals, or those in which the engine was started there."""
     begin = _rows(traj, index)
+    begin.hinges = hinge_angles(scene, traj)[index]
     if answer is not None:
         marks = answer.marks[:-1]
         fresh = np.isin(index, marks)
@@ -198,7 +201,8 @@ def claimed(truth: Reference) -> float:
 
 def _rows(states: Trace, rows: object) -> States:
     """Copies of some rows."""
-    return States(*(np.array(getattr(states, name)[rows]) for name in "txRvw"))
+    return States(*(np.array(getattr(states, name)[rows]) for name in "txRvw"),
+                  hinges=None if states.hinges is None else np.array(states.hinges[rows]))
 
 
 SINGULAR = 0.1
@@ -254,15 +258,14 @@ def around(values: np.ndarray, count: int) -> np.ndarray:
 Nodes = list[tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
-def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: int | None = None, runs: int = 1
+def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: int | None = None
               ) -> tuple[States, Nodes, np.ndarray]:
     """The states at the ends; a, R'' and alpha at the ends of `parts` equal parts, by default of all steps; the largest
     angular speed there (I,) in rad/s.
 
-    The intervals are those of so many `runs`, one after the other. Their ends are met from break to break of functions
-    of time; nodes lie across them.
+    Ends are met from break to break of functions of time; nodes lie across them.
     """
-    end, nodes, fast = _integrated(scene, begin, tau, np.full(len(tau), np.inf), count, parts, runs)
+    end, nodes, fast = _integrated(scene, begin, tau, np.full(len(tau), np.inf), count, parts)
     until, now, times = begin.t + tau, begin, np.array(breaks(scene))
     first = np.searchsorted(times, begin.t, side="right")
     last = np.searchsorted(times, until, side="right")
@@ -272,26 +275,27 @@ def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: i
         stop = np.where(cut, times[np.minimum(first + k, len(times) - 1)], until)
         length = stop - now.t
         steps = max(2, math.ceil(count * float((length / tau).max())))
-        now = _integrated(scene, now, length, np.where(cut, np.nextafter(stop, -np.inf), np.inf), steps, 1, runs)[0]
+        now = _integrated(scene, now, length, np.where(cut, np.nextafter(stop, -np.inf), np.inf), steps, 1)[0]
         now.t = stop
         end = now
     return end, nodes, fast
 
 
-def _integrated(scene: Scene, begin: States, tau: np.ndarray, latest: np.ndarray, count: int, parts: int | None,
-                runs: int) -> tuple[States, Nodes, np.ndarray]:
+def _integrated(scene: Scene, begin: States, tau: np.ndarray, latest: np.ndarray, count: int, parts: int | None
+                ) -> tuple[States, Nodes, np.ndarray]:
     """As `integrate`, with the functions of time as they are up to the times `latest`.
 
-    `count` steps of Dormand and Prince's method of
-    order 8, between which its polynomials of degree 7 are taken. Attitudes are matrices, which stay orthogonal as far
-    as the method is exact. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I,
-    II.5 and II.6.
+    `count` steps of Dormand and Prince's method of order 8, between which its polynomials of degree 7 are taken.
+    Attitudes are matrices, which stay orthogonal as far as the method is exact. Source: E. Hairer, S. P. Norsett, G.
+    Wanner, Solving Ordinary Differential Equations I, II.5 and II.6.
     """
     from scipy.integrate import DOP853
 
     # In an interval that turns little, what combinations of rows are redundant changes little.
     combined = mechanics.Index1(scene).independent(begin.x, begin.R) if count * TURN <= 1.0 else None
-    rates, each = rates_of(scene, combined, runs), tau[:, None, None]
+    hinges = np.tile(hinge_angles(scene, starting(scene)), (len(tau), 1)) if begin.hinges is None else (
+        begin.hinges.copy())
+    rates, each = rates_of(scene, combined, hinges), tau[:, None, None]
     span = np.where(tau > 0.0, tau, 1.0)[:, None]  # what is at its end already stays there
     nodes, fast, grid = [], np.zeros(len(tau)), np.linspace(0.0, 1.0, (parts or count) + 1).tolist()
 
@@ -322,7 +326,7 @@ def _integrated(scene: Scene, begin: States, tau: np.ndarray, latest: np.ndarray
             elif share < solver.t:
                 within = within or solver.dense_output()
                 keep(within(share), slope(share, within(share)))
-    return States(begin.t + tau, *states(solver.y)), nodes, fast
+    return States(begin.t + tau, *states(solver.y), hinges=hinges), nodes, fast
 
 
 def _hat(w: np.ndarray) -> np.ndarray:
@@ -331,17 +335,23 @@ def _hat(w: np.ndarray) -> np.ndarray:
     return upper - np.swapaxes(upper, -1, -2)
 
 
-def rates_of(scene: Scene, combined: np.ndarray | None = None, runs: int = 1) -> Callable[..., State]:
+def rates_of(scene: Scene, combined: np.ndarray | None = None, hinges: np.ndarray | None = None
+             ) -> Callable[..., State]:
     """(t, x, R, v, w) -> the rates of x, R, v, w by the index-1 equations; `combined` is of `mechanics.Index1`.
 
-    The states are those of so many `runs`, of equal length, each of which winds its joints by itself.
+    Hinges with springs are followed from one call to the next, in `hinges` (T, h), or from the scene's start on.
     """
-    index1 = mechanics.Index1(scene)
+    index1, last = mechanics.Index1(scene), hinges
+    joints = {joint.name: joint for joint in scene.joints}
 
     def rates(t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
-        wound = [mechanics.torsion_angles(scene, *each) for each in zip(
-            *(np.split(part, runs) for part in (R, w, t)), strict=True)]
-        angles = {name: np.concatenate([each[name] for each in wound]) for name in wound[0]}
+        nonlocal last
+        if last is None:
+            last = np.tile(hinge_angles(scene, starting(scene)), (len(x), 1))
+        angles = mechanics.torsion_angles(scene, States(np.broadcast_to(t, len(x)), x, R, v, w, hinges=last))
+        for name, values in angles.items():
+            last[:, scene.hinges.index((name, joints[name].kind.coordinates.index("turn")))] = (
+                values - joints[name].zero_angle)
         a, alpha, _ = index1(x, R, v, w, angles, t, combined=combined)
         return [v, R @ _hat(w), a, alpha]
 

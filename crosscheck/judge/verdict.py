@@ -66,6 +66,14 @@ def _judged(kind: str, value: float, tol: Tol, unit: str, detail: str = "", empt
     return Finding(kind, "ok" if value <= tol.value else "fail", float(value), tol.value, unit, tol.why, detail)
 
 
+def _uncounted(traj: Trace, unit: str, detail: str) -> Finding | None:
+    """The finding about an energy that is not known."""
+    if np.isfinite(traj.energy).all() or not all(np.isfinite(getattr(traj, name)).all() for name in "xRvw"):
+        return None
+    return Finding("energy", "unjudged", None, None, unit, "the engine has not counted how often hinges turn between "
+                   "its outputs, so that the energy of their springs is not known", detail)
+
+
 def judge_states(scene: Scene, traj: Trace, truth: Reference, window: Reference, claim: Claim
                  ) -> tuple[list[Finding], dict[str, Error], Bounds]:
     """Judge errors against truth over the longest time that bounds can judge: the whole run, or else its first window.
@@ -148,7 +156,8 @@ def judge_invariants(scene: Scene, traj: Trace, truth: Reference, bounds: Bounds
     momentum = np.abs(traj.momentum_vertical - exact_momentum)[keep].max(initial=0.0)
     none = not keep.any()
     most, turn = (rule(scene, truth, bounds.invariants) for rule in (tolerances.energy, tolerances.momentum))
-    return [_judged("energy", energy, most, "1", where, none or "energy" in bounds.empty),
+    return [_uncounted(traj, "1", where) or _judged("energy", energy, most, "1", where,
+                                                    none or "energy" in bounds.empty),
             _judged("momentum", momentum, turn, "kg m^2/s", where, none or "momentum" in bounds.empty)]
 
 
@@ -167,12 +176,15 @@ def judge_coarse(scene: Scene, traj: Trace, truth: Reference) -> Finding:
     if scene.loads or scene.functions or scene.has_laws:
         lift += np.ptp(mechanics.kinetic_energy(scene, truth.states)) / scale.kinetic
         why += ", and what forces and drives turn over"
-    return _judged("energy", change, Tol(float(lift), f"{why}, over the largest kinetic energy"), "1", "the whole run")
+    return _uncounted(traj, "1", "the whole run") or _judged(
+        "energy", change, Tol(float(lift), f"{why}, over the largest kinetic energy"), "1", "the whole run")
 
 
 def judge_without_truth(scene: Scene, traj: Trace) -> Finding:
     """Judge the energy of a run without truth: as `judge_coarse`, for scenes that conserve energy."""
     change = float(np.abs(traj.energy - traj.energy[0]).max())
+    if (unknown := _uncounted(traj, "J", "the whole run")) is not None:
+        return unknown
     if scene.loads or scene.has_laws:
         return Finding("energy", "unjudged", change, None, "J", "forces may change the energy, and no truth tells how")
     reach = tolerances.reach(scene)

@@ -20,18 +20,13 @@ from crosscheck.judge.sensors import moved
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
-from crosscheck.scene.coordinates import histories
-from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.coordinates import hinge_angles, histories
 from crosscheck.scene.model import Scene
 from crosscheck.scene.monitor import level_norms
 from crosscheck.scene.sensors import readings
 from crosscheck.scene.starts import anchor_length
 from crosscheck.scene.states import Motion, States
 from crosscheck.scene.vectors import cross
-
-FILL = 0.05
-"""Longest time (s) between two instants at which an angle is followed over full turns, unless the scene's are closer.
-"""
 
 CHUNK = 50_000
 """Instants of truth that are in memory at a time."""
@@ -59,11 +54,7 @@ class Shown:
 
     def __init__(self, scene: Scene, groups: Sequence[Group]) -> None:
         self.scene, self.groups = scene, groups
-        self.fill = min(FILL, scene.duration / max(1, scene.samples - 1))
         self.body = {body.name: k for k, body in enumerate(scene.bodies)}
-        turning = {joint.name for joint in scene.joints
-                   if any(word.startswith("turn") for word in JOINT_TYPES[joint.type].coordinates)}
-        self.followed = any(group.key == "joint_position" and group.owner in turning for group in groups)
 
     def of(self, states: Motion) -> list[np.ndarray]:
         """The values of every group, in its shape."""
@@ -94,16 +85,8 @@ class Shown:
         return np.asarray(values[:, list(group.parts)])
 
     def at(self, motion: Any, t: np.ndarray) -> list[np.ndarray]:
-        """The values at increasing times of a motion with `at`; angles are followed from the start over full turns."""
-        grid, places = t, np.arange(len(t))
-        if self.followed:
-            knots = np.unique(np.concatenate([[0.0], t]))
-            counts = np.ceil(np.diff(knots) / self.fill).astype(int)
-            more = [np.linspace(a, b, count + 1)[1:-1] for a, b, count in zip(knots, knots[1:], counts, strict=False)
-                    if count > 1]
-            grid = np.unique(np.concatenate([knots, *more]))
-            places = np.searchsorted(grid, t)
-        return [values[places] for values in self.of(motion.at(grid))]
+        """The values at increasing times of a motion with `at`."""
+        return self.of(motion.at(t))
 
 
 def gaps(group: Group, recorded: np.ndarray, shown: np.ndarray, modulo: bool = False) -> np.ndarray:
@@ -168,9 +151,6 @@ def compare(scene: Scene, recording: Recording, truth: Any, since: float = 0.0) 
     t = recording.t - since
     pieces = [shown.at(truth, t[begin:begin + CHUNK]) for begin in range(0, len(t), CHUNK)]
     joined = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
-    if since:  # whole turns before it are not known
-        joined = [value + 2 * np.pi * np.round((group.values[:1] - value[:1]) / (2 * np.pi)) if group.angle else value
-                  for group, value in zip(recording.groups, joined, strict=True)]
     gap = [gaps(group, group.values, value) for group, value in zip(recording.groups, joined, strict=True)]
     floor = [group.floor + truth.error + recording.blur * _speed(group, value, t)
              for group, value in zip(recording.groups, joined, strict=True)]
@@ -210,11 +190,13 @@ def _step(shown: Shown, states: States, what: str, off: np.ndarray, width: float
 def restored(scene: Scene, recording: Recording, base: Motion) -> States | None:
     """The states that show what was recorded and satisfy the joints, next to `base`; None if they are not determined.
 
-    Velocities that are not recorded are those of `base` plus the rate at which the poses leave it.
+    Hinges have the turns that were recorded, or those of `base` where no angle was. Velocities that are not recorded
+    are those of `base` plus the rate at which the poses leave it.
     """
     constraints = Constraints(scene)
     poses, rates = ([g for g in recording.groups if g.key in keys] for keys in (POSES, RATES))
-    shown, states = Shown(scene, poses), States(base.t, base.x, base.R, base.v, base.w)
+    shown, states = Shown(scene, poses), States(base.t, base.x, base.R, base.v, base.w,
+                                                hinges=_turned(scene, recording, base))
     total = np.zeros((len(base.t), 6 * scene.n))
     for _ in range(5):
         change, A = _step(shown, states, "pose",
@@ -231,6 +213,18 @@ def restored(scene: Scene, recording: Recording, base: Motion) -> States | None:
     now = dataclasses.replace(states, v=both[..., :3], w=both[..., 3:])
     change, _ = _step(Shown(scene, rates), now, "rate", constraints.velocity(now.x, now.R, now.v, now.w, now.t), 1.0)
     return moved(now, "rate", change.reshape(both.shape))
+
+
+def _turned(scene: Scene, recording: Recording, base: Motion) -> np.ndarray:
+    """(T, h) rad: the angles of hinges that were recorded, those of `base` where none was or full turns were left out.
+    """
+    angles = hinge_angles(scene, base).copy()
+    for group in recording.groups:
+        if group.key == "joint_position" and group.angle and not group.wrap:
+            for column, part in enumerate(group.parts):
+                if (group.owner, part) in scene.hinges:
+                    angles[:, scene.hinges.index((group.owner, part))] = group.values[:, column]
+    return angles
 
 
 @dataclasses.dataclass
@@ -267,7 +261,7 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
     noise = np.max([each if group.key in RATES else each * (rate if known else 1.0) / (1.0 if known else tau)
                     for group, each in zip(recording.groups, floors, strict=True)], axis=0)
     pose = np.max([each for group, each in zip(recording.groups, floors, strict=True) if group.key in POSES], axis=0)
-    begin, grown = States(*(getattr(states, name)[keep] for name in "txRvw")), np.zeros((2, len(keep)))
+    begin, grown = states.at(keep), np.zeros((2, len(keep)))
     if laws:
         crossed = Crossed(scene, states, keep, 0.0, anchor_length(scene), {})
         after, sizes = crossed.end, crossed.sizes(0)
@@ -302,7 +296,8 @@ def invariants(scene: Scene, recording: Recording, truth: Any, since: float) -> 
             return None
         parts.append(np.stack([g.values for g in groups if g is not None], axis=1))
     exact = truth.at(piece.t - since)
-    states, kinetic = States(exact.t, *parts), float(mechanics.kinetic_energy(scene, exact).max()) or 1.0
+    states = States(exact.t, *parts, hinges=_turned(scene, piece, exact))
+    kinetic = float(mechanics.kinetic_energy(scene, exact).max()) or 1.0
     levels = level_norms(Constraints(scene), states.x, states.R, states.v, states.w, None, None, states.t)
     return {"energy": float(np.abs(mechanics.energy(scene, states) - mechanics.energy(scene, exact)).max()) / kinetic,
             "momentum": float(np.abs(mechanics.momentum_vertical(scene, states)

@@ -238,8 +238,10 @@ class Truth:
         """States at times t of the formulation of that name."""
         if solved.source == self.series.source:
             return self.on_series(t)
-        states = self._other.run(np.union1d([0.0], t))
-        return _picked(states, np.searchsorted(states.t, t))
+        states: States = self._other.run(np.union1d([0.0], t))
+        states = states.at(np.searchsorted(states.t, t))
+        states.hinges = self.on_series(t).hinges  # both turn alike
+        return states
 
     def _agreed(self, until: float) -> tuple[float, Agreement]:
         """What the conditioning explains of a difference up to a time, and the agreement there."""
@@ -335,10 +337,6 @@ def _posed(t: np.ndarray, pose: tuple[np.ndarray, np.ndarray]) -> States:
     x, R = (part[:len(t)] for part in pose)
     unknown = np.full_like(x, np.nan)
     return States(t, x, R, unknown, unknown, unknown, unknown)
-
-
-def _picked(states: States, index: np.ndarray) -> States:
-    return States(states.t[index], *(getattr(states, name)[index] for name in STATES))
 
 
 def refuse_early(scene: Scene, horizon: float, cause: str) -> None:

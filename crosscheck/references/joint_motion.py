@@ -34,7 +34,7 @@ from crosscheck.references.generic import (
     turn_about,
 )
 from crosscheck.references.tree import FREE, Link
-from crosscheck.scene.model import GROUND, Scene, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 
 ZERO = [0.0, 0.0, 0.0]
 IDENTITY = [1.0, 0.0, 0.0, 0.0]
@@ -91,14 +91,34 @@ class Tree:
         self.kept = {link.body: quaternion_product(conjugate(q[link.parent]), q[link.body]) for link in links}
 
     def coordinates_of(self, member: Scene) -> tuple[np.ndarray, Tree]:
-        """The state vector of the start of a scene of the same structure, angles within half a turn; and its tree."""
-        own = Tree(member, self.links)
+        """The state vector of the start of a scene of the same structure, with the turns of hinges; and its tree."""
+        own, joints = Tree(member, self.links), {joint.name: joint for joint in member.joints}
         state = own.initial()
         for link in self.links:
-            if link.turn in (1, 2):
-                first = self.coordinates[link.body].start
-                state[first:first + link.turn] = _angles(link.axes, self.kept[link.body], own.kept[link.body])
+            if link.turn in (1, 2) and link.joint is not None:
+                place = slice(first := self.coordinates[link.body].start, first + link.turn)
+                turns = own.start_angles(link, joints[link.joint.name]) - self.start_angles(link)
+                angles = np.array(_angles(link.axes, self.kept[link.body], own.kept[link.body]))
+                state[place] = angles + 2 * np.pi * np.round((turns - angles) / (2 * np.pi))
         return state, own
+
+    def start_angles(self, link: Link, joint: Joint | None = None) -> np.ndarray:
+        """The angles of a link's joint at the start, as the scene counts them, in the order of the link's axes.
+
+        They lie in (-pi, pi], or have the turns of the joint's start; `joint`: in place of the link's own.
+        """
+        joint = joint or link.joint
+        assert joint is not None
+        relative = quaternion_product(conjugate(self.start[joint.parent]), self.start[joint.child])
+        axes = [joint.parent_axis.tolist(), joint.child_axis.tolist()]
+        zero = zero_turn(joint) if joint.reference is None else joint.reference.tolist()
+        if link.turn == 1:  # zero turn(a) = turn(R a) zero: the axis in the child's frame
+            axes = [(rotation_from_quaternion(np.array(zero)).T @ joint.parent_axis).tolist()]
+        angles = np.array(_angles(axes, zero, relative))
+        if joint.start is not None:
+            given = np.array(joint.start)[[2] if joint.type == "planar" else [*range(link.turn)]]
+            angles += 2 * np.pi * np.round((given - angles) / (2 * np.pi))
+        return angles if link.body == joint.child else angles[::-1]
 
     def split(self, link: Link, state: Sequence[Number], table: dict[int, slice]) -> tuple[list[Number], list[Number]]:
         """The entries of a link for its turn and for its shift."""
@@ -232,6 +252,25 @@ class Tree:
             result[self.coordinates[link.body]] = [*turning, *shifting]
             result[self.speeds[link.body]] = accelerations[link.body]
         return result
+
+
+def zero_turn(joint: Joint) -> list[float]:
+    """Quaternion of the child in the parent at zero angles: the shortest turn of its axis to the parent's.
+
+    The axis of a cross is turned to the plane across the parent's. For opposite axes, or an axis of a cross along the
+    parent's, the coordinate direction nearest to normal to the parent's axis, made normal to it, decides.
+    """
+    a, c = joint.parent_axis, joint.child_axis
+    normal = np.eye(3)[np.argmin(np.abs(a))]
+    normal = (normal - (normal @ a) * a) / np.linalg.norm(normal - (normal @ a) * a)
+    if joint.type == "universal":
+        across = c - (c @ a) * a
+        size = float(np.linalg.norm(across))
+        a = across / size if size > 1e-6 else normal
+    turn = np.array([1.0 + a @ c, *np.cross(c, a)])
+    if np.linalg.norm(a + c) < 1e-6:
+        turn = np.array([0.0, *normal])
+    return [float(entry) for entry in turn / np.linalg.norm(turn)]
 
 
 def _angles(axes: Sequence[list[float]], kept: list[float], other: list[float]) -> list[float]:

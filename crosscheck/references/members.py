@@ -9,10 +9,8 @@ import numpy as np
 from crosscheck.references import compute, conditioning, maximal
 from crosscheck.references.agreement import FLOOR, ROUNDOFF, Solved, agree
 from crosscheck.references.base import TruthError
-from crosscheck.references.joint_motion import Tree
 from crosscheck.references.taylor import SOURCE, Taylor
 from crosscheck.references.tree import scene_length
-from crosscheck.references.tree_loads import start_angle
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -86,15 +84,9 @@ class Members:
 
     def _state(self, member: Scene) -> np.ndarray | None:
         """The member's start in the coordinates of the structure, None if they cannot express it."""
-        state, own = self._taylor.tree.coordinates_of(member)
-        if self._taylor.springs or not len(state):
-            return None  # angles of springs in loops are measured from the start
+        state = self._taylor.state_of(member)
+        if not len(state):
+            return None
         x, R = self._taylor.pose(state[None])
         gap = max(np.abs(x[0] - member.x0).max() / scene_length(member), np.abs(R[0] - member.R0).max())
-        return state if gap < SAME_START and self._same_turns(member, own) else None
-
-    def _same_turns(self, member: Scene, own: Tree) -> bool:
-        """Whether angles of torsional springs start within the same turn as those of the structure."""
-        sprung = {force.joint for force in member.loads if force.type == "torsional_spring"}
-        return all(abs(start_angle(joint, own.start) - start_angle(other, self._taylor.tree.start)) < 2.0
-                   for joint, other in zip(member.joints, self.scene.joints, strict=True) if joint.name in sprung)
+        return state if gap < SAME_START else None

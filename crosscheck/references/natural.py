@@ -25,8 +25,8 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError, breaks
-from crosscheck.references.natural_loads import LONG, JointLoad, LinearSpring, Load, Motion, TorsionalSpring
-from crosscheck.scene.model import GROUND, Joint, Scene
+from crosscheck.references.natural_loads import LONG, OPPOSITE, JointLoad, LinearSpring, Load, Motion, TorsionalSpring
+from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.states import States
 
 COINCIDING = ("spherical", "universal", "revolute", "fixed")
@@ -209,6 +209,7 @@ class Natural:
             self.mass[body, 1:, 1:] = (0.5 * np.trace(J) * np.eye(3) - J) / self.scale
         self.mass_long = self.mass.astype(LONG)
         self.torsions = [TorsionalSpring(force, scene) for force in scene.loads if force.type == "torsional_spring"]
+        self.hinges = self._watched()
         self.springs = [LinearSpring(force) for force in scene.forces if force.type == "linear_spring"]
         self.loads: list[Load | JointLoad] = [Load(force) for force in scene.forces
                                               if force.type.startswith("constant")]
@@ -216,6 +217,29 @@ class Natural:
                        if force.type in ("joint_torque", "joint_force", "slide_spring")]
         self.weight = np.zeros((self.n + 1, 4, 3), LONG)
         self.weight[:-1, 0] = scene.masses[:, None].astype(LONG) * scene.gravity
+
+    def _watched(self) -> list[tuple[int, float] | None]:
+        """Of every angle of `scene.hinges` the spring that counts it, which may have no stiffness, and its zero."""
+        joints, places = {joint.name: joint for joint in self.scene.joints}, list[tuple[int, float] | None]()
+        for name, _ in self.scene.hinges:
+            joint = joints[name]
+            if joint.type not in ("revolute", "cylindrical") or joint.child_axis @ joint.parent_axis < OPPOSITE - 1.0:
+                places.append(None)  # nothing counts it here
+                continue
+            place = next((k for k, spring in enumerate(self.torsions) if spring.joint == name), len(self.torsions))
+            if place == len(self.torsions):
+                still = {"stiffness": 0.0, "rest_angle": 0.0, "damping": 0.0}
+                self.torsions.append(TorsionalSpring(Force("torsional_spring", None, None, name, still), self.scene))
+            places.append((place, joint.zero_angle))
+        return places
+
+    def _states(self, t: np.ndarray, angles: np.ndarray, *derivatives: np.ndarray) -> States:
+        """States from angles of torsional springs (T, .) and q, q', q'' (T, n + 1, 4, 3), the ground last."""
+        states = _states(t, *derivatives)
+        columns = [np.full(len(t), np.nan) if place is None else angles[:, place[0]].astype(float) - place[1]
+                   for place in self.hinges]
+        states.hinges = np.array(columns).reshape(-1, len(t)).T
+        return states
 
     def run(self, times: np.ndarray | None = None, start: tuple[np.ndarray, np.ndarray] | None = None) -> States:
         """States at `times`, by default the scene's output times, from the scene's start or from `start` = (q, q')."""
@@ -228,7 +252,7 @@ class Natural:
                 entries.append(motion.at(LONG(waiting.pop(0)) - now))
             if not waiting:
                 break
-        return _states(times, *(np.array([entry[k] for entry in entries]) for k in range(3)))
+        return self._states(times, *(np.array([entry[k] for entry in entries]) for k in (3, 0, 1, 2)))
 
     def _steps(self, q: np.ndarray, rate: np.ndarray, angles: np.ndarray, now: np.longdouble
                ) -> Iterator[tuple[np.longdouble, np.longdouble, Motion]]:
@@ -266,7 +290,8 @@ class Natural:
     def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray], modes: np.ndarray | None = None
                      ) -> States:
         """States at times t from the values of the pieces; `values(k)` are those of the k-th derivative."""
-        return _states(t, *(values(k)[:, :12 * (self.n + 1)].reshape(len(t), -1, 4, 3) for k in range(3)))
+        size = 12 * (self.n + 1)
+        return self._states(t, values(0)[:, size:], *(values(k)[:, :size].reshape(len(t), -1, 4, 3) for k in range(3)))
 
     def derivative_maxima(self, pieces: Sequence[Piece]) -> np.ndarray:
         """Largest |d^k x/dt^k| and |d^k R/dt^k|_F over each piece and the bodies, (pieces, 2, ORDERS + 1)."""

@@ -222,7 +222,7 @@ class TorsionalSpring:
     def __init__(self, force: Force, scene: Scene) -> None:
         values = force.parameters
         joint = next(joint for joint in scene.joints if joint.name == force.joint)
-        self.parent, self.child = joint.parent, joint.child
+        self.joint, self.parent, self.child = joint.name, joint.parent, joint.child
         self.k, self.c = LONG(values["stiffness"]), LONG(values["damping"])
         self.rest_angle: Value = values["rest_angle"]
         self.axis = joint.parent_axis.astype(LONG)

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import numpy as np
 
-from crosscheck.errors import Unsupported
 from crosscheck.references.base import End, Piece
 from crosscheck.references.modes import Mode
 from crosscheck.references.pieces import Label
@@ -53,7 +52,6 @@ class Begin:
 
     t: float  # s
     scene: Scene  # the scene from the state there
-    turns: Mapping[str, float]  # rad: angles of hinges with their whole turns
     mode: Mode | None = None  # that comes there, if it is not that of the interval before
 
 
@@ -61,8 +59,6 @@ class Restarts:
     """Intervals of a scene, on its series of minimal coordinates; `length` (m) is that of the scene."""
 
     def __init__(self, series: LawfulTaylor, length: float) -> None:
-        if series.springs:
-            raise Unsupported("angles of torsional springs in loops are known from the start only")
         self.series, self.length = series, length
 
     def follow(self, begins: Iterable[Begin], lengths: Iterable[float], ahead: float
@@ -93,12 +89,7 @@ class Restarts:
             else efforts
 
     def _begun(self, begin: Begin, mode: Mode | None) -> End:
-        state, _ = self.series.tree.coordinates_of(begin.scene)
-        for law, (coordinate, _, sign, start) in zip(self.series.laws, self.series.places, strict=True):
-            if law.turns:
-                gap = begin.turns[law.joint.name] - start - sign * state[coordinate]
-                state[coordinate] += sign * 2 * np.pi * round(gap / (2 * np.pi))
-        return self.series.begun(state, begin.t, mode)
+        return self.series.begun(self.series.state_of(begin.scene), begin.t, mode)
 
     def _over(self, begin: End, length: float, ahead: float) -> tuple[Interval, Mode]:
         series, t = self.series, begin.time

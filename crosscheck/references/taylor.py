@@ -2,8 +2,8 @@
 
 Every scene is a tree of bodies with joint coordinates (`joint_motion`). Accelerations follow by elimination from the
 leaves (`articulated`), under springs, dampers and loads (`tree_loads`). A joint that closes a loop adds multipliers
-(`loops`); the rank of its rows is found once, at the start. The angle of a torsional spring in such a joint is an
-additional state; in a joint of the tree it is a coordinate.
+(`loops`); the rank of its rows is found once, at the start. The angle of a hinge that is such a joint is an additional
+state; in a joint of the tree it is a coordinate.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ from crosscheck.scene.states import States
 if TYPE_CHECKING:
     import heyoka
 
+HINGES = ("revolute", "cylindrical", "planar")
+"""Types of joints that turn about one axis of both bodies."""
 SOURCE = "Taylor series (heyoka), minimal coordinates"
 SUBPOINTS = 6  # points per step for maxima of derivatives: the k-th one varies over 1/k of the convergence radius
 TOLERATED = 1.02  # relative to a safe step; the remainder grows only by its twentieth power or so
@@ -40,7 +42,7 @@ DRIFT = 1e-13  # quaternion norms stay within a few hundred rounding errors; a l
 class Taylor:
     """The compiled Taylor integrator of a scene; `run` may be called with any initial state.
 
-    State vector: that of `Tree`, then the angles of torsional springs in joints that close loops.
+    State vector: that of `Tree`, then the angles of hinges that close loops.
     """
 
     source = SOURCE
@@ -52,9 +54,8 @@ class Taylor:
         links, closing = unfold(scene)
         self.tree = Tree(scene, links)
         self.cuts = loops.cuts(scene, closing)
-        sprung = {force.joint for force in scene.loads if force.type == "torsional_spring"}
-        self.springs = [joint for joint in closing if joint.name in sprung]
-        angles = [start_angle(joint, self.tree.start) for joint in self.springs]
+        self.closing = [joint for joint in closing if joint.type in HINGES]
+        angles = [start_angle(joint, self.tree.start) for joint in self.closing]
         self.initial = np.concatenate([self.tree.initial(), angles])
         if not len(self.initial):  # nothing moves, but the integrator needs a state
             self.initial = np.zeros(1)
@@ -151,7 +152,7 @@ class Taylor:
         """Loads, loop rows, and alpha, A and the derivatives of speeds by body and column."""
         tree = self.tree
         frames = tree.frames(state)
-        placed = tree.world(frames) if self.cuts or self.scene.loads else {}
+        placed = tree.world(frames) if self.cuts or self.closing or self.scene.loads else {}
         loads = Loads(tree, frames, placed, value)
         for force in self.scene.loads:
             if force.type == "servo":
@@ -188,8 +189,8 @@ class Taylor:
         if name is None:
             return None
         joint = next(joint for joint in self.scene.joints if joint.name == name)
-        if joint in self.springs:
-            return state[self.tree.size + self.springs.index(joint)]
+        if joint in self.closing:
+            return state[self.tree.size + self.closing.index(joint)]
         return tree_angle(joint, self.tree, state)
 
     def _solved(self, state: Sequence[Number], value: Callable[[Value], Number]
@@ -213,7 +214,7 @@ class Taylor:
     def _rates(self, state: Sequence[Number], value: Callable[[Value], Number]) -> list[Number]:
         """d state / dt; `value` evaluates functions of time."""
         loads, _, _, speeding = self._solved(state, value)
-        turning = [angle_rate(joint, loads.frames, loads.placed) for joint in self.springs]
+        turning = [angle_rate(joint, loads.frames, loads.placed) for joint in self.closing]
         rates = [*self.tree.rates(state, loads.frames, speeding), *turning]
         return rates or [0.0]
 
@@ -232,11 +233,18 @@ class Taylor:
         rows = [loops.row(cut, loads) for cut in self.cuts]
         return np.array([row.value for row in rows], float), np.array([row.rate for row in rows], float)
 
+    def state_of(self, member: Scene) -> np.ndarray:
+        """The state vector of the start of a scene of the same structure, with the whole turns of its hinges."""
+        state, own = self.tree.coordinates_of(member)
+        names = {joint.name for joint in self.closing}
+        angles = [start_angle(joint, own.start) for joint in member.joints if joint.name in names]
+        return np.concatenate([state, angles])
+
     def follow_angles(self, state: np.ndarray) -> None:
-        """Set the angles of torsional springs in loops to those of a configuration near the start."""
+        """Set the angles of hinges that close loops to those of a configuration near the start."""
         frames = self.tree.frames(state.tolist(), moving=False)
         q = {body: frame.q for body, frame in frames.items()}
-        for k, joint in enumerate(self.springs):
+        for k, joint in enumerate(self.closing):
             change = start_angle(joint, q) - start_angle(joint, self.tree.start)
             state[self.tree.size + k] += change - 2 * np.pi * np.round(change / (2 * np.pi))
 
@@ -351,7 +359,23 @@ class Taylor:
             turned = [np.einsum("tij,tj->ti", attitudes[:, body], _stack(vector, len(x))) for vector in (own, pull)]
             v[:, body], a[:, body] = _stack(velocity, len(x)) + turned[0], turned[1]
             w[:, body], spin[:, body] = _stack(frame.w, len(x)), _stack(alpha[body], len(x))
-        return States(t, x, attitudes, v, w, a, spin)
+        return States(t, x, attitudes, v, w, a, spin, hinges=self._hinges(states))
+
+    def _hinges(self, states: np.ndarray) -> np.ndarray:
+        """(T, h) rad: the angles of `scene.hinges`, with their whole turns, of state vectors (T, dimension)."""
+        joints = {joint.name: joint for joint in self.scene.joints}
+        links = {link.joint.name: link for link in self.tree.links if link.joint is not None}
+        columns = []
+        for name, k in self.scene.hinges:
+            angle = np.full(len(states), np.nan)  # of a cross that closes a loop nothing is known
+            if name in links:  # an angle of the tree counts from the start
+                place = self.tree.start_angles(links[name])
+                column = 0 if len(place) == 1 else k if links[name].body == joints[name].child else 1 - k
+                angle = place[column] + states[:, self.tree.coordinates[links[name].body].start + column]
+            elif joints[name] in self.closing:
+                angle = states[:, self.tree.size + self.closing.index(joints[name])] - joints[name].zero_angle
+            columns.append(angle)
+        return np.array(columns).reshape(-1, len(states)).T
 
     def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray], modes: np.ndarray | None = None
                      ) -> States:

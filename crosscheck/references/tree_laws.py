@@ -26,7 +26,7 @@ from crosscheck.references.modes import Law, Machine, Mode, Part, Settled, laws_
 from crosscheck.references.monitors import Monitors
 from crosscheck.references.pieces import Crossing, Label, Values, first_crossing
 from crosscheck.references.taylor import SOURCE, Taylor
-from crosscheck.references.tree_loads import start_angle
+from crosscheck.references.tree_loads import coordinate_angle
 from crosscheck.scene.functions import Value, at
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -85,7 +85,7 @@ class LawfulTaylor(Taylor):
     def _start_of(self, law: Law) -> float:
         """The angle at the start, from the joint's reference attitude, with the turns that the scene states."""
         joint = law.joint
-        return start_angle(joint, self.tree.start, None if joint.reference is None else joint.reference.tolist())
+        return coordinate_angle(joint, self.tree.start)
 
     def _unit(self, law: Law, sign: float) -> dict[int, list[float]]:
         """A unit effort of a coordinate, by body, over the angles and displacements of its link."""

@@ -18,7 +18,7 @@ from crosscheck.references.generic import (
     scale,
     square_root,
 )
-from crosscheck.references.joint_motion import ZERO, Frame, Tree
+from crosscheck.references.joint_motion import ZERO, Frame, Tree, zero_turn
 from crosscheck.scene.functions import Value
 from crosscheck.scene.model import Force, Joint
 
@@ -130,20 +130,6 @@ def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[N
     return dot(axis, add(seen, scale(-1.0, frames[joint.parent].w)))
 
 
-def shortest_turn(joint: Joint) -> list[float]:
-    """Quaternion of the shortest turn of a joint's child axis to its parent axis.
-
-    For opposite axes it is a half turn about the coordinate direction nearest to normal to the parent's axis, made
-    normal to it.
-    """
-    a, c = joint.parent_axis, joint.child_axis
-    turn = np.array([1.0 + a @ c, *np.cross(c, a)])
-    if np.linalg.norm(a + c) < 1e-6:
-        normal = np.eye(3)[np.argmin(np.abs(a))]
-        turn = np.array([0.0, *(normal - (normal @ a) * a)])
-    return [float(entry) for entry in turn / np.linalg.norm(turn)]
-
-
 def start_angle(joint: Joint, q: dict[int, list[Number]], zero: list[float] | None = None) -> float:
     """Angle of a joint's child from its attitude `zero` in the parent, by default the shortest turn.
 
@@ -152,12 +138,18 @@ def start_angle(joint: Joint, q: dict[int, list[Number]], zero: list[float] | No
     axis sin) of half the angle.
     """
     relative = quaternion_product(conjugate(q[joint.parent]), q[joint.child])
-    turn = quaternion_product(relative, conjugate(zero or shortest_turn(joint)))
+    turn = quaternion_product(relative, conjugate(zero or zero_turn(joint)))
     angle = 2 * np.arctan2(np.dot(joint.parent_axis, turn[1:]), turn[0])
     if joint.start is None:
         return float(angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi)))
-    begin = joint.start[0] + (0.0 if zero else joint.zero_angle)
+    begin = joint.start[2 if joint.type == "planar" else 0] + (0.0 if zero else joint.zero_angle)
     return float(angle + 2 * np.pi * np.round((begin - angle) / (2 * np.pi)))
+
+
+def coordinate_angle(joint: Joint, q: dict[int, list[Number]]) -> float:
+    """The angle of a hinge at the start, from its reference attitude; `q`: the quaternions of the bodies."""
+    zero = None if joint.reference is None else joint.reference.tolist()
+    return start_angle(joint, q, zero or zero_turn(joint))
 
 
 def tree_angle(joint: Joint, tree: Tree, state: Number) -> Number | None:

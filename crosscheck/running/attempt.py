@@ -227,10 +227,11 @@ def _check_states(who: str, scene: Scene, raw: RawRun) -> None:
     states = raw.states
     vectors = (scene.samples, scene.n, 3)
     shapes = {"t": (scene.samples,), "x": vectors, "R": (*vectors, 3), "v": vectors, "w": vectors, "a": vectors,
-              "alpha": vectors, "lam": (scene.samples, Constraints(scene).m)}
+              "alpha": vectors, "lam": (scene.samples, Constraints(scene).m),
+              "hinges": (scene.samples, len(scene.hinges))}
     for name, shape in shapes.items():
         values = getattr(states, name, None)
-        if values is None and name in ("a", "alpha", "lam"):
+        if values is None and name in ("a", "alpha", "lam", "hinges"):
             continue
         if not isinstance(values, np.ndarray):
             raise EngineError(f"{who} returned {name} as {type(values).__name__}, not as a NumPy array")

@@ -67,6 +67,7 @@ class Trajectory:
     stats: Stats  # counters of the run, "step" (s), and the maxima over every step under the keys of MAXIMA
     own_sensors: Mapping[str, np.ndarray] | None = None  # readings that the engine made itself
     events: tuple[tuple[float, str, str], ...] = ()  # time (s), joint or monitor, and what happened there
+    hinges: np.ndarray | None = None  # (T, h) rad, as of `crosscheck.scene.states.States`
 
     @functools.cached_property
     def work(self) -> np.ndarray:
@@ -207,13 +208,16 @@ class Trajectory:
 
     @functools.cached_property
     def joints(self) -> dict[str, JointHistory]:
-        """`.position` and `.velocity` over time, by name, of the joints that have coordinates."""
+        """`.position` and `.velocity` over time, by name, of the joints that have coordinates.
+
+        An angle is NaN from where the engine has not counted its turns and the samples do not tell them.
+        """
         return histories(self.scene, self)
 
     @functools.cached_property
     def sensors(self) -> Readings:
         """Readings of the scene's sensors by name, (T, 3), (T, 4) or (T,); `.source` says who made each."""
-        states = States(self.t, self.x, self.R, self.v, self.w, self.a, self.alpha)
+        states = States(self.t, self.x, self.R, self.v, self.w, self.a, self.alpha, hinges=self.hinges)
         return readings(self.scene, states, self.own_sensors)
 
     @property
@@ -243,7 +247,7 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
             a, alpha, lam = (None if values is None else np.concatenate([first, values[1:]])
                              for values, first in zip((a, alpha, lam), start, strict=True))
         levels = level_norms(constraints, s.x, s.R, s.v, s.w, a, alpha, s.t,
-                             constraints.leaders_at(s.x, s.R, s.v, s.w, s.t))
+                             constraints.leaders_at(s) if constraints.followers else None)
         return Trajectory(
             scene=scene, engine=engine, method=method, form=raw.form, t=s.t, x=s.x, R=s.R, v=s.v, w=s.w,
             a=a, alpha=alpha, lam=lam, energy=mechanics.energy(scene, s),
@@ -252,7 +256,7 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
             reactions=None if lam is None else constraints.reactions(s.x, s.R, lam), wall_time=raw.wall_time,
             steps=raw.steps, status=raw.status,
             stats=cast(Stats, {**raw.stats, "step": raw.step, **(raw.maxima or {})}), own_sensors=s.sensors,
-            events=raw.events or happened(scene, s), **levels)
+            events=raw.events or happened(scene, s), hinges=s.hinges, **levels)
 
 
 def _beside(sensors: Mapping[str, Any], taken: set[str]) -> dict[str, Any]:

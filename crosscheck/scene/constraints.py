@@ -28,8 +28,10 @@ import numpy as np
 
 from crosscheck.scene.basics import AnyBasic, basics, coordinate, stacked
 from crosscheck.scene.contacts import KnifeEdge
+from crosscheck.scene.coordinates import history
 from crosscheck.scene.model import Joint, Mimic, Scene
-from crosscheck.scene.vectors import continuous, cross
+from crosscheck.scene.states import Motion
+from crosscheck.scene.vectors import cross
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -115,10 +117,10 @@ class Constraints:
 
     def position(self, x: np.ndarray, R: np.ndarray, t: np.ndarray | float = 0.0,
                  leaders: np.ndarray | None = None) -> np.ndarray:
-        """Phi at times t, (T, m); `leaders` as from `leaders_at`, by default for successive states from the start."""
+        """Phi at times t, (T, m); `leaders` as from `leaders_at`, by default within half a turn of the start."""
         values = self._driven(self._evaluated("value", x, R), 0, t)
         if self.followers:
-            values[:, self.m:] = self.leaders_at(x, R) if leaders is None else leaders
+            values[:, self.m:] = self._leaders_near(values[:, self.m:]) if leaders is None else leaders
             values = self._folded(values)
             for follower in self.followers:
                 values[:, follower.row] -= follower.mimic.offset
@@ -128,21 +130,20 @@ class Constraints:
                 values[:, row] = np.remainder(values[:, row] + np.pi, 2 * np.pi) - np.pi
         return values
 
-    def leaders_at(self, x: np.ndarray, R: np.ndarray, v: np.ndarray | None = None, w: np.ndarray | None = None,
-                   t: np.ndarray | None = None, before: np.ndarray | None = None) -> np.ndarray:
-        """Coordinates that others follow, (T, one a mimic), of successive states.
-
-        Angles are continuous along the time axis, from those `before` or at the scene's start on; with velocities at
-        times t they are right where more than half a turn lies between two states.
-        """
-        values = self._evaluated("value", x, R)[:, self.m:]
-        rates = None if v is None or w is None or t is None else self._evaluated("rate", x, R, v, w)[:, self.m:]
+    def _leaders_near(self, values: np.ndarray) -> np.ndarray:
+        """Coordinates of leaders in (-pi, pi], with the turns of their starts."""
+        joints = {joint.name: joint for joint in self.scene.joints}
         for k, follower in enumerate(self.followers):
-            if not follower.joint.kind.slides:
-                start = follower.joint.start
-                begin = before[k] if before is not None else None if start is None else start[0]
-                values[:, k] = continuous(values[:, k], begin, None if rates is None else rates[:, k], t)
+            leader = joints[follower.mimic.joint]
+            if not leader.kind.slides and leader.start is not None:
+                values[:, k] += 2 * np.pi * np.round((leader.start[0] - values[:, k]) / (2 * np.pi))
         return values
+
+    def leaders_at(self, states: Motion) -> np.ndarray:
+        """Coordinates that others follow, (T, one a mimic), with the whole turns of the states."""
+        joints = {joint.name: joint for joint in self.scene.joints}
+        return np.array([history(self.scene, joints[follower.mimic.joint], states).position
+                         for follower in self.followers]).reshape(-1, len(states.t)).T
 
     def _folded(self, values: np.ndarray) -> np.ndarray:
         """Rows (T, m, ...) of (T, m and leaders, ...)."""

@@ -9,7 +9,8 @@ in the parent's axes, a_p and a_c are the two axes, n1 and n2 the reference vect
 - spherical, a quaternion w, x, y, z: R_rel = Q0 R(quaternion), its velocity the relative angular velocity in
   the child's axes.
 
-Angles start in (-pi, pi], or at the value that the scene gives, and are continuous from then on.
+Angles start in (-pi, pi], or at the value that the scene gives, and are continuous from then on. Attitudes do not say
+how often a hinge has turned: `States.hinges` does, filled by who makes the states.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.states import Motion, States
-from crosscheck.scene.vectors import continuous, cross, normal_references, shortest_rotation, slide_direction
+from crosscheck.scene.vectors import cross, normal_references, shortest_rotation, slide_direction
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,8 +95,39 @@ def relative_rates(joint: Joint, position: np.ndarray, velocity: np.ndarray) -> 
 
 def histories(scene: Scene, states: Motion) -> dict[str, JointHistory]:
     """Coordinates of every joint that has them, over the times of `states`."""
-    return {joint.name: history(joint, states) for joint in scene.joints
+    return {joint.name: history(scene, joint, states) for joint in scene.joints
             if joint.kind.coordinates}
+
+
+def starting(scene: Scene) -> States:
+    """The start as the states of one time."""
+    return States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+
+
+def hinge_angles(scene: Scene, states: Motion) -> np.ndarray:
+    """(T, h) rad: the angles of `scene.hinges` with their whole turns; NaN where these are not known."""
+    found = {joint.name: history(scene, joint, states).position.reshape(len(states.t), -1) for joint in scene.joints
+             if any(word.startswith("turn") for word in joint.kind.coordinates)}
+    return np.array([found[name][:, k] for name, k in scene.hinges]).reshape(-1, len(states.t)).T
+
+
+def followed(scene: Scene, states: States, before: States) -> np.ndarray:
+    """(T, h) rad: the angles of `scene.hinges` after every step of a source, from the last of those `before` on.
+
+    The mean of the rates at both ends of a step tells how far a hinge turns, to less than half a turn.
+    """
+    assert before.hinges is not None
+    both = States(*(np.concatenate([getattr(before, key)[-1:], getattr(states, key)]) for key in "txRvw"))
+    wrapped, rates = np.zeros((2, len(both.t), len(scene.hinges)))
+    joints = {joint.name: (joint, relative(joint, both)) for joint in scene.joints}
+    for i, (name, k) in enumerate(scene.hinges):
+        (joint, moved), word = joints[name], joints[name][0].kind.coordinates[k]
+        wrapped[:, i] = _value(word, joint, moved.turn, moved.d)
+        rates[:, i] = _rate(word, joint, moved.turn, moved.w, moved.rate)
+    steps = 0.5 * (rates[1:] + rates[:-1]) * np.diff(both.t)[:, None]
+    gaps = np.diff(wrapped, axis=0) - steps
+    turned = wrapped[1:] - wrapped[:1] - 2 * np.pi * np.cumsum(np.round(gaps / (2 * np.pi)), axis=0)
+    return np.asarray(before.hinges[-1:] + turned)
 
 
 def offset_from_half_turn(scene: Scene, joint: Joint) -> float:
@@ -109,9 +141,8 @@ def offset_from_half_turn(scene: Scene, joint: Joint) -> float:
 
 def at_start(scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Coordinates and their rates, (count,) each, of every joint that has them, in the initial state."""
-    states = States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
     return {name: (np.atleast_1d(each.position[0]), np.atleast_1d(each.velocity[0]))
-            for name, each in histories(scene, states).items()}
+            for name, each in histories(scene, starting(scene)).items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,7 +185,7 @@ def relative(joint: Joint, states: Motion, accelerated: bool = False) -> Relativ
                     np.einsum("tji,tj->ti", Rp, beyond))
 
 
-def rates(joint: Joint, states: States, accelerated: bool = False) -> np.ndarray:
+def rates(joint: Joint, states: Motion, accelerated: bool = False) -> np.ndarray:
     """The rates of a joint, (T,) or (T, count), or their derivatives, from states with accelerations."""
     moved = relative(joint, states, accelerated)
     w, rate = (moved.spinning, moved.speeding) if accelerated else (moved.w, moved.rate)
@@ -166,8 +197,8 @@ def rates(joint: Joint, states: States, accelerated: bool = False) -> np.ndarray
     return np.stack(columns, axis=1) if len(columns) > 1 else columns[0]
 
 
-def history(joint: Joint, states: Motion) -> JointHistory:
-    """Coordinates of one joint that has them, over the times of `states`."""
+def history(scene: Scene, joint: Joint, states: Motion) -> JointHistory:
+    """Coordinates of one joint that has them, over the times of `states`; NaN are angles whose turns are not known."""
     moved = relative(joint, states)
     words = joint.kind.coordinates
     if words == ("ball",):
@@ -180,10 +211,32 @@ def history(joint: Joint, states: Motion) -> JointHistory:
     for k, word in enumerate(words):
         values, rates = _value(word, joint, moved.turn, moved.d), _rate(word, joint, moved.turn, moved.w, moved.rate)
         if word.startswith("turn"):
-            values = continuous(values, None if joint.start is None else joint.start[k], rates, states.t)
+            known = (resolved(values, None if joint.start is None else joint.start[k], rates, states.t)
+                     if states.hinges is None else states.hinges[:, scene.hinges.index((joint.name, k))])
+            values = values + 2 * np.pi * np.round((known - values) / (2 * np.pi))
         columns.append((values, rates))
     return JointHistory(*(np.stack(part, axis=1) if len(words) > 1 else part[0]
                           for part in zip(*columns, strict=True)))
+
+
+REACH, MISSED = 1.5, 0.3
+"""How far, rad, a hinge may turn between two times, by the larger of its rates, and how far it may miss what the mean
+of the two predicts: beyond them these times do not tell how often it has turned."""
+
+
+def resolved(wrapped: np.ndarray, start: float | None, rate: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Angles (T,) with their turns, of a source that has not followed them, from `start` or from the first one on.
+
+    NaN from the first interval on that is too long to tell them.
+    """
+    begin = wrapped[:1] if start is None else np.array([start])
+    first = wrapped[:1] + 2 * np.pi * np.round((begin - wrapped[:1]) / (2 * np.pi))
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
+    left = np.diff(wrapped) - steps
+    left -= 2 * np.pi * np.round(left / (2 * np.pi))
+    far = np.maximum(np.abs(rate[1:]), np.abs(rate[:-1])) * np.diff(t)
+    unknown = np.logical_or.accumulate((far > REACH) | (np.abs(left) > MISSED))
+    return np.concatenate([first, np.where(unknown, np.nan, first + np.cumsum(steps + left))])
 
 
 def _value(word: str, joint: Joint, relative: np.ndarray, d: np.ndarray) -> np.ndarray:

@@ -14,13 +14,13 @@ import numpy as np
 
 from crosscheck.scene.armature import rotors
 from crosscheck.scene.constraints import Constraints
-from crosscheck.scene.coordinates import history
+from crosscheck.scene.coordinates import history, rates
 from crosscheck.scene.functions import at
 from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import Motion, States
-from crosscheck.scene.vectors import continuous, cross, normal_references, shortest_rotation
+from crosscheck.scene.vectors import cross
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -66,13 +66,13 @@ def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[st
         elif force.is_spring:
             energy = energy + 0.5 * p["stiffness"] * _stretch(scene, force, x, R, angles, t) ** 2
     for joint, k, limits in _soft_limits(scene):
-        energy = energy + limits.energy(_position(joint, k, x, R, angles))
+        energy = energy + limits.energy(_position(scene, joint, k, x, R, angles))
     return np.asarray(energy)
 
 
 def energy(scene: Scene, states: Motion) -> np.ndarray:
     """Kinetic energy - sum of m g . x + spring energies, (T,) in J."""
-    angles = torsion_angles(scene, states.R, states.w, states.t)
+    angles = torsion_angles(scene, states)
     return np.asarray(kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles, states.t))
 
 
@@ -81,7 +81,7 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
 
     What a sampled servo holds does not follow from the state: its power is not a number. Impacts have none.
     """
-    angles = torsion_angles(scene, states.R, states.w, states.t)
+    angles = torsion_angles(scene, states)
     total = np.zeros(len(states.t))
     u = np.concatenate([states.v, states.w], axis=-1)
 
@@ -103,7 +103,7 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
             if friction is not None:
                 total -= friction.sliding * abs(_rate(joint, k, states))
     for joint, k, limits in _soft_limits(scene):
-        q, rate = _position(joint, k, states.x, states.R, angles), _rate(joint, k, states)
+        q, rate = _position(scene, joint, k, states.x, states.R, angles), _rate(joint, k, states)
         total += (limits.force(q, rate) - limits.force(q, 0.0)) * rate
     rows = Constraints(scene)
     if rows.drives:  # the reaction -G^T lam does the work -lam . G u
@@ -157,34 +157,19 @@ def orthogonality(R: np.ndarray) -> np.ndarray:
     return np.asarray(gap.reshape(len(R), -1).max(axis=1, initial=0.0))
 
 
-def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: np.ndarray | None = None,
-                   previous: dict[str, float] | None = None) -> dict[str, np.ndarray]:
-    """Angles of joints that carry a torsional spring, limits or a servo, (T,) in rad, continuous along the time axis.
+def torsion_angles(scene: Scene, states: Motion) -> dict[str, np.ndarray]:
+    """Angles that torsional springs count, (T,) in rad, of joints that carry one, limits or a servo.
 
-    Each angle is unwrapped from the one before it. With rates from `w` at times
-    `t` it is unwrapped from the predicted angle, which works even if a sample interval holds more than half a turn. The
-    first angle lies in (-pi, pi], or has the turns of the joint's start, or is unwrapped from `previous`, the last
-    angles of the previous batch.
+    They have the whole turns of the states; where these are not known, they are NaN.
     """
     angles = {}
     sprung = {force.joint for force in scene.loads if force.is_spring or force.type == "servo"}
     sprung |= {joint.name for joint in scene.joints if any(joint.limits)}
     for joint in (joint for joint in scene.joints if joint.name in sprung and joint.kind.has_angle):
-        rate = None if w is None else _torsion_rate(joint, R, w)
-        begin = None if joint.start is None else (
-            joint.start[joint.kind.coordinates.index("turn")] + joint.zero_angle)
-        angles[joint.name] = continuous(_torsion(joint, R), begin if previous is None else previous[joint.name], rate,
-                                        t)
+        values = history(scene, joint, states).position
+        turn = values if values.ndim == 1 else values[:, joint.kind.coordinates.index("turn")]
+        angles[joint.name] = turn + joint.zero_angle
     return angles
-
-
-def _torsion(joint: Joint, R: np.ndarray) -> np.ndarray:
-    """theta in R_parent^T R_child = exp(theta hat(parent_axis)) Q0, (T,), in (-pi, pi]."""
-    n1, n2 = normal_references(joint.parent_axis)
-    pointer = _turn(R, joint.child, shortest_rotation(joint.child_axis, joint.parent_axis).T @ n1)
-    angle: np.ndarray = np.arctan2(np.einsum("tk,tk->t", _turn(R, joint.parent, n2), pointer),
-                                   np.einsum("tk,tk->t", _turn(R, joint.parent, n1), pointer))
-    return angle
 
 
 def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
@@ -194,15 +179,15 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
 
     Dry friction counts where a joint moves, soft limits do, rigid stops do not; of sampled servos nothing is known.
 
-    `angles` as from `torsion_angles`; by default they are unwrapped along the time axis of R. `t`: the times. `efforts`
-    take the place of all laws of joints.
+    `angles` as from `torsion_angles`; by default they are those of the start, or of times that lie close together. `t`:
+    the times. `efforts` take the place of all laws of joints.
     """
     f = np.zeros((len(x), scene.n, 6))
     f[:, :, :3] = scene.masses[:, None] * scene.gravity
     f[:, :, 3:] = -gyroscopic(scene.inertias, w)
+    states = States(np.broadcast_to(t, len(x)), x, R, v, w)
     if angles is None:
-        angles = torsion_angles(scene, R)
-    states = States(np.zeros(len(x)), x, R, v, w)
+        angles = torsion_angles(scene, states)
     for force in scene.loads:
         if efforts is None or force.type != "servo":
             _add_of_force(f, scene, force, states, angles, t)
@@ -213,7 +198,7 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
             if friction is not None:
                 _add_along(f, R, joint, _slides(joint, k), friction.force(_rate(joint, k, states)))
             if limits is not None and not limits.rigid:
-                q = _position(joint, k, x, R, angles)
+                q = _position(scene, joint, k, x, R, angles)
                 _add_along(f, R, joint, _slides(joint, k), limits.force(q, _rate(joint, k, states)))
     return f.reshape(len(x), 6 * scene.n)
 
@@ -258,7 +243,7 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
         if force.type == "servo":
             servo = Servo(**p)
             size = np.full(len(x), np.nan) if servo.period is not None else servo.effort(
-                t, _position(joint, k, x, R, angles), _rate(joint, k, states))
+                t, _position(scene, joint, k, x, R, angles), _rate(joint, k, states))
         elif force.type.startswith("joint_"):
             size = np.broadcast_to(at(p[force.type.removeprefix("joint_")], t), len(x))
         else:
@@ -277,7 +262,7 @@ def _stretch(scene: Scene, force: Force, x: np.ndarray, R: np.ndarray, angles: d
     if force.type == "torsional_spring":
         return np.asarray(angles[force.joint] - at(force.parameters["rest_angle"], t))
     joint = next(joint for joint in scene.joints if joint.name == force.joint)
-    slide = _position(joint, joint.kind.coordinates.index("slide"), x, R, angles)
+    slide = _position(scene, joint, joint.kind.coordinates.index("slide"), x, R, angles)
     return np.asarray(slide - force.parameters["rest_position"])
 
 
@@ -302,17 +287,18 @@ def _soft_limits(scene: Scene) -> Iterator[tuple[Joint, int, Limits]]:
             if limits is not None and not limits.rigid)
 
 
-def _position(joint: Joint, k: int, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray]) -> np.ndarray:
+def _position(scene: Scene, joint: Joint, k: int, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray]
+              ) -> np.ndarray:
     """Coordinate k of a joint with a spring, limits or a servo, (T,); `angles` as from `torsion_angles`."""
     if not _slides(joint, k):
         return np.asarray(angles[joint.name] - joint.zero_angle)
-    values = history(joint, States(np.zeros(len(x)), x, R, np.zeros_like(x), np.zeros_like(x))).position
+    values = history(scene, joint, States(np.zeros(len(x)), x, R, np.zeros_like(x), np.zeros_like(x))).position
     return values if values.ndim == 1 else values[:, k]
 
 
 def _rate(joint: Joint, k: int, states: Motion) -> np.ndarray:
     """The rate of coordinate k of a joint, (T,)."""
-    values = history(joint, states).velocity
+    values = rates(joint, states)
     return values if values.ndim == 1 else values[:, k]
 
 
@@ -515,10 +501,3 @@ def _add_torque(f: np.ndarray, R: np.ndarray, body: int, torque: np.ndarray) -> 
 
 def _turn(R: np.ndarray, body: int, vector: np.ndarray) -> np.ndarray:
     return np.broadcast_to(vector, (len(R), 3)) if body == GROUND else R[:, body] @ vector
-
-
-def _torsion_rate(joint: Joint, R: np.ndarray, w: np.ndarray) -> np.ndarray:
-    spin = np.einsum("tij,tj->ti", R[:, joint.child], w[:, joint.child])
-    if joint.parent != GROUND:
-        spin = spin - np.einsum("tij,tj->ti", R[:, joint.parent], w[:, joint.parent])
-    return np.asarray(np.einsum("tk,tk->t", spin, _turn(R, joint.parent, joint.parent_axis)))

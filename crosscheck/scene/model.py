@@ -396,6 +396,12 @@ class Scene(_Record):
             names += [joint.name] if len(parts) == 1 else [f"{joint.name}.{part}" for part in parts]
         return tuple(names)
 
+    @functools.cached_property
+    def hinges(self) -> tuple[tuple[str, int], ...]:
+        """The coordinates that are angles, in the order of the joints: the joint's name, and the number in it."""
+        return tuple((joint.name, k) for joint in self.joints for k, word in enumerate(joint.kind.coordinates)
+                     if word.startswith("turn"))
+
     @property
     def has_laws(self) -> bool:
         """Whether a joint has dry friction, limits or a servo, so that forces or rates may jump with the state."""

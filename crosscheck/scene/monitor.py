@@ -8,6 +8,7 @@ import numpy as np
 
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import followed, hinge_angles, starting
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -25,30 +26,40 @@ class Monitor:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._constraints = Constraints(scene)
-        self._angles: dict[str, float] | None = None
-        self._leaders: np.ndarray | None = None
         self._kinetic, self._gap = 0.0, 0.0
         self._maxima: dict[str, float] = {}
         self._energy = 0.0
-        self._energy = float(self._energies(scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])[0])
+        self._last = starting(scene)
+        self._last.hinges = hinge_angles(scene, self._last)
+        self._energy = float(self._energies(self._last)[0])
 
     def update(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray | None = None,
-               alpha: np.ndarray | None = None) -> None:
-        """Add the states (T, n, ...) after successive steps, with accelerations if the engine has them."""
+               alpha: np.ndarray | None = None, t: np.ndarray | None = None, hinges: np.ndarray | None = None
+               ) -> np.ndarray:
+        """Add the states (T, n, ...) after successive steps, with accelerations if the engine has them.
+
+        Returns the angles of the hinges, (T, h), as `States` takes them: `hinges`, if the engine counts their turns, or
+        followed from step to step. In a step they turn by less than half a turn, or, with the times t (T,), by less
+        than that beside what the mean of the rates predicts.
+        """
+        states = States(np.zeros(len(x)) if t is None else t, x, R, v, w, hinges=hinges)
+        if states.hinges is None:
+            states.hinges = followed(self._scene, states, self._last)
         if len(x) == 0:
-            return
+            return states.hinges
+        self._last = states.at(slice(-1, None))
         # a diverging run overflows here, and its maxima become inf or nan
         with np.errstate(over="ignore", invalid="ignore"):
-            energies = self._energies(x, R, v, w)
+            energies = self._energies(states)
             self._gap = float(np.maximum(self._gap, np.abs(energies - self._energy).max()))
             leaders = None
             if self._constraints.followers:
-                leaders = self._constraints.leaders_at(x, R, before=self._leaders)
-                self._leaders = leaders[-1]
+                leaders = self._constraints.leaders_at(states)
             levels = level_norms(self._constraints, x, R, v, w, a, alpha, leaders=leaders)
             for key, values in (*levels.items(), ("orthogonality", mechanics.orthogonality(R))):
                 if isinstance(values, np.ndarray):
                     self._maxima[key] = float(np.maximum(self._maxima.get(key, 0.0), values.max()))
+        return states.hinges
 
     def maxima(self) -> dict[str, float]:
         """The maxima so far by the keys of MAXIMA; without `constraint_acceleration` if no accelerations were given."""
@@ -56,13 +67,11 @@ class Monitor:
         largest = {"energy_error": self._gap / scale, "kinetic_energy": scale, **self._maxima}
         return {key: largest[key] for key in MAXIMA if key in largest}
 
-    def _energies(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        batch = States(np.empty(0), x, R, v, w)
-        angles = mechanics.torsion_angles(self._scene, R, previous=self._angles)
-        self._angles = {joint: float(values[-1]) for joint, values in angles.items()}
-        kinetic = mechanics.kinetic_energy(self._scene, batch)
+    def _energies(self, states: States) -> np.ndarray:
+        kinetic = mechanics.kinetic_energy(self._scene, states)
         self._kinetic = float(np.maximum(self._kinetic, kinetic.max()))
-        return np.asarray(kinetic + mechanics.potential_energy(self._scene, x, R, angles))
+        angles = mechanics.torsion_angles(self._scene, states)
+        return np.asarray(kinetic + mechanics.potential_energy(self._scene, states.x, states.R, angles))
 
 
 class Levels(TypedDict):

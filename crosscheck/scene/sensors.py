@@ -68,7 +68,7 @@ class Reader:
     @functools.cached_property
     def angles(self) -> dict[str, np.ndarray]:
         """As from `mechanics.torsion_angles`."""
-        return mechanics.torsion_angles(self.scene, self.states.R, self.states.w, self.states.t)
+        return mechanics.torsion_angles(self.scene, self.states)
 
     @functools.cached_property
     def histories(self) -> dict[str, JointHistory]:

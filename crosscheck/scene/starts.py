@@ -51,13 +51,17 @@ def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: in
     begun = scene.delayed(-float(motion.t[k])).replace(duration=duration, samples=samples,
                                                        bodies=bodies_at(scene, state))
     return begun.replace(joints=tuple(
-        dataclasses.replace(joint, start=_coordinates_at(joint, motion, k))
-        if any(word.startswith("turn") for word in joint.kind.coordinates) else joint for joint in begun.joints))
+        dataclasses.replace(joint, start=_coordinates_at(scene, joint, motion, k)) if joint.start is not None
+        or any(word.startswith("turn") for word in joint.kind.coordinates) else joint for joint in begun.joints))
 
 
-def _coordinates_at(joint: Joint, motion: Motion, k: int) -> tuple[float, ...]:
-    positions = np.atleast_2d(coordinates.history(joint, motion).position.T).T
-    return tuple(positions[k].tolist())
+def _coordinates_at(scene: Scene, joint: Joint, motion: Motion, k: int) -> tuple[float, ...] | None:
+    """The coordinates of a joint at sample k; None, a start within half a turn, where its turns are not known."""
+    if motion.hinges is not None:
+        rows = slice(k, k + 1)
+        motion, k = States(*(getattr(motion, name)[rows] for name in "txRvw"), hinges=motion.hinges[rows]), 0
+    position = coordinates.history(scene, joint, motion).position.reshape(len(motion.t), -1)[k]
+    return tuple(position.tolist()) if np.isfinite(position).all() else None
 
 
 def at_coordinates(scene: Scene, given: Mapping[str, tuple[np.ndarray, np.ndarray]],
@@ -67,7 +71,7 @@ def at_coordinates(scene: Scene, given: Mapping[str, tuple[np.ndarray, np.ndarra
     A ball has a quaternion and an angular velocity in its child's axes. Other joints keep the motion of their bodies
     relative to each other, `roots` and bodies that float their own. Joints that close loops may open.
     """
-    begin = States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    begin = coordinates.starting(scene)
     spins = np.einsum("nij,nj->ni", scene.R0, scene.w0)
     frames = {k: (scene.x0[k], scene.R0[k], scene.v0[k], spins[k]) for k in range(scene.n)}  # w in the world
     frames[GROUND] = np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -25,6 +25,17 @@ class States:
     alpha: np.ndarray | None = None  # (T, n, 3)
     lam: np.ndarray | None = None  # (T, m)
     sensors: Mapping[str, np.ndarray] | None = dataclasses.field(default=None, kw_only=True)  # by name, (T, ...)
+    hinges: np.ndarray | None = dataclasses.field(default=None, kw_only=True)
+    """(T, h) rad: the angles of `Scene.hinges` with the turns that the source has followed; NaN: it does not know them.
+
+    The turns alone count, the rest is in R. None: the source has not followed them, and says so.
+    """
+
+    def at(self, rows: Any) -> States:
+        """The states at some of the times, without readings of sensors."""
+        more = (None if values is None else values[rows] for values in (self.a, self.alpha, self.lam))
+        return States(self.t[rows], self.x[rows], self.R[rows], self.v[rows], self.w[rows], *more,
+                      hinges=None if self.hinges is None else self.hinges[rows])
 
     def until(self, end: float) -> States:
         """These states, with NaN at times after `end` (s)."""
@@ -54,3 +65,5 @@ class Motion(Protocol):
     def v(self) -> np.ndarray: ...
     @property
     def w(self) -> np.ndarray: ...
+    @property
+    def hinges(self) -> np.ndarray | None: ...

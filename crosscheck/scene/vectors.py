@@ -52,19 +52,6 @@ def dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     return product[..., None]
 
 
-def continuous(wrapped: np.ndarray, start: float | None, rate: np.ndarray | None = None,
-               t: np.ndarray | None = None) -> np.ndarray:
-    """Angles (T,) without jumps: each is the one nearest to what the rates at times t predict from the one before.
-
-    Without rates it is the one nearest to the one before. The first is the one nearest to `start`, or stays as it is.
-    """
-    steps = np.zeros(len(wrapped))
-    if rate is not None and t is not None:
-        steps[1:] = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
-    gaps = np.diff(wrapped, prepend=wrapped[0] if start is None else start) - steps
-    return np.asarray(wrapped - 2 * np.pi * np.cumsum(np.round(gaps / (2 * np.pi))))
-
-
 def exponential(theta: np.ndarray) -> np.ndarray:
     """exp(hat(theta)), (..., 3, 3), of rotation vectors (..., 3)."""
     from scipy.spatial.transform import Rotation

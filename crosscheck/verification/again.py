@@ -25,8 +25,7 @@ from crosscheck.references.modes import Mode, laws_of
 from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.running.trajectory import Trajectory, derive
 from crosscheck.scene.assembly import closed
-from crosscheck.scene.coordinates import histories
-from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.coordinates import hinge_angles, starting
 from crosscheck.scene.laws import Servo
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
@@ -146,15 +145,7 @@ def begun(scene: Scene, traj: Trajectory, first: int, last: int, memory: Mode | 
     if memory is not None:
         made = made.replace(forces=tuple(_remembering(scene, force, memory, float(traj.t[first]))
                                          for force in made.forces))
-    turned = {joint.mimic.joint for joint in scene.joints if joint.mimic is not None} | {
-        joint.name for joint in scene.joints if joint.mimic is not None or joint.start is not None}
-    if not turned:
-        return made
-    places = histories(scene, traj)
-    return made.replace(joints=tuple(
-        dataclasses.replace(joint, start=tuple(float(value) for value in np.atleast_1d(
-            places[joint.name].position[first]))) if joint.name in turned and joint.name in places
-        and JOINT_TYPES[joint.type].positions != 4 else joint for joint in made.joints))
+    return made
 
 
 def _remembering(scene: Scene, force: Force, memory: Mode, t: float) -> Force:
@@ -253,9 +244,10 @@ class Asked:
             steps += outcome.raw.steps
         extra = {name: np.concatenate(kept) for name, kept in more.items() if sum(map(len, kept)) == len(traj.t)}
         raw = RawRun(States(traj.t, got["x"], got["R"], got["v"], got["w"], extra.get("a"), extra.get("alpha"),
-                            extra.get("lam")), 0.0, steps, step, form=traj.form)
+                            extra.get("lam"), hinges=traj.hinges), 0.0, steps, step, form=traj.form)
         x, R, v, w = (np.array(part) for part in zip(*begins, strict=True))
-        return Answer(derive(self.scene, traj.engine, traj.method, raw), marks, States(traj.t[marks[:-1]], x, R, v, w),
+        begun_at = States(traj.t[marks[:-1]], x, R, v, w, hinges=hinge_angles(self.scene, traj)[marks[:-1]])
+        return Answer(derive(self.scene, traj.engine, traj.method, raw), marks, begun_at,
                       world is not None and not np.array_equal(world.Q, np.eye(3)), any_closed,
                       [self.memories.get(int(k)) for k in marks[:-1]], failed)
 
@@ -264,9 +256,8 @@ class Asked:
         outcome = lasting(attempt(self.scene, self.run, step=step, rtol=rtol, monitor=False))
         if not isinstance(outcome, Ran):
             return outcome.why
-        first = States(np.zeros(1), *(part[None] for part in (
-            self.scene.x0, self.scene.R0, self.scene.v0, self.scene.w0)))
-        return Answer(outcome.trajectory, np.array([0, len(self.traj.t) - 1]), first, False, False, [None])
+        return Answer(outcome.trajectory, np.array([0, len(self.traj.t) - 1]), starting(self.scene), False, False,
+                      [None])
 
     def companions(self, whole: bool) -> list[Answer]:
         """The parts of the run at other steps, from which its error at vanishing steps is extrapolated.

@@ -165,7 +165,7 @@ def _true_motion(scene: Scene, reference: Reference) -> _Motion:
     constraints, s = Constraints(scene), reference.states
     if constraints.m == 0 or scene.n > DENSE_BODIES:
         return _Motion.of(scene, s, None)
-    lam = mechanics.index1(scene, s.x, s.R, s.v, s.w, mechanics.torsion_angles(scene, s.R, s.w, s.t), s.t)[2]
+    lam = mechanics.index1(scene, s.x, s.R, s.v, s.w, mechanics.torsion_angles(scene, s), s.t)[2]
     return _Motion.of(scene, s, constraints.reactions(s.x, s.R, lam))
 
 

@@ -102,4 +102,4 @@ def reference(scene: Scene) -> tuple[Scene, Reference]:
 def thinned(states: States, intervals: int) -> States:
     """The states at `intervals` + 1 equally spaced times."""
     every = (len(states.t) - 1) // intervals
-    return States(states.t[::every], states.x[::every], states.R[::every], states.v[::every], states.w[::every])
+    return states.at(slice(None, None, every))

@@ -14,6 +14,7 @@ from crosscheck.references.maximal import Maximal, gyroscopic
 from crosscheck.references.world import Motion, turned
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import followed, hinge_angles, starting
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.states import States
 
@@ -67,7 +68,8 @@ class Equations(Maximal):
     """The accelerations, with flaws."""
 
     def __init__(self, scene, flaws):
-        self.flaws, self.angles = flaws, None
+        self.flaws, self.angles, self.last = flaws, None, starting(scene)
+        self.last.hinges = hinge_angles(scene, self.last)
         super().__init__(scene)
 
     def _constraint_terms(self, motion):
@@ -194,7 +196,9 @@ def _rates(equations, state):
                     np.concatenate([w, zero]), np.zeros(0))
     angles = np.zeros(0)
     if equations.torsions:
-        found = torsion_angles(equations.scene, R[None], previous=equations.angles)
+        now = States(np.zeros(1), x[None], R[None], v[None], w[None])
+        now.hinges = followed(equations.scene, now, equations.last)
+        equations.last, found = now, torsion_angles(equations.scene, now)
         equations.angles = {joint: float(value[0]) for joint, value in found.items()}
         wrap = (lambda angle: (angle + np.pi) % (2 * np.pi) - np.pi) if equations.flaws.wrapped else float
         angles = np.array([wrap(equations.angles[force.joint]) for force in equations.scene.forces

@@ -33,7 +33,7 @@ def with_motor(scene, change):
 def at(scene, states):
     """What `explain` sees of states."""
     rates = np.concatenate([states.a, states.alpha], axis=2)
-    angles = mechanics.torsion_angles(scene, states.R, states.w, states.t)
+    angles = mechanics.torsion_angles(scene, states)
     return physics.Points(states.x, states.R, states.v, states.w, rates, np.zeros(len(states.t), dtype=int), angles,
                           states.t)
 
@@ -42,7 +42,7 @@ def at(scene, states):
 def test_unaltered_accelerations_are_those_of_the_motion(name):
     scene = load_scene(name).replace(duration=0.4, samples=5)
     points = at(scene, Maximal(scene).run())
-    found = physics.Terms(scene, points, tuple(range(len(scene.forces)))).rates(physics.of_scene(scene))
+    found = physics.Terms(scene, points, tuple(range(len(scene.loads)))).rates(physics.of_scene(scene))
     assert np.abs(found - points.rates).max() < 1e-10 * np.abs(points.rates).max()
 
 
@@ -74,7 +74,7 @@ def test_a_wrong_drive_is_told_by_its_accelerations(name):
     wrong = with_motor(scene, MISTAKES[name])
     points = at(wrong, Maximal(wrong).run())
     points.rates += 1e-7 * np.random.default_rng(0).uniform(-1, 1, points.rates.shape)
-    terms = physics.Terms(scene, points, tuple(range(len(scene.forces))))
+    terms = physics.Terms(scene, points, tuple(range(len(scene.loads))))
     data = fit.Data([fit.Group(terms, np.full(len(points.x), 1e-7), np.ones(6))], physics.of_scene(scene))
     context = hypotheses.Context(scene, (scene.R0[None],), physics.of_scene(scene))
     families = ("drive", "drive delay", "drive phase", "load", "gravity")

@@ -13,7 +13,9 @@ from crosscheck.document import Way
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import hinge_angles, starting
 from crosscheck.scene.file import load_scene
+from crosscheck.scene.states import States
 from tests.diagnosis import misbuilt
 from tests.diagnosis.stepper import Flaws, Stepper
 from tests.jointspace.arms import arm
@@ -30,7 +32,8 @@ def points(scene, count=7):
     v, w = scene.v0 + rng.normal(size=(count, scene.n, 3)), scene.w0 + rng.normal(size=(count, scene.n, 3))
     x = scene.x0 + t[:, None, None] * v
     R = scene.R0 @ Rotation.from_rotvec((t[:, None, None] * w).reshape(-1, 3)).as_matrix().reshape(count, scene.n, 3, 3)
-    angles = mechanics.torsion_angles(scene, R)
+    near = np.tile(hinge_angles(scene, starting(scene)), (count, 1))
+    angles = mechanics.torsion_angles(scene, States(t, x, R, v, w, hinges=near))
     return physics.Points(x, R, v, w, np.zeros((count, scene.n, 6)), np.zeros(count, dtype=int), angles)
 
 
@@ -38,7 +41,7 @@ def points(scene, count=7):
 def test_unaltered_accelerations_are_those_of_the_scene(name):
     scene = load_scene(name)
     at = points(scene)
-    found = physics.Terms(scene, at, tuple(range(len(scene.forces)))).rates(physics.of_scene(scene))
+    found = physics.Terms(scene, at, tuple(range(len(scene.loads)))).rates(physics.of_scene(scene))
     a, alpha, _ = mechanics.index1(scene, at.x, at.R, at.v, at.w, at.angles)
     wanted = np.concatenate([a, alpha], axis=2)
     # Two ways through one linear system, of condition up to some 1e4.

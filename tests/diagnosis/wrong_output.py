@@ -153,7 +153,7 @@ def shifted_later(given, states, after, begin):
 def filtered(*names):
     """Velocities v - tau a."""
     def build(rng, scene, states):
-        angles = mechanics.torsion_angles(scene, states.R, states.w, states.t)
+        angles = mechanics.torsion_angles(scene, states)
         a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w, angles, states.t)
         return with_states(states, **{name: getattr(states, name) - 2e-3 * {"v": a, "w": alpha}[name]
                                       for name in names})

@@ -15,11 +15,12 @@ from crosscheck import adapters
 from crosscheck.cli.app import app
 from crosscheck.jointspace.derivatives import WEIGHTS, truth
 from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.motion import JointSpace, of_coordinates, placed, positions, starting
+from crosscheck.jointspace.motion import JointSpace, of_coordinates, placed, positions
 from crosscheck.jointspace.sources import Blocks
 from crosscheck.jointspace.verdicts import judge
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import starting
 from crosscheck.scene.laws import DryFriction, Limits
 from crosscheck.scene.states import States
 from tests.diagnosis.misbuilt import Misbuilt
@@ -326,9 +327,8 @@ def one_joint(scene, k, **changes):
 
 
 def without_damping_of(scene, name):
-    return scene.replace(forces=tuple(
-        dataclasses.replace(force, parameters={**force.parameters, "damping": 0.0})
-        if force.type == "torsional_spring" and force.joint == name else force for force in scene.forces))
+    return scene.replace(joints=tuple(dataclasses.replace(joint, damping=()) if joint.name == name else joint
+                                      for joint in scene.joints))
 
 
 def each(function, *names):

@@ -26,7 +26,7 @@ def test_three_formulations_agree(name):
         np.testing.assert_allclose(getattr(third, quantity), getattr(truth.states, quantity), rtol=0, atol=1e-13)
     states = truth.states
     a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w,
-                                   mechanics.torsion_angles(scene, states.R, states.w, states.t), states.t)
+                                   mechanics.torsion_angles(scene, states), states.t)
     # accelerations up to some hundred, from states to 1e-14
     np.testing.assert_allclose(a, states.a, rtol=0, atol=1e-11)
     np.testing.assert_allclose(alpha, states.alpha, rtol=0, atol=1e-11)

@@ -177,7 +177,7 @@ def torsion_torque(scene: Scene, joint: Joint, p: dict, traj: Trajectory) -> np.
     """On the child, world."""
     axis = in_world(traj.R, joint.parent, joint.parent_axis)
     rate = np.sum(axis * (spin_of(traj, joint.child) - spin_of(traj, joint.parent)), axis=1)
-    angle = mechanics.torsion_angles(scene, traj.R, traj.w, traj.t)[joint.name]
+    angle = mechanics.torsion_angles(scene, traj)[joint.name]
     return -(p["stiffness"] * (angle - over_time(traj, p["rest_angle"])[:, 0]) + p["damping"] * rate)[:, None] * axis
 
 

@@ -14,9 +14,11 @@ from scipy.spatial.transform import Rotation
 from crosscheck.references import truth
 from crosscheck.scene import functions, mechanics
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import followed, starting
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import GROUND, Body, Force, Joint
 from crosscheck.scene.states import States
+from crosscheck.scene.vectors import shortest_rotation
 from tests.scene_making import (
     DIFFERENCE,
     JOINT_TYPES,
@@ -84,7 +86,7 @@ def aligned_pair(rng, parent, kind="revolute"):
     bodies = [random_body(rng, "first"), random_body(rng, "second")]
     joint = random_joint(rng, kind, parent, 1)
     frame = bodies[0].attitude[[1, 2, 3, 0]] if parent == 0 else np.array([0.0, 0.0, 0.0, 1.0])
-    shortest = Rotation.from_matrix(mechanics.shortest_rotation(joint.child_axis, joint.parent_axis))
+    shortest = Rotation.from_matrix(shortest_rotation(joint.child_axis, joint.parent_axis))
     attitude = Rotation.from_quat(frame) * Rotation.from_rotvec(rng.uniform(-3, 3) * joint.parent_axis) * shortest
     bodies[1] = Body("second", bodies[1].mass, bodies[1].inertia, attitude.as_quat()[[3, 0, 1, 2]],
                      bodies[1].angular_velocity, bodies[1].position, bodies[1].velocity)
@@ -99,13 +101,14 @@ def test_force_is_minus_the_derivative_of_the_potential(parent, seed):
     scene = aligned_pair(rng, parent)
     direction = rng.uniform(-1, 1, size=(2, 6))
     x, R, still = scene.x0, scene.R0, np.zeros((2, 3))
-    angle = mechanics.torsion_angles(scene, R[None])["joint"][0]
+    angle = mechanics.torsion_angles(scene, one_state(x, R, still, still))["joint"][0]
     length = spring_length(scene, x, R)
     assume(np.pi - abs(angle) > 0.01 and length > 0.1)  # no derivative at the angle's jump and the length's kink
 
     def potential(e):
         xe, Re = moved(x, R, e * direction)
-        return mechanics.potential_energy(scene, xe[None], Re[None], mechanics.torsion_angles(scene, Re[None]))[0]
+        angles = mechanics.torsion_angles(scene, one_state(xe, Re, still, still))
+        return mechanics.potential_energy(scene, xe[None], Re[None], angles)[0]
 
     force = mechanics.applied_forces(scene, x[None], R[None], still[None], still[None])[0]
     # the fifth derivative of a length grows as 1 / length^4, so that the step falls with it
@@ -143,7 +146,7 @@ def test_power_of_dampers_and_loads_is_all_that_changes_the_energy(kind, seed):
     # energies and their derivatives scale with velocity x force, some 10^3 W here; the path follows the joints
     size = 1 + kinetic + np.linalg.norm(rates) * np.linalg.norm(u)
     assume(spring_length(scene, scene.x0, scene.R0) > 0.1)
-    assume(not torsion or np.pi - abs(mechanics.torsion_angles(scene, R)["joint"][0]) > 0.1)
+    assume(not torsion or np.pi - abs(mechanics.torsion_angles(scene, starting(scene))["joint"][0]) > 0.1)
     assert derivative(path_energy(scene, u, rates)) == pytest.approx(expected, abs=DIFFERENCE * 1e3 * size)
 
 
@@ -167,7 +170,8 @@ def test_dampers_take_energy_at_the_rate_of_their_definition():
         return spring_length(scene, *moved(scene.x0, scene.R0, e * u))
 
     def angle(e):
-        return mechanics.torsion_angles(scene, moved(scene.x0, scene.R0, e * u)[1][None])["joint"][0]
+        state = one_state(*moved(scene.x0, scene.R0, e * u), scene.v0, scene.w0)
+        return mechanics.torsion_angles(scene, state)["joint"][0]
 
     expected = -0.7 * (derivative(length) ** 2 + derivative(angle) ** 2)
     assert power == pytest.approx(expected, rel=DIFFERENCE * 100)
@@ -405,30 +409,46 @@ def spun(rate, times):
     return make_scene([body], [hinge], [spring]), R, np.broadcast_to(rate * axis, (len(times), 1, 3))
 
 
+def turning(R, w, times):
+    still = np.zeros((len(times), 1, 3))
+    return States(times, still, R, still, w)
+
+
 @pytest.mark.parametrize("rate", [5.0, -7.0])
 def test_torsion_angle_counts_full_turns(rate):
-    times = np.linspace(0, 10, 201)  # a third of a radian at a time
-    scene, R, _ = spun(rate, times)
-    angle = mechanics.torsion_angles(scene, R)["hinge"]
+    times = np.linspace(0, 10, 501)  # a seventh of a radian at a time
+    scene, R, w = spun(rate, times)
+    angle = mechanics.torsion_angles(scene, turning(R, w, times))["hinge"]
     np.testing.assert_allclose(angle, rate * times, rtol=0, atol=10 * EPS * abs(rate) * 10)
-    torque = mechanics.applied_forces(scene, np.zeros((201, 1, 3)), R, np.zeros((201, 1, 3)), np.zeros((201, 1, 3)))
+    still = np.zeros((501, 1, 3))
+    torque = mechanics.applied_forces(scene, still, R, still, still)
     expected = -2.0 * (rate * times - 0.4)[:, None] * [0, 0.6, 0.8]
     np.testing.assert_allclose(torque[:, 3:], expected, rtol=0, atol=100 * EPS * 2 * abs(rate) * 10)
 
 
-def test_torsion_angle_follows_the_rate_where_samples_are_turns_apart():
+def test_turns_are_those_that_the_source_counted_or_not_known():
     times = np.linspace(0, 10, 11)
-    scene, R, w = spun(9.0, times)  # 1.4 turns a sample
-    angle = mechanics.torsion_angles(scene, R, w, times)["hinge"]
+    scene, R, w = spun(9.0, times)  # 1.4 turns a sample: nothing in the samples tells how many
+    states = turning(R, w, times)
+    assert np.isnan(mechanics.torsion_angles(scene, states)["hinge"][1:]).all()
+    assert np.isnan(mechanics.energy(scene, states)[1:]).all()
+    states.hinges = 9.0 * times[:, None] + 0.1  # only whole turns are taken from it
+    angle = mechanics.torsion_angles(scene, states)["hinge"]
     np.testing.assert_allclose(angle, 9.0 * times, rtol=0, atol=100 * EPS * 90)
 
 
-def test_torsion_angle_continues_from_the_batch_before():
-    times = np.linspace(0, 10, 201)
-    scene, R, _ = spun(5.0, times)
-    first = mechanics.torsion_angles(scene, R[:120])["hinge"]
-    second = mechanics.torsion_angles(scene, R[120:], previous={"hinge": first[-1]})["hinge"]
-    np.testing.assert_array_equal(np.concatenate([first, second]), mechanics.torsion_angles(scene, R)["hinge"])
+def test_a_source_follows_its_steps_in_batches():
+    times = np.linspace(0, 10, 51)  # 1.8 rad a step
+    scene, R, w = spun(9.0, times)
+    states = turning(R, w, times)
+    before, angles = starting(scene), []
+    before.hinges = np.zeros((1, 1))
+    for part in (slice(0, 20), slice(20, 51)):
+        here = states.at(part)
+        here.hinges = followed(scene, here, before)
+        before = here.at(slice(-1, None))
+        angles.append(here.hinges[:, 0])
+    np.testing.assert_allclose(np.concatenate(angles), 9.0 * times, rtol=0, atol=100 * EPS * 90)
 
 
 @given(seed=seeds)
@@ -436,7 +456,7 @@ def test_torsion_angle_continues_from_the_batch_before():
 def test_shortest_rotation_takes_one_axis_to_the_other_about_their_normal(seed):
     rng = np.random.default_rng(seed)
     start_axis, end = (vector / np.linalg.norm(vector) for vector in rng.normal(size=(2, 3)))
-    Q = mechanics.shortest_rotation(start_axis, end)
+    Q = shortest_rotation(start_axis, end)
     rounding = 100 * EPS / (1 + start_axis @ end)  # near opposite axes the normal is the small difference of large ones
     np.testing.assert_allclose(Q @ start_axis, end, rtol=0, atol=rounding)
     normal = np.cross(start_axis, end)
@@ -446,7 +466,7 @@ def test_shortest_rotation_takes_one_axis_to_the_other_about_their_normal(seed):
 
 def test_opposite_axes_turn_about_the_first_reference_vector():
     z = np.array([0.0, 0.0, 1.0])
-    np.testing.assert_array_equal(mechanics.shortest_rotation(-z, z), np.diag([1.0, -1.0, -1.0]))
+    np.testing.assert_array_equal(shortest_rotation(-z, z), np.diag([1.0, -1.0, -1.0]))
 
 
 def test_orthogonality_is_the_largest_entry_over_all_bodies():

@@ -72,9 +72,12 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
     stride, chunk = (1, CHUNK) if spec.monitor else (per, total)
     q, v = (part[None] for part in initial)
     kept, done, wall = [(q, v, accelerate(np.zeros(1), q, v))], 0, 0.0
+    hinges = list[np.ndarray]()
     if monitor is not None:
         last = convert(np.zeros(1), *kept[0])
         watch(monitor, last)
+        assert last.hinges is not None
+        hinges.append(last.hinges)
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run is reported below, with its time
         while done < total:
             count = min(chunk, total - done)
@@ -84,15 +87,19 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
             steps = np.arange(done + stride, done + count + 1, stride)
             check_finite(spec.method, steps * h, q, v)
             a = accelerate(steps * h, q, v)
+            on_sample = steps % per == 0
             if monitor is not None:
                 seen = convert(steps * h, q, v, a)
                 watch(monitor, seen)
+                assert seen.hinges is not None
+                hinges.append(seen.hinges[on_sample])
                 happened += events(scene, joined(last, seen), shapes=False) if scene.has_laws else []
                 last = seen
-            on_sample = steps % per == 0
             kept.append((q[on_sample], v[on_sample], a[on_sample]))
             done += count
     states = convert(scene.t, *(np.concatenate(parts) for parts in zip(*kept, strict=True)))
+    if monitor is not None:
+        states.hinges = np.concatenate(hinges)
     return RawRun(states, wall, total, h, maxima=None if monitor is None else monitor.maxima(), form=spec.form,
                   events=() if monitor is None else tuple(sorted([*happened, *(
                       event for event in events(scene, states) if event[2] == "touches")])))
@@ -100,13 +107,15 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
 
 def joined(before: States, states: States) -> States:
     """The last of the states before, and these."""
-    return States(*(np.concatenate([getattr(before, key)[-1:], getattr(states, key)]) for key in ("t", "x", "R", "v",
-                                                                                                 "w")))
+    t, x, R, v, w, hinges = (np.concatenate([getattr(before, key)[-1:], getattr(states, key)]) for key in (
+        "t", "x", "R", "v", "w", "hinges"))
+    return States(t, x, R, v, w, hinges=hinges)
 
 
 def watch(monitor: Monitor, states: States) -> None:
-    """Add states that follow those that the monitor has seen; angles are unwrapped from one to the next."""
-    monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)
+    """Add states that follow those that the monitor has seen; they get the angles of hinges."""
+    states.hinges = monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha, states.t,
+                                   states.hinges)
 
 
 def check_finite(method: str, t: np.ndarray, *histories: np.ndarray) -> None:

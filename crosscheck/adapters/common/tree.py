@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -63,13 +63,30 @@ def initial_coordinates(scene: Scene, link: Link) -> tuple[np.ndarray, np.ndarra
 
 
 def coordinate(scene: Scene, link: Link, k: int = 0) -> tuple[int, float, float]:
-    """(index among the parts, sign, the scene's value at its zero) of coordinate k of a hinge, slide or cylinder.
+    """(index among the parts, sign, the scene's value at its zero) of coordinate k of a hinge, slide or cross.
 
     The scene's coordinate is sign times that of the part, plus the value.
     """
     word, sign = JOINT_TYPES[link.type].coordinates[k], 1.0 if link.outward else -1.0
-    part = [part.kind for part in link.parts].index(word)
+    if word in ("turn parent", "turn child"):  # the outer body's axis comes last
+        part = k if link.outward else 1 - k
+    else:
+        part = [part.kind for part in link.parts].index(word)
     return part, sign, float(at_start(scene)[link.joint][0][k] - sign * initial_coordinates(scene, link)[0][part])
+
+
+def hinges(scene: Scene, chain: Sequence[Link], firsts: Iterable[int], q: np.ndarray) -> np.ndarray | None:
+    """(T, h) rad: the angles of `scene.hinges` with their turns, from joint positions q (T, nq).
+
+    `firsts` are the first columns of the links. None where a hinge is no link, so that it has to be followed.
+    """
+    at, columns = {link.joint: (link, first) for link, first in zip(chain, firsts, strict=True)}, []
+    for name, k in scene.hinges:
+        if name not in at:
+            return None
+        part, sign, zero = coordinate(scene, at[name][0], k)
+        columns.append(sign * q[:, at[name][1] + part] + zero)
+    return np.array(columns).reshape(-1, len(q)).T
 
 
 def ends(limits: Limits, sign: float, zero: float, far: float = math.inf) -> tuple[float, float]:

@@ -22,7 +22,7 @@ from crosscheck.adapters.exudyn import kinematic_tree, laws, models, solving
 from crosscheck.adapters.exudyn.known import KNOWN
 from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
 from crosscheck.errors import EngineError
-from crosscheck.scene.events import events
+from crosscheck.scene.events import Event, events
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import redundant_rows
 from crosscheck.scene.model import GROUND, Joint, Scene
@@ -179,8 +179,11 @@ class Exudyn(Engine):
             stats["newton_left"] = solved.tolerance * (1.0 + float(forces))
         else:
             _drop_unknown_accelerations(states, every)
-        maxima = _maxima(scene, model, t, data) if spec.monitor else None
-        happened = events(scene, model.convert(t, data)) if spec.monitor else ()
+        maxima, happened = None, tuple[Event, ...]()
+        if spec.monitor:
+            whole = model.convert(t, data)
+            maxima = _maxima(scene, whole)
+            states.hinges, happened = whole.at(picked).hinges, events(scene, whole)
         return RawRun(states, solved.wall_time, per * (scene.samples - 1), h, stats=stats, maxima=maxima, form=form,
                       events=happened)
 
@@ -195,16 +198,21 @@ def _drop_unknown_accelerations(states: States, every: int) -> None:
             values[0] = np.nan
 
 
-def _maxima(scene: Scene, model: models.Model, t: np.ndarray, data: list[np.ndarray]) -> dict[str, float]:
-    """Maxima over all steps; the start has no accelerations of its own (see `_drop_unknown_accelerations`)."""
+def _maxima(scene: Scene, states: States) -> dict[str, float]:
+    """Maxima over all steps; the start has no accelerations of its own (see `_drop_unknown_accelerations`).
+
+    The states get the angles of hinges.
+    """
     from crosscheck.scene.monitor import Monitor
 
     monitor = Monitor(scene)
-    monitor.update(scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
-    for start in range(1, len(t), stepping.CHUNK):
-        part = slice(start, start + stepping.CHUNK)
-        states = model.convert(t[part], [values[part] for values in data])
-        monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)
+    hinges = [monitor.update(scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])]
+    for start in range(1, len(states.t), stepping.CHUNK):
+        part = states.at(slice(start, start + stepping.CHUNK))
+        stepping.watch(monitor, part)
+        assert part.hinges is not None
+        hinges.append(part.hinges)
+    states.hinges = np.concatenate(hinges)
     return monitor.maxima()
 
 

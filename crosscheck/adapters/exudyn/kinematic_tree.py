@@ -129,7 +129,9 @@ def kinematic_tree(scene: Scene, order: str, h: float = 1e-3) -> Model:
     def convert(t: np.ndarray, data: list[np.ndarray]) -> States:
         motions = [tree.motion(link, *(part[:, first:last] for part in data))
                    for link, first, last in zip(chain, slots[:-1], slots[1:], strict=True)]
-        return tree.forward(chain, motions, t, accelerations=True)
+        states = tree.forward(chain, motions, t, accelerations=True)
+        states.hinges = tree.hinges(scene, carried, slots[:-1].tolist(), data[0])
+        return states
 
     outputs = ("Coordinates", "Coordinates_t", "Coordinates_tt")
     return Model(container, system, watch(system, functools.partial(SensorNode, nodeNumber=node), outputs), convert)

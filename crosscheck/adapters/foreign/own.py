@@ -102,7 +102,7 @@ class Completed(StandIn):
 
 def _complete(states: States) -> None:
     """Turn lists into arrays of doubles; their shapes are checked later, as for every engine."""
-    for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam"):
+    for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam", "hinges"):
         values = getattr(states, name)
         if values is not None:
             try:

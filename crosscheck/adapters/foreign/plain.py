@@ -41,7 +41,7 @@ class PlainRun:
 def plain(raw: RawRun) -> PlainRun:
     """The result as plain data, every array C-contiguous and of doubles. Raises `EngineError` naming what is not."""
     fields: dict[str, Any] = {field.name: getattr(raw.states, field.name) for field in dataclasses.fields(States)
-                              if not field.kw_only}
+                              if field.name != "sensors"}
     fields |= {name: doubles(name, values) for name, values in fields.items() if values is not None}
     sensors = None if raw.states.sensors is None else {
         _text("keys of sensors", name): doubles(f"sensor {name!r}", values)

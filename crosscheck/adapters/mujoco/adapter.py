@@ -162,7 +162,9 @@ def _evaluation(scene: Scene, model: mujoco.MjModel, held: Held, form: str
         return seen
 
     def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, seen: np.ndarray | None) -> States:
-        return sensed(scene, t, observe(t, q, v) if seen is None else seen, form)
+        states = sensed(scene, t, observe(t, q, v) if seen is None else seen, form)
+        states.hinges = models.hinges(scene, model, form, q)
+        return states
 
     return observe, convert
 

@@ -59,6 +59,24 @@ def closures(scene: Scene, form: str) -> tuple[list[Branch], list[Joint]]:
     return spanning_tree(scene, lambda joint: 20 if joint.name in kept else PREFERENCE.get(joint.type, 10))
 
 
+def hinges(scene: Scene, model: Any, form: str, q: np.ndarray) -> np.ndarray | None:
+    """(T, h) rad: the angles of `scene.hinges` with their turns, from positions q (T, nq); None if one is no joint."""
+    on = {branch.joint.name: branch for branch in closures(scene, form)[0] if branch.joint is not None}
+    start, columns = at_start(scene), []
+    for name, k in scene.hinges:
+        if name not in on:
+            return None
+        branch = on[name]
+        assert branch.joint is not None
+        kind, outward = branch.joint.kind, branch.outward
+        word = kind.coordinates[k]
+        order = [*kind.motion] if outward or kind.axes == "parallel" else [*kind.motion[-1:], *kind.motion[:-1]]
+        at = model.joint(f"{branch.body}.{order.index(word)}").qposadr[0]
+        sign = 1.0 if outward or word == "turn" else -1.0  # a turn counts that of the child
+        columns.append(start[name][0][k] + sign * (q[:, at] - model.qpos0[at]))
+    return np.array(columns).reshape(-1, len(q)).T
+
+
 def softened(scene: Scene, form: str) -> bool:
     """Whether the model has equality constraints."""
     return bool(closures(scene, form)[1]) or any(joint.mimic is not None for joint in scene.joints)

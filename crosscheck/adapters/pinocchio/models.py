@@ -76,7 +76,9 @@ class Model:
                    for link, (at_q, at_v) in zip(self.links, self.slots, strict=True)]
         bodies, n = tree.forward(self.links, motions, t, a is not None), self.scene.n
         linear, alpha = (None if values is None else values[:, :n] for values in (bodies.a, bodies.alpha))
-        return States(t, bodies.x[:, :n], bodies.R[:, :n], bodies.v[:, :n], bodies.w[:, :n], linear, alpha)
+        chain = [dataclasses.replace(link, body=self.parts.get(link.body, link.body)) for link in self.links]
+        return States(t, bodies.x[:, :n], bodies.R[:, :n], bodies.v[:, :n], bodies.w[:, :n], linear, alpha,
+                      hinges=tree.hinges(self.scene, chain, [at_q.start for at_q, _ in self.slots], q))
 
 
 def decompose(scene: Scene, form: str) -> tuple[tuple[Link, ...], dict[int, int], tuple[Joint, ...]]:

@@ -16,7 +16,7 @@ import numpy as np
 import typer
 from msgspec.structs import replace
 
-from crosscheck import adapters, recordings
+from crosscheck import adapters, outcomes, recordings
 from crosscheck.adapters.base import RunSpec
 from crosscheck.cli import options
 from crosscheck.cli.console import progress_bar, say, waiting
@@ -229,42 +229,51 @@ def _stream(target: str) -> Iterator[IO[str]]:
 
 def judge(
     scene: options.SceneName,
-    files: Annotated[list[Path], typer.Argument(help=".csv, .npz or .parquet files of one run, each at another step")],
+    files: Annotated[list[Path], typer.Argument(
+        help="recordings, .csv, .sto, .npz or .parquet; with --step they are one run, each at another step")],
     columns: Annotated[Path | None, typer.Option(help="TOML file with names and units of the columns")] = None,
     suggest: Annotated[bool, typer.Option("--suggest", help="print such a file, of the names recognised")] = False,
     start: Annotated[str, typer.Option(help="scene, or recorded: truth starts from the first row")] = "scene",
     tol: Annotated[list[str] | None, typer.Option(help="allowed error as quantity=value (SI); may be repeated")] = None,
     step: Annotated[list[float] | None, typer.Option(help="s; once for each file, in their order")] = None,
     order: Annotated[int | None, typer.Option(help="the order that is claimed")] = None,
+    period: Annotated[float | None, typer.Option(help="s between two rows, of files without times")] = None,
+    need: Annotated[float, typer.Option(help="share of a recording's time that has to be judged")] = 1.0,
     as_json: options.AsJson = False,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="folder of a page")] = None,
+    out: Annotated[Path | None, typer.Option(
+        "-o", "--out", help="folder of a page a recording, errors over time as CSV, and JUnit's XML")] = None,
     drop: options.Drop = False,
     keyframe: options.Keyframe = None,
 ) -> None:
-    """Judge a recorded run: how far it is from the scene's true motion, since when, and why.
+    """Judge recorded runs: how far each is from the scene's true motion, since when, and why.
 
-    Exit code 0: within the tolerances; 1: not; 2: a file cannot be read; 3: no verdict was asked for, or none is
-    possible.
+    Exit code 0: within the tolerances; 1: not; 2: a file cannot be read; 3: unresolved, and why.
     """
     described = options.loaded(scene, drop, keyframe)
     if suggest:
-        typer.echo(recordings.suggest(files[0], described), nl=False)
+        typer.echo(recordings.suggest(files[0], described, period), nl=False)
         return
     allowed = dict(options.named_number("--tol", each, "position=1e-3") for each in tol or ())
-    given = files[0] if len(files) == 1 else list(files)
-    with progress_bar() as progress:
-        verdict = recordings.judge_recording(described, given, columns, start, allowed or None, step or None, order,
-                                             progress)
+    runs: list[Any] = [list(files) if len(files) > 1 else files[0]] if step else list(files)
+    verdicts = {}
+    for given in runs:
+        with progress_bar() as progress:
+            verdicts[str(given if not step else files[0])] = recordings.judge_recording(
+                described, given, columns, start, allowed or None, step or None, order, progress, period, need)
     if out is not None:
-        page = recordings.write_page(verdict, out)
+        recordings.write_all(verdicts, out)
     if as_json:
-        options.print_json(verdict.plain())
-    else:
-        for line in verdict.lines:
+        plain = {name: verdict.plain() for name, verdict in verdicts.items()}
+        options.print_json(plain if len(plain) > 1 else next(iter(plain.values())))
+    elif len(verdicts) == 1:
+        for line in next(iter(verdicts.values())).lines:
             say(line)
+    else:
+        for name, verdict in verdicts.items():
+            say(f"{verdict.lines[0].partition(':')[0]}: {name}: {verdict.why}")
     if out is not None and not as_json:
-        print(f"page: {page}")
-    raise typer.Exit(verdict.exit_code)
+        print(f"page: {out / 'index.html'}" if len(verdicts) == 1 else f"pages: {out}")
+    raise typer.Exit(outcomes.exit_code(verdict.outcome for verdict in verdicts.values()))
 
 
 def explain(

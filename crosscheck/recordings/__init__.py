@@ -6,22 +6,38 @@ A recording is compared with truth at its own times. What it does not contain is
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import msgspec
 import numpy as np
 
-from crosscheck.errors import ArgumentError, unknown
+from crosscheck.errors import ArgumentError, CrosscheckError, unknown
 from crosscheck.files import finite
 from crosscheck.judge.tolerances import CONSTANTS, order_margin
+from crosscheck.outcomes import EXIT_CODES, Outcome
 from crosscheck.recordings import causes as find_causes
 from crosscheck.recordings import comparing
-from crosscheck.recordings.comparing import POSES, RATES, UNITS, Differences, Shown, compare, gaps, norms, part_of
+from crosscheck.recordings.columns import Row, assigned, clock
+from crosscheck.recordings.comparing import (
+    POSES,
+    RATES,
+    UNITS,
+    Differences,
+    Shown,
+    compare,
+    gaps,
+    norms,
+    part_of,
+)
+from crosscheck.recordings.deciding import Reading, decided, read_as, recorded_start
+from crosscheck.recordings.page import write_all as write_all
 from crosscheck.recordings.page import write_page as write_page
-from crosscheck.recordings.reading import Progress, Recording, read
-from crosscheck.recordings.reading import suggest as suggest
+from crosscheck.recordings.reading import Recording, read
+from crosscheck.recordings.tables import Progress, opened
 from crosscheck.references import dense
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
@@ -31,8 +47,6 @@ from crosscheck.scene.vectors import exponential
 
 if TYPE_CHECKING:
     import pandas as pd
-
-EXIT_CODES = {"pass": 0, "fail": 1, "measured": 3, "unjudged": 3}
 
 JUMP, STANDING_OUT = 0.3, 30.0
 """A defect is a jump if it is this part of the largest change over one interval, and so many times the median defect.
@@ -47,6 +61,9 @@ MOST_ALIKE = 4
 ALIKE, LEAST = 0.35, 0.5
 """Errors at two steps vanish with them if they are alike up to this part, and fall with this order or more."""
 
+ASYMPTOTIC, FEWEST = 0.1, 8
+"""Part of a quantity's range up to which errors show their order, and the fewest rows that do."""
+
 EXACT = 10.0
 """Times what printed digits leave open below which an error has no order."""
 
@@ -58,7 +75,7 @@ BEYOND = 20.0
 class Verdict:
     """What `judge_recording` found; `str(verdict)` says it."""
 
-    outcome: str  # "pass", "fail", "measured" (neither tolerance nor order was given), "unjudged"
+    outcome: Outcome  # pass, fail or unresolved
     errors: dict[str, float]  # the largest per quantity
     defects: pd.DataFrame | None  # one row an interval: t, and each quantity; None where states are not determined
     order: dict[str, float | None] | None  # observed, per quantity; None with one file
@@ -68,6 +85,10 @@ class Verdict:
     floors: dict[str, float] = dataclasses.field(default_factory=dict)  # what printed digits leave open
     figures: dict[str, float] = dataclasses.field(default_factory=dict)  # energy, momentum, levels
     until: float = 0.0  # s, the end of what was compared
+    share: float = 0.0  # of the recording's time that was compared
+    reason: str = ""  # why it is unresolved, and what would mend that
+    missing: int = 0  # cells without a value
+    suggested: dict[str, str] = dataclasses.field(default_factory=dict)  # foreign names, and what they were taken for
     lines: list[str] = dataclasses.field(default_factory=list)
     scene: Scene | None = None
     differences: Differences | None = None
@@ -77,12 +98,20 @@ class Verdict:
 
     @property
     def exit_code(self) -> int:
-        """0 pass, 1 fail, 3 measured or unjudged."""
+        """0 pass, 1 fail, 3 unresolved."""
         return EXIT_CODES[self.outcome]
+
+    @property
+    def why(self) -> str:
+        """The outcome's reason in a sentence: what fails, what is not resolved, or the largest errors."""
+        failed = next((line.removeprefix("✗ ") for line in self.lines[1:] if line.startswith("✗ ")), "")
+        sizes = ", ".join(f"{key.replace('_', ' ')} off by up to {size:.3g}" for key, size in self.errors.items())
+        return failed or self.reason or sizes
 
     def plain(self) -> dict[str, Any]:
         """As values that JSON knows."""
-        kept = ("outcome", "errors", "order", "limit_error", "limit_unsure", "cause", "floors", "figures", "until")
+        kept = ("outcome", "errors", "order", "limit_error", "limit_unsure", "cause", "floors", "figures", "until",
+                "share", "reason", "missing", "suggested")
         defects = None if self.defects is None else {
             name: float(self.defects[name].max()) for name in self.defects if name != "t"}
         return dict(finite({name: getattr(self, name) for name in kept}
@@ -91,8 +120,8 @@ class Verdict:
 
 def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, columns: object = None,
                     start: str = "scene", tolerance: Mapping[str, float] | None = None,
-                    steps: Sequence[float] | None = None, order: int | None = None, progress: Progress | None = None
-                    ) -> Verdict:
+                    steps: Sequence[float] | None = None, order: int | None = None, progress: Progress | None = None,
+                    period: float | None = None, need: float = 1.0) -> Verdict:
     """Judge a run by its file, whatever made it.
 
     Parameters
@@ -105,6 +134,8 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
     tolerance : the largest allowed error (SI) per quantity
     steps : s, of each file
     order : the order that is claimed
+    period : s between two rows, where the files have no times
+    need : share of the recording's time that has to be judged for a pass
 
     Raises
     ------
@@ -114,7 +145,9 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
         As in `crosscheck.truth`.
     """
     loaded = scene_file.as_scene(scene)
-    given = [read(each, loaded, columns, progress) for each in (
+    if not 0 <= need <= 1:
+        raise ArgumentError(f"need: a share from 0 to 1 is wanted, not {need!r}")
+    given = [read(each, loaded, columns, progress, period) for each in (
         recording if isinstance(recording, list | tuple) else [recording])]
     if start not in ("scene", "recorded"):
         raise ArgumentError(f"start: {unknown('start', start, ('scene', 'recorded'))}")
@@ -125,7 +158,7 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
                                 f"different ones > 0, not {steps}")
         given = [one for _, one in sorted(zip(steps, given, strict=True), key=lambda pair: pair[0])]
         steps = sorted(steps)
-    return _judge(loaded, given, start, allowed, list(steps or []), order)
+    return _judge(loaded, given, start, allowed, list(steps or []), order, need)
 
 
 def _tolerances(scene: Scene, tolerance: Mapping[str, float] | None) -> dict[str, float]:
@@ -139,27 +172,35 @@ def _tolerances(scene: Scene, tolerance: Mapping[str, float] | None) -> dict[str
 
 
 def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, float], steps: list[float],
-           order: int | None) -> Verdict:
+           order: int | None, need: float) -> Verdict:
+    truth = dense(scene)
+    truth.at(np.array([min(given[0].t[-1], BEYOND * scene.duration)]))  # prolonged, so that its horizon is known
+    readings = decided(scene, given[0], truth, start == "recorded")
+    given = [read_as(each, readings) for each in given]
     fine = given[0]
-    begun, truth, since, notes = _truth(scene, fine, start)
-    system = begun(scene)
-    verdict = Verdict("measured", {}, None, None, None, None, scene=scene)
+    start_as, truth, since, notes = _truth(scene, fine, truth, start)
+    system = start_as(scene)
+    notes = [*_columns(fine, readings), *notes]
+    verdict = Verdict("unresolved", {}, None, None, None, None, scene=scene, missing=fine.missing,
+                      suggested=fine.suggested)
     lines = [f"{scene.name}: {fine.name}, {len(fine.t)} rows from {fine.t[0]:g} to {fine.t[-1]:g} s"]
     table = min((function.end for function in scene.functions), default=math.inf)
     most = min(min(truth.horizon, BEYOND * scene.duration) + since, table) * (1 + 1e-12)
-    kept = [part_of(each, slice(0, int(np.searchsorted(each.t, most, side="right")))) for each in given]
+    kept = [part_of(each, (each.t >= since) & (each.t <= most)) for each in given]
     if any(len(each.t) == 0 for each in kept):
-        verdict.outcome = "unjudged"
-        verdict.lines = [f"? unjudged: {lines[0]}", f"truth ends at {truth.horizon:g} s, before the first row"
-                         f"{': ' + truth.horizon_cause if truth.horizon_cause else ''}"]
+        verdict.reason = f"truth ends at {truth.horizon:g} s, before the first row" + (
+            f": {truth.horizon_cause}" if truth.horizon_cause else "")
+        verdict.lines = [f"? unresolved: {lines[0]}", verdict.reason, *notes]
         return verdict
     seen = compare(system, kept[0], truth, since)
     verdict.differences, verdict.until, verdict.errors = seen, float(kept[0].t[-1]), seen.errors
     verdict.floors = {key: float(seen.floor[k][at]) for key in fine.keys for k, at in [seen.worst(key)]}
+    begin = max(since, float(fine.t[0]))
+    verdict.share = (verdict.until - begin) / (float(fine.t[-1]) - begin) if fine.t[-1] > begin else 1.0
     if verdict.until < fine.t[-1]:
-        why = f": {truth.horizon_cause}" if truth.horizon_cause else ", where truth ends"
-        notes.append(f"judged up to {verdict.until:g} s" + (
-            f": the table of a spline ends at {table:g} s" if fine.t[-1] > table >= verdict.until else why))
+        ended = f"the table of a spline ends at {table:g} s" if fine.t[-1] > table >= verdict.until else ""
+        notes.append(f"judged up to {verdict.until:g} s, {100 * verdict.share:.3g} % of the recording: " + (
+            ended or truth.horizon_cause or "there truth ends"))
     failed = _sizes(seen, allowed, lines) + _kinds(seen, notes)
     failed += _defects(system, seen, since, allowed, verdict, notes)
     _figures(system, kept[0], truth, since, verdict, notes)
@@ -170,40 +211,72 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
         failed += bad
     elif order is not None:
         notes.append("an order shows in two files at different steps; one was given")
-    known = [key for key in allowed if key in fine.keys]
-    notes += [f"not judged: {key.replace('_', ' ')}, which the file does not have" for key in allowed
-              if key not in fine.keys]
-    if fine.ignored:
-        more = f" and {len(fine.ignored) - 8} more" if len(fine.ignored) > 8 else ""
-        notes.append(f"columns ignored: {', '.join(fine.ignored[:8])}{more}")
-    if allowed or order is not None:
-        verdict.outcome = "fail" if failed else "pass" if known or verdict.order else "unjudged"
+    verdict.reason = _unresolved(verdict, allowed, order, need)
+    verdict.outcome = ("unresolved" if not allowed and order is None else "fail" if failed else
+                       "unresolved" if verdict.reason else "pass")
     beyond = any(verdict.errors[key] > EXACT * verdict.floors[key] + 1e-9 for key in fine.keys)
     order_alone = bool(failed) and all(each.startswith("order") for each in failed)
     if beyond and (failed or not allowed) and not order_alone and (len(given) == 1 or limit is not None):
-        verdict.cause, said = _cause(scene, begun, limit or seen, verdict.until, limit is not None)
+        verdict.cause, said = _cause(scene, start_as, limit or seen, verdict.until, limit is not None)
         lines += said
     verdict.cause = verdict.cause or next((each.partition(":")[0] for each in failed if each.startswith((
         "order", "wrong limit"))), None)
-    mark = {"pass": "✓", "fail": "✗", "measured": "·", "unjudged": "?"}[verdict.outcome]
-    verdict.lines = [f"{mark} {verdict.outcome}: {lines[0]}", *lines[1:], *(f"✗ {each}" for each in failed), *notes]
+    mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
+    why = [verdict.reason] if verdict.outcome == "unresolved" else []
+    verdict.lines = [f"{mark} {verdict.outcome}: {lines[0]}", *why, *lines[1:], *(f"✗ {each}" for each in failed),
+                     *notes]
     return verdict
 
 
-def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Callable[[Scene], Scene], Any, float, list[str]]:
+def _columns(recording: Recording, readings: Sequence[Reading]) -> list[str]:
+    """What the columns were taken for, which of them were not, and what they lack."""
+    notes = [f"read as: {each.said}" for each in readings]
+    if recording.suggested:
+        pairs = [f"{name} as {what}" for name, what in recording.suggested.items()]
+        more = f" and {len(pairs) - 12} more" if len(pairs) > 12 else ""
+        notes.append(f"columns recognised by their names: {', '.join(pairs[:12])}{more}")
+    notes += recording.notes
+    if recording.missing:
+        notes.append(f"{recording.missing} cells have no value and are not compared")
+    if recording.merged:
+        notes.append(f"{recording.merged} rows repeat the time of the row before and are one with it")
+    if recording.ignored:
+        more = f" and {len(recording.ignored) - 8} more" if len(recording.ignored) > 8 else ""
+        notes.append(f"columns ignored: {', '.join(recording.ignored[:8])}{more}")
+    return notes
+
+
+def _unresolved(verdict: Verdict, allowed: Mapping[str, float], order: int | None, need: float) -> str:
+    """Why a recording without a mistake is not passed, and what would mend that; "" if nothing is in the way."""
+    if not allowed and order is None:
+        return "no tolerance was asked; give one, such as --tol joint_position=1e-3"
+    absent = [key.replace("_", " ") for key in allowed if key not in verdict.errors]
+    if absent:
+        return f"the file does not have {', '.join(absent)}; record it, or leave its tolerance out"
+    if verdict.share < need:
+        return (f"{100 * verdict.share:.3g} % of the recording's time could be judged, {100 * need:.3g} % is asked; "
+                f"--need {math.floor(100 * verdict.share) / 100:g} accepts that, a shorter recording needs no more")
+    wide = [key for key, most in allowed.items() if verdict.floors[key] > most]
+    if wide:
+        return (f"printed digits leave open {verdict.floors[wide[0]]:.1e} of {wide[0].replace('_', ' ')}, more than "
+                f"the tolerance {allowed[wide[0]]:g}; record more digits")
+    return ""
+
+
+def _truth(scene: Scene, recording: Recording, truth: Any, start: str
+           ) -> tuple[Callable[[Scene], Scene], Any, float, list[str]]:
     """(what starts a scene as the recording, truth, time of the recording at which it starts, what to say)."""
-    truth = dense(scene)
-    truth.at(np.array([min(recording.t[-1], BEYOND * scene.duration)]))  # prolonged, so that its horizon is known
     notes: list[str] = []
-    first = part_of(recording, slice(0, 5))
-    if first.t[0] > truth.horizon:
+    if recording.t[0] > truth.horizon:
         return lambda given: given, truth, 0.0, notes
-    first = part_of(first, first.t <= truth.horizon)
     if start == "recorded":
-        states = comparing.restored(scene, first, truth.at(first.t))
-        if states is None:
+        found = recorded_start(scene, recording, truth)
+        if found is None:
             raise ArgumentError(f"{recording.name}: start: the first row does not determine the poses of all bodies; "
                                 "record more, or judge it from the scene's start")
+        states, first, mistake = found
+        if mistake:
+            notes.append(f"the first row makes sense with {mistake}, and truth starts from it so")
         moved = {group.key: norms(gaps(group, group.values, value, True))[0] for group, value in
                  zip(first.groups, Shown(scene, first.groups).of(states), strict=True)}
         notes.append("truth starts from the recorded state, " + ", ".join(
@@ -216,6 +289,7 @@ def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Callable[[Sc
             return restarted(given, states, 0, min(max(length, 1e-9), BEYOND * scene.duration), scene.samples)
 
         return begun, dense(begun(scene)), float(first.t[0]), notes
+    first = part_of(recording, slice(0, 1))
     seen = compare(scene, first, truth)
     for group, sizes, floor in zip(first.groups, seen.sizes, seen.floor, strict=True):
         if sizes[0] > 3 * floor[0] + SAME_START * max(1.0, float(np.abs(group.values[0]).max())):
@@ -317,10 +391,15 @@ def _orders(runs: list[Differences], steps: list[float], order: int | None, verd
     layout = [(g.key, g.owner, g.parts) for g in fine.groups]
     if any([(g.key, g.owner, g.parts) for g in run.recording.groups] != layout for run in runs):
         raise ArgumentError("the files have different columns; the order of a quantity needs it in all of them")
-    common = sorted(set.intersection(*(set(np.round(run.recording.t, 9)) for run in runs)))
+    common = sorted(set.intersection(*(set(np.round(run.recording.t[run.recording.complete], 9)) for run in runs)))
     rows = [np.searchsorted(np.round(run.recording.t, 9), common) for run in runs]
     if len(common) < 2:
         raise ArgumentError("the files have less than two times in common; record them at the same times")
+    far = np.max([run.sizes[k][at] / max(float(np.ptp(run.values[k], axis=0).max()), 1e-300)
+                  for run, at in zip(runs, rows, strict=True) for k in range(len(layout))], axis=0) > ASYMPTOTIC
+    early = int(np.argmax(far)) if far.any() else len(far)
+    if early >= FEWEST:  # later errors are no powers of the step any more
+        rows = [at[:early] for at in rows]
     ends = [[gap[at] for gap in run.gap] for run, at in zip(runs, rows, strict=True)]
     verdict.order, verdict.limit_error, verdict.limit_unsure = {}, {}, {}
     failed, limits, unsure = [], list(ends[0]), np.zeros(len(layout))
@@ -413,6 +492,41 @@ def _cause(scene: Scene, begun: Callable[[Scene], Scene], seen: Differences, unt
     step = "" if limit else "; the error of too large a step is one as well, which a second file at another step shows"
     return None, [f"cause: none of {len(every)} hypotheses explains nine tenths of the difference{more}{step}",
                   *untried]
+
+
+def suggest(data: object, scene: Scene, period: float | None = None) -> str:
+    """A mapping, as the text of a TOML file, of the columns that are recognised; others as comments.
+
+    What names leave open is what the data say, where truth is started from the recording.
+    """
+    source = opened(data, scene)
+    made = assigned(scene, source, {})
+    rows = {column.names[0]: column.row if column.key != "t" else clock(source, column.names[0], column.row.unit)
+            for column in made.columns if len(column.names) == 1}
+    try:
+        recording = read(data, scene, period=period)
+        recording = read_as(recording, decided(scene, recording, dense(scene), True))
+    except CrosscheckError:  # a mapping is wanted because it cannot be read yet
+        pass
+    else:
+        for group in recording.groups:
+            for name in group.columns if group.open else ():
+                more = {"frame": group.frame} if "frame" in group.open else {}
+                degrees = "unit" in group.open and group.scale != 1.0
+                rows[name] = msgspec.structs.replace(
+                    rows[name], point=group.point, unit="deg" + "/s" * (group.unit == "rad/s") if degrees else
+                    rows[name].unit, **more)
+    return "[columns]\n" + "".join(
+        f"{json.dumps(name, ensure_ascii=False)} = {_toml(rows[name])}\n" if name in rows else
+        f'# {json.dumps(name, ensure_ascii=False)} = {{ is = "..." }}\n' for name in source.columns)
+
+
+def _toml(row: Row) -> str:
+    """A row of a mapping as an inline table."""
+    given = msgspec.to_builtins(row)
+    usual = msgspec.to_builtins(Row())
+    return "{ " + ", ".join(f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in given.items()
+                            if value != usual[key]) + " }"
 
 
 def assert_recording(scene: Scene | str | os.PathLike[str], recording: Any, tolerance: Mapping[str, float],

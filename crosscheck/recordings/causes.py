@@ -23,9 +23,9 @@ from crosscheck.diagnosis.of_sensors import filtered, mistakes
 from crosscheck.diagnosis.physics import Physics, levers, of_scene
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import ArgumentError, CrosscheckError
-from crosscheck.judge.flow import State
+from crosscheck.judge.flow import State, integrate
 from crosscheck.judge.substeps import TABLEAUX, exponential_step
-from crosscheck.recordings.comparing import Differences, Shown, gaps, norms, part_of
+from crosscheck.recordings.comparing import POSES, RATES, Differences, Shown, gaps, norms, part_of, restored
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.functions import at
@@ -86,12 +86,16 @@ class Case:
 
     def __init__(self, scene: Scene, seen: Differences, rows: np.ndarray) -> None:
         self.scene, self.truth = scene, seen.truth
-        self.recording = part_of(seen.recording, rows)
+        self.values = [value[rows] for value in seen.values]
+        self.known = [np.isfinite(size[rows]) for size in seen.sizes]
+        piece = part_of(seen.recording, rows)  # a missing value is taken for the true one: it tells nothing
+        self.recording = dataclasses.replace(piece, groups=[
+            dataclasses.replace(group, values=np.where(known.reshape(-1, *(1,) * (true.ndim - 1)), group.values, true))
+            for group, known, true in zip(piece.groups, self.known, self.values, strict=True)])
         self.groups, self.t = self.recording.groups, seen.t[rows]
         self.shown = Shown(scene, self.groups)
-        self.values = [value[rows] for value in seen.values]
         self.floor = [float(floor[rows].max()) for floor in seen.floor]
-        self.before = [norms(gap[rows]) for gap in seen.gap]
+        self.before = [np.nan_to_num(norms(gap[rows])) for gap in seen.gap]
         self.size = [max(float(np.ptp(value, axis=0).max()), floor, 1e-300)
                      for value, floor in zip(self.values, self.floor, strict=True)]
         self.states = self.truth.at(self.t)
@@ -124,16 +128,17 @@ class Case:
 
     def residual(self, values: Values, rows: slice = slice(None)) -> np.ndarray:
         """All differences over their scales, in one vector."""
-        parts = [(gaps(g, g.values[rows], v[rows], True) / s).ravel() for g, v, s in
-                 zip(self.groups, values, self.scale, strict=True)]
+        parts = [(gaps(g, g.values[rows], v[rows], True)[known[rows]] / s).ravel() for g, v, s, known in
+                 zip(self.groups, values, self.scale, self.known, strict=True)]
         z = np.concatenate(parts)
         return np.asarray(np.where(np.isfinite(z), np.clip(z, -1e6, 1e6), 1e6))
 
     def left(self, values: Values) -> float:
         """The largest part of a difference that remains, beyond what printed digits leave."""
         most = 0.0
-        for g, v, scale, floor, before in zip(self.groups, values, self.scale, self.floor, self.before, strict=True):
-            after = norms(gaps(g, g.values, v))
+        for g, v, scale, floor, before, known in zip(self.groups, values, self.scale, self.floor, self.before,
+                                                     self.known, strict=True):
+            after = np.where(known, norms(gaps(g, g.values, v)), 0.0)
             if not np.isfinite(after).all():
                 return np.inf
             most = max(most, max(0.0, float(after.max()) - 2 * floor) / scale,
@@ -152,7 +157,7 @@ def find(scene: Scene, seen: Differences, until: float, content: Content, change
     judged = np.flatnonzero(seen.recording.t <= until)
     near = Case(scene, seen, judged[:NEIGHBOURS])
     far = Case(scene, seen, judged[np.unique(np.linspace(0, len(judged) - 1, ROWS).astype(int))])
-    every = [*_reports(far), *_times(near, far), *_samples(near)]
+    every = [*_reports(far), *_times(near, far), *_samples(near), *_euler(near)]
     if not any(cause.left <= CERTAIN and not cause.free for cause in every):  # nothing is simpler than no magnitude
         with np.errstate(all="ignore"):
             every += [*_started(far), *_models(far, False, content, change)]
@@ -237,6 +242,11 @@ def _reports(case: Case) -> Iterator[Cause]:
             yield from _misreported(case, key, scope, where)
             if key != "attitude":
                 yield from _scaled(case, scope, where)
+    turning = [k for k, g in enumerate(case.groups) if g.key.startswith("joint_") and g.unit.startswith("rad")]
+    if len({case.groups[k].key for k in turning}) > 1:
+        for factor in (180 / np.pi, np.pi / 180):
+            yield case.cause("units", f"angles and rates of joints times {factor:.6g}: {FACTORS[factor]}",
+                             {k: factor * case.values[k] for k in turning})
     for joint in {g.owner: 0 for g in case.groups if g.key.startswith("joint_")}:
         yield case.cause("sign", f"coordinate and rate of {joint} with the other sign",
                          {k: -case.values[k] for k, other in enumerate(case.groups) if other.owner == joint})
@@ -344,8 +354,8 @@ def _delays(case: Case) -> np.ndarray:
     for _ in range(4):
         here, ahead, behind = (case.at_times(case.t + delays + by) for by in (0.0, width, -width))
         top, below = np.zeros(len(case.t)), np.zeros(len(case.t))
-        for g, a, b, h, s in zip(case.groups, ahead, behind, here, case.size, strict=True):
-            slope = gaps(g, a, b, True) / (2 * width * s)
+        for g, a, b, h, s, known in zip(case.groups, ahead, behind, here, case.size, case.known, strict=True):
+            slope = np.where(known[:, None], gaps(g, a, b, True) / (2 * width * s), 0.0)
             top += np.einsum("tk,tk->t", gaps(g, g.values, h, True) / s, slope)
             below += np.einsum("tk,tk->t", slope, slope)
         still = below < 1e-4 * below.max()
@@ -393,7 +403,7 @@ def _times(near: Case, far: Case) -> Iterator[Cause]:
 def _samples(case: Case) -> Iterator[Cause]:
     """Samples held, interpolated, filtered, clamped, or rough."""
     t, given, true = case.t, case.flat([g.values for g in case.groups]), case.flat(case.values)
-    if len(t) < 12:
+    if len(t) < 12 or not all(known.all() for known in case.known):
         return
     floor = max(f / s for f, s in zip(case.floor, case.size, strict=True)) + 1e-13
     still, moving = (np.abs(np.diff(part, axis=0)).max(axis=1) for part in (given, true))
@@ -439,6 +449,50 @@ def _rough(case: Case, difference: np.ndarray) -> Iterator[Cause]:
         single = all(np.array_equal(g.values, g.values.astype(np.float32)) for g in case.groups)
         yield Cause("low precision" if single or noise < 1e-6 else "noise", f"{noise:.1e} of the motion's size from "
                     "sample to sample", max(0.0, 1 - noise / whole) / 3, 1)
+
+
+# --- steps of a method of order one -----------------------------------------------------------------------------------
+
+EULER = {"explicit Euler": (0, 0), "semi-implicit Euler": (1, 0), "implicit Euler": (1, 1)}
+"""Methods whose step is a row: q' = q + h v at row 0 or 1 of an interval, v' = v + h a at row 0 or 1."""
+
+INSTANT = 1e-4
+"""s over which a velocity is followed to tell its acceleration, at most a tenth of an interval."""
+
+
+def _euler(case: Case) -> Iterator[Cause]:
+    """Rows that are steps of Euler's methods: what they make of each row, beside the next one."""
+    rows = np.flatnonzero(np.all(case.known, axis=0))[:ROWS]
+    places = {(g.key, g.owner, g.parts): k for k, g in enumerate(case.groups)}
+    pairs = [(k, places.get((RATES[POSES.index(key)], owner, parts))) for (key, owner, parts), k in places.items()
+             if key in POSES and key != "attitude"]
+    if case.scene.has_laws or not pairs or len(rows) < 12 or np.any(np.diff(rows) != 1):
+        return
+    t, piece = case.t[rows], part_of(case.recording, rows)
+    h = np.diff(t)[:, None]
+    for name, (of_pose, of_rate) in EULER.items():
+        groups, rates, off = list(piece.groups), [], 0.0
+        for k, other in pairs:
+            q = piece.groups[k]
+            moved = np.diff(q.values, axis=0) / h
+            v = piece.groups[other].values if other is not None else np.concatenate(
+                [moved[:1], moved] if of_pose else [moved, moved[-1:]])
+            change = np.abs(np.diff(v, axis=0)).max()
+            off = max(off, float(np.abs(moved - v[of_pose:len(t) - 1 + of_pose]).max() / max(change, 1e-300)))
+            rate = dataclasses.replace(q, key=RATES[POSES.index(q.key)], values=v, angle=False)
+            rates.append((len(groups), rate) if other is None else (other, rate))
+            groups += [rate] if other is None else []
+        states = restored(case.scene, dataclasses.replace(piece, groups=groups), case.truth.at(t))
+        if off > LEFT[0] or states is None:
+            continue
+        shown, tau = Shown(case.scene, groups), np.full(len(t), min(INSTANT, 0.1 * float(h.min())))
+        ahead, behind = (shown.of(integrate(case.scene, states, sign * tau, 1)[0]) for sign in (1, -1))
+        left = off
+        for k, rate in rates:
+            a = ((ahead[k] - behind[k]) / (2 * tau[:, None]))[of_rate:len(t) - 1 + of_rate]
+            change = np.diff(rate.values, axis=0)[1:-1]
+            left = max(left, float(np.linalg.norm(change - (h * a)[1:-1]) / max(float(np.linalg.norm(change)), 1e-300)))
+        yield Cause(name, f"every row is a step of {float(np.median(h)):.6g} s of it", left)
 
 
 # --- another motion ---------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from crosscheck.judge.crossings import Crossed, across
 from crosscheck.judge.defects import turn
@@ -110,7 +111,8 @@ def norms(gap: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass
 class Differences:
-    """A recording beside truth: per group the difference at every sample, and what printed digits leave open."""
+    """A recording beside truth: per group the difference at every sample, NaN where it has none, and what its digits
+    leave open."""
 
     shown: Shown
     recording: Recording
@@ -128,14 +130,14 @@ class Differences:
     @property
     def errors(self) -> dict[str, float]:
         """The largest difference per quantity."""
-        return {key: max(float(sizes.max()) for group, sizes in zip(self.recording.groups, self.sizes, strict=True)
+        return {key: max(float(np.nanmax(sizes)) for group, sizes in zip(self.recording.groups, self.sizes, strict=True)
                          if group.key == key) for key in self.recording.keys}
 
     def worst(self, key: str) -> tuple[int, int]:
         """(group, row) of the largest difference beyond the floor of one quantity."""
         beyond = {k: self.sizes[k] - self.floor[k] for k, group in enumerate(self.recording.groups) if group.key == key}
-        which = max(beyond, key=lambda k: float(beyond[k].max()))
-        return which, int(np.argmax(beyond[which]))
+        which = max(beyond, key=lambda k: float(np.nanmax(beyond[k])))
+        return which, int(np.nanargmax(beyond[which]))
 
 
 def part_of(recording: Recording, index: Any) -> Recording:
@@ -143,6 +145,27 @@ def part_of(recording: Recording, index: Any) -> Recording:
     groups = [dataclasses.replace(group, values=group.values[index], floor=group.floor[index])
               for group in recording.groups]
     return dataclasses.replace(recording, t=recording.t[index], groups=groups)
+
+
+def first_rows(recording: Recording, count: int = 5) -> Recording | None:
+    """The first rows that have all quantities; where topics come at different times, between the rows of each."""
+    rows = np.flatnonzero(recording.complete)
+    if len(rows):
+        return part_of(recording, rows[:count])
+    known = [np.flatnonzero(np.isfinite(g.values.reshape(len(recording.t), -1)).all(axis=1)) for g in recording.groups]
+    least = min(known, key=len)
+    t = recording.t[least]
+    t = t[(t >= max(recording.t[each[0]] for each in known)) & (t <= min(recording.t[each[-1]] for each in known))]
+    if not len(t) or len(least) < 4:
+        return None
+    groups = []
+    for group, rows in zip(recording.groups, known, strict=True):
+        values = CubicSpline(recording.t[rows], group.values[rows])(t[:count])
+        if group.key == "attitude":
+            U, _, Vt = np.linalg.svd(values)
+            values = U @ Vt
+        groups.append(dataclasses.replace(group, values=values, floor=np.full(len(values), group.floor[rows].max())))
+    return dataclasses.replace(recording, t=t[:count], groups=groups)
 
 
 def compare(scene: Scene, recording: Recording, truth: Any, since: float = 0.0) -> Differences:
@@ -154,7 +177,39 @@ def compare(scene: Scene, recording: Recording, truth: Any, since: float = 0.0) 
     gap = [gaps(group, group.values, value) for group, value in zip(recording.groups, joined, strict=True)]
     floor = [group.floor + truth.error + recording.blur * _speed(group, value, t)
              for group, value in zip(recording.groups, joined, strict=True)]
+    for k, (pose, opens) in differenced(recording).items():
+        if norms(gap[pose]).max() < opens * float(np.median(np.diff(t))):  # and not those of a method of order one
+            floor[k] = floor[k] + opens
     return Differences(shown, recording, truth, t, joined, gap, floor)
+
+
+def differenced(recording: Recording) -> dict[int, tuple[int, float]]:
+    """Recorded rates that are differences of the positions beside them: by group, that of the positions, and the error.
+
+    A difference over one row is the rate half a row away, one over two rows the rate but for its curvature.
+    """
+    places = {(group.key, group.owner): k for k, group in enumerate(recording.groups)}
+    made: dict[int, tuple[int, float]] = {}
+    t = recording.t
+    for (key, owner), k in places.items():
+        if key not in POSES or key == "attitude" or len(t) < 5:
+            continue
+        rate = places.get((RATES[POSES.index(key)], owner))
+        if rate is None:
+            continue
+        q, v = recording.groups[k], recording.groups[rate]
+        if q.parts != v.parts or q.frame or v.frame or q.point != v.point or not np.isfinite(
+                q.values).all() or not np.isfinite(v.values).all():
+            continue
+        moved, change = np.diff(q.values, axis=0) / np.diff(t)[:, None], np.abs(np.diff(v.values, axis=0)).max(axis=1)
+        digits = 4 * (q.floor.max() / np.diff(t).min() + v.floor.max()) + 1e-12 * np.abs(v.values).max()
+        central = (q.values[2:] - q.values[:-2]) / (t[2:] - t[:-2])[:, None]
+        for rows, values, opens in ((slice(1, None), moved, change.max()), (slice(None, -1), moved, change.max()),
+                                    (slice(1, -1), central, np.abs(np.diff(v.values, 2, axis=0)).max())):
+            if np.abs(v.values[rows] - values).max() <= digits < 0.1 * opens:
+                made[rate] = k, float(opens)
+                break
+    return made
 
 
 def _speed(group: Group, values: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -207,8 +262,8 @@ def restored(scene: Scene, recording: Recording, base: Motion) -> States | None:
         if np.abs(change).max(initial=0.0) < 1e-12:
             break
     u = np.concatenate([base.v, base.w], axis=2).reshape(total.shape)
-    if not rates and len(total) > 2:
-        u = u + np.gradient(total, base.t, axis=0, edge_order=2)
+    if not rates and len(total) > 3:
+        u = u + CubicSpline(base.t, total).derivative()(base.t)
     both = u.reshape(len(total), -1, 6)
     now = dataclasses.replace(states, v=both[..., :3], w=both[..., 3:])
     change, _ = _step(Shown(scene, rates), now, "rate", constraints.velocity(now.x, now.R, now.v, now.w, now.t), 1.0)
@@ -240,15 +295,17 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
     """(times at which intervals begin, defects by quantity); None where the recording does not determine the state."""
     groups = [k for k, group in enumerate(seen.recording.groups) if group.key in POSES + RATES]
     recording = dataclasses.replace(seen.recording, groups=[seen.recording.groups[k] for k in groups])
-    rows, laws = np.arange(len(recording.t)), scene.has_laws
+    if not groups:
+        return None
+    rows, laws = np.flatnonzero(recording.complete), scene.has_laws
     sampled = any(servo.period is not None for _, servo in scene.servos.values())
     if len(rows) < 4 or (sampled and seen.t[0] > 0.0):  # what such a servo holds is known from the start only
         return None
     if laws:  # the memory of laws goes from one interval to the next
-        rows = np.unique(np.linspace(0, len(rows) - 1, MOST_OF_LAWS + 1).astype(int))
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_OF_LAWS + 1).astype(int))]
     elif len(rows) > MOST_INTERVALS + 1:  # pieces of neighbours, evenly over the recording
         firsts = np.linspace(0, len(rows) - 9, MOST_INTERVALS // 8).astype(int)
-        rows = np.unique((firsts[:, None] + np.arange(9)).ravel())
+        rows = rows[np.unique((firsts[:, None] + np.arange(9)).ravel())]
     piece = part_of(recording, rows)
     states = restored(scene, piece, seen.truth.at(piece.t - since))
     if states is None:
@@ -288,7 +345,10 @@ def invariants(scene: Scene, recording: Recording, truth: Any, since: float) -> 
 
     None if the states of all bodies are not recorded.
     """
-    piece = part_of(recording, np.unique(np.linspace(0, len(recording.t) - 1, MOST_FIGURES).astype(int)))
+    rows = np.flatnonzero(recording.complete)
+    if not len(rows):
+        return None
+    piece = part_of(recording, rows[np.unique(np.linspace(0, len(rows) - 1, MOST_FIGURES).astype(int))])
     by, parts = {(group.key, group.owner): group for group in piece.groups}, []
     for key in UNITS:
         groups = [by.get((key, body.name)) for body in scene.bodies]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
@@ -37,6 +39,32 @@ def write_page(verdict: Verdict, folder: Path) -> Path:
             put(folder / "defects.csv", verdict.defects.to_csv(index=False))
     return page_of(folder, "recording.html.j2", verdict=verdict, scene=verdict.scene, curves=_curves(verdict, seen),
                    drawn=_drawn(verdict, seen))
+
+
+def write_all(verdicts: Mapping[str, Verdict], folder: Path) -> None:
+    """Write the page of each recording, its errors over time as CSV, and one file of JUnit's XML.
+
+    The page of a single recording is in the folder itself, those of several in folders of their names.
+    """
+    import pandas as pd
+
+    suite = ElementTree.Element("testsuite", name="recordings", tests=str(len(verdicts)), failures=str(
+        sum(verdict.outcome != "pass" for verdict in verdicts.values())))
+    for k, (name, verdict) in enumerate(verdicts.items()):
+        own = folder if len(verdicts) == 1 else folder / f"{k + 1}-{Path(name).stem}"
+        case = ElementTree.SubElement(suite, "testcase", classname="recordings", name=name)
+        if verdict.outcome != "pass":
+            ElementTree.SubElement(case, "failure", type=verdict.outcome, message=verdict.why).text = str(verdict)
+        if verdict.differences is not None:
+            write_page(verdict, own)
+            seen = verdict.differences
+            errors = {group.label: sizes for group, sizes in zip(seen.recording.groups, seen.sizes, strict=True)}
+            with writing(own):
+                put(own / "errors.csv", pd.DataFrame({"t": seen.recording.t} | errors).to_csv(index=False))
+    ElementTree.indent(suite)
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        put(folder / "junit.xml", ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n")
 
 
 def _curves(verdict: Verdict, seen: Differences) -> dict[str, object]:

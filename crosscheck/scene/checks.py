@@ -201,7 +201,8 @@ def _body(entry: str, body: BodyEntry) -> Body:
     attitude = _unit(f"{entry}: attitude", body.attitude or IDENTITY,
                      "write a quaternion w, x, y, z, say [1.0, 0.0, 0.0, 0.0]")
     return Body(body.name, body.mass, inertia, attitude, np.array(body.angular_velocity or (0.0, 0.0, 0.0)),
-                np.array(body.position or (0.0, 0.0, 0.0)), np.array(body.velocity or (0.0, 0.0, 0.0)))
+                np.array(body.position or (0.0, 0.0, 0.0)), np.array(body.velocity or (0.0, 0.0, 0.0)),
+                np.array(body.origin or (0.0, 0.0, 0.0)))
 
 
 def _inertia(entry: str, inertia: np.ndarray) -> np.ndarray:

@@ -106,10 +106,12 @@ class Body(_Record):
     angular_velocity: np.ndarray  # (3,) body axes
     position: np.ndarray  # (3,) centre of mass, world
     velocity: np.ndarray  # (3,) centre of mass, world
+    origin: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))  # (3,) of the frame that its model file
+    # gives it, from the centre of mass, body axes: the point that other programs record; not part of the hash
 
     def __post_init__(self) -> None:
         for field, shape in (("inertia", (3, 3)), ("attitude", (4,)), ("angular_velocity", (3,)),
-                             ("position", (3,)), ("velocity", (3,))):
+                             ("position", (3,)), ("velocity", (3,)), ("origin", (3,))):
             object.__setattr__(self, field, _frozen(getattr(self, field), shape))
 
 
@@ -498,8 +500,8 @@ def _digest(content: dict[str, object]) -> str:
 def _plain(record: Any) -> dict[str, object]:
     """A dataclass as JSON values; floats keep every bit."""
     fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
-    return {name: _value(value) for name, value in fields.items()
-            if not (name in _OPTIONAL and (value is None or (isinstance(value, tuple) and not value)))}
+    return {name: _value(value) for name, value in fields.items() if name != "origin"  # it changes no motion
+            and not (name in _OPTIONAL and (value is None or (isinstance(value, tuple) and not value)))}
 
 
 def _value(value: object) -> Any:

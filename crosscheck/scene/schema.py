@@ -17,7 +17,8 @@ VERSIONS = (1, 2, 3)
 """The versions of the scene format this package reads."""
 
 KEYS: dict[int, dict[str, tuple[str, ...]]] = {
-    2: {"joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
+    2: {"bodies": ("origin",),
+        "joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
                    "mimic", "drive", "radius"), "": ("left_out",)},
     3: {"joints": ("dry_friction", "limits"), "": ("shapes", "monitors", "sites", "sensors", "published")}}
 """Keys that each later version of the format brought, by table."""
@@ -63,6 +64,7 @@ class BodyEntry(msgspec.Struct, frozen=True):
     angular_velocity: Vector | None = None
     position: Vector | None = None
     velocity: Vector | None = None
+    origin: Vector | None = None
 
 
 class MimicEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -334,7 +336,7 @@ _EXPECTED = {
     "site": "the name of one of [[sites]]",
     "mass": "a number of kg > 0", "inertia": "three rows of three numbers in kg m^2",
     "attitude": "a quaternion of four numbers w, x, y, z", "angular_velocity": "three numbers in rad/s, body axes",
-    "position": _VECTOR_METRES, "velocity": "three numbers in m/s",
+    "position": _VECTOR_METRES, "origin": _VECTOR_METRES, "velocity": "three numbers in m/s",
     "type": "one of the types this table can have", "parent": '"ground" or the name of a body',
     "child": "the name of a body", "parent_anchor": _VECTOR_METRES, "child_anchor": _VECTOR_METRES,
     "parent_axis": "three numbers, not all zero", "child_axis": "three numbers, not all zero",

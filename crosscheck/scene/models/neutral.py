@@ -41,6 +41,7 @@ class Rigid:
     R: np.ndarray  # (3, 3) axes of the body to world
     v: np.ndarray  # (3,) of the centre, world
     w: np.ndarray  # (3,) world
+    origin: np.ndarray  # (3,) of its frame, world
 
 
 @dataclasses.dataclass
@@ -132,15 +133,17 @@ def bodies(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Rigid]:
         v = twist[3:] + cross(twist[:3], centre - data.xpos[first])
         local = R.T @ inertia @ R
         rigid[first] = Rigid(first, body_label(model, first), mass, centre, (local + local.T) / 2, R, v,
-                             twist[:3].copy())
+                             twist[:3].copy(), data.xpos[first].copy())
     return rigid
 
 
 def body_table(body: Rigid) -> Table:
     """One of [[bodies]]."""
+    origin = body.R.T @ (body.origin - body.centre)
     return {"name": body.name, "mass": body.mass, "inertia": body.inertia.tolist(),
             "attitude": quaternion_from_rotation(body.R).tolist(), "angular_velocity": (body.R.T @ body.w).tolist(),
-            "position": body.centre.tolist(), "velocity": body.v.tolist()}
+            "position": body.centre.tolist(), "velocity": body.v.tolist()} | (
+                {"origin": origin.tolist()} if np.linalg.norm(origin) > 1e-12 else {})
 
 
 def joint_tables(reading: Reading) -> list[Table]:

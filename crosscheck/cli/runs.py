@@ -16,14 +16,14 @@ import numpy as np
 import typer
 from msgspec.structs import replace
 
-from crosscheck import adapters, outcomes, recordings
+from crosscheck import adapters, recordings
 from crosscheck.adapters.base import RunSpec
 from crosscheck.cli import options
 from crosscheck.cli.console import progress_bar, say, waiting
 from crosscheck.cli.options import figure
 from crosscheck.diagnosis import explain as explain_run
 from crosscheck.diagnosis.laws import which_law
-from crosscheck.document import PASSING, Advice, Record, Way, extended
+from crosscheck.document import PASSING, Advice, Record, Way, extended, outcomes
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.files import cell, replacing
 from crosscheck.judge.metrics import up_to

@@ -27,7 +27,6 @@ from crosscheck.history.changes import compare
 from crosscheck.history.figures import SPEED
 from crosscheck.jobs.drive import Stages
 from crosscheck.jobs.table import Session, Table
-from crosscheck.judge.plan import profile
 from crosscheck.report import standalone, write_report
 from crosscheck.report.headline import headline, sentence
 from crosscheck.report.overview import worst_first
@@ -204,8 +203,8 @@ def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], nam
     chosen = [index for index, record in enumerate(results.records)
               if (record.scene, record.label) in cells or ("", record.engine) in cells]
     stages = Stages(1, session, lambda label: None)
-    timed, _ = measure_speed([results.records[index] for index in chosen], profile(results.meta.profile).speed, stages,
-                             limits, name)
+    timed, _ = measure_speed([results.records[index] for index in chosen], results.meta.profile, stages, limits,
+                             name)
     records = list(results.records)
     for index, record in zip(chosen, timed, strict=True):
         records[index] = record

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 import numpy as np
 
+from crosscheck.document.outcomes import EXIT_CODES, Outcome
 from crosscheck.errors import ArgumentError, CrosscheckError, unknown
 from crosscheck.files import finite
 from crosscheck.judge.tolerances import CONSTANTS, order_margin
-from crosscheck.outcomes import EXIT_CODES, Outcome
 from crosscheck.recordings import causes as find_causes
 from crosscheck.recordings import comparing
 from crosscheck.recordings.columns import Row, assigned, clock

@@ -212,7 +212,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
             records = timed(cells, records, settings.timing, stages, within, near)
         calibration = None
         if settings.speed:
-            records, calibration = measure_speed(records, settings.speed, alone, within)
+            records, calibration = measure_speed(records, profile, alone, within)
         advised = _advice(alone, truths, engine_names, within, walk)
         advised += advice.from_records(truths, records, advised)
         rows = [Support(scene=one.item, engine=one.engine, form=one.form, reason=one.reason, methods=list(one.methods))

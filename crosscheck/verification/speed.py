@@ -25,7 +25,7 @@ from crosscheck.files import digest
 from crosscheck.jobs.drive import Crash, Limits, Place, Stages, run_tasks
 from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
-from crosscheck.judge.plan import RTOLS
+from crosscheck.judge.plan import RTOLS, profile
 from crosscheck.judge.verdict import beyond
 from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.scene.file import load_scene
@@ -215,14 +215,14 @@ def spread(values: list[float]) -> float:
     return statistics.median(abs(value - middle) for value in values)
 
 
-def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within: Limits | None = None,
+def measure_speed(records: Sequence[Record], called: str, stages: Stages, within: Limits | None = None,
                   name: str = "round") -> tuple[list[Record], Calibration]:
     """The records with the times of their main runs relative to the calibration kernel, and the kernel's time.
 
     Parameters
     ----------
     records : of any scenes; records of failed runs and of engines in their own environments are not changed
-    rounds : number of processes, one after the other; every run has several turns in each
+    called : the profile, which says how many processes take turns; every run has several turns in each
     stages : with one job, so that nothing else runs
     within : limits of one run
     name : of these rounds, which are measured once a session
@@ -231,7 +231,7 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
                      lambda index: records[index].scene)
     tasks = [Round(scene, tuple(Burst.of(records[index]) for index in own)) for scene, own in chosen.items()]
     samples: list[list[Pair]] = [[] for _ in records]
-    for turn in range(1, rounds + 1):
+    for turn in range(1, profile(called).speed + 1):
         for own, made in zip(chosen.values(), _round(stages, tasks, f"{name} {turn}", within), strict=True):
             for index, pairs in zip(own, made, strict=True):
                 samples[index] += pairs

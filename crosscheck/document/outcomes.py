@@ -27,3 +27,8 @@ def worst(outcomes: Iterable[Outcome]) -> Outcome:
 def exit_code(outcomes: Iterable[Outcome]) -> int:
     """The exit code of a set of outcomes: that of the worst."""
     return EXIT_CODES[worst(outcomes)]
+
+
+def percent(share: float) -> str:
+    """A share in percent, which is 100 % only where it is all."""
+    return f"{100 * share:.2g} %" if share < 0.99 or share >= 1 else f"{min(100 * share, 99.9999):.6g} %"

@@ -239,7 +239,7 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
         _add_force(f, R, force.parent, p["parent_point"], pull)
     elif joint is not None:
         slides = joint.kind.slides or force.type in ("joint_force", "slide_spring")
-        k = joint.kind.coordinates.index("slide" if slides else "turn")
+        k = joint.kind.coordinates.index("slide" if slides else "turn") if not force.type.startswith("joint_") else 0
         if force.type == "servo":
             servo = Servo(**p)
             size = np.full(len(x), np.nan) if servo.period is not None else servo.effort(

@@ -110,7 +110,7 @@ def test_tree_model_is_the_scene_and_nothing_else(name: str) -> None:
     _, closing = kinematic_tree.spanned(scene)
     assert np.sum(tree["linkMasses"]) == pytest.approx(scene.masses.sum(), rel=1e-15)
     assert tree["gravity"].tolist() == scene.gravity.tolist()
-    torsions = [force.parameters for force in scene.forces if force.type == "torsional_spring"]
+    torsions = [force.parameters for force in scene.loads if force.is_spring and force.joint is not None]
     for key, name_ in (("jointPControlVector", "stiffness"), ("jointDControlVector", "damping")):
         found = np.array(tree[key])
         assert sorted(found[np.nonzero(found)]) == sorted(p[name_] for p in torsions if p[name_])

@@ -51,7 +51,7 @@ def test_model_is_the_scene_and_nothing_else(name: str, form: str) -> None:
     scene = crosscheck.load_scene(name)
     model = models.build(scene, "RK4", 1e-3, form)
     springs = [force for force in scene.forces if force.type == "linear_spring"]
-    torsions = [force for force in scene.forces if force.type == "torsional_spring"]
+    torsions = [force for force in scene.loads if force.is_spring and force.joint is not None]
     _, closing = models.closures(scene, form)
     rods = sum(joint.type in ("distance", "universal") for joint in closing)
     points = sum({"distance": 0, "revolute": 2}.get(joint.type, 1) for joint in closing)
@@ -204,7 +204,7 @@ def test_maximal_has_no_slides(kind: str) -> None:
 
 def test_what_cannot_be_modelled_is_said() -> None:
     spring = crosscheck.load_scene("torsion_wheel")
-    assert "torsional spring of joint 'hinge'" in (_reason(spring, "maximal") or "")
+    assert "the spring of joint 'hinge'" in (_reason(spring, "maximal") or "")
     rod = crosscheck.load_scene("rod_pendulum")
     assert "'rod'" in (_reason(rod, "tree") or "")
     assert "form pivot" in (_reason(rod, "pivot") or "")

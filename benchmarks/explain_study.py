@@ -112,9 +112,9 @@ def one(seed: int, count: int) -> dict:
     result |= {"sentence": answer.sentence, "seconds": time.perf_counter() - began, "names": answer.names,
                "deviation": answer.deviation}
     allowed = {case.name for case in cases}
-    if answer.outcome == "unknown":
+    if answer.outcome == "unresolved":
         score = "unknown"
-    elif not seen and answer.outcome == "agrees":
+    elif not seen and answer.outcome == "pass":
         score = "no effect"
     else:
         score = "named" if seen <= set(answer.names) <= allowed and answer.names else "wrong"

@@ -30,9 +30,9 @@ SUPPORT = [Support(scene="double_pendulum", engine="mujoco", form="tree", reason
            Support(scene="double_pendulum", engine="exudyn", form="pivot", reason="one body at a pivot only")]
 
 
-def document(truths, judged, engines, profile="default"):
+def document(truths, judged, engines, profile="default", need=1.0):
     """The document of these verdicts."""
-    meta = provenance.describe(engines) | {"profile": profile, "jobs": 1, "seconds": 1.0,
+    meta = provenance.describe(engines) | {"profile": profile, "jobs": 1, "seconds": 1.0, "need": need,
                                            "command": f"crosscheck verify --profile {profile}"}
     records = [replace(each, label=label) for each, label in zip(judged, job.labels(judged), strict=True)]
     return job.document(msgspec.convert(meta, Meta), truths, records)

@@ -77,6 +77,21 @@ def test_lines_of_the_summary_are_annotations(tmp_path):
     assert summary == (tmp_path / "crosscheck-report" / "summary.txt").read_text()
 
 
+@pytest.mark.parametrize(("code", "ended", "kind"), [(0, 0, ""), (1, 1, "error"), (3, 0, "warning"), (2, 2, "error"),
+                                                     (70, 70, "error")])
+def test_what_is_unresolved_is_a_finding_and_no_broken_run(code, ended, kind, tmp_path):
+    command = tmp_path / "bin" / "crosscheck"
+    command.parent.mkdir()
+    command.write_text("#!/bin/sh\nmkdir -p crosscheck-report\necho said > crosscheck-report/summary.md\n"
+                       f"exit {code}\n")
+    command.chmod(0o755)
+    found, printed, output, summary = step(tmp_path, "Run", {"command": "verify"},
+                                           PATH=f"{command.parent}:{os.environ['PATH']}")
+    assert (found, output) == (ended, f"code={code}\n")
+    assert re.findall(r"^::(\w+) ", printed, re.MULTILINE) == ([kind] if kind else [])
+    assert summary == ("said\n" if code in (0, 1, 3) else "")
+
+
 def test_nights_are_compared_and_what_became_worse_is_annotated(tmp_path):
     given = {"scenes": "single_pendulum", "engines": FEW}
     ended, printed, _, summary = step(tmp_path, "Run", given)

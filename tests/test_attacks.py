@@ -175,4 +175,4 @@ def test_a_pendulum_that_hangs_still_warns_of_nothing(gravity):
     way = Way.of("lieeuler", "rkmk4", 0.1)
     run = extended(Record, way, scene="still", version="1", documented_order=4)
     judged = judge_run(run, still, attempt(still, way).trajectory, frozenset())
-    assert judged.outcome == "unjudged"
+    assert judged.outcome == "unresolved"

@@ -22,9 +22,9 @@ TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 RECIPES = dict(zip(*[iter(re.split(r"^(?:\*\*|## )(A method|A joint type|A scene|An engine|A study|Release)", TEXT,
                                    flags=re.MULTILINE)[1:])] * 2, strict=True))
 COMMANDS = {"list": "INDEX2_LE",
-            "run single_pendulum --engine lieeuler --method INDEX2_LE --step 1e-3": "verdict: pass",
+            "run single_pendulum --engine lieeuler --method INDEX2_LE --step 1e-3": "pass: error",
             "truth compound_pendulum": "bob: x(2 s)",
-            "run single_pendulum --engine scipy --method DOP853 --rtol 1e-9 --duration 0.5": "verdict: pass",
+            "run single_pendulum --engine scipy --method DOP853 --rtol 1e-9 --duration 0.5": "pass: error",
             "study slowest --engine lieeuler --out slowest": "page: slowest/index.html"}
 
 

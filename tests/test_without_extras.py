@@ -51,7 +51,7 @@ for words in json.loads(sys.argv[1]):
 RATTLE = "--engine lieeuler --method rattle2"
 WORK = {  # and what they say
     "--version": "mujoco not installed", "list": "heavy_top", "support": "lieeuler",
-    f"run brief.toml {RATTLE} --step 0.01": "verdict: pass", "truth brief.toml": "natural coordinates",
+    f"run brief.toml {RATTLE} --step 0.01": "pass: error against truth", "truth brief.toml": "natural coordinates",
     "inspect brief.toml": "lieeuler-crosscheck[mujoco]", "export brief.toml -o out.xml": "written",
     "derivatives brief.toml": "lieeuler-crosscheck[pinocchio]", "modes bicycle": "-0.775341882",
     "reproduce brief.toml --engine mujoco --method RK4 --step 0.01": "import mujoco",

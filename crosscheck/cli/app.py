@@ -111,7 +111,10 @@ def _print_versions(asked: bool) -> None:
 
 
 def main() -> None:
-    """Entry point: every error prints one clear line and gives exit code 2; exit code 1 means a failed verdict."""
+    """Entry point: every error prints one clear line. Exit codes are those of `crosscheck.document.outcomes`.
+
+    A wrong command or input gives 2 and an internal error 70.
+    """
     for stream in (sys.stdout, sys.stderr):  # messages of engines may hold characters that cannot be encoded
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -137,7 +140,11 @@ def main() -> None:
         complain(str(error) if isinstance(error, CrosscheckError) else
                  missing(error) if isinstance(error, ImportError) else
                  f"{type(error).__name__}: {error} (CROSSCHECK_TRACEBACK=1 in the environment shows where)")
-        raise SystemExit(2) from None
+        if isinstance(error, CrosscheckError | ImportError):
+            raise SystemExit(2) from None
+        from crosscheck.document.outcomes import INTERNAL
+
+        raise SystemExit(INTERNAL) from None
 
 
 if __name__ == "__main__":

@@ -19,20 +19,22 @@ from msgspec.structs import replace
 from crosscheck import adapters, recordings
 from crosscheck.adapters.base import RunSpec
 from crosscheck.cli import options
-from crosscheck.cli.console import progress_bar, say, waiting
+from crosscheck.cli.console import complain, progress_bar, say, waiting
 from crosscheck.cli.options import figure
 from crosscheck.diagnosis import explain as explain_run
 from crosscheck.diagnosis.laws import which_law
-from crosscheck.document import PASSING, Advice, Record, Way, extended, outcomes
-from crosscheck.errors import ArgumentError, Unsupported
+from crosscheck.document import QUANTITIES, Advice, Record, Way, extended, outcomes
+from crosscheck.document.outcomes import EXIT_CODES, Outcome, percent
+from crosscheck.errors import ArgumentError, CrosscheckError, SceneError, Unsupported
 from crosscheck.files import cell, replacing
 from crosscheck.judge.metrics import up_to
-from crosscheck.judge.verdict import word, worst
-from crosscheck.references import Chaotic, conditioning
+from crosscheck.judge.verdict import worst
+from crosscheck.references import Chaotic, TruthError, conditioning
 from crosscheck.running.provenance import engine_version
 from crosscheck.running.run import run as run_scene
 from crosscheck.running.run import truth as truth_of
 from crosscheck.running.trajectory import Trajectory
+from crosscheck.running.versions import need
 from crosscheck.scene.model import Scene
 from crosscheck.scene.sensors import columns, unit
 from crosscheck.scene.states import States
@@ -68,7 +70,8 @@ def run(
 ) -> None:
     """Run one scene with one method of one engine; print its figures and verdict, or write its trajectory as CSV.
 
-    Exit code 0: the verdict passes; 1: it fails.
+    Exit code 0: it passes or shows only known defects; 1: it fails or does not run; 3: its motion was not judged over
+    all of its time, or the engine cannot model the scene.
     """
     if method is None:
         if engine != "lieeuler":
@@ -80,14 +83,33 @@ def run(
              "conserve": conserve, "reduce": reduce, "samples": samples, "duration": duration}
     given = {key: value for key, value in given.items() if value is not None}
     prepared = options.loaded(scene, drop, keyframe, control, limits)
-    traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **given)
+    with _ending(engine):
+        traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **given)
     if csv_file is not None:
         write_csv(prepared, traj, csv_file)
     if csv_file != "-":
         judged = _judged(str(scene), traj, engine, step, rtol, given)
+        say(_first_line(judged))
         _print_run(traj.scene, traj, csv_file, step)
-        _print_verdict(judged, traj)
-        raise typer.Exit(int(judged is not None and judged.outcome not in PASSING))
+        if judged is not None:
+            _print_errors(judged, traj)
+        raise typer.Exit(EXIT_CODES["unresolved" if judged is None else judged.outcome])
+
+
+@contextlib.contextmanager
+def _ending(engine: str) -> Iterator[None]:
+    """Print the outcome of an engine that cannot model the scene or does not run, or without truth, and end with it."""
+    need([engine])
+    adapters.get(engine)
+    try:
+        yield
+    except (ArgumentError, SceneError):
+        raise
+    except CrosscheckError as error:
+        found: Outcome = ("unsupported" if isinstance(error, Unsupported) else
+                          "unresolved" if isinstance(error, TruthError) else "error")
+        complain(f"{found}: {error}")
+        raise typer.Exit(EXIT_CODES[found]) from error
 
 
 def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: float | None,
@@ -105,10 +127,22 @@ def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: 
     return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec))
 
 
-def _print_verdict(judged: Record | None, traj: Trajectory) -> None:
+def _first_line(judged: Record | None) -> str:
+    """The outcome of a run, its own error against truth, the share of its time that was judged, and what decided."""
     if judged is None:
-        say("verdict: none, because bounds follow from --step or --rtol and neither was given")
-        return
+        return "unresolved: nothing was compared, because bounds follow from --step or --rtol and neither was given"
+    sizes = [f"{name} {error.max:.2g} {error.unit}" for name, error in judged.errors.items()
+             if name in QUANTITIES and error.max is not None]
+    off = f"error against truth: {', '.join(sizes)}" if sizes else "compared with no truth"
+    judging = "" if judged.share is None else f"; judged over {percent(judged.share)} of its {judged.duration:g} s"
+    first = worst(judged.findings)
+    reason = judged.message or ("" if first is None or judged.outcome == "pass" else
+                                f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
+                                f"({first.why})")
+    return f"{judged.outcome}: {off}{judging}" + (f"; {reason}" if reason else "")
+
+
+def _print_errors(judged: Record, traj: Trajectory) -> None:
     for name, error in judged.errors.items():
         bound = "no bound at this step" if error.bound is None else f"bound {error.bound:.1e} {error.unit}"
         until = "" if error.judged is None or error.judged == error.max else (
@@ -119,14 +153,9 @@ def _print_verdict(judged: Record | None, traj: Trajectory) -> None:
         start = ("" if judged.energy_error_by_start is None else
                  f" ({judged.energy_error_by_start:.1e} of |E(0)|)")
         say(f"energy error {judged.energy_error:.1e} of the largest kinetic energy{start}, {where}")
-    first = worst(judged.findings)
-    reason = judged.message or ("" if first is None or judged.outcome in ("pass", "partly") else
-                                f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
-                                f"({first.why})")
     for finding in judged.findings:
         if finding.kind == "arithmetic":
             say(finding.why)
-    say(f"verdict: {word(judged)}" + (f": {reason}" if reason else ""))
 
 
 def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: float | None) -> None:
@@ -295,11 +324,12 @@ def explain(
 ) -> None:
     """Name the likely cause of an engine's difference from truth, with the evidence.
 
-    Exit code 0: no difference; 1: a cause is named; 2: it differs, and the cause is unknown.
+    Exit code 0: no difference; 1: a cause is named; 3: it differs, and the cause is unknown.
     """
-    answer = explain_run(options.loaded(scene, drop, keyframe), engine, method, form, step,
-                         coordinate_map=coordinate_map, softness=softness, node=node, alpha=alpha, beta=beta,
-                         spectral_radius=spectral_radius, reduce=reduce)
+    described = options.loaded(scene, drop, keyframe)
+    with _ending(engine):
+        answer = explain_run(described, engine, method, form, step, coordinate_map=coordinate_map, softness=softness,
+                             node=node, alpha=alpha, beta=beta, spectral_radius=spectral_radius, reduce=reduce)
     if as_json:
         options.print_json(answer.plain())
     else:
@@ -309,7 +339,7 @@ def explain(
 
 def _print_cause(answer: Any) -> None:
     """Print the verdict, the measured difference, the evidence, and what to change."""
-    mark = {"agrees": "✓", "named": "✗", "unknown": "?"}[answer.outcome]
+    mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[answer.outcome]
     say(f"{mark} {answer.sentence}")
     say(f"difference from truth as steps vanish: {answer.deviation:.1e}, which is known to {answer.noise:.1e} (the "
         f"largest of |dx|/L, |dR|, |dv|/(L W) and |dw|/W in the first {answer.window:.3g} s, where L is the longest "
@@ -343,10 +373,11 @@ def advise(
     law, how far is that from the scene's.
 
     The first call for a scene and engine compares runs with truth, for at most half a minute of processor time; later
-    calls read the results. Exit code 0: a method reaches the error; 1: none does.
+    calls read the results. Exit code 0: a method reaches the error; 3: none within the
+    budget.
     """
     loaded = options.loaded(scene, drop, keyframe)
-    with waiting(f"runs of {engine} at a ladder of steps, against truth"):
+    with waiting(f"runs of {engine} at a ladder of steps, against truth"), _ending(engine):
         advice = advice_for(loaded, engine=engine, error=error)
     if advice.command is not None:
         given = shlex.join([scene, *(["--drop"] if drop else []), *(["--keyframe", keyframe] if keyframe else [])])
@@ -361,7 +392,7 @@ def advise(
             say(f"law      {line}", hang=9)
         if (option := conserving(loaded, engine)) is not None:
             say(f"option   {option}", hang=9)
-    raise typer.Exit(int(advice.method is None))
+    raise typer.Exit(EXIT_CODES["unresolved" if advice.method is None else "pass"])
 
 
 def _law(scene: Scene, engine: str, advice: Advice) -> str | None:

@@ -28,7 +28,7 @@ from crosscheck.judge import overrides
 from crosscheck.recordings import published
 from crosscheck.report import check_out, schema, write
 from crosscheck.report.figures import write_figures
-from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, share_words, state
+from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, share_words
 from crosscheck.report.overview import worst_first
 from crosscheck.report.paper import write_paper
 from crosscheck.scene.file import as_scene, tagged
@@ -59,7 +59,8 @@ def verify(
     tol: Annotated[list[str] | None, typer.Option(help="your own bound, as quantity=value; may be repeated")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
-    strict: Annotated[bool, typer.Option(help="exit code 3 if nothing failed but a run could not be judged")] = False,
+    need: Annotated[float, typer.Option(help="share of its time over which the motion of a run has to be judged for it "
+                                        "to pass")] = 1.0,
     fresh: options.Fresh = "CI" in os.environ,
     drop: Drop = False,
     keyframe: Keyframe = None,
@@ -72,8 +73,9 @@ def verify(
     page comes after seconds and fills as runs end.
 
     Results that were computed before, by this code and these versions, are taken from the table of rows, also after a
-    kill; times are measured anew. Exit code 0: all within tolerance; 1: a verdict
-    failed; 2: the run itself failed; 3, with --strict: nothing failed, but a run could not be judged.
+    kill; times are measured anew. Exit code 0: every run passes or shows only known defects; 1: one
+    fails or did not run, or a scene lacks the truth that it should have; 3: nothing fails, and a run could not be
+    judged over --need of its time.
     """
     if jobs < 1:
         raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
@@ -98,7 +100,7 @@ def verify(
         fills = None if site.is_complete(out) else functools.partial(write, out=out)
         with progress_bar() as progress:
             results = job.verify(profile, scene, engine, jobs, progress, session, within, own, methods=method,
-                                 asked=asked, scheduler=scheduler, shown=fills)
+                                 asked=asked, scheduler=scheduler, shown=fills, need=need)
         page = write(results, out)
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")
@@ -109,25 +111,28 @@ def verify(
     else:
         print_verdicts(results, page)
         _print_published(literature)
-    unjudged = any(record.outcome == "unjudged" for record in results.records)
-    raise typer.Exit(3 if strict and unjudged and not results.exit_code else results.exit_code)
+    raise typer.Exit(results.exit_code)
 
 
 def print_verdicts(document: Document, page: Path) -> None:
-    """Print passes by engine and scene, every other run, what is wrong and what to trust, the headline, the page."""
+    """Print the outcome, passes by engine and scene, every other run, what is wrong and what to trust, the page."""
     titles = {scene.name: scene.title for scene in document.scenes}
     if len(set(titles.values())) == len(titles):  # a path is long, and of a model file one in the cache folder
         document = msgspec.structs.replace(
             document, scenes=[msgspec.structs.replace(scene, name=scene.title) for scene in document.scenes],
             records=[msgspec.structs.replace(record, scene=titles[record.scene]) for record in document.records])
+    say(f"{document.outcome}: {headline(document)} ({document.meta.seconds:.0f} s)")
     say("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
     if document.meta.reused:
         say(f"{document.meta.reused} results were computed before, since {(document.meta.reused_since or '')[:10]}; "
             "--fresh computes them anew")
     terminal = console(160)
-    passing = (record for record in document.records if record.outcome in ("pass", "partly"))
+    passing = (record for record in document.records if record.outcome == "pass")
     for (name, engine), records in grouped(passing, lambda record: (record.scene, record.engine)).items():
-        _print_passes(name, engine, records)
+        _print_right(name, engine, records)
+    partly = (record for record in document.records if record.outcome == "unresolved" and record.within)
+    for (name, engine), records in grouped(partly, lambda record: (record.scene, record.engine)).items():
+        _print_right(name, engine, records)
     told = [record for record in document.records if record.outcome in ("known", "fail", "error")]
     if told:
         print_table(terminal, COLUMNS, [_row(record) for record in told],
@@ -141,16 +146,16 @@ def print_verdicts(document: Document, page: Path) -> None:
     for line in dict.fromkeys(f"{record.scene}, {record.label}: {finding.why}" for record in document.records
                               for finding in record.findings if finding.kind == "arithmetic"):
         say(line)
-    left_out = (record for record in document.records if record.outcome in ("unsupported", "unjudged"))
+    left_out = (record for record in document.records
+                if record.outcome == "unsupported" or (record.outcome == "unresolved" and not record.within))
     for (outcome, name, message), records in grouped(
-            left_out, lambda record: (state(record), record.scene, record.message)).items():
+            left_out, lambda record: (record.outcome, record.scene, record.message)).items():
         say(f"{' '.join(OUTCOMES[outcome][:2])} {name}, {message}: {', '.join(record.label for record in records)}")
     for scene in document.scenes:
         say(f"{scene.name}: {scene.trust}")
         for row in scene.engines if len(scene.engines) > 1 else ():
             known = row.recommended is not None and row.recommended == scene.recommended
             say(f"{row.engine}: as said; {row.passing} of {row.runs} runs pass." if known else row.text, 4)
-    say(f"{headline(document)} ({document.meta.seconds:.0f} s)")
     print(f"report: {page}")
 
 
@@ -169,13 +174,13 @@ def _print_published(literature: Sequence[published.Figure]) -> None:
         say(f"! differs from truth: {source}")
 
 
-def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
-    """Print one line for all passing runs of an engine on a scene; the page lists each of them."""
-    part = [record for record in passing if state(record) == "partly"]
-    best = min(passing, key=lambda record: record.judged_error)
-    line = f"✓ {scene}, {engine}: {len(passing)} run{' behaves' if len(passing) == 1 else 's behave'} as documented"
-    if part:
-        line += f" ({len(part)} {share_words(judged_share(part))})"
+def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
+    """Print one line for all runs of an engine on a scene that have one outcome and nothing wrong."""
+    best, first = min(right, key=lambda record: record.judged_error), right[0]
+    part = "" if first.outcome == "pass" else (
+        f", {first.outcome}: {share_words(judged_share(right))}, since {first.not_judged or 'its bounds end there'}")
+    line = (f"{OUTCOMES[first.outcome][0]} {scene}, {engine}: {len(right)} run"
+            f"{' behaves' if len(right) == 1 else 's behave'} as documented{part}")
     if math.isfinite(best.judged_error):
         size = "" if best.off is None else f"{best.off:.1e} of the scene's size, "
         who = best.label.removeprefix(f"{engine} ")
@@ -224,7 +229,8 @@ def nightly(
 
     A run that was killed continues when the command is repeated.
 
-    Exit code 0: all within tolerance and no finding; 1: a verdict failed or something became worse; 2: the run failed.
+    Exit code 0: nothing fails or became worse; 1: a run fails or did not run, or something became worse; 3: a run could
+    not be judged over all of its time.
     """
     wanted = nights.Wanted(profile, scene, engine, jobs, limits_of(time_limit, memory_limit),
                         Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler, fresh)

@@ -92,11 +92,11 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     except observe.Silent as error:
         raise EngineError(f"{subject.engine.name} {subject.way.method} on scene {loaded.name!r}: {error}") from error
     answer = _judged(subject, first, noise)
-    if answer.outcome == "agrees":
+    if answer.outcome == "pass":
         _looked_through(subject, first, loaded, step, answer)
     if loaded.sensors:
         of_sensors.add(subject, loaded, first.scale, step, answer)
-    if answer.outcome == "agrees":
+    if answer.outcome == "pass":
         of_verdict.add(subject, loaded, step, answer)
     answer.seconds = time.perf_counter() - began
     return answer
@@ -138,7 +138,7 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
     """Compare the limit with truth, look for causes of a difference, and compare the motion of the altered model."""
     scene, scale = first.scene, first.scale
     deviation = float(np.abs(first.y - scale.flat(observe.true_motion(scene))).max())
-    answer = Explanation(scene.name, subject.engine.name, subject.way.method, subject.way.form, "agrees", "", [], [],
+    answer = Explanation(scene.name, subject.engine.name, subject.way.method, subject.way.form, "pass", "", [], [],
                          [], scene.duration, deviation, first.noise, documented_order=subject.order(scene))
     if noise is not None:
         answer.causes += [noise.cause] if noise.cause else []

@@ -77,7 +77,7 @@ def diagnose(subject: Subject, scene: Scene) -> Explanation | None:
     simplest = [case for case in holding if case[0] == min(free for free, *_ in holding)]
     least = min(left for _, left, *_ in simplest)
     named = [(each, theta) for _, left, each, theta in simplest if left <= max(5.0 * least, 0.1 * noise)]
-    answer = Explanation(scene.name, subject.engine.name, subject.way.method, subject.way.form, "named", "", [], [],
+    answer = Explanation(scene.name, subject.engine.name, subject.way.method, subject.way.form, "fail", "", [], [],
                          evidence, scene.duration, before, noise, least, order, tried=len(tried))
     answer.causes.append(NamedCause(
         " or ".join(sorted({each.name for each, _ in named})),

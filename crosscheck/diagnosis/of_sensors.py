@@ -75,7 +75,7 @@ def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer
         answer.evidence.append(Evidence(told[0] if told else "sensor", "report", left, after, "difference of a reading "
                                         "from that of the same states, over its size", label, told is not None))
     if wrong or answer.causes:
-        before = [answer.sentence.partition(": ")[2]] if answer.outcome == "unknown" else []
+        before = [answer.sentence.partition(": ")[2]] if answer.outcome == "unresolved" else []
         answer.conclude([*before, *wrong])
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-EXIT_CODES = {"agrees": 0, "named": 1, "unknown": 2}
+from crosscheck.document.outcomes import EXIT_CODES, Outcome
 
 
 @dataclasses.dataclass
@@ -39,7 +39,7 @@ class Explanation:
     engine: str
     method: str
     form: str | None
-    outcome: str  # "agrees", "named", "unknown"
+    outcome: Outcome  # "pass": no difference; "fail": causes are named; "unresolved": it differs, the cause is unknown
     sentence: str
     causes: list[NamedCause]
     candidates: list[str]  # where more than one explanation fits equally well
@@ -56,14 +56,14 @@ class Explanation:
 
     def conclude(self, unexplained: Sequence[str]) -> Explanation:
         """Settle the outcome and its sentence by the causes that were found and what these leave unexplained."""
-        self.outcome = "unknown" if unexplained else "named" if self.causes else "agrees"
+        self.outcome = "unresolved" if unexplained else "fail" if self.causes else "pass"
         who = f"{self.engine} {self.method} on {self.scene}"
-        if self.outcome == "agrees":
+        if self.outcome == "pass":
             self.sentence = (f"{who}: no difference beyond {max(self.deviation or 0.0, self.noise or 0.0):.1e} in the "
                              f"first {self.window:.3g} s" + (f"; verify says: {self.verdict}" if self.verdict else ""))
             return self
         causes = " and ".join(f"{cause.name} ({cause.magnitude})" for cause in self.causes)
-        if self.outcome == "named":
+        if self.outcome == "fail":
             text = causes
         else:
             text = f"unknown; {'; '.join(unexplained)}"
@@ -75,7 +75,7 @@ class Explanation:
 
     @property
     def exit_code(self) -> int:
-        """0: no difference; 1: causes named; 2: unknown."""
+        """0: no difference; 1: causes named; 3: unknown."""
         return EXIT_CODES[self.outcome]
 
     @property

@@ -10,6 +10,7 @@ import math
 from typing import Literal
 
 from crosscheck.document.curves import RunCurves, SceneCurves
+from crosscheck.document.outcomes import Outcome, worst
 from crosscheck.document.part import Part as Part
 from crosscheck.document.part import Way as Way
 from crosscheck.document.part import extended as extended
@@ -27,11 +28,7 @@ QUANTITIES = {"position": "m", "attitude": "rad", "velocity": "m/s", "angular ve
 LEVELS = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2"}
 """Constraint levels and the units of their rows."""
 
-Outcome = Literal["pass", "partly", "known", "fail", "error", "unjudged", "unsupported"]
-Status = Literal["ok", "fail", "known", "unjudged"]
-
-PASSING = ("pass", "partly", "known", "unsupported", "unjudged")
-"""Outcomes with exit code 0."""
+Status = Literal["ok", "fail", "known", "unresolved"]
 
 
 # --- what results were made with
@@ -92,6 +89,7 @@ class Meta(Origin, frozen=True, kw_only=True):
     started: str | None = None  # UTC, ISO 8601; only of a nightly run
     compared_with: str | None = None  # name of the earlier run that `changes` compare with
     asked: Asked = AS_PLANNED
+    need: float = 1.0  # share of its time over which the motion of a run has to be judged for it to pass
     reused: int = 0  # number of results that were computed by earlier commands
     reused_since: str | None = None  # UTC, when the oldest of them was computed
     left: int = 0  # tasks that have not ended: the report is written again as they do
@@ -366,7 +364,7 @@ class Record(Way, frozen=True, kw_only=True):
     speed: Speed | None = None
     timing: list[Point] = []
     word: str = ""  # the outcome in words that say how much of the motion was judged
-    partly: bool = False  # only the beginning of the motion could be judged
+    share: float | None = None  # of its time over which its motion was judged; None if it was not judged at all
     worst: Finding | None = None  # the most important finding, see `crosscheck.judge.verdict.worst`
 
     @property
@@ -374,6 +372,12 @@ class Record(Way, frozen=True, kw_only=True):
         """The largest position error (m) over the judged time; infinite if it was not judged."""
         error = self.errors.get("position")
         return math.inf if error is None or error.judged is None else error.judged
+
+    @property
+    def within(self) -> bool:
+        """Whether some of the motion was judged, and nothing that was judged is beyond its bound."""
+        return self.outcome == "pass" or (self.outcome == "unresolved" and bool(self.share)
+                                          and all(finding.status != "known" for finding in self.findings))
 
 
 class Change(Part, frozen=True, kw_only=True):
@@ -431,14 +435,14 @@ class Document(Part, frozen=True, kw_only=True):
     meta: Meta
     scenes: list[Scene]
     records: list[Record]
-    exit_code: int  # 0: every verdict passes; 1: one does not; 2: the run is incomplete
+    outcome: Outcome  # the worst of all runs; error where a scene lacks the truth that it should have
+    exit_code: int  # of the outcome
     changes: list[Change] | None = None
     support: list[Support] | None = None
     advice: list[Advice] | None = None  # from ladders of runs where they were made, else estimated from the records
 
 
-def exit_code(scenes: list[Scene], records: list[Record]) -> int:
-    """0: every verdict passes; 1: one does not; 2: the run itself failed, because truth is missing or nothing ran."""
-    if any(scene.failure or scene.disputed for scene in scenes) or not records:
-        return 2
-    return int(any(record.outcome not in PASSING for record in records))
+def outcome_of(scenes: list[Scene], records: list[Record]) -> Outcome:
+    """The worst outcome of the runs; error if the truth of a scene failed or its two formulations disagree."""
+    lost: list[Outcome] = ["error" for scene in scenes if scene.failure or scene.disputed]
+    return worst([*lost, *(record.outcome for record in records)])

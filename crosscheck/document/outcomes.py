@@ -31,4 +31,4 @@ def exit_code(outcomes: Iterable[Outcome]) -> int:
 
 def percent(share: float) -> str:
     """A share in percent, which is 100 % only where it is all."""
-    return f"{100 * share:.2g} %" if share < 0.99 or share >= 1 else f"{min(100 * share, 99.9999):.6g} %"
+    return "100 %" if share >= 1 else f"{100 * share:.2g} %" if share < 0.99 else f"{min(100 * share, 99.9999):.6g} %"

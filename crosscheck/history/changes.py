@@ -11,14 +11,14 @@ from typing import Any
 from msgspec.structs import replace
 
 from crosscheck.document import Change
-from crosscheck.history.figures import SPEED, Figure
+from crosscheck.history.figures import SHARE, SPEED, Figure
 from crosscheck.history.runs import CellKey, StoredResult, StoredRun, Usual
 from crosscheck.verification.trust import NOISE_DEVIATIONS, NOISE_RATIO
 
 KINDS = ("run", "outcome", "accuracy", "speed", "missing", "version", "truth", "scene", "settings", "new", "machine")
 """Kinds of changes, in the order of the pages."""
 
-RANKS = {"pass": 0, "partly": 0, "known": 0, "unsupported": 1, "unjudged": 1, "fail": 2, "error": 3}
+RANKS: dict[str, int] = {"pass": 0, "known": 0, "unsupported": 1, "unresolved": 1, "fail": 2, "error": 3}
 """Ranks of outcomes. A change to a higher rank is a finding."""
 
 
@@ -125,7 +125,8 @@ def _accuracy(old: StoredResult, new: StoredResult) -> list[Change]:
 
 
 def _worse(former: Figure, figure: Figure) -> bool:
-    return figure.value < former.value if figure.name.endswith("order") else figure.value > former.value
+    less_is_worse = figure.name.endswith("order") or figure.name == SHARE
+    return figure.value < former.value if less_is_worse else figure.value > former.value
 
 
 def _number(figure: Figure) -> str:

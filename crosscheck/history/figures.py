@@ -11,6 +11,10 @@ SPEED = "speed ratio"
 """Name of the value that compares speeds: time per step over the time of the calibration kernel."""
 
 
+SHARE = "judged share"
+"""Name of the value that says over which share of its time the motion of a run was judged."""
+
+
 class Figure(NamedTuple):
     """One value of one result. Changes up to `rounding` may come from rounding; None: no change of it is a finding."""
 
@@ -46,6 +50,8 @@ def figures(record: Record, scene: Scene) -> list[Figure]:
         listed.append(Figure("energy error", "1", record.energy_error, rounding=level))
     if record.momentum_error is not None:
         listed.append(Figure("momentum error", "kg m^2/s", record.momentum_error, rounding=rounding.get("momentum")))
+    if record.share is not None:  # times of samples end it: what is lost of them is no rounding
+        listed.append(Figure(SHARE, "1", record.share, rounding=1e-9))
     listed += _levels(record)
     listed += _costs(record)
     return [figure._replace(value=float(figure.value)) for figure in listed if math.isfinite(figure.value)]

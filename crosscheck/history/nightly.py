@@ -126,10 +126,11 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
         results, before = _compared(results, name, history_store, session, wanted.limits)
         document = replace(results, meta=replace(results.meta, seconds=session.seconds))
         changes = document.changes or []
-        exit_code = max(document.exit_code, int(any(change.bad for change in changes)))
-        text = summary(document, name, before, exit_code, out / LATEST / "index.html")
+        good = not any(change.bad for change in changes) and not any(scene.failure for scene in document.scenes)
+        exit_code = document.exit_code if good else 1
+        text = summary(document, name, before, good, out / LATEST / "index.html")
         # If the process is killed between these steps, the next start repeats them. Each step may run twice.
-        store.save(history_store, store.run_from_document(name, document, good=exit_code == 0))
+        store.save(history_store, store.run_from_document(name, document, good=good))
         folder = _publish(out, name, document, text)
         _point_latest(out, folder.name)
         standalone.tell(out / LATEST)
@@ -269,17 +270,16 @@ MOST_LINES = 12
 LONGEST = 160
 """Most characters of an engine's error message."""
 
-VERDICTS = {0: "good", 1: "look at this", 2: "NOT ALL COULD BE JUDGED"}
-"""Verdict by exit code."""
 
 
-def summary(document: Document, name: str, before: store.StoredRun | None, exit_code: int, page: Path) -> str:
+def summary(document: Document, name: str, before: store.StoredRun | None, good: bool, page: Path) -> str:
     """The summary in about twenty lines. The first line is the `headline`."""
     meta, changes = document.meta, document.changes or []
     findings = [change for change in changes if change.bad]
     notes = [change for change in changes if not change.bad]
     length = datetime.timedelta(seconds=round(meta.seconds))
-    lines = [f"crosscheck nightly {meta.time}: {VERDICTS[exit_code]}. {headline(document)}.",
+    lines = [f"crosscheck nightly {meta.time}: {'good' if good else 'look at this'}, {document.outcome}. "
+             f"{headline(document)}.",
              f"{counted(len(document.records), 'run', none='no')} of "
              f"{counted(len(document.scenes), 'scene', none='no')} on "
              + ", ".join(f"{engine} {version}" for engine, version in meta.engines.items())

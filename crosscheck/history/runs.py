@@ -228,14 +228,14 @@ def _heading(connection: Connection, row: Row[tuple[object, ...]]) -> StoredRun:
 def baseline(store: Engine, run: StoredRun) -> StoredRun | None:
     """The run to compare with: the last good run before `run` with the same profile, scenes and engines.
 
-    If none of these is good, it is the last complete one. None if there is none at all.
+    If none of these is good, it is the last one. None if there is none at all.
     """
     import sqlalchemy
 
     runs = tables().runs
     wanted = (sqlalchemy.select(runs.c.name)
               .where(runs.c.profile == run.profile, runs.c.selection == run.selection, runs.c.name != run.name,
-                     runs.c.started <= run.started, runs.c.exit_code != 2)
+                     runs.c.started <= run.started)
               .order_by(runs.c.good.desc(), runs.c.started.desc(), runs.c.id.desc()).limit(1))
     with store.connect() as connection:
         name = connection.execute(wanted).scalar()
@@ -299,7 +299,7 @@ def usual(store: Engine, run: StoredRun, metric: str, limit: int = 10, fewest: i
             .where(t.runs.c.profile == run.profile, t.runs.c.selection == run.selection, t.runs.c.good,
                    t.runs.c.name != run.name, t.runs.c.started <= run.started)
             .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit)).all()
-        accepted = next((index for index, each in enumerate(last) if each.exit_code), limit)
+        accepted = next((index for index, each in enumerate(last) if each.exit_code == 1), limit)
         numbers = [each.id for each in last[:accepted + 1]]
         rows = connection.execute(sqlalchemy.select(t.results, t.metrics.c.value).join(t.metrics).where(
             t.results.c.run_id.in_(numbers), t.metrics.c.name == metric)).all()

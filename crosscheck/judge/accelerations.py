@@ -65,7 +65,7 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Trace], runs: Seque
     if soft:
         calm &= ~np.any([run.flow.resting for run in runs], axis=0)
     if not calm.any():
-        return [Finding("acceleration", "unjudged", None, None, "m/s^2", "forces of joints jump next to every output "
+        return [Finding("acceleration", "unresolved", None, None, "m/s^2", "forces of joints jump next to every output "
                         "time")]
     findings = []
     for name, unit in UNITS.items():

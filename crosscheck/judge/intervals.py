@@ -52,7 +52,7 @@ def judge_intervals(scene: Scene, traj: Trace, runs: Sequence[Defects], apart: S
     steep = own.flow.rate * own.flow.tau > STEEPEST
     seen = ~steep & own.flow.regular
     if not seen.any():
-        return unjudged(NOTHING), Judged(np.zeros(len(traj.t) - 1, bool), NOTHING)
+        return unresolved(NOTHING), Judged(np.zeros(len(traj.t) - 1, bool), NOTHING)
     sizes = {name: [np.linalg.norm(run.vectors[name], axis=-1).max(axis=1) for run in runs] for name in QUANTITIES}
     options = [("", {name: (sizes[name][0], bound * following(sizes[name], runs, own.claim.order or 1))
                      for name, bound in own.bounds.items()})]
@@ -130,9 +130,9 @@ def _telling(own: Defects) -> np.ndarray:
     return told
 
 
-def unjudged(why: str) -> list[Finding]:
-    """An unjudged finding for every quantity, with one reason."""
-    return [Finding(f"interval {name}", "unjudged", None, None, unit, why) for name, unit in QUANTITIES.items()]
+def unresolved(why: str) -> list[Finding]:
+    """An unresolved finding for every quantity, with one reason."""
+    return [Finding(f"interval {name}", "unresolved", None, None, unit, why) for name, unit in QUANTITIES.items()]
 
 
 def _start(scene: Scene, traj: Trace, own: Defects) -> dict[str, tuple[float, float, str]]:

@@ -50,7 +50,7 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Trace]], truth: Refere
     """
     finest = sorted(dict(runs).items(), key=lambda run: run[0])[:2]
     if len(finest) < 2:
-        return [Finding(f"limit {name}", "unjudged", None, None, unit, "a limit needs runs at two steps that reach "
+        return [Finding(f"limit {name}", "unresolved", None, None, unit, "a limit needs runs at two steps that reach "
                         "their end")
                 for name, unit in QUANTITIES.items()]
     (fine_step, fine), (coarse_step, coarse) = finest
@@ -67,7 +67,7 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Trace]], truth: Refere
             tol = Tol(tol.value + 2 * by_events[name], f"{tol.why}; events met late in both, {by_events[name]:.1e}")
         where = f"body {error.body}, t = {error.time:.4g} s, extrapolated with order {used}"
         if tol.value > scale.of(name) and np.isfinite(error.max):
-            findings.append(Finding(f"limit {name}", "unjudged", error.max, None, unit, "at these steps the bound, "
+            findings.append(Finding(f"limit {name}", "unresolved", error.max, None, unit, "at these steps the bound, "
                                     f"{tol.value:.2g}, exceeds the size of the quantity itself", where))
             continue
         good = error.max <= tol.value

@@ -64,7 +64,7 @@ class _Run:
         name = kind.removeprefix("sensor ").removesuffix(OF_STATE)
         where = f"{self.traj.sensors.source[name]}, t = {self.traj.t[at]:.4g} s"
         if not kind.endswith(OF_STATE) and (self.vacuous or most > size):
-            return Finding(kind, "unjudged", value, None, si, f"at this step the bound, {most:.2g}, exceeds the size "
+            return Finding(kind, "unresolved", value, None, si, f"at this step the bound, {most:.2g}, exceeds the size "
                            "of the reading itself", where)
         return Finding(kind, "ok" if value <= most else "fail", value, most, si, why, where)
 
@@ -94,7 +94,7 @@ def judge_sensors(scene: Scene, traj: Trace, truth: Reference, until: float, sta
         given, true, source = traj.sensors[name], exact[name], traj.sensors.source[name]
         si = "rad" if true.shape[1:] == (4,) else unit(scene, sensor)
         if not np.isfinite(true[keep]).any():
-            findings.append(Finding(kind, "unjudged", None, None, si, "redundant joints share this load in no unique "
+            findings.append(Finding(kind, "unresolved", None, None, si, "redundant joints share this load in no unique "
                                     "way, so that it has no true value", source))
             continue
         error = gap(given, true)
@@ -152,7 +152,7 @@ def _between_events(case: _Run, name: str, lawful: tuple[np.ndarray, Readings, n
                     size: float, si: str) -> Finding:
     """Judge readings that depend on accelerations against those of the run's own states; `change` as of `_allowed`."""
     if lawful is None or not case.keep[lawful[0]].any():
-        return Finding(f"sensor {name}", "unjudged", None, None, si, "forces jump next to every output time" if lawful
+        return Finding(f"sensor {name}", "unresolved", None, None, si, "forces jump next to every output time" if lawful
                        else "forces may jump with the state, and the engine gives no accelerations that would tell")
     at, read, within = lawful
     bound = size * (case.truth.error + case.rounding)

@@ -1,9 +1,7 @@
 """The verdict on one run: findings that compare values with bounds and their reasons, and one outcome.
 
-The outcomes are "pass"; "partly" (as "pass", but no bound of the motion reaches over the whole run); "known" (only
-defects that are listed with the engine); "fail"; "error" (the run ended in an unforeseen way); "unsupported" (the
-engine cannot model the scene); and "unjudged" (the scene has no truth, or the step is too coarse for bounds of the
-motion; all else was judged, and nothing failed).
+The outcomes are those of `crosscheck.document.outcomes`. A run is "unresolved" if nothing failed, but its motion was
+judged over less of its time than was asked for: there is no truth, nothing moves, or no bound reaches farther.
 """
 
 from __future__ import annotations
@@ -21,12 +19,12 @@ from crosscheck.document import (
     Errors,
     Finding,
     Order,
-    Outcome,
     Record,
     Rung,
     Status,
 )
 from crosscheck.document.known import Known
+from crosscheck.document.outcomes import Outcome, percent
 from crosscheck.judge import known, tolerances
 from crosscheck.judge.claim import Claim, Trace
 from crosscheck.judge.crossings import near_impacts
@@ -60,7 +58,7 @@ class Bounds:
 def _judged(kind: str, value: float, tol: Tol, unit: str, detail: str = "", empty: bool = False) -> Finding:
     """A finding. With `empty`, the bound exceeds the size of the quantity, so that the value is not judged."""
     if empty and np.isfinite(value):
-        return Finding(kind, "unjudged", float(value), None, unit,
+        return Finding(kind, "unresolved", float(value), None, unit,
                        f"at this step the bound, {tol.value:.2g}, exceeds the size of the quantity itself", detail)
     # A NaN fails.
     return Finding(kind, "ok" if value <= tol.value else "fail", float(value), tol.value, unit, tol.why, detail)
@@ -70,7 +68,7 @@ def _uncounted(traj: Trace, unit: str, detail: str) -> Finding | None:
     """The finding about an energy that is not known."""
     if np.isfinite(traj.energy).all() or not all(np.isfinite(getattr(traj, name)).all() for name in "xRvw"):
         return None
-    return Finding("energy", "unjudged", None, None, unit, "the engine has not counted how often hinges turn between "
+    return Finding("energy", "unresolved", None, None, unit, "the engine has not counted how often hinges turn between "
                    "its outputs, so that the energy of their springs is not known", detail)
 
 
@@ -112,17 +110,18 @@ def _late(claim: Claim) -> float:
 
 
 def too_coarse(claim: Claim, budgeted: bool) -> Finding:
-    """The finding on a run of which no bound judges anything. The plan has failed or, `budgeted`, has no finer step."""
-    return Finding("step", "unjudged" if budgeted else "fail", claim.step, None, "s", "the bounds exceed the size of "
-                   "the scene, and those of intervals what the motion covers in them, so that they would pass anything",
-                   "the plan has none smaller" if budgeted else "choose a smaller step")
+    """The finding on a run of which no bound judges anything: its plan has failed, or `budgeted` has none finer."""
+    return Finding("step", "unresolved" if budgeted else "fail", claim.step, None, "s", "at so coarse a step the "
+                   "bounds exceed the size of the scene, and those of intervals what the motion covers in them, so "
+                   "that they would pass anything", "no finer one was asked for or affordable" if budgeted else
+                   "choose a smaller step")
 
 
 def judge_rest(scene: Scene, truth: Reference) -> list[Finding]:
     """The finding on a scene in which nothing moves; none for any other."""
     if not tolerances.at_rest(scene, truth):
         return []
-    return [Finding("rest", "unjudged", None, None, "", "nothing moves in this scene, so that an engine which does "
+    return [Finding("rest", "unresolved", None, None, "", "nothing moves in this scene, so that an engine which does "
                     "nothing is right: nothing was judged", "give it a start that moves")]
 
 
@@ -186,7 +185,8 @@ def judge_without_truth(scene: Scene, traj: Trace) -> Finding:
     if (unknown := _uncounted(traj, "J", "the whole run")) is not None:
         return unknown
     if scene.loads or scene.has_laws:
-        return Finding("energy", "unjudged", change, None, "J", "forces may change the energy, and no truth tells how")
+        return Finding("energy", "unresolved", change, None, "J",
+                       "forces may change the energy, and no truth tells how")
     reach = tolerances.reach(scene)
     kinetic = 0.5 * (np.einsum("i,ik,ik->", scene.masses, scene.v0, scene.v0)
                      + np.einsum("ik,ikl,il->", scene.w0, scene.inertias, scene.w0))
@@ -207,7 +207,7 @@ def judge_levels(scene: Scene, traj: Trace, truth: Reference | None, bounds: Bou
     for level, unit in LEVELS.items():
         kind, series = f"level {level}", getattr(traj, f"constraint_{level}")
         if series is None:
-            findings.append(Finding(kind, "unjudged", None, None, unit, "the engine gives no accelerations"))
+            findings.append(Finding(kind, "unresolved", None, None, unit, "the engine gives no accelerations"))
             continue
         everywhere = max(maxima.get(f"constraint_{level}", 0.0), float(np.max(series)))
         if level in held:
@@ -217,7 +217,7 @@ def judge_levels(scene: Scene, traj: Trace, truth: Reference | None, bounds: Bou
             continue
         free = None if bounds is None or truth is None else tolerances.free_level(scene, truth, level, bounds.states)
         if bounds is None or truth is None or free is None:
-            findings.append(Finding(kind, "unjudged", everywhere, None, unit,
+            findings.append(Finding(kind, "unresolved", everywhere, None, unit,
                                     "the method does not enforce this level, and no bound of a state implies one"))
             continue
         keep = up_to(truth.t, bounds.until)
@@ -266,7 +266,7 @@ def judge_orders(order: int, ladder: Sequence[Rung], plateaus: Mapping[str, Plat
                 result = replace(result, observed=max(result.observed, result.finest))
                 why += ", and of orders that rise that of the two finest steps"
         orders[quantity] = result
-        status: Status = "unjudged" if result.observed is None else "ok" if result.observed >= lowest else "fail"
+        status: Status = "unresolved" if result.observed is None else "ok" if result.observed >= lowest else "fail"
         value, detail = result.observed, result.note if result.observed is None else ""
         if value is not None and value <= known.RISING:
             detail = known.RISES
@@ -291,7 +291,7 @@ def settle(run: Record, findings: list[Finding], defects: Sequence[Known], messa
     `defects` are those of the engine that are about this run. Bounds that the user set are not affected by them.
     """
     for entry in defects:
-        seen = [finding for finding in findings if finding.kind in entry.kinds and finding.status != "unjudged"
+        seen = [finding for finding in findings if finding.kind in entry.kinds and finding.status != "unresolved"
                 and not finding.why.startswith(tolerances.BY_USER)]
         alike = known.alike(entry, findings)
         failing = [finding for finding in seen if alike and finding.status == "fail" and known.excuses(entry, finding)]
@@ -301,18 +301,16 @@ def settle(run: Record, findings: list[Finding], defects: Sequence[Known], messa
         if entry.always and not failing and entry.kinds.keys() <= {finding.kind for finding in seen} | {"run"}:
             findings.append(Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
                                     f"{entry.reason}", "if the engine was mended, remove the entry"))
-    outcome = outcome_of(findings)
-    if outcome == "pass" and _share(judged_until, run.duration) < 1:
-        outcome = "partly"
-    if outcome == "unjudged":
-        still = next((each for each in findings if each.kind in ("rest", "precision")), None)
-        message = (f"{still.why}; {still.detail}" if still is not None else
-                   "the step is too coarse for bounds of the motion, and the plan has none smaller")
+    blind = next((each for each in findings if each.kind in BLIND and each.status == "unresolved"), None)
+    share = 0.0 if blind is not None else _share(judged_until, run.duration)
+    outcome = outcome_of(findings, share)
+    if outcome == "unresolved":
+        message = _unresolved(blind, share, why)
     judged = {finding.kind: finding for finding in findings}
     errors = {name: _headline(error, judged[name], (whole or {}).get(name)) if name in judged else error
               for name, error in run.errors.items()}
-    return replace(run, findings=findings, outcome=outcome, message=message, judged_until=judged_until,
-                   not_judged=why if outcome != "unjudged" else "", errors=errors)
+    return replace(run, findings=findings, outcome=outcome, message=message, judged_until=judged_until, share=share,
+                   not_judged=why if blind is None else blind.why, errors=errors)
 
 
 def _headline(error: Errors, finding: Finding, whole: tuple[float, str] | None) -> Errors:
@@ -325,11 +323,34 @@ def _headline(error: Errors, finding: Finding, whole: tuple[float, str] | None) 
     return replace(error, judged=value, bound=finding.bound if reaches else None, why=finding.why if reaches else "")
 
 
-def outcome_of(findings: Sequence[Finding]) -> Outcome:
-    """The outcome that follows from findings."""
+BLIND = ("truth", "rest", "precision", "step")
+"""Kinds of findings that, where they are unresolved, say why nothing of the motion was judged."""
+
+
+def outcome_of(findings: Sequence[Finding], share: float = 1.0, need: float = 1.0) -> Outcome:
+    """The outcome that follows from findings and from the `share` of its time over which the motion was judged."""
     statuses = {finding.status for finding in findings}
-    blind = any(finding.kind in ("step", "rest", "precision") and finding.status == "unjudged" for finding in findings)
-    return "fail" if "fail" in statuses else "known" if "known" in statuses else "unjudged" if blind else "pass"
+    return ("fail" if "fail" in statuses else "unresolved" if share < need else
+            "known" if "known" in statuses else "pass")
+
+
+def _unresolved(blind: Finding | None, share: float, why: str) -> str:
+    """Why a run is unresolved."""
+    if blind is not None:
+        return "; ".join(filter(None, (blind.why, blind.detail)))
+    return f"judged over {percent(share)} of its time" + (f", since {why}" if why else "")
+
+
+def needing(run: Record, need: float) -> Record:
+    """The run with the outcome that it has where its motion has to be judged over a share `need` of its time.
+
+    Only runs that pass, are known or unresolved by their share depend on it.
+    """
+    if run.outcome not in ("pass", "known", "unresolved") or not run.share:
+        return run
+    outcome = outcome_of(run.findings, run.share, need)
+    return replace(run, outcome=outcome, message=_unresolved(None, run.share, run.not_judged)
+                   if outcome == "unresolved" else "")
 
 
 def beyond(run: Record, finding: Finding, message: str = "") -> Record:
@@ -360,12 +381,7 @@ def worst(findings: Sequence[Finding]) -> Finding | None:
         return ({"fail": 2, "known": 1, "ok": 0}[finding.status], says, group == 0, bad and finding.blown,
                 severity if bad else 0.0, -group, severity)
 
-    return max((finding for finding in findings if finding.status != "unjudged"), key=place, default=None)
-
-
-def partly(run: Record) -> bool:
-    """Whether the motion could be judged over a part of the run only."""
-    return _share(run.judged_until, run.duration) < 1
+    return max((finding for finding in findings if finding.status != "unresolved"), key=place, default=None)
 
 
 def _share(judged: float | None, duration: float | None) -> float:
@@ -374,7 +390,7 @@ def _share(judged: float | None, duration: float | None) -> float:
 
 
 def word(run: Record) -> str:
-    """The outcome in words, with the share of the run over which its motion was judged if that is not all of it."""
-    said = "pass" if run.outcome == "partly" else run.outcome
-    share = _share(run.judged_until, run.duration)
-    return (f"{said} over {100 * share:.2g} %" if share < 1 and run.outcome in ("pass", "partly", "known") else said)
+    """The outcome, with the share of the run over which its motion was judged if that is not all of it."""
+    if run.share is None or run.share >= 1 or run.outcome not in ("pass", "known", "unresolved"):
+        return run.outcome
+    return f"{run.outcome}, judged over {percent(run.share)}"

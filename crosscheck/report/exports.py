@@ -70,7 +70,10 @@ def table(document: Document) -> str:
 
 
 def junit(document: Document) -> str:
-    """JUnit XML: a suite per scene, a case per run. A known defect passes, and the case's output has its reason."""
+    """JUnit XML: a suite per scene, a case per run. A known defect passes, and the case's output has its reason.
+
+    An unresolved run is a failure of the type "unresolved"; what is unsupported is skipped.
+    """
     root = ElementTree.Element("testsuites", name="crosscheck verify")
     for scene in document.scenes:
         records = [record for record in document.records if record.scene == scene.name]
@@ -83,16 +86,18 @@ def junit(document: Document) -> str:
                      f"{number(finding.bound)}; {finding.why}; {finding.detail}"
                      for finding in record.findings if finding.status in ("fail", "known")]
             if record.outcome == "fail":
-                failure = ElementTree.SubElement(case, "failure", message=sentence(record))
+                failure = ElementTree.SubElement(case, "failure", type="fail", message=sentence(record))
                 failure.text = "\n".join(line for line in lines if line.startswith("fail"))
             elif record.outcome == "error":
                 ElementTree.SubElement(case, "error", message=record.message)
-            elif record.outcome in ("unsupported", "unjudged"):
+            elif record.outcome == "unresolved":
+                ElementTree.SubElement(case, "failure", type="unresolved", message=f"{record.word}: {record.message}")
+            elif record.outcome == "unsupported":
                 ElementTree.SubElement(case, "skipped", message=record.message)
             output = ElementTree.SubElement(case, "system-out")
             output.text = "\n".join([f"outcome: {record.outcome}", *lines, f"repeat: {record.command}"])
-        for attribute, outcomes in (("failures", ("fail",)), ("errors", ("error",)),
-                                    ("skipped", ("unsupported", "unjudged"))):
+        for attribute, outcomes in (("failures", ("fail", "unresolved")), ("errors", ("error",)),
+                                    ("skipped", ("unsupported",))):
             suite.set(attribute, str(sum(record.outcome in outcomes for record in records)))
         suite.set("tests", str(len(records)))
     ElementTree.indent(root)

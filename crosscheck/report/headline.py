@@ -6,36 +6,28 @@ from collections import Counter
 from collections.abc import Sequence
 
 from crosscheck.document import Change, Document, Record, Scene
+from crosscheck.document.outcomes import Outcome, percent
 from crosscheck.errors import counted
 
-OUTCOMES = {"pass": ("✓", "pass", "behaves as documented: every check within its bound, over the whole run"),
-            "partly": ("◐", "partly", "every check within its bound, but the motion judged only up to the time it "
-                       "names, or not at all: at so coarse a step no bound reaches farther"),
-            "known": ("≈", "known", "only defects of the engine that are listed with their reason"),
-            "fail": ("✗", "fail", "a figure is beyond its bound"),
-            "error": ("‼", "error", "it did not run"),
-            "unjudged": ("?", "unjudged", "not judged: the scene has no truth, or nothing moves in it"),
-            "budgeted": ("◷", "budgeted", "the plan has no step that is fine enough for bounds of the motion"),
-            "unsupported": ("–", "unsupported", "the engine cannot model this scene")}
-"""Symbol, word and meaning of each state of a run (see `state`)."""
-
-
-def state(record: Record) -> str:
-    """The outcome of a run, which also says how much of it was judged. Runs are coloured and counted by this state."""
-    if record.outcome == "unjudged" and any(finding.kind == "step" for finding in record.findings):
-        return "budgeted"
-    return record.outcome
+OUTCOMES: dict[Outcome, tuple[str, str, str]] = {
+    "pass": ("✓", "pass", "behaves as documented: every check within its bound, over all that was asked for"),
+    "known": ("≈", "known", "only defects of the engine that are listed with their reason"),
+    "fail": ("✗", "fail", "a figure is beyond its bound"),
+    "error": ("‼", "error", "it did not run"),
+    "unresolved": ("?", "unresolved", "nothing is beyond its bound, but the motion was judged over less of the run "
+                   "than was asked for, or not at all; the run says why"),
+    "unsupported": ("–", "unsupported", "the engine cannot model this scene")}
+"""Symbol, word and meaning of each outcome."""
 
 
 def judged_share(records: Sequence[Record]) -> float | None:
-    """The average share of their time over which the motion of runs was judged; None if none has a duration."""
-    shares = [(record.judged_until or 0.0) / record.duration for record in records if record.duration]
-    return sum(shares) / len(shares) if shares else None
+    """The average share of their time over which the motion of runs was judged; None without runs."""
+    return sum(record.share or 0.0 for record in records) / len(records) if records else None
 
 
 def share_words(share: float | None) -> str:
     """A share from `judged_share` in words."""
-    return "" if share is None else f"over {100 * share:.0f} % of the time"
+    return "" if share is None else f"judged over {percent(share)} of the time"
 
 
 SPARED = 2
@@ -57,22 +49,18 @@ def _passing(document: Document) -> str:
     """The numbers of passes, known defects and failures. Scenes that could not be prepared are left out."""
     lost = {scene.name for scene in document.scenes if scene.failure}
     records = [record for record in document.records if record.scene not in lost]
-    count = {outcome: sum(state(record) == outcome for record in records) for outcome in OUTCOMES}
+    count = {outcome: sum(record.outcome == outcome for record in records) for outcome in OUTCOMES}
     failing = [record for record in records if record.outcome in ("fail", "error")]
-    part = [record for record in records if state(record) == "partly"]
-    if count["pass"] and count["pass"] + count["unsupported"] == len(records) and not count["partly"]:
+    open_ = [record for record in records if record.outcome == "unresolved"]
+    if count["pass"] and count["pass"] + count["unsupported"] == len(records):
         made = "that could be made " if count["unsupported"] else ""
         return f"The only run {made}passes" if count["pass"] == 1 else f"All {count['pass']} runs {made}pass"
     whole = count["pass"]
     said = [f"{counted(whole, 'run', none='No')} pass{'es' if whole == 1 else ''}"]
-    if (share := judged_share(part)) is not None:
-        reasons = Counter(record.not_judged for record in part if record.not_judged).most_common(1)
-        said.append(f"{len(part)} more over part of {'its' if len(part) == 1 else 'their'} time "
-                    f"({100 * share:.0f} %{f', since {reasons[0][0]}' if reasons else ''})")
-    if count["budgeted"]:
-        said.append(f"{count['budgeted']} at steps too coarse to judge")
-    if count["unjudged"]:
-        said.append(f"{count['unjudged']} unjudged")
+    if (share := judged_share(open_)) is not None:
+        reasons = Counter(record.not_judged for record in open_ if record.not_judged).most_common(1)
+        why = f", {'mostly ' if len(open_) > 1 else ''}since {reasons[0][0]}" if reasons else ""
+        said.append(f"{len(open_)} unresolved ({share_words(share)}{why})")
     if count["known"]:
         said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")
     if 0 < len(failing) <= SPARED:
@@ -80,7 +68,7 @@ def _passing(document: Document) -> str:
         said.append(f"{len(failing)} fail{'s' if len(failing) == 1 else ''} ({named})")
     elif failing:
         said.append(f"{len(failing)} fail on {counted(len({record.scene for record in failing}), 'scene')}")
-    elif whole + count["partly"]:
+    elif whole + len(open_):
         said.append("none fails")
     return ", ".join(said)
 
@@ -127,19 +115,13 @@ def why_no_truth(scene: Scene) -> str:
     return reason.removeprefix(f"{scene.title!r}: ").partition("; ")[0].rstrip(".")
 
 
-def partly(document: Document) -> str:
-    """How many runs were judged over a part of their length only; "" if none."""
-    short = sum(record.partly and record.outcome in ("pass", "partly", "known") for record in document.records)
-    return f"{short} of them judged over a part of their time only" if short else ""
-
-
 def span(record: Record) -> str:
     """In words, over what part of its length the motion of a run was judged."""
-    if record.outcome == "unjudged":
+    if record.share == 0:
         return "motion not judged"
     if record.judged_until is None or record.duration is None:
         return ""
-    if record.partly:
+    if record.share is not None and record.share < 1:
         return f"{record.judged_until:.3g} s of {record.duration:g} s" + (
             f", since {record.not_judged}" if record.not_judged else "")
     return f"all {record.duration:g} s"
@@ -159,7 +141,7 @@ def number(value: float | None, digits: int = 2) -> str:
 def sentence(record: Record) -> str:
     """The worst finding of a run in one clause."""
     worst = record.worst
-    if record.outcome in ("error", "unsupported", "unjudged") or worst is None:
+    if record.outcome in ("error", "unsupported", "unresolved") or worst is None:
         return record.message
     if worst.kind == "step":
         return f"at step {number(worst.value)} s {worst.why}; {worst.detail}"

@@ -6,17 +6,19 @@ import collections
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from typing import get_args
 
 from crosscheck.document import QUANTITIES, Change, Document, Finding, Record, Scene, grouped
-from crosscheck.report.headline import OUTCOMES, judged_share, state
+from crosscheck.document.outcomes import Outcome
+from crosscheck.report.headline import OUTCOMES, judged_share
 
-SEVERITY = ("error", "fail", "known", "unjudged", "budgeted", "partly", "pass", "unsupported")
+SEVERITY: tuple[Outcome, ...] = get_args(Outcome)
 """Outcomes, the most urgent first. A group of runs is shown by the most urgent one in it."""
 
 
 def counted(records: Sequence[Record]) -> dict[str, int]:
     """Number of runs with each outcome, most urgent first. Outcomes that do not occur are left out."""
-    counts = collections.Counter(map(state, records))
+    counts = collections.Counter(record.outcome for record in records)
     return {outcome: counts[outcome] for outcome in SEVERITY if counts[outcome]}
 
 
@@ -33,18 +35,18 @@ def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int
 
 
 def judged_shares(document: Document) -> dict[tuple[str, str], float | None]:
-    """For every scene and engine with partly judged runs, the share of their time that was judged (`judged_share`)."""
-    partly = _pairs(record for record in document.records if state(record) == "partly")
-    return {pair: judged_share(records) for pair, records in partly.items()}
+    """For every scene and engine with unresolved runs, the share of their time that was judged (`judged_share`)."""
+    unresolved = _pairs(record for record in document.records if record.outcome == "unresolved")
+    return {pair: judged_share(records) for pair, records in unresolved.items()}
 
 
 def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
     """For every scene and engine, the passing run with the smallest judged position error, if one passes.
 
-    Runs that pass over a part of their time count, too.
+    Runs that are right as far as they were judged count, too.
     """
     best: dict[str, dict[str, Record]] = {scene.name: {} for scene in document.scenes}
-    passing = (record for record in document.records if record.outcome in ("pass", "partly")
+    passing = (record for record in document.records if record.within
                and not math.isinf(record.judged_error))
     for (scene, engine), records in _pairs(passing).items():
         best[scene][engine] = min(records, key=lambda record: record.judged_error)
@@ -98,7 +100,7 @@ MATTERS = {**dict.fromkeys(QUANTITIES, "error of the motion beyond its bound"),
 class Wrong:
     """Runs with the same problem."""
 
-    outcome: str
+    outcome: Outcome
     engine: str  # "" for known defects, which several engines may share
     why: str
     runs: list[tuple[Record, Finding | None]]  # with their worst findings, the worst run first
@@ -147,5 +149,5 @@ def _matter(record: Record, finding: Finding | None) -> str:
 
 def summary_counts(records: Sequence[Record]) -> dict[str, int]:
     """Number of runs with each outcome, in the order of `OUTCOMES`."""
-    counts = collections.Counter(map(state, records))
+    counts = collections.Counter(record.outcome for record in records)
     return {outcome: counts[outcome] for outcome in OUTCOMES}

@@ -21,14 +21,12 @@ from crosscheck.report.headline import (
     headline,
     judged_share,
     number,
-    partly,
     plain_number,
     sentence,
     shade,
     share_words,
     span,
     spoken,
-    state,
 )
 from crosscheck.report.identity import for_scripts
 
@@ -107,10 +105,9 @@ def environment() -> Any:
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
     made.filters |= {"number": number, "sentence": sentence, "shade": shade, "anchor": anchor,
-                     "span": span, "spoken": spoken, "state": state, "judged_share": judged_share,
+                     "span": span, "spoken": spoken, "judged_share": judged_share,
                      "share_words": share_words, "sortable": plain_number,
-                     "query": urllib.parse.quote, "slug": slug,
-                     "select_state": lambda records, wanted: [each for each in records if state(each) == wanted]}
+                     "query": urllib.parse.quote, "slug": slug}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
                      "UNITS": QUANTITIES, "scene_file": scene_file, "engine_file": engine_file,
                      "study_file": study_file, "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED, "for_scripts": for_scripts,
@@ -157,7 +154,7 @@ def _overview(template: str, document: Document) -> str:
     return _render(
         template, document, "index", matrix=overview.by_method(document), cells=overview.by_scene_and_engine(document),
         shares=overview.judged_shares(document),
-        headline=headline(document), partly=partly(document),
+        headline=headline(document),
         by_engine={engine: overview.counted([record for record in records if record.engine == engine])
                    for engine in document.meta.engines},
         counts=overview.summary_counts(records), worst=overview.worst_first(records, document.changes),

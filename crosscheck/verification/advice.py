@@ -382,7 +382,7 @@ def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Ad
     No step is longer than the coarsest one at which the order was observed, and none shorter than a hundredth of the
     step of the run: beyond them the order is not known to hold.
     """
-    passing = [record for record in records if record.outcome in ("pass", "partly")
+    passing = [record for record in records if record.within
                and math.isfinite(record.judged_error) and record.wall_time]
     advice = Advice(scene=scene.name, engine=records[0].engine, wanted=wanted, until=scene.duration,
                     least=min((record.judged_error for record in passing), default=None))

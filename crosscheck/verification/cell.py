@@ -18,7 +18,7 @@ from crosscheck.judge.claim import Claim
 from crosscheck.judge.continuity import judge_continuity, judge_orthogonality
 from crosscheck.judge.defects import MOST_BODIES, SHARE, Defects, measured
 from crosscheck.judge.flow import Answer
-from crosscheck.judge.intervals import FINER, judge_between, judge_intervals, judge_noise, judge_windows, unjudged
+from crosscheck.judge.intervals import FINER, judge_between, judge_intervals, judge_noise, judge_windows, unresolved
 from crosscheck.judge.intervals import Judged as Covered
 from crosscheck.judge.metrics import Error, energy_gap, errors, up_to
 from crosscheck.judge.overrides import override
@@ -119,7 +119,7 @@ def judge_run(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str],
         reference, window = truth(scene), truth(windowed(scene, first))
     except (TruthError, Unsupported) as error:
         main = _truthless(run, scene, traj, held)
-        return _unless_passing(settled(main.run, main.findings), f"no truth: {' '.join(str(error).split())}")
+        return settled(main.run, [_no_truth(" ".join(str(error).split())), *main.findings])
     main = _main_run(Asked(run, scene, traj), reference, window, held, budgeted=True)
     coarse = any(finding.kind == "step" for finding in main.findings)
     findings = [*main.findings, *([judge_coarse(scene, traj, reference)] if coarse else [])]
@@ -173,7 +173,7 @@ def _intervals(asked: Asked, traj: Trajectory, reference: Reference) -> _Seen:
     nothing = Covered(np.zeros(len(traj.t) - 1, bool))
     engine = adapters.get(run.engine)
     if not np.isfinite(traj.x).all():
-        return _Seen(tolerances.EPS, unjudged("the run is not finite"), [], [], nothing)
+        return _Seen(tolerances.EPS, unresolved("the run is not finite"), [], [], nothing)
     again = asked.repeat(scale.length)
     soft = engine.soft_laws and any(any(joint.dry_friction) or any(joint.limits) for joint in scene.joints)
     eps = max(tolerances.EPS, min(engine.eps, SINGLE))
@@ -206,7 +206,7 @@ def _beside(asked: Asked, traj: Trajectory, reference: Reference, again: Answer 
         why = f"the engine could not be started at states of its own run: {again}"
         kind = "repeat" if eps <= tolerances.EPS else "precision"
         return _Beside(runs, others, ended, [], runs, others,
-                       [Finding(kind, "unjudged", None, None, "", why), *between])
+                       [Finding(kind, "unresolved", None, None, "", why), *between])
     (told, forgets), share = judge_repeat(traj, again, runs[0], soft, off), shown_floor(traj, again, runs[0])
     own, *rest = runs = [dataclasses.replace(each, forgets=forgets, floor={
         name: share * part for name, part in each.floor.items()}) for each in runs]
@@ -299,8 +299,8 @@ def _without_truth(run: Record, cell: Cell, scene: Scene, outcome: Ran | Failed,
     else:
         main = _truthless(run, scene, outcome.trajectory, held)
         main.findings[:0] = [_ended(outcome.trajectory), *_steps(run, scene, outcome.trajectory)]
-    return _unless_passing(settled(main.run, override(main.findings, cell.overrides), main.message),
-                           f"unjudged: no truth ({cell.no_truth})")
+    main.findings.insert(0, _no_truth(cell.no_truth))
+    return settled(main.run, override(main.findings, cell.overrides), main.message)
 
 
 def _truthless(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str]) -> _Main:
@@ -310,9 +310,8 @@ def _truthless(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str]
         _orthogonality(run, traj, eps)])
 
 
-def _unless_passing(judged: Record, why: str) -> Record:
-    """The record, in which nothing speaks against the run, but `why` it is not judged."""
-    return judged if judged.outcome != "pass" else replace(judged, outcome="unjudged", message=why)
+def _no_truth(why: str) -> Finding:
+    return Finding("truth", "unresolved", None, None, "", f"no truth: {why}")
 
 
 def _orthogonality(run: Record, traj: Trajectory, eps: float, others: Sequence[Answer] = ()) -> Finding:

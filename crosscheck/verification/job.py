@@ -17,7 +17,6 @@ from msgspec.structs import replace
 from crosscheck import adapters
 from crosscheck.document import (
     AS_PLANNED,
-    PASSING,
     Advice,
     Asked,
     Document,
@@ -28,10 +27,11 @@ from crosscheck.document import (
     Scene,
     SceneTruth,
     Support,
-    exit_code,
     extended,
     grouped,
+    outcome_of,
 )
+from crosscheck.document.outcomes import EXIT_CODES
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import digest, plain, readable
 from crosscheck.jobs.drive import Crash, Limits, Place, Stages
@@ -138,7 +138,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
            jobs: int = 2, progress: Progress | None = None, session: Session | None = None,
            limits: Limits | None = None, overrides: Overrides = (), walk: bool = False,
            methods: Sequence[str] | None = None, asked: Asked = AS_PLANNED, scheduler: str | None = None,
-           shown: Callable[[Document], object] | None = None) -> Document:
+           shown: Callable[[Document], object] | None = None, need: float = 1.0) -> Document:
     """Run the main job and return its document. Nothing is written except rows.
 
     Parameters
@@ -155,6 +155,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     asked : map, step and duration of main runs instead of those of the plan
     scheduler : where truths and runs are computed, for `crosscheck.running.cluster.connect`; timings are made here
     shown : called now and then with the document of what has ended, see `PAUSE`
+    need : the share of its time over which the motion of a run has to be judged for it to pass
 
     Raises
     ------
@@ -163,6 +164,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     """
     if jobs < 1:
         raise ArgumentError(f"jobs has to be at least 1, not {jobs}")
+    if not 0 < need <= 1:
+        raise ArgumentError(f"need: a share above 0 and up to 1 is wanted, not {need:g}")
     adapters.renew()
     settings = profile_called(profile)
     settings = dataclasses.replace(settings, whole=settings.whole or asked.duration is not None)
@@ -184,10 +187,10 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
 
         def meta(**more: object) -> Meta:
             return msgspec.convert(provenance.describe(engine_names) | {
-                "profile": profile, "jobs": jobs, "asked": asked,
+                "profile": profile, "jobs": jobs, "asked": asked, "need": need,
                 "command": command("verify", profile, scenes, engines, methods, [
                     *(word for name, bound, _ in overrides for word in ("--tol", f"{name}={bound!r}")), *asked.words,
-                    "--jobs", str(jobs)]),
+                    *(["--need", f"{need:g}"] if need < 1 else []), "--jobs", str(jobs)]),
                 "seconds": session.seconds if session is not None else time.perf_counter() - started,
                 "reused": session.reused if session is not None else 0,
                 "reused_since": session.since if session is not None else None} | more, Meta)
@@ -241,8 +244,8 @@ class Paced:
 def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
              rows: list[Support] | None = None) -> Document:
     """The document with these records and the recommendations that follow from them."""
-    records = [replace(record, word=verdict.word(record), partly=verdict.partly(record),
-                       worst=verdict.worst(record.findings)) for record in records]
+    records = [replace(record, word=verdict.word(record), worst=verdict.worst(record.findings))
+               for record in (verdict.needing(record, meta.need) for record in records)]
     scenes = []
     for scene in truths:
         own = [record for record in records if record.scene == scene.name]
@@ -251,7 +254,9 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
         scenes.append(replace(scene, **told) if isinstance(scene, Scene) else extended(Scene, scene, **told))
     # JSON has no infinity: values that are not finite become None.
     shown = msgspec.convert(plain(records), list[Record], str_keys=True)
-    return Document(meta=meta, scenes=scenes, records=shown, exit_code=exit_code(scenes, records), support=rows)
+    outcome = outcome_of(scenes, records)
+    return Document(meta=meta, scenes=scenes, records=shown, outcome=outcome, exit_code=EXIT_CODES[outcome],
+                    support=rows)
 
 
 def _keys(wanted: bool) -> Callable[..., str]:
@@ -310,7 +315,7 @@ def _failure(result: Record | Crash) -> str:
     """Why a run fails, in one line; "" if it does not."""
     if isinstance(result, Crash):
         return result.message
-    if result.outcome in PASSING:
+    if result.outcome not in ("fail", "error"):
         return ""
     first = verdict.worst(result.findings)
     if result.message or first is None or first.value is None or first.bound is None:

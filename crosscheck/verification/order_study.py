@@ -149,7 +149,7 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
         return ladder.study([*judge_tolerances(ladder.rungs, floor, documented),
                              *judge_promise(scene, reference, ladder.rungs, adapters.get(cell.way.engine).eps)])
     if ladder.cut and len(ladder.rungs) < FEWEST:
-        return ladder.study([Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
+        return ladder.study([Finding(f"order {quantity}", "unresolved", None, None, "1", f"documented order {order}",
                                      f"order not measured: {ladder.cut}") for quantity in QUANTITIES])
     parts = [told * asked for (_, traj), asked in zip(ladder.runs, ladder.asked, strict=True)
              if (told := traj.stats.get("step"))]
@@ -194,7 +194,7 @@ def _by_events(findings: list[Finding], ladder: _Ladder) -> list[Finding]:
     most = [late(ladder.scene, ladder.reference, rung.step or 0.0) for rung in ladder.rungs]
     excused = {name for name in low if all(name in each and (rung.errors[name] or 0.0) <= each[name]
                                            for rung, each in zip(ladder.rungs, most, strict=True))}
-    return [replace(finding, status="unjudged", detail="events met up to two steps late explain errors of this size, "
+    return [replace(finding, status="unresolved", detail="events met up to two steps late explain errors of this size, "
                     "which depend on where steps meet them") if finding.kind.removeprefix("order ") in excused
             else finding for finding in findings]
 
@@ -224,9 +224,9 @@ def judge_tolerances(rungs: Sequence[Rung], floor: float, order: int | None = No
     why = "errors fall as the tolerance does: least squares in the logarithms over the ladder of tolerances"
     counts = {rung.steps or 0 for rung in rungs}
     if len(seen) < FEWEST or len(counts) < FEWEST:
-        return [Finding("order rtol", "unjudged", None, least, "1", why, "too few tolerances above rounding")]
+        return [Finding("order rtol", "unresolved", None, least, "1", why, "too few tolerances above rounding")]
     if min(counts) <= STUDY_SAMPLES and max(counts) < FEWEST_COUNTED * STUDY_SAMPLES:
-        return [Finding("order rtol", "unjudged", None, least, "1", why, "output times set most of the few steps")]
+        return [Finding("order rtol", "unresolved", None, least, "1", why, "output times set most of the few steps")]
     asked, errors = np.log(np.array(seen)).T
     slope = float(np.polyfit(asked, errors, 1)[0])
     return [Finding("order rtol", "ok" if slope >= least else "fail", slope, least, "1", why,
@@ -274,7 +274,7 @@ def _tell_cut(cut: str, findings: list[Finding], orders: dict[str, Order]) -> li
     for finding in findings:
         if finding.status == "fail" and finding.value is not None and not orders[
                 finding.kind.removeprefix("order ")].settled:
-            finding = replace(finding, status="unjudged", detail=f"finer steps may lift it; {cut}")
+            finding = replace(finding, status="unresolved", detail=f"finer steps may lift it; {cut}")
         elif finding.status != "ok":
             finding = replace(finding, detail="; ".join(filter(None, (finding.detail, cut))))
         told.append(finding)

@@ -1,7 +1,7 @@
 """Which engine and method to trust on a scene, and why. This follows from the records alone.
 
-Only runs that passed are recommended, with their step, error, time and the share of the motion that was judged. Every
-engine has a row with its own recommendation.
+Only runs are recommended that are right as far as they were judged, with their step, error, time and the share of the
+motion that was judged. Every engine has a row with its own recommendation.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 
 from crosscheck.document import EngineTrust, Recommended, Record, SceneTruth, grouped
+from crosscheck.document.outcomes import percent
 from crosscheck.errors import counted
 
 TARGETS = (1e-6, 1e-3)
@@ -24,7 +25,7 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
 
     None if nothing can be recommended.
     """
-    passing = [record for record in records if record.outcome in ("pass", "partly")
+    passing = [record for record in records if record.within
                and math.isfinite(record.judged_error)]
     if scene.scales is None or not passing:
         return None
@@ -42,10 +43,9 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
         why = f"the smallest error of those that pass, {_checks(best)} passed"
     if tied:
         why += ", times equal within noise"
-    share = 1.0
-    if best.outcome == "partly" and best.judged_until and best.duration:
-        share = best.judged_until / best.duration
-        why += f"; its motion was judged over part of the time, {100 * share:.2g} %"
+    share = 1.0 if best.share is None else best.share
+    if share < 1:
+        why += f"; its motion was judged over part of the time, {percent(share)}"
     return Recommended(runs=[record.label for record in (best, *tied)], step=best.step, rtol=best.rtol,
                        error=best.judged_error, until=best.judged_until, share=share,
                        seconds=best.seconds_per_second, why=why)
@@ -83,7 +83,7 @@ def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]
     for engine, own in grouped(records, lambda record: record.engine).items():
         made = [record for record in own if record.outcome != "unsupported"]
         best = None if scene.failure or scene.no_truth else recommend(scene, made)
-        passing = sum(record.outcome in ("pass", "partly") for record in made)
+        passing = sum(record.outcome == "pass" for record in made)
         advice = f"trust {_said(best)}" if best else "no run can be recommended"
         text = f"{advice}; {passing} of {len(made)} runs pass." + _not_trusted(made)
         if not made:

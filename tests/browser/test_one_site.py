@@ -69,8 +69,8 @@ def test_the_history_draws_every_scene_and_run(watched):
     page = watched.open("history/index.html")
     nights = page.locator("table[data-filter='scenes'] tbody tr").first.locator("rect")
     assert nights.count() == 8
-    assert nights.evaluate_all("all => all.map(e => e.className.baseVal)") == ["partly"] * 7 + ["fail"]
-    assert page.locator("table[data-filter='scenes'] td .quiet").first.inner_text() == "1 fail, 1 partly"
+    assert nights.evaluate_all("all => all.map(e => e.className.baseVal)") == ["unresolved"] * 7 + ["fail"]
+    assert page.locator("table[data-filter='scenes'] td .quiet").first.inner_text() == "1 fail, 1 unresolved"
     row = page.locator("table[data-filter='runs'] tbody tr", has_text="single pendulum").first
     assert row.locator("polyline").count() == 3
     assert row.locator("td").last.locator("circle").count() == 1  # the speed changed its level once

@@ -78,7 +78,8 @@ def told(name, folder):
             print(CliRunner().invoke(app.app, ["study", name]).stdout, end="")
     elif name == "nightly":
         night = SimpleNamespace(exit_code=1, summary=summary(
-            replace(made_up(), changes=CHANGES), "2026-11-20T02-00-00Z-00ff", None, 1, Path("reports/nightly/latest")))
+            replace(made_up(), changes=CHANGES), "2026-11-20T02-00-00Z-00ff", None, False,
+            Path("reports/nightly/latest")))
         with mock.patch.object(nightly, "nightly", return_value=night):
             print(CliRunner().invoke(app.app, ["nightly"]).stdout, end="")
     elif name == "verify":

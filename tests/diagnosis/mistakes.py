@@ -264,8 +264,8 @@ def scored(mistake, name, seed):
     """
     scene, engine = made(mistake, name, seed)
     answer = explain(scene, engine, method_of(engine, scene))
-    if answer.outcome != "named":
-        return {"agrees": "acquitted"}.get(answer.outcome, answer.outcome), answer
+    if answer.outcome != "fail":
+        return {"pass": "acquitted"}.get(answer.outcome, "unknown"), answer
     options = [set(cause.split(" or ")) for cause in answer.names]
     right = all(each & set(mistake.names) for each in options) and any(mistake.names[0] in each for each in options)
     equally = any(len(each) > 1 for each in options)

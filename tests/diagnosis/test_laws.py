@@ -152,7 +152,7 @@ def test_explain_names_the_law_that_an_engine_has_wrong(monkeypatch, tmp_path, w
     get, wrong = adapters.get, Wrong(mistake)
     monkeypatch.setattr(adapters, "get", lambda engine: get(engine) if engine == "lieeuler" else wrong)
     answer = explain(SCENES[mistake.scene](tmp_path).replace(name="made"), "fake", "rkmk4")
-    assert answer.outcome == "named"
+    assert answer.outcome == "fail"
     assert answer.names == (NAMED[what],)
     assert answer.explained < 1e-7 < answer.deviation
 

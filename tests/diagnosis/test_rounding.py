@@ -70,7 +70,7 @@ def test_errors_that_double_with_the_steps_and_keep_their_direction_are_named(en
 
 
 @pytest.mark.parametrize(("engine", "outcome", "named"), [
-    (Made(spun_up=3e-7), "named", True), (Made(gravity=1.01), "unknown", False), (Made(), "agrees", False)])
+    (Made(spun_up=3e-7), "fail", True), (Made(gravity=1.01), "unresolved", False), (Made(), "pass", False)])
 def test_the_whole_explanation_names_it_and_accuses_a_right_engine_of_nothing(engine, outcome, named):
     scene = load_scene("single_pendulum").replace(duration=1.0, samples=51)
     answer = diagnosis.explain(scene, engine, "Plain", step=1e-3)

@@ -205,7 +205,7 @@ def test_wrong_sensors(case):
     findings = judged(r, name, values)
     assert "fail" in (findings[f"sensor {name}"].status, findings[f"sensor {name} of its state"].status)
     others = {kind for kind in findings if not kind.startswith(f"sensor {name}")}
-    assert {findings[kind].status for kind in others} <= {"ok", "unjudged"}
+    assert {findings[kind].status for kind in others} <= {"ok", "unresolved"}
     sensor = next(each for each in r.scene.sensors if each.name == name)
     left, after, told = of_sensors.named(r.scene, r.states, sensor, values)
     assert left > of_sensors.AGREES
@@ -225,7 +225,7 @@ def test_right_sensors(name, how):
     r = run()
     for values in (RIGHT[how](r.right[name]), *([-r.right[name]] if name == "attitude" else [])):
         findings = judged(r, name, values)
-        assert {finding.status for finding in findings.values()} <= {"ok", "unjudged"}
+        assert {finding.status for finding in findings.values()} <= {"ok", "unresolved"}
         assert findings[f"sensor {name}"].status == findings[f"sensor {name} of its state"].status == "ok"
         sensor = next(each for each in r.scene.sensors if each.name == name)
         assert of_sensors.named(r.scene, r.states, sensor, values)[2] is None
@@ -271,7 +271,7 @@ def test_explain_names_them():
 
     plain = arm(damping=0.0).replace(forces=())
     answer = crosscheck.explain(plain, Misbuilt(adapters.get("lieeuler"), (), (report,)), "rkmk4", step=STEP)
-    assert answer.outcome == "named"
+    assert answer.outcome == "fail"
     assert [(cause.name, "'gyroscope'" in cause.magnitude) for cause in answer.causes] == [("one step late", True)]
     answer = crosscheck.explain(plain, "mujoco", "RK4", step=STEP)
     assert {cause.name for cause in answer.causes} == {"gravity"}

@@ -51,12 +51,12 @@ def test_no_tick_where_verify_fails(key, monkeypatch):
         assert run_cell(Cell(NAME, Way(name, METHOD), PLANS[NAME])).outcome == "fail"
 
     def blind(subject, first, noise):
-        return Explanation(NAME, subject.engine.name, METHOD, None, "agrees", "", [], [], [], 1.0, 0.0, 0.0)
+        return Explanation(NAME, subject.engine.name, METHOD, None, "pass", "", [], [], [], 1.0, 0.0, 0.0)
 
     monkeypatch.setattr(diagnosis, "_judged", blind)
     monkeypatch.setattr(diagnosis, "_looked_through", lambda *given: None)
     answer = diagnosis.explain(NAME, MISTAKES[key], METHOD)
-    assert answer.outcome != "agrees"
+    assert answer.outcome != "pass"
     assert answer.exit_code > 0
     assert answer.verdict == "fail"
 
@@ -65,10 +65,10 @@ def test_findings_about_reports_are_causes_and_others_are_not():
     scene = load_scene(NAME)
     answers = {}
     for key in ("acceleration without gravity", "gravity"):
-        answers[key] = Explanation(NAME, "", METHOD, None, "agrees", "", [], [], [], 1.0, 0.0, 0.0)
+        answers[key] = Explanation(NAME, "", METHOD, None, "pass", "", [], [], [], 1.0, 0.0, 0.0)
         of_verdict.add(Subject(MISTAKES[key], Way("lieeuler", METHOD)), scene, None, answers[key])
     assert answers["acceleration without gravity"].names == ("reported accelerations",)
-    assert answers["gravity"].outcome == "unknown"
+    assert answers["gravity"].outcome == "unresolved"
     assert "crosscheck verify rejects it" in answers["gravity"].sentence
 
 
@@ -79,9 +79,9 @@ def test_a_known_defect_in_the_order_study_is_told_with_its_reason(monkeypatch):
     monkeypatch.setattr(Engine, "defects", lambda self, run: (entry,))
     low = Finding("order position", "fail", 2.0, 3.85, "1", "documented order 4")
     monkeypatch.setattr(of_verdict, "order_study", lambda *given: Study([low], {}, []))
-    answer = Explanation(NAME, "", METHOD, None, "agrees", "", [], [], [], 1.0, 0.0, 0.0)
+    answer = Explanation(NAME, "", METHOD, None, "pass", "", [], [], [], 1.0, 0.0, 0.0)
     of_verdict.add(Subject(Misbuilt(adapters.get("lieeuler")), Way("lieeuler", METHOD)), load_scene(NAME), None, answer)
-    assert (answer.outcome, answer.verdict.split("; ")) == ("agrees", ["known", "summed velocities"])
+    assert (answer.outcome, answer.verdict.split("; ")) == ("pass", ["known", "summed velocities"])
 
 
 def test_a_tolerance_that_is_too_loose_is_named():

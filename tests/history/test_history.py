@@ -46,6 +46,23 @@ def test_errors_as_large_as_the_scene_are_not_compared():
     assert compare(run(record(error=4.0)), run(record(error=4.4))) == []
 
 
+def test_a_share_that_shrank_is_worse_and_one_that_grew_is_not():
+    def changes(before, after):
+        return told(run(record(outcome="unresolved", share=before)), run(record(outcome="unresolved", share=after)))
+
+    assert changes(0.9, 0.9) == []
+    assert changes(0.9, 0.8) == [("accuracy", "mujoco RK4", True)]
+    assert changes(0.8, 0.9) == [("accuracy", "mujoco RK4", False)]
+
+
+@pytest.mark.parametrize(("before", "after", "bad"), [
+    ("pass", "unresolved", True), ("known", "unresolved", True), ("unresolved", "pass", False),
+    ("unresolved", "unresolved", None), ("unresolved", "fail", True), ("fail", "fail", None)])
+def test_an_outcome_that_stays_is_no_change(before, after, bad):
+    found = told(run(record(outcome=before)), run(record(outcome=after)))
+    assert [each[2] for each in found] == ([] if bad is None else [bad])
+
+
 @pytest.mark.parametrize(("ratio", "deviation", "found"), [
     (0.0109, 1e-5, []),  # within 10 %
     (0.0090, 1e-5, [("speed", "mujoco RK4", False)]),

@@ -49,7 +49,7 @@ def main(names):
                 continue
             share = (record.judged_until or 0.0) / record.duration if record.duration else 0.0
             whole = share >= 1 - 1e-9
-            why = record.message if record.outcome in ("fail", "error", "unjudged") else record.not_judged
+            why = record.message if record.outcome in ("fail", "error", "unresolved") else record.not_judged
             first = worst(record.findings)
             seen = f"{first.kind} {first.value} of {first.bound}" if record.outcome == "fail" and first else ""
             counts[f"{record.outcome}: {'whole' if whole else why}"] += 1

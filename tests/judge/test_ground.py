@@ -8,11 +8,11 @@ from typer.testing import CliRunner
 
 from crosscheck import load_scene
 from crosscheck.cli.app import app
-from crosscheck.document import Finding, Plan, Way
+from crosscheck.document import Finding, Plan, Record, Way
 from crosscheck.judge import tolerances
 from crosscheck.judge.overrides import override
 from crosscheck.judge.plan import halved
-from crosscheck.judge.verdict import judge_rest, outcome_of
+from crosscheck.judge.verdict import judge_rest, settle
 from crosscheck.references import truth
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
@@ -51,8 +51,10 @@ def resting(tmp_path):
 def test_a_scene_at_rest_judges_nothing(resting):
     scene = load_scene(resting)
     found = judge_rest(scene, truth(scene))
-    assert [(each.kind, each.status) for each in found] == [("rest", "unjudged")]
-    assert outcome_of([Finding("position", "ok", 0.0, 1e-9, "m", "why"), *found]) == "unjudged"
+    assert [(each.kind, each.status) for each in found] == [("rest", "unresolved")]
+    run = Record(scene="still", engine="fake", method="Plain", version="1", duration=1.0)
+    settled = settle(run, [Finding("position", "ok", 0.0, 1e-9, "m", "why"), *found], (), judged_until=1.0)
+    assert (settled.outcome, settled.share) == ("unresolved", 0.0)
     moving = load_scene("single_pendulum").replace(duration=1.0, samples=26)
     assert not judge_rest(moving, truth(moving))
     assert not tolerances.at_rest(moving, truth(moving))
@@ -67,11 +69,12 @@ def test_rest_is_a_share_of_a_fall_through_the_length(resting, share, rests):
     assert tolerances.at_rest(scene, dataclasses.replace(still, states=dataclasses.replace(still.states, v=v))) == rests
 
 
-def test_a_robot_at_rest_is_unjudged_and_with_strict_the_exit_code_says_so(resting, tmp_path):
+def test_a_robot_at_rest_is_unresolved(resting, tmp_path):
     words = ["verify", "--profile", "smoke", "--scene", str(resting), "--engine", "lieeuler", "--method", "rkmk4",
              "--jobs", "1", "--out", str(tmp_path / "report")]
-    plain, strict = (CliRunner().invoke(app, [*words, *more]) for more in ([], ["--strict"]))
-    assert (plain.exit_code, strict.exit_code) == (0, 3), plain.output
+    plain, lax = (CliRunner().invoke(app, [*words, *more]) for more in ([], ["--need", "0.01"]))
+    assert (plain.exit_code, lax.exit_code) == (3, 3), plain.output
+    assert plain.output.startswith("unresolved: ")
     assert "nothing moves" in plain.output
     assert "All" not in plain.output
     assert "Trust" not in plain.output

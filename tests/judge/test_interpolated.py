@@ -84,10 +84,10 @@ class Refusing(Floats):
 
 
 @pytest.mark.parametrize(("most", "gravity", "outcome"), [
-    (0, 1.0, "pass"), (2, 1.0, "pass"), (2, 1.01, "fail"), (8, 1.0, "unjudged"), (8, 1.01, "fail")])
+    (0, 1.0, "pass"), (2, 1.0, "pass"), (2, 1.01, "fail"), (8, 1.0, "unresolved"), (8, 1.01, "fail")])
 def test_an_engine_that_cannot_be_started_again_is_not_accused_of_its_precision(monkeypatch, most, gravity, outcome):
     """What it says of its numbers is measured in the parts that ran; without any, nothing has shown it."""
     run = judged(monkeypatch, Refusing(most, gravity), "single_pendulum", "RK4")
     assert run.outcome == outcome, (run.worst, run.message)
-    if outcome == "unjudged":
+    if outcome == "unresolved":
         assert "not finite" in run.message

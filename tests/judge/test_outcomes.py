@@ -8,6 +8,7 @@ import pytest
 
 from crosscheck.document import LEVELS, QUANTITIES, Errors, Finding, Order, Record, Scales
 from crosscheck.document.known import Known
+from crosscheck.document.outcomes import percent
 from crosscheck.judge import tolerances, verdict
 from crosscheck.judge.claim import Claim
 from crosscheck.judge.tolerances import Tol
@@ -27,20 +28,45 @@ def found(kind, status, value=1.0, bound=2.0, why="why"):
 
 @pytest.mark.parametrize(("value", "empty", "status"), [
     (2.0, False, "ok"), (np.nextafter(2.0, 3.0), False, "fail"), (np.nan, False, "fail"), (np.inf, False, "fail"),
-    (1.0, True, "unjudged"), (3.0, True, "unjudged"), (np.nan, True, "fail"), (np.inf, True, "fail")])
+    (1.0, True, "unresolved"), (3.0, True, "unresolved"), (np.nan, True, "fail"), (np.inf, True, "fail")])
 def test_a_figure_is_within_its_bound_or_not(value, empty, status):
     assert verdict._judged("position", value, Tol(2.0, "why"), "m", empty=empty).status == status
 
 
 @pytest.mark.parametrize(("statuses", "outcome"), [
-    (["ok"], "pass"), (["ok", "unjudged"], "pass"), (["known", "ok"], "known"), (["known", "fail"], "fail"),
+    (["ok"], "pass"), (["ok", "unresolved"], "pass"), (["known", "ok"], "known"), (["known", "fail"], "fail"),
     ([], "pass")])
 def test_the_worst_status_makes_the_outcome(statuses, outcome):
     assert verdict.outcome_of([found("position", status) for status in statuses]) == outcome
-    blind = found("step", "unjudged")
-    assert verdict.outcome_of([blind]) == "unjudged"
-    assert verdict.outcome_of([blind, found("energy", "fail")]) == "fail"
-    assert verdict.outcome_of([found("step", "ok"), found("energy", "unjudged")]) == "pass"
+
+
+@pytest.mark.parametrize(("status", "share", "need", "outcome"), [
+    ("ok", 0.04, 1.0, "unresolved"), ("known", 0.04, 1.0, "unresolved"), ("fail", 0.04, 1.0, "fail"),
+    ("ok", 0.96, 0.95, "pass"), ("known", 0.96, 0.95, "known"), ("ok", 0.94, 0.95, "unresolved")])
+def test_less_than_the_share_that_is_needed_is_unresolved(status, share, need, outcome):
+    assert verdict.outcome_of([found("position", status)], share, need) == outcome
+
+
+@pytest.mark.parametrize("kind", verdict.BLIND)
+def test_nothing_judged_is_unresolved_whatever_is_needed(kind):
+    run = settled([found(kind, "unresolved"), found("energy", "ok")])
+    assert (run.outcome, run.share) == ("unresolved", 0.0)
+    assert verdict.needing(run, 1e-9).outcome == "unresolved"
+    assert settled([found(kind, "unresolved"), found("energy", "fail")]).outcome == "fail"
+
+
+def test_a_run_passes_where_its_share_is_what_is_needed():
+    run = settled([found("position", "ok")], until=0.5)
+    assert (run.outcome, run.message) == ("unresolved", "judged over 50 % of its time")
+    enough = verdict.needing(run, 0.5)
+    assert (enough.outcome, enough.message, verdict.word(enough)) == ("pass", "", "pass, judged over 50 %")
+    assert verdict.needing(enough, 0.6).outcome == "unresolved"
+    failed = settled([found("position", "fail")], until=0.5)
+    assert verdict.needing(failed, 0.1) == failed
+
+
+def test_a_share_that_is_not_all_is_not_written_as_all():
+    assert [percent(share) for share in (1.0, 0.25, 0.999999999, 0.9951)] == ["100 %", "25 %", "99.9999 %", "99.51 %"]
 
 
 @pytest.mark.parametrize("status", ["ok", "fail"])
@@ -79,8 +105,8 @@ def settled(findings, entry=None, until=1.0):
 
 
 @pytest.mark.parametrize(("until", "outcome"), [
-    (1.0, "pass"), (0.5, "partly"), (None, "pass"), (1.0 - 1e-12, "pass"), (1.0 - 1e-6, "partly")])
-def test_a_pass_of_a_part_of_the_time_is_one_of_a_part(until, outcome):
+    (1.0, "pass"), (0.5, "unresolved"), (None, "pass"), (1.0 - 1e-12, "pass"), (1.0 - 1e-6, "unresolved")])
+def test_what_was_judged_over_a_part_of_the_time_is_unresolved(until, outcome):
     assert settled([found("position", "ok")], until=until).outcome == outcome
     assert settled([found("position", "fail")], until=until).outcome == "fail"
 
@@ -90,7 +116,8 @@ def test_a_settled_run_says_what_was_judged_of_its_errors():
     assert (run.errors["position"].judged, run.errors["position"].bound, run.errors["position"].why) == (
         0.25, 0.5, "because")
     assert run.message == ""
-    assert "too coarse" in settled([found("step", "unjudged")]).message
+    blind = settled([found("step", "unresolved")])
+    assert (blind.outcome, blind.share, blind.message) == ("unresolved", 0.0, "why")
 
 
 KNOWN = Known(("1",), ("Plain",), ("single_pendulum",), None, {"position": 3.0, "energy": 1.0},
@@ -110,22 +137,20 @@ def test_a_known_defect_vanished_only_where_all_of_it_was_looked_for(monkeypatch
     both = [found("position", "ok"), found("energy", "ok")]
     assert [each.kind for each in settled(both, KNOWN).findings] == ["position", "energy", "vanished"]
     assert settled(both, KNOWN).outcome == "fail"
-    for half in ([both[0]], [both[0], found("energy", "unjudged")], [found("position", "fail", 3.0), both[1]]):
+    for half in ([both[0]], [both[0], found("energy", "unresolved")], [found("position", "fail", 3.0), both[1]]):
         assert "vanished" not in [each.kind for each in settled(half, KNOWN).findings]
 
 
-@pytest.mark.parametrize(("until", "duration", "partly", "word"), [
-    (1.0, 10.0, True, "pass over 10 %"), (10.0, 10.0, False, "pass"), (None, 10.0, False, "pass"),
-    (1.0, None, False, "pass"), (10.0 * (1 - 1e-10), 10.0, False, "pass"), (20.0, 10.0, False, "pass")])
-def test_words_claim_no_more_than_was_judged(until, duration, partly, word):
-    run = SimpleNamespace(judged_until=until, duration=duration, outcome="pass")
-    assert verdict.partly(run) == partly
+@pytest.mark.parametrize(("share", "word"), [
+    (0.1, "pass, judged over 10 %"), (1.0, "pass"), (None, "pass"), (0.0, "pass, judged over 0 %")])
+def test_words_claim_no_more_than_was_judged(share, word):
+    run = SimpleNamespace(share=share, outcome="pass")
     assert verdict.word(run) == word
     for outcome, said in (("fail", "fail"), ("unsupported", "unsupported"), ("error", "error")):
         run.outcome = outcome
         assert verdict.word(run) == said
-    run.outcome = "known"
-    assert verdict.word(run).startswith("known over" if partly else "known")
+    for run.outcome in ("known", "unresolved"):
+        assert verdict.word(run) == word.replace("pass", run.outcome)
 
 
 def test_undecided_orders_are_low_measured_and_neither_settled_nor_exhausted():
@@ -164,7 +189,7 @@ def test_energy_and_momentum_are_judged_as_far_as_the_bounds_reach(scene, monkey
     assert (momentum.status, momentum.value) == ("ok", pytest.approx(0.2))
     assert judged(0.5)[0].status == "fail"  # 0.5 s is the second time, and belongs to what is judged
     assert judged(0.4)[0].status == "ok"
-    assert [each.status for each in judged(2.0, frozenset({"energy", "momentum"}))] == ["unjudged"] * 2
+    assert [each.status for each in judged(2.0, frozenset({"energy", "momentum"}))] == ["unresolved"] * 2
 
 
 @pytest.mark.parametrize("conserved", [True, False])
@@ -200,7 +225,7 @@ def test_without_truth_the_lifted_energy_and_that_of_the_start_bound_the_change(
         judged = verdict.judge_without_truth(scene, SimpleNamespace(energy=np.array([7.0, 7.0 - share * allowed, 7.0])))
         assert (judged.status, judged.bound) == (status, pytest.approx(allowed))
     sprung = load_scene("spring_pendulum")
-    assert verdict.judge_without_truth(sprung, SimpleNamespace(energy=np.array([7.0, 8.0]))).status == "unjudged"
+    assert verdict.judge_without_truth(sprung, SimpleNamespace(energy=np.array([7.0, 8.0]))).status == "unresolved"
 
 
 def test_a_motion_is_conservative_to_the_doubt_of_truth(scene, monkeypatch):
@@ -238,16 +263,16 @@ def test_held_levels_are_judged_at_every_step_and_the_others_at_samples(scene, m
     def status(**more):
         return {level: each.status for level, each in levels_of(scene, truth, bounds, **more).items()}
 
-    assert status() == {"position": "ok", "velocity": "ok", "acceleration": "unjudged"}
-    assert status(position=late, velocity=early) == {"position": "ok", "velocity": "fail", "acceleration": "unjudged"}
+    assert status() == {"position": "ok", "velocity": "ok", "acceleration": "unresolved"}
+    assert status(position=late, velocity=early) == {"position": "ok", "velocity": "fail", "acceleration": "unresolved"}
     assert status(held=["position"], position=late)["position"] == "fail"
     assert status(held=["position"], maxima={"constraint_position": 1e-3})["position"] == "fail"
     assert status(maxima={"constraint_position": 1e3})["position"] == "ok"
-    assert status(acceleration=None)["acceleration"] == "unjudged"
-    assert levels_of(scene, None, bounds)["position"].status == "unjudged"
-    assert levels_of(scene, truth, None)["position"].status == "unjudged"
+    assert status(acceleration=None)["acceleration"] == "unresolved"
+    assert levels_of(scene, None, bounds)["position"].status == "unresolved"
+    assert levels_of(scene, truth, None)["position"].status == "unresolved"
     empty = verdict.Bounds({}, {}, frozenset({"level position"}), 2.0)
-    assert levels_of(scene, truth, empty, position=late)["position"].status == "unjudged"
+    assert levels_of(scene, truth, empty, position=late)["position"].status == "unresolved"
 
 
 def test_levels_left_open_are_judged_by_what_the_errors_before_add_up_to(scene, monkeypatch):
@@ -305,7 +330,7 @@ def test_states_are_judged_over_the_window_where_the_whole_run_is_too_long(scene
         assert (findings[0].status, bounds.until) == ("ok", 0.7 if too_long else 1.2)
     monkeypatch.setattr(tolerances, "vacuous", vacuous(True, frozenset({"attitude"})))
     assert verdict.judge_states(scene, run, truth, window, claim)[2].reach == 0.0
-    assert [verdict.too_coarse(claim, budgeted).status for budgeted in (False, True)] == ["fail", "unjudged"]
+    assert [verdict.too_coarse(claim, budgeted).status for budgeted in (False, True)] == ["fail", "unresolved"]
     monkeypatch.setattr(tolerances, "vacuous", vacuous(False, frozenset({"energy"})))
     assert {each.kind for each in verdict.judge_states(scene, run, truth, window, claim)[0]} == set(QUANTITIES)
     monkeypatch.setattr(tolerances, "adaptive",

@@ -45,7 +45,7 @@ def test_a_sensor_has_a_bound_by_its_name(tmp_path):
     with pytest.raises(ArgumentError, match="--tol imuu"):
         overrides.read(None, ["imuu=1.0"], ["imu"])
     findings = [Finding("sensor imu", "ok", 1e-5, 1e-4, "m", "", ""),
-                Finding("sensor hip", "unjudged", 1.0, None, "N", "", "")]
+                Finding("sensor hip", "unresolved", 1.0, None, "N", "", "")]
     judged = overrides.override(findings, own, {"sensor imu": (2e-3, "t = 3 s")})
     assert [(each.status, each.value) for each in judged] == [("fail", 2e-3), ("ok", 1.0)]
 

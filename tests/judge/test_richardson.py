@@ -80,7 +80,7 @@ def test_the_order_of_extrapolation_is_the_documented_one_unless_another_is_seen
 
 def test_one_run_has_no_limit(scene, truth):
     findings = judge_limit(scene, [(1e-3, truth.states)], truth, 2, ORDERS, frozenset())
-    assert {finding.status for finding in findings} == {"unjudged"}
+    assert {finding.status for finding in findings} == {"unresolved"}
 
 
 def test_every_order_study_judges_the_limit(monkeypatch):

@@ -116,9 +116,15 @@ def test_exit_codes(results):
     whole = [results.scenes[0]]
     passing, failing = results.records[0], results.records[1]
     assert made(whole, [passing, results.records[2], results.records[3]]).exit_code == 0
+    assert made(whole, [results.records[2]]).exit_code == 3  # what is unsupported, alone
     assert made(whole, [passing, failing]).exit_code == 1
-    assert results.exit_code == 2
-    assert made(whole, []).exit_code == 2
+    assert (results.outcome, results.exit_code) == ("error", 1)  # the truth of a scene failed
+    assert made(whole, []).exit_code == 3
+    part = replace(passing, outcome="unresolved", share=0.9)
+    assert made(whole, [passing, part, results.records[3]]).exit_code == 3
+    assert made(whole, [passing, part, failing]).exit_code == 1
+    lax = document(whole, [part], ["lieeuler"], need=0.9)
+    assert (lax.exit_code, lax.records[0].word) == (0, "pass, judged over 90 %")
 
 
 def test_a_half_written_report_does_not_replace_a_good_one(results, tmp_path, monkeypatch):
@@ -157,14 +163,14 @@ def folder_without_truth(tmp_path_factory):
 def test_a_scene_without_truth_is_run_and_judged_by_what_needs_none(folder_without_truth):
     results, folder = folder_without_truth
     good, bad = results.records
-    assert (good.outcome, good.message) == ("unjudged", "unjudged: no truth (no reference equations)")
+    assert (good.outcome, good.message) == ("unresolved", "no truth: no reference equations")
     assert {"energy", "orthogonality", "run", "steps"} == {each.kind for each in good.findings if each.status == "ok"}
     # The engine of the tests moves bodies off their joints, so that a claim to hold them is false.
     assert bad.outcome == "fail"
     assert bad.worst.kind == "level position"
     assert results.exit_code == 1
-    assert made(results.scenes, [good]).exit_code == 0
-    assert made([replace(results.scenes[0], disputed=True)], [good]).exit_code == 2
+    assert made(results.scenes, [good]).exit_code == 3
+    assert made([replace(results.scenes[0], disputed=True)], [good]).exit_code == 1
     assert "no reference equations" in (folder / "scene-single_pendulum.html").read_text(encoding="utf-8")
 
 

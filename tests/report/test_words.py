@@ -50,8 +50,8 @@ def test_the_headline_claims_no_more_than_was_found(results):
     said = headline.headline(made(results.scenes[:1], [passing, known]))
     assert said == "1 run passes, 1 shows only known defects, none fails"
     assert headline.headline(made(results.scenes[:1], [])) == "Nothing was run"
-    short = made(results.scenes[:1], [replace(passing, judged_until=1.0)]).records[0]
-    assert (short.word, passing.word) == ("pass over 10 %", "pass")
+    short = made(results.scenes[:1], [replace(passing, share=0.1)]).records[0]
+    assert (short.word, passing.word) == ("unresolved, judged over 10 %", "pass")
 
 
 def test_the_headline_tells_passes_what_is_worse_and_what_was_not_judged_and_why(results):
@@ -75,7 +75,7 @@ def test_the_same_words_open_the_page_the_markdown_and_the_message(results, fold
     heading = re.search(r"<h1>(.*?)</h1>", (folder / "index.html").read_text(encoding="utf-8")).group(1)
     assert re.sub(r"<[^>]*>", "", heading) == said
     assert (folder / "summary.md").read_text(encoding="utf-8").startswith(f"# {said}\n")
-    message = nightly.summary(plain, "2026-11-21", None, 2, tmp_path / "index.html")
+    message = nightly.summary(plain, "2026-11-21", None, False, tmp_path / "index.html")
     assert said in message.splitlines()[0]
     assert "- fake: fake Broken on single_pendulum, it broke" in message
     assert len(message.splitlines()) < 20
@@ -143,15 +143,15 @@ def test_every_scene_has_a_page_of_its_own():
 
 def test_runs_at_too_coarse_steps_and_shares_of_time_stand_in_the_headline(results):
     whole = replace(results.records[0], outcome="pass")
-    part = replace(whole, outcome="partly", judged_until=2.5, duration=10.0)
-    coarse = replace(whole, outcome="unjudged", findings=[Finding("step", "ok", 1.0, 0.5, "s", "none is fine enough")])
+    part = replace(whole, outcome="unresolved", judged_until=2.5, share=0.25, duration=10.0)
+    coarse = replace(whole, outcome="unresolved", share=0.0, not_judged="the step is too coarse")
     said = headline.headline(made(results.scenes[:1], [whole, part, part, coarse]))
-    assert said == ("1 run passes, 2 more over part of their time (25 %), 1 at steps too coarse to judge, none fails")
+    assert said == ("1 run passes, 3 unresolved (judged over 17 % of the time, mostly since the step is too coarse), "
+                    "none fails")
     ended = replace(part, not_judged="a monitor ended the scene")
-    assert "(25 %, since a monitor ended the scene)" in headline.headline(made(results.scenes[:1], [whole, ended]))
-    assert [headline.state(each) for each in (whole, part, coarse)] == ["pass", "partly", "budgeted"]
+    said = headline.headline(made(results.scenes[:1], [whole, ended]))
+    assert "(judged over 25 % of the time, since a monitor ended the scene)" in said
     plain = made(results.scenes[:1], [whole, part, coarse])
     text = pages.index(replace(plain, meta=replace(plain.meta, engines={"fake": "1"})))
-    assert 'class="tag partly" style="--share: 25%"' in text
-    assert "1 partly, over 25 % of the time" in text
-    assert "1 budgeted" in text
+    assert 'class="tag unresolved" style="--share: 12%"' in text
+    assert "2 unresolved, judged over 12 % of the time" in text

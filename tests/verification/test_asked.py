@@ -54,7 +54,7 @@ def test_a_step_that_is_too_coarse_for_bounds_of_states_is_judged_by_its_interva
     run, _ = record("DAE1L_LSE", asked=Asked(step=0.1))
     assert run.outcome == "pass", run.message
     findings = {finding.kind: finding for finding in run.findings}
-    assert findings["position"].status == "unjudged"
+    assert findings["position"].status == "unresolved"
     assert "exceeds the size" in findings["position"].why
     assert findings["interval position"].status == findings["order intervals"].status == "ok"
 

@@ -65,14 +65,14 @@ def test_fewer_than_three_steps_show_none_and_say_why(monkeypatch):
     assert len(record.ladder) == 2
     assert record.orders == {}
     for finding in orders(record).values():
-        assert finding.status == "unjudged"
+        assert finding.status == "unresolved"
         assert finding.detail == f"order not measured: {record.ladder_cut}"
 
 
 def test_what_a_cut_study_left_undecided_is_no_failure_and_what_it_decided_is(monkeypatch):
     undecided = judged(monkeypatch, ALL, claimed_order=1, real_order=1, size=1e-3, further=-200.0)
     assert "cut before" in undecided.ladder_cut
-    assert orders(undecided)["order position"].status == "unjudged"
+    assert orders(undecided)["order position"].status == "unresolved"
     assert "finer steps may lift it" in orders(undecided)["order position"].detail
     assert orders(judged(monkeypatch, ALL, real_order=1))["order position"].status == "fail"
 
@@ -145,7 +145,7 @@ def test_errors_of_an_adaptive_method_have_to_follow_its_tolerance():
     assert slope((1e-4, 2e-6, 3e-8, 1e-10)) == "ok"
     assert slope((1e-7, 1e-9, 1e-11, 1e-14)) == "ok"  # the last one is rounding
     assert slope((1e-7, 1e-7, 9e-8, 1e-7), (30, 31, 32, 33)) == "fail"
-    assert slope((1e-9, 1e-12, 1e-14, 1e-14)) == "unjudged"
+    assert slope((1e-9, 1e-12, 1e-14, 1e-14)) == "unresolved"
     rooted = 1e-2 * np.array([1, 1.02e-1, 1.04e-2, 1.06e-3])  # steps of order one with errors of the tolerance
     assert (slope(rooted), slope(rooted, order=1), slope(rooted, order=5)) == ("fail", "ok", "fail")
     assert slope(rooted**0.8, order=1) == "fail"
@@ -155,11 +155,11 @@ def test_errors_of_an_adaptive_method_have_to_follow_its_tolerance():
     assert slope(top, **ways) == "ok"
     assert slope((*top[:3], 9e-7, 8e-7, 7e-7, 9e-7), **ways) == "fail"
     # Its ladders of the short profile on single_pendulum and of the whole one on hinge_pendulum.
-    assert slope((3.2e-6, 4.7e-5, 6.3e-7), (13, 26, 51), rtols=RTOLS[:6:2]) == "unjudged"
+    assert slope((3.2e-6, 4.7e-5, 6.3e-7), (13, 26, 51), rtols=RTOLS[:6:2]) == "unresolved"
     assert slope((5.2e-8, 5.2e-8, 3.2e-6, 2.5e-9, 4.8e-10, 1.5e-9, 3.5e-10), (70, 71, 100, 110, 160, 250, 430),
                  rtols=RTOLS) == "ok"
     quadruped = (1.4e-8, 1.4e-8, 5.5e-9, 4.5e-10, 4.7e-11, 1.2e-9, 7.6e-11)  # the same, in 42 steps at most
-    assert slope(quadruped, (6, 6, 10, 11, 19, 27, 42), rtols=RTOLS) == "unjudged"
+    assert slope(quadruped, (6, 6, 10, 11, 19, 27, 42), rtols=RTOLS) == "unresolved"
     assert slope(quadruped, (6, 6, 10, 11, 19, 27, 84), rtols=RTOLS) == "fail"
 
 

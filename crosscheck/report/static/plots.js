@@ -228,7 +228,7 @@ window.Figures = (function () {
   // Groups of runs to compare; `preferred` first.
   function groups(runs) {
     const best = {};
-    runs.filter((run) => ["pass", "partly", "known", "unjudged"].includes(run.outcome)).forEach((run) => {
+    runs.filter((run) => ["pass", "known", "unresolved"].includes(run.outcome)).forEach((run) => {
       const error = run.errors.position?.max ?? Infinity;
       if (!best[run.engine] || error < (best[run.engine].errors.position?.max ?? Infinity)) best[run.engine] = run;
     });

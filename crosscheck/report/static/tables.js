@@ -3,7 +3,7 @@
 (function () {
   // Spellings of a method in the papers behind lieeuler, doi:10.1177/1687814019842406.
   const SPELLINGS = {dae1_iels: "dae1l_lse", dae1l_les: "dae1l_lse"};
-  const OUTCOMES = ["error", "fail", "known", "unjudged", "budgeted", "partly", "pass", "unsupported"];
+  const OUTCOMES = ["error", "fail", "unresolved", "known", "pass", "unsupported"];
 
   const FIRST = 8;  // rows of a long table that a phone shows at first
   const phone = window.matchMedia("(max-width: 760px)");

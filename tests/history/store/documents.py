@@ -17,10 +17,9 @@ from crosscheck.document import (
     Scales,
     Scene,
     Speed,
+    outcome_of,
 )
-from crosscheck.document import (
-    exit_code as code_of,
-)
+from crosscheck.document.outcomes import EXIT_CODES
 
 SCALES = Scales(length=1.0, speed=4.0, rate=5.0, unit_rate=3.0, reach=1.0, kinetic=10.0, momentum=8.0)
 ROUNDING = dict.fromkeys(("position", "attitude", "velocity", "angular velocity", "energy", "momentum"),
@@ -56,8 +55,9 @@ def document(records=None, *, started="2026-11-20T02:00:00+00:00", versions=None
     scenes = [Scene(name=name, title=name, description="", source="", bodies=[], duration=10.0, plan=None, truth=None,
                     hash=(hashes or {}).get(name, f"hash of {name}"), scales=SCALES, rounding=ROUNDING, trust="",
                     recommended=None) for name in names]
-    found = code_of(scenes, records) if exit_code is None else exit_code
-    return Document(meta=meta, scenes=scenes, records=records, exit_code=found)
+    outcome = outcome_of(scenes, records)
+    found = EXIT_CODES[outcome] if exit_code is None else exit_code
+    return Document(meta=meta, scenes=scenes, records=records, outcome=outcome, exit_code=found)
 
 
 def many(count, **more):

@@ -31,11 +31,12 @@ from crosscheck.scene.models.words import shortened
 from crosscheck.scene.paths import changed, unit
 
 
+@options.starting
 def import_(
     model: Annotated[Path, typer.Argument(help="an MJCF (.xml) or URDF (.urdf) file")],
     out: Annotated[Path, typer.Option("--out", "-o", help="the scene file, .toml")],
     drop: options.Drop = False,
-    keyframe: options.Keyframe = None,
+    at: options.Start = options.REFERENCE,
     base: Annotated[str, typer.Option(help="fixed or free: the body or link that everything hangs on")] = "fixed",
     balance: Annotated[bool, typer.Option("--balance", help="replace inertias that no body can have, as MuJoCo's "
                                           "balanceinertia does")] = False,
@@ -55,10 +56,10 @@ def import_(
     Exit code 0: written; 2: refused, and nothing is written.
     """
     with waiting(f"reading {model.name}"):
-        scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples,
+        scene = import_file(model, out, drop=drop, base=base, duration=duration, samples=samples,
                             balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
                             friction=friction, start=int(start) if start.isdigit() else start,
-                            controls=options.controls(control), within=within)
+                            controls=options.controls(control), within=within, **at.given)
     typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
                f"{counted(len(scene.forces), 'force')}")
     if scene.monitors:
@@ -105,6 +106,7 @@ SOURCES = (*(f"pinocchio:{way}" for way in ("aba", "rnea", "constrained")),
 """What is asked by default."""
 
 
+@options.starting
 def derivatives(
     scene: options.SceneName,
     source: Annotated[list[str] | None, typer.Option("--source", help="an engine, engine:way (aba, rnea, constrained, "
@@ -113,13 +115,13 @@ def derivatives(
     as_json: options.AsJson = False,
     out: options.Page = None,
     drop: options.Drop = False,
-    keyframe: options.Keyframe = None,
+    at: options.Start = options.REFERENCE,
 ) -> None:
     """Derivatives of the acceleration at a scene's start: truth, and each source with a verdict.
 
     Exit code 0: all are right; 1: one is wrong; 2: it could not be done.
     """
-    asked = smooth(options.loaded(scene, drop, keyframe))
+    asked = smooth(options.loaded(scene, drop, at))
     exact = truth(asked)
     verdicts: list[Verdict] = []
     skipped: dict[str, str] = {}
@@ -164,6 +166,7 @@ def _print_derivatives(exact: Any, verdicts: Any, skipped: dict[str, str]) -> No
         say(f"left out: {', '.join(names)}: {reason}")
 
 
+@options.starting
 def modes(
     scene: options.SceneName,
     over: Annotated[str | None, typer.Option(help="a number of the scene and its range, bodies.bob.mass=1:2 or "
@@ -172,10 +175,10 @@ def modes(
     as_json: options.AsJson = False,
     out: options.Page = None,
     drop: options.Drop = False,
-    keyframe: options.Keyframe = None,
+    at: options.Start = options.REFERENCE,
 ) -> None:
     """Eigenvalues of small motions about a scene's start, an equilibrium or a steady motion."""
-    asked = options.loaded(scene, drop, keyframe)
+    asked = options.loaded(scene, drop, at)
     small, path, over_numbers = find(asked), "", {}
     if over is not None:
         path, _, span = over.partition("=")
@@ -205,6 +208,7 @@ Step = Annotated[float, typer.Option(help="fixed step, s")]
 Issue = Annotated[Path | None, typer.Option(help="write a text ready to file: versions, script, expected, observed")]
 
 
+@options.starting
 def reproduce(
     scene: options.SceneName,
     engine: Annotated[str, typer.Option(help="mujoco")] = "mujoco",
@@ -213,13 +217,13 @@ def reproduce(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="file for the script; default: the terminal")] = None,
     issue: Issue = None,
     duration: options.Duration = None,
-    keyframe: options.Keyframe = None,
+    at: options.Start = options.REFERENCE,
 ) -> None:
     """Print a script that imports the engine and NumPy alone and prints the engine's error against truth.
 
     Exit code 0: written; 2: no script can hold it.
     """
-    script = written(scene, engine, method, step, duration, keyframe)
+    script = written(scene, engine, method, step, duration, **at.given)
     for path, text in ((out, script.text), (issue, filed(script, engine))):
         if path is not None:
             put(path, text)
@@ -228,6 +232,7 @@ def reproduce(
         typer.echo(script.text, nl=False)
 
 
+@options.starting
 def bisect(
     scene: options.SceneName,
     versions: Annotated[str, typer.Option(help="the first and the last release, as 3.1.0..4.0.0")],
@@ -236,14 +241,14 @@ def bisect(
     step: Step = 1e-3,
     issue: Issue = None,
     duration: options.Duration = None,
-    keyframe: options.Keyframe = None,
+    at: options.Start = options.REFERENCE,
 ) -> None:
     """Find the releases of an engine that changed its answer to a scene, and by how much beyond rounding.
 
     An environment is made for each release that is run, by uv or pip, and kept. Exit code 0: nothing changed; 1: a
     release changed the answer; 2: it could not be done.
     """
-    script = written(scene, engine, method, step, duration, keyframe)
+    script = written(scene, engine, method, step, duration, **at.given)
     result = releases.bisect(script, engine, versions, say)
     for change in result.changes:
         say(str(change))

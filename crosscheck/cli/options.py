@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 
@@ -62,7 +63,6 @@ Engines = Annotated[list[str] | None, typer.Option("--engine", help="may be repe
 
 Page = Annotated[Path | None, typer.Option("-o", "--out", help="folder of a page")]
 Drop = Annotated[bool, typer.Option("--drop", help="model files: leave out what a scene cannot hold")]
-Keyframe = Annotated[str | None, typer.Option(help="model files: start from this keyframe")]
 Control = Annotated[list[str] | None, typer.Option(
     help="model files: NAME=NUMBER of an actuator or its joint; may be repeated")]
 Limits = Annotated[str, typer.Option(
@@ -70,21 +70,69 @@ Limits = Annotated[str, typer.Option(
 SceneName = Annotated[str, typer.Argument(help="a built-in name, a path to .toml or .json, or a model, .xml or .urdf")]
 
 
+class Start(NamedTuple):
+    """Where a model file starts: its keyframe, and what overrides it, as `crosscheck.import_model` has them."""
+
+    keyframe: Annotated[str | None, typer.Option(help="model files: start from this keyframe")] = None
+    qpos: Annotated[str | None, typer.Option(help="model files: start here, .2,.4,.5: coordinates of joints in file "
+                                             "order, of a free base its position and quaternion w,x,y,z")] = None
+    qvel: Annotated[str | None, typer.Option(help="model files: with these velocities, of joints in file order")] = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """As arguments of `crosscheck.import_model`; raises `ArgumentError` for what is no numbers."""
+        return {"keyframe": self.keyframe, "qpos": _numbers("--qpos", self.qpos),
+                "qvel": _numbers("--qvel", self.qvel)}
+
+    @property
+    def words(self) -> list[str]:
+        """As they are written in a command."""
+        return [word for key, value in self._asdict().items() if value is not None for word in (f"--{key}", value)]
+
+
+REFERENCE = Start()
+"""That of the model itself, at rest."""
+
+
+def _numbers(option: str, text: str | None) -> list[float] | None:
+    try:
+        return None if text is None else [float(each) for each in text.replace(",", " ").split()]
+    except ValueError:
+        raise ArgumentError(f"{option}: {text!r} is not a list of numbers, such as .2,.4,.5") from None
+
+
+def starting(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of a `Start` in place of its argument `at`."""
+    def asked(*positional: Any, **named: Any) -> None:
+        given = {key: named.pop(key) for key in Start._fields if key in named}
+        command(*positional, **named, **({"at": Start(**given)} if given else {}))
+
+    hints = get_type_hints(command, include_extras=True)
+    own = [each.replace(annotation=hints[each.name]) for each in inspect.signature(command).parameters.values()]
+    told = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint)
+            for name, hint in get_type_hints(Start, include_extras=True).items()]
+    place = next(k for k, each in enumerate(own) if each.name == "at")
+    every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (*own[:place], *told, *own[place + 1:])]
+    asked.__name__, asked.__doc__ = command.__name__, command.__doc__
+    asked.__annotations__ = {each.name: each.annotation for each in every}
+    vars(asked)["__signature__"] = inspect.Signature(every)
+    return asked
+
+
 def controls(given: Iterable[str] | None) -> dict[str, float]:
     """The numbers of NAME=NUMBER by name."""
     return dict(named_number("--control", each, "elbow=0.3") for each in given or ())
 
 
-def loaded(name: str, drop: bool, keyframe: str | None, control: Iterable[str] | None = None,
-           limits: str = "monitor") -> Scene:
+def loaded(name: str, drop: bool, at: Start, control: Iterable[str] | None = None, limits: str = "monitor") -> Scene:
     """The scene of a name, a scene file or a model file; prints what is left out of a model."""
     if not is_model(name):
-        if drop or keyframe is not None or control or limits != "monitor":
-            raise ArgumentError("--drop, --keyframe, --control and --limits go with a model file, .xml or .urdf, not "
-                                f"with {name}")
+        if drop or any(at) or control or limits != "monitor":
+            raise ArgumentError("--drop, --keyframe, --qpos, --qvel, --control and --limits go with a model file, .xml "
+                                f"or .urdf, not with {name}")
         return load_scene(name)
-    scene = import_model(name, keyframe=keyframe, drop=drop, controls=controls(control),
-                         limits=limits)  # type: ignore[arg-type]
+    scene = import_model(name, drop=drop, controls=controls(control), limits=limits,  # type: ignore[arg-type]
+                         **at.given)
     _say_left_out(name, scene)
     return scene
 
@@ -94,7 +142,7 @@ def _say_left_out(name: str, scene: Scene) -> None:
         typer.echo(f"left out of {name}: {words}", err=True)
 
 
-def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None, control: Sequence[str] | None = None,
+def scene_files(names: Iterable[str] | None, drop: bool, at: Start, control: Sequence[str] | None = None,
                 limits: str = "monitor") -> list[str] | None:
     """The names, with every model file replaced by its scene file, which is written to the cache folder."""
     if names is None:
@@ -104,10 +152,10 @@ def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None, c
         if not is_model(name):
             files.append(name)
             continue
-        key = hashlib.sha256(repr((os.path.abspath(name), drop, keyframe, control, limits)).encode()).hexdigest()[:12]
+        key = hashlib.sha256(repr((os.path.abspath(name), drop, at, control, limits)).encode()).hexdigest()[:12]
         target = cache_folder() / "models" / key / f"{Path(name).stem}.toml"
         target.parent.mkdir(parents=True, exist_ok=True)
-        scene = import_file(name, target, drop=drop, keyframe=keyframe, controls=controls(control), limits=limits)
+        scene = import_file(name, target, drop=drop, controls=controls(control), limits=limits, **at.given)
         _say_left_out(name, scene)
         files.append(str(target))
     return files

@@ -43,6 +43,7 @@ from crosscheck.verification.advice import conserving
 from crosscheck.verification.cell import judge_run
 
 
+@options.starting
 def run(
     scene: options.SceneName,
     engine: Annotated[str, typer.Option(help="see `crosscheck list`")] = "lieeuler",
@@ -64,7 +65,7 @@ def run(
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: options.Duration = None,
     drop: options.Drop = False,
-    keyframe: options.Keyframe = None,
+    at: options.Start = options.REFERENCE,
     control: options.Control = None,
     limits: options.Limits = "monitor",
 ) -> None:
@@ -82,7 +83,7 @@ def run(
              "beta": beta, "spectral_radius": spectral_radius, "correction": correction,
              "conserve": conserve, "reduce": reduce, "samples": samples, "duration": duration}
     given = {key: value for key, value in given.items() if value is not None}
-    prepared = options.loaded(scene, drop, keyframe, control, limits)
+    prepared = options.loaded(scene, drop, at, control, limits)
     with _ending(engine):
         traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **given)
     if csv_file is not None:
@@ -178,15 +179,16 @@ def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: floa
         typer.echo(f"written: {csv_file}")
 
 
+@options.starting
 def truth(
     scene: options.SceneName,
     csv_file: Annotated[str | None, typer.Option("--csv", help="file for the states; - for the terminal")] = None,
     drop: options.Drop = False,
-    keyframe: options.Keyframe = None,
+    at: options.Start = options.REFERENCE,
     floor: Annotated[bool, typer.Option("--floor", help="say what rounding leaves in double precision")] = False,
 ) -> None:
     """Print the independent truth of a scene: its sources, its error, the end state."""
-    shown = options.loaded(scene, drop, keyframe)
+    shown = options.loaded(scene, drop, at)
     try:
         reference = truth_of(shown)
     except Chaotic as error:
@@ -256,6 +258,7 @@ def _stream(target: str) -> Iterator[IO[str]]:
         raise ArgumentError(f"--csv {target}: cannot be written ({error.strerror})") from None
 
 
+@options.starting
 def judge(
     scene: options.SceneName,
     files: Annotated[list[Path], typer.Argument(
@@ -272,13 +275,13 @@ def judge(
     out: Annotated[Path | None, typer.Option(
         "-o", "--out", help="folder of a page a recording, errors over time as CSV, and JUnit's XML")] = None,
     drop: options.Drop = False,
-    keyframe: options.Keyframe = None,
+    at: options.Start = options.REFERENCE,
 ) -> None:
     """Judge recorded runs: how far each is from the scene's true motion, since when, and why.
 
     Exit code 0: within the tolerances; 1: not; 2: a file cannot be read; 3: unresolved, and why.
     """
-    described = options.loaded(scene, drop, keyframe)
+    described = options.loaded(scene, drop, at)
     if suggest:
         typer.echo(recordings.suggest(files[0], described, period), nl=False)
         return
@@ -305,6 +308,7 @@ def judge(
     raise typer.Exit(outcomes.exit_code(verdict.outcome for verdict in verdicts.values()))
 
 
+@options.starting
 def explain(
     scene: options.SceneName,
     engine: Annotated[str, typer.Option(help="a name, or a class of your own as module:Class")],
@@ -320,13 +324,13 @@ def explain(
     reduce: options.Reduce = None,
     as_json: options.AsJson = False,
     drop: options.Drop = False,
-    keyframe: options.Keyframe = None,
+    at: options.Start = options.REFERENCE,
 ) -> None:
     """Name the likely cause of an engine's difference from truth, with the evidence.
 
     Exit code 0: no difference; 1: a cause is named; 3: it differs, and the cause is unknown.
     """
-    described = options.loaded(scene, drop, keyframe)
+    described = options.loaded(scene, drop, at)
     with _ending(engine):
         answer = explain_run(described, engine, method, form, step, coordinate_map=coordinate_map, softness=softness,
                              node=node, alpha=alpha, beta=beta, spectral_radius=spectral_radius, reduce=reduce)
@@ -359,13 +363,14 @@ def _print_cause(answer: Any) -> None:
         say(f"what to change: {cause.mend} ({cause.name})")
 
 
+@options.starting
 def advise(
     scene: options.SceneName,
     engine: Annotated[str, typer.Option(help="a name, name==version, or a class of your own as module:Class")],
     error: Annotated[float, typer.Option(help="m; largest |component of x - truth| over bodies and output times")],
     as_json: options.AsJson = False,
     drop: options.Drop = False,
-    keyframe: options.Keyframe = None,
+    at: options.Start = options.REFERENCE,
 ) -> None:
     """Find the cheapest method of an engine for an error, its largest step, and the step at which it fails.
 
@@ -376,11 +381,11 @@ def advise(
     calls read the results. Exit code 0: a method reaches the error; 3: none within the
     budget.
     """
-    loaded = options.loaded(scene, drop, keyframe)
+    loaded = options.loaded(scene, drop, at)
     with waiting(f"runs of {engine} at a ladder of steps, against truth"), _ending(engine):
         advice = advice_for(loaded, engine=engine, error=error)
     if advice.command is not None:
-        given = shlex.join([scene, *(["--drop"] if drop else []), *(["--keyframe", keyframe] if keyframe else [])])
+        given = shlex.join([scene, *(["--drop"] if drop else []), *at.words])
         advice = replace(advice, command=advice.command.replace(
             f"run {shlex.quote(loaded.name)} ", f"run {given} ", 1))
     law = _law(loaded, engine, advice)

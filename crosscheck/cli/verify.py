@@ -19,7 +19,17 @@ import typer
 from crosscheck import report as site
 from crosscheck.cli import options
 from crosscheck.cli.console import complain, console, figures, key, print_table, progress_bar, say
-from crosscheck.cli.options import Control, Drop, EngineNames, Keyframe, Limits, SceneNames, scene_files
+from crosscheck.cli.options import (
+    REFERENCE,
+    Control,
+    Drop,
+    EngineNames,
+    Limits,
+    SceneNames,
+    Start,
+    scene_files,
+    starting,
+)
 from crosscheck.document import Asked, Document, Record, grouped
 from crosscheck.errors import ArgumentError, counted, install
 from crosscheck.history import nightly as nights
@@ -41,6 +51,7 @@ COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order"
 STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupported": "dim"}
 
 
+@starting
 def verify(
     scenes: options.Scenes = None,
     scene: SceneNames = None,
@@ -63,7 +74,7 @@ def verify(
                                         "to pass")] = 1.0,
     fresh: options.Fresh = "CI" in os.environ,
     drop: Drop = False,
-    keyframe: Keyframe = None,
+    at: Start = REFERENCE,
     control: Control = None,
     limits: Limits = "monitor",
     tag: Annotated[list[str] | None, typer.Option(help="scenes with this tag; may be repeated; published: their "
@@ -83,7 +94,7 @@ def verify(
         raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
     scene = [*(scenes or ()), *(scene or ()), *tagged(*tag or ())] or None
     check_out(out)
-    scene = scene_files(scene, drop, keyframe, control, limits)
+    scene = scene_files(scene, drop, at, control, limits)
     own = overrides.read(tolerance_file, tol or (), [sensor.name for each in (scene if tol or tolerance_file else None)
                                                      or () for sensor in as_scene(each).sensors])
     within = limits_of(time_limit, memory_limit)

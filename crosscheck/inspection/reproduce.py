@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -43,7 +45,7 @@ import numpy as np
 
 MODEL = {model}
 INTEGRATOR, STEP = {integrator!r}, {step!r}
-KEYFRAME = {keyframe!r}
+KEYFRAME, QPOS, QVEL = {keyframe!r}, {qpos!r}, {qvel!r}
 OFF = {off!r}
 BODIES = {names!r}
 TIMES = np.linspace(0.0, {end!r}, {times})
@@ -65,6 +67,8 @@ def positions(step, nudge=0.0):
     data = mujoco.MjData(model)
     if KEYFRAME is not None:
         mujoco.mj_resetDataKeyframe(model, data, model.key(KEYFRAME).id)
+    data.qpos[:] = data.qpos if QPOS is None else QPOS
+    data.qvel[:] = data.qvel if QVEL is None else QVEL
     seen = []
     for k in range(len(TIMES)):
         if k:
@@ -105,8 +109,11 @@ class Reproduction:
 
 
 def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, step: float,
-              duration: float | None = None, keyframe: str | None = None) -> Reproduction:
+              duration: float | None = None, keyframe: str | None = None, qpos: Sequence[float] | None = None,
+              qvel: Sequence[float] | None = None) -> Reproduction:
     """The script for one way of one engine; a model file is kept as it is, so that the engine's own reader counts.
+
+    `keyframe`, `qpos` and `qvel` are those of `crosscheck.import_model`, of a model file.
 
     Raises
     ------
@@ -122,8 +129,10 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
     if not step > 0:
         raise ArgumentError(f"step: {step} s; it is above 0")
     native = not isinstance(scene, Scene) and is_model(scene)
-    held = import_model(scene, drop=True, keyframe=keyframe) if not isinstance(scene, Scene) and native else (
-        as_scene(scene))
+    start: dict[str, Any] = {"keyframe": keyframe, "qpos": qpos, "qvel": qvel}
+    if not native and any(each is not None for each in start.values()):
+        raise ArgumentError("start: keyframe, qpos and qvel go with a model file, .xml or .urdf; a scene has its start")
+    held = as_scene(scene) if isinstance(scene, Scene) or not native else import_model(scene, drop=True, **start)
     if duration is not None:
         held = held.replace(duration=duration)
     if held.timed and not native:
@@ -143,6 +152,7 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
     return Reproduction(SCRIPT.format(
         title=_words(title), bodies=_words(where), times=intervals + 1, source=origin, model=_raw(model),
         integrator=INTEGRATORS[method], step=step, keyframe=keyframe if native else "start",
+        qpos=qpos, qvel=qvel,
         names=[body.name for body in held.bodies],
         off=(*OFF, *(OFF_IN_MODELS if held.left_out else ())), end=float(held.t[every * intervals]),
         expected=np.array2string(expected.ravel(), separator=", ", threshold=10**9, max_line_width=118,

@@ -93,15 +93,17 @@ class Monitors:
         """(when, index of the monitor) of shapes that come closer than their margin."""
         places = length * NODE_PLACES
         x, R = self.series.pose(states(places))
-        gaps = np.array([touching.gaps(*pose) for pose in zip(x, R, strict=True)])
-        for row, index in enumerate(touching.monitors):
+        low = touching.below(x, R)
+        falls = np.abs(np.diff(np.nan_to_num(low), axis=0)).max(axis=0)
+        for row in np.flatnonzero(~(low.min(axis=0) > STEEPER * falls)).tolist():
             def gap(tau: float, row: int = row) -> float:
                 x, R = self.series.pose(states(np.array([tau])))
                 return touching.gap(row, x[0], R[0])
 
-            after = _first_below(gap, places, gaps[:, row], length)
+            gaps = np.array([touching.gap(row, *pose) for pose in zip(x, R, strict=True)])
+            after = _first_below(gap, places, gaps, length)
             if after is not None:
-                yield after, index
+                yield after, touching.monitors[row]
 
 
 def _first_below(gap: Callable[[float], float], places: np.ndarray, gaps: np.ndarray, length: float) -> float | None:

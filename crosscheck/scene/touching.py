@@ -37,6 +37,7 @@ class Touching:
         shapes = [shape for shape in scene.shapes if shape.name in names]
         at = {shape.name: k for k, shape in enumerate(shapes)}
         self._solids = [solid(shape.type, shape.size, shape.points) for shape in shapes]
+        self._balls = [_ball(shape.type, made) for shape, made in zip(shapes, self._solids, strict=True)]
         self._places = [(shape.body, np.array(shape.position), rotation_from_quaternion(np.array(shape.attitude)))
                         for shape in shapes]
         self._pairs = [(at[monitor.shapes[0]], at[monitor.shapes[1]], monitor.margin) for monitor in watched]
@@ -50,6 +51,19 @@ class Touching:
         """That of the monitor of one row."""
         a, b, margin = self._pairs[row]
         return distance(self._placed(a, x, R), self._placed(b, x, R)) - margin
+
+    def below(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """(K, monitors) what `gaps` are at least, from balls around the shapes, for K poses x (K, n, 3), R."""
+        centres = np.array([position + attitude @ ball for _, position, attitude, ball in (
+            (*self._places[k], self._balls[k][0]) for k in range(len(self._solids)))]).reshape(-1, 3)
+        bodies = np.array([body for body, *_ in self._places], dtype=int)
+        moved = np.broadcast_to(centres, (len(x), *centres.shape)).copy()
+        on = bodies != GROUND
+        moved[:, on] = x[:, bodies[on]] + np.einsum("knij,nj->kni", R[:, bodies[on]], centres[on])
+        radii = np.array([radius for _, radius in self._balls])
+        a, b = (np.array([pair[end] for pair in self._pairs], dtype=int) for end in (0, 1))
+        margins = np.array([margin for *_, margin in self._pairs])
+        return np.asarray(np.linalg.norm(moved[:, a] - moved[:, b], axis=2) - radii[a] - radii[b] - margins)
 
     def _placed(self, k: int, x: np.ndarray, R: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray]:
         body, position, attitude = self._places[k]
@@ -77,6 +91,14 @@ def solid(kind: str, size: Any, points: Any = ()) -> Any:
     corners = coal.StdVec_Vec3s()
     corners.extend(np.array(point, dtype=float) for point in points)
     return coal.Convex.convexHull(corners, True, None)
+
+
+def _ball(kind: str, made: Any) -> tuple[np.ndarray, float]:
+    """Centre (3,) and radius of a ball around a solid, in its frame; that of a plane has no end."""
+    if kind == "plane":
+        return np.zeros(3), np.inf
+    made.computeLocalAABB()
+    return np.array(made.aabb_center), float(made.aabb_radius)
 
 
 def distance(one: tuple[Any, np.ndarray, np.ndarray], other: tuple[Any, np.ndarray, np.ndarray]) -> float:

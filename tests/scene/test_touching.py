@@ -85,3 +85,22 @@ def test_a_touch_is_located_to_a_nanosecond(kind):
         "monitors": [{"type": "touch", "shapes": ["solid", "floor"]}]}, "stick.toml")
     exact = brentq(lambda t: lowest(t) - height, 0.0, 0.8, xtol=1e-14)
     assert crosscheck.truth(scene).horizon == pytest.approx(exact, abs=1e-9)
+
+
+def test_balls_around_shapes_are_never_closer_than_the_shapes():
+    rng = np.random.default_rng(0)
+    kinds = [kind for kind in SIZES if kind != "plane"]
+    body = {"mass": 1.0, "inertia": np.eye(3).tolist()}
+    shapes = [{"name": kind, "body": f"b{k}", "type": kind, "position": rng.normal(size=3).tolist(),
+               **({"points": rng.normal(size=(9, 3)).tolist()} if kind == "mesh" else
+                  {"size": rng.uniform(0.1, 1.0, len(SIZES[kind])).tolist()})} for k, kind in enumerate(kinds)]
+    scene = scene_from({
+        "schema": 3, "name": "apart", "gravity": [0.0, 0.0, 0.0], "duration": 1.0, "samples": 2, "shapes": shapes,
+        "bodies": [body | {"name": f"b{k}", "position": [100.0 * k, 0.0, 0.0]} for k in range(len(kinds))],
+        "monitors": [{"type": "touch", "shapes": list(pair)} for pair in itertools.combinations(kinds, 2)]},
+        "apart.toml")
+    watched = touching.Touching(scene)
+    x = rng.normal(0.0, 2.0, (20, scene.n, 3))
+    R = np.array([Rotation.random(scene.n, rng=rng).as_matrix() for _ in x])
+    gaps = np.array([watched.gaps(*pose) for pose in zip(x, R, strict=True)])
+    assert np.all(watched.below(x, R)[gaps > 0] <= gaps[gaps > 0] + touching.TOLERANCE)

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from crosscheck.errors import SceneError, foreign, missing
-from crosscheck.scene.models import known, source
+from crosscheck.scene.models import collisions, known, source
 from crosscheck.scene.models.neutral import LIGHT
 from crosscheck.scene.models.source import Source
 
@@ -62,14 +62,14 @@ def listening() -> Iterator[list[str]]:
 def compiled(model: Source, base: str = "fixed", balance: bool = False) -> tuple[Any, list[str], list[str]]:
     """(the `mujoco.MjModel` of a source, what MuJoCo refuses and is left out, what is read otherwise, both in words).
 
-    `balance` replaces inertias that no body can have. A URDF loses all geometry, so that MuJoCo needs no meshes and
-    makes no mass from collision shapes.
+    `balance` replaces inertias that no body can have. A URDF gets its collision shapes after it is read, so that MuJoCo
+    needs no meshes and makes no mass from them.
     """
     try:
         import mujoco
     except ImportError as error:
         raise SceneError(f"{model.path}: models are read by MuJoCo: {missing(error)}") from None
-    gone, noted = ([], _prepare_urdf(model, base, balance)) if model.is_urdf else _prepare_mjcf(model)
+    shapes, gone, noted = _prepare_urdf(model, base, balance) if model.is_urdf else ([], *_prepare_mjcf(model))
     if balance:
         _compiler(model).set("balanceinertia", "true")
 
@@ -88,6 +88,7 @@ def compiled(model: Source, base: str = "fixed", balance: bool = False) -> tuple
                 spec.modelfiledir = str(folder)
                 if base == "free":
                     _free(spec)
+                collisions.add(spec, shapes)
                 m = spec.compile()
         except SceneError as error:
             words = " ".join(str(error.__cause__).split())
@@ -155,8 +156,15 @@ def _free(spec: Any) -> None:
         max(held, key=lambda body: len(body.find_all("body"))).add_freejoint()
 
 
-def _prepare_urdf(model: Source, base: str, balance: bool) -> list[str]:
-    """Give the moving links their masses, and take the options that MuJoCo has; what is read otherwise, in words."""
+def _prepare_urdf(model: Source, base: str, balance: bool) -> tuple[list[collisions.Collision], list[str], list[str]]:
+    """(collision shapes, nothing that is left out, what is read otherwise in words).
+
+    Moving links get their masses, and the options that MuJoCo has are taken.
+    """
+    try:
+        shapes, unwatched = collisions.read(model, _pose, finite)
+    except ValueError as error:
+        raise SceneError(f"{model.path}: {error}; correct it there") from None
     for link in model.root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
@@ -171,7 +179,7 @@ def _prepare_urdf(model: Source, base: str, balance: bool) -> list[str]:
         del _compiler(model).attrib[key]  # they change masses before these are merged, and are named as not known
     for key, value in (("fusestatic", "false"), ("strippath", "false"), ("discardvisual", "true")):
         _compiler(model).set(key, value)
-    return noted
+    return shapes, [], [*noted, *unwatched]
 
 
 def _compiler(model: Source) -> Element:

@@ -347,7 +347,8 @@ def colliding(reading: Reading) -> list[tuple[int, int, float]]:
         meet = (own != theirs) & ((types[a] & affinities[others]) | (types[others] & affinities[a]) != 0)
         meet &= (kinds[a] != PLANE) | (kinds[others] != PLANE)
         if not off(m, "FILTERPARENT"):
-            meet &= (own == 0) | (theirs == 0) | ((own != parents[theirs]) & (theirs != parents[own]))
+            free = np.zeros(len(others), bool) if reading.urdf else (own == 0) | (theirs == 0)
+            meet &= free | ((own != parents[theirs]) & (theirs != parents[own]))
         margins |= {(a, b): float(m.geom_margin[a] + m.geom_margin[b]) for b in others[meet].tolist()
                   if (int(bodies[a]), int(bodies[b])) not in excluded}
     for a, b, margin in zip(m.pair_geom1.tolist(), m.pair_geom2.tolist(), m.pair_margin.tolist(), strict=True):
@@ -362,27 +363,29 @@ def clear(reading: Reading) -> bool:
 
 
 def _contacts(reading: Reading, wants: Wants, laws: Laws) -> None:
-    """Shapes and monitors for the pairs that may collide; those that touch at the start are lost."""
-    pairs = colliding(reading)
+    """Shapes and monitors for the pairs that may collide; those that touch at the start are lost, of a URDF noted."""
+    pairs, lost = colliding(reading), reading.noted if reading.urdf else reading.lost
     if wants.contacts == "monitor" and pairs and not touching.available():
-        reading.lost.append("contacts of the shapes that may collide: coal, which watches them, comes with pin and is "
-                            "not installed (pip install pin)")
+        lost.append("contacts of the shapes that may collide: coal, which watches them, comes with pin and is not "
+                    "installed (pip install pin)")
         return
     if len(pairs) > MOST_PAIRS:
-        (reading.noted if wants.contacts == "drop" else reading.lost).append(
+        (reading.noted if wants.contacts == "drop" else lost).append(
             f"contacts of the {len(pairs)} pairs of shapes that may collide, more than {MOST_PAIRS}")
         return
     if wants.contacts == "drop":
         reading.noted += list(dict.fromkeys(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}"
                                             for a, b, _ in pairs))
         return
+    if reading.urdf and len(set(reading.model.geom_bodyid.tolist())) > 1:
+        reading.noted.append("contacts of links that share a joint")
     solids, watched = _Solids(reading), []
     for a, b, margin in pairs:
         gap, words = solids.distance(a, b), f"contacts of the colliding bodies {_bodies(reading, a, b)!r}"
         if gap is None:
-            reading.lost.append(words)
+            lost.append(words)
         elif gap < margin:
-            reading.lost.append(f"{words}, which touch at the start")
+            lost.append(f"{words}, which touch at the start")
         else:
             watched.append((a, b, margin))
     shapes = {g: solids.tables[g] for a, b, _ in watched for g in (a, b)}

@@ -56,6 +56,7 @@ class Reading:
     noted: list[str] = dataclasses.field(default_factory=list)  # read otherwise than it is written, which is told
     light: list[Table] = dataclasses.field(default_factory=list)  # bodies between several joints of one body
     chained: dict[int, Table] = dataclasses.field(default_factory=dict)  # these joints by their number in the model
+    urdf: bool = False  # whose shapes may overlap where links are joined, and no engine looks there
 
     @functools.cached_property
     def groups(self) -> np.ndarray:

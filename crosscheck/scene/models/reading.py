@@ -206,7 +206,7 @@ def read(model: Source, m: Any, d: Any, gone: Sequence[str] = ()) -> Reading:
         offer = "; give --base free (base='free') to let its base move" if m.nbody > 1 or model.is_urdf else ""
         but = f" but {'; '.join(shortened(gone))}" if gone else ""
         raise SceneError(f"{model.path}: nothing in it moves{but}; a scene needs at least one body on a joint{offer}")
-    return Reading(m, d, moving, [], [])
+    return Reading(m, d, moving, [], [], urdf=model.is_urdf)
 
 
 def _start(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[float] | None,

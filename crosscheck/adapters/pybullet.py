@@ -105,7 +105,8 @@ def loaded(pybullet: ModuleType, path: str, states: JointStates) -> Native:
         parts[names[k]] = Part(
             names[about[16]], body[0], np.array(link[0]), turned @ np.diag(body[2]) @ turned.T, frame,
             about[1].decode() if about[2] in kinds else "", np.array(link[4]), turned @ np.array(about[13]),
-            kinds.get(about[2], ""), about[6], (about[8], about[9]) if about[8] <= about[9] else None)
+            kinds.get(about[2], ""), about[6], (about[8], about[9]) if about[8] <= about[9] else None,
+            laws={"friction": about[7], "effort": about[10], "velocity limit": about[11]})
 
     def terms(q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         position = [*([0.0] * 6 + [1.0] if free else []), *q]

@@ -100,7 +100,7 @@ def inspect(
     derivatives: Annotated[bool, typer.Option("--derivatives", help="only derivatives of accelerations at the start: "
                                               "`crosscheck derivatives`, with --engine for its --source")] = False,
 ) -> None:
-    """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations, reactions.
+    """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations.
 
     A model file, .xml or .urdf, is loaded by every engine itself, and what an engine reads differently is named.
 
@@ -118,6 +118,12 @@ def inspect(
         with waiting(f"every engine reads {scene}"):
             native = examine_natively(scene, engine or None, states, seed)
         printed(native, say)
+        if rows := native.laws:
+            columns = (*(["file"] if native.said else []), *(each.engine for each in native.native))
+            print_table(console(200), [key("what differs"), *figures(*columns)], rows)
+            say("-: it has no such number; of joints, in N m, N, rad, m and their rates")
+        for name, command in native.absent.items():
+            say(f"{name}, which reads such files, is not installed; {command}")
         raise typer.Exit(0 if native.agree else 1)
     with waiting(f"every engine's model of {scene}"):
         result = examine(load_scene(scene), engine or None, form, states, seed)

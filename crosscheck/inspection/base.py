@@ -19,7 +19,7 @@ from crosscheck.scene.states import States
 
 QUANTITIES = ("mass", "inertia", "position", "attitude", "velocity", "angular velocity", "total mass",
               "centre of mass", "kinetic energy", "potential energy", "mass matrix", "gravity force", "applied force",
-              "acceleration", "angular acceleration", "reaction force", "reaction torque")
+              "acceleration", "angular acceleration")
 """The compared quantities. Causes come before effects, so that the first wrong quantity shows where to look."""
 
 TOLERANCE = 1e-10
@@ -45,10 +45,6 @@ def stacked(probes: Sequence[Probe]) -> Probe:
     for name in BY_STATE:
         parts = [getattr(one, name) for one in probes]
         setattr(whole, name, None if any(part is None for part in parts) else np.concatenate(parts))
-    if whole.reactions is not None:
-        wrenches = [one.reactions for one in probes if one.reactions is not None]
-        whole.reactions = {joint: (np.concatenate([each[joint][0] for each in wrenches]),
-                                   np.concatenate([each[joint][1] for each in wrenches])) for joint in whole.reactions}
     return whole
 
 
@@ -62,7 +58,7 @@ class Deviation:
     relative: float  # gap / scale
     gap: float  # SI unit of the quantity
     scale: float
-    place: str  # name of the body or joint with the largest deviation; "" if the quantity is of the whole system
+    place: str  # name of the body with the largest deviation; "" if the quantity is of the whole system
     state: int  # 0 is the start
     bound: float = TOLERANCE  # on `relative`
 

@@ -21,7 +21,6 @@ from crosscheck.scene.states import States
 
 NOTES = {
     "potential energy": "Exudyn sums up no potential energy",
-    "reaction force": "Exudyn knows reactions after a step only", "reaction torque": "",
 }
 LINKS = "links of a kinematic tree are no bodies: some have no mass, and bodies fixed to each other are one"
 PIVOT = "in form pivot the position is held by constraints that the solver eliminates"
@@ -34,7 +33,7 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     chosen = form or "maximal"
     at = {"maximal": _maximal, "pivot": _pivot, "tree": _tree}[chosen]
     probe = stacked([at(posed(scene, states, k)) for k in range(len(states.t))])
-    probe.notes = {**NOTES, "reaction torque": NOTES["reaction force"]}
+    probe.notes = dict(NOTES)
     if probe.masses is None:
         probe.notes |= dict.fromkeys(("mass", "inertia", "centre of mass"), LINKS if chosen == "tree" else PIVOT)
     if chosen == "pivot":

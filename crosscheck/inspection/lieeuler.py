@@ -1,4 +1,4 @@
-"""What lieeuler's kernel says about a scene: the accelerations and multipliers at the start of a run."""
+"""What lieeuler's kernel says about a scene: the accelerations at the start of a run."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import numpy as np
 from crosscheck.adapters.lieeuler import build_problem, start
 from crosscheck.inspection.admissible import posed
 from crosscheck.inspection.base import Probe
-from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -18,8 +17,8 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     for k in range(len(states.t)):
         problem = build_problem(posed(scene, states, k))
         starts.append(start(problem))
-    x, R, v, w, a, alpha, lam = (np.array([getattr(each, field)[0] for each in starts])
-                                 for field in ("x", "R", "v", "w", "a", "alpha", "lam"))
+    x, R, v, w, a, alpha = (np.array([getattr(each, field)[0] for each in starts])
+                            for field in ("x", "R", "v", "w", "a", "alpha"))
     masses = np.array([body.mass for body in problem.bodies])
     inertias = np.array([body.inertia for body in problem.bodies])
     matrix = np.zeros((6 * scene.n, 6 * scene.n))
@@ -36,5 +35,4 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
                  jacobian=np.broadcast_to(np.eye(6 * scene.n), (count, *matrix.shape)),
                  mass_matrix=None if geared else np.broadcast_to(matrix, (count, *matrix.shape)),
                  gravity_force=np.broadcast_to(weight, (count, 6 * scene.n)), a=a, alpha=alpha,
-                 reactions=Constraints(scene).reactions(x, R, lam),
                  notes=notes)

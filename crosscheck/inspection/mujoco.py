@@ -36,7 +36,7 @@ def _at(scene: Scene, form: str) -> Probe:
     if control := models.controls(scene):
         control(model, data)
     mujoco.mj_forward(model, data)
-    mujoco.mj_rnePostConstraint(model, data)
+    mujoco.mj_rnePostConstraint(model, data)  # the accelerations of bodies
     bodies = [model.body(str(k)).id for k in range(scene.n)]
     R = data.xmat[bodies].reshape(-1, 3, 3)
     principal = np.swapaxes(R, 1, 2) @ data.ximat[bodies].reshape(-1, 3, 3)
@@ -54,11 +54,9 @@ def _at(scene: Scene, form: str) -> Probe:
     # Its own law is another where it is not cut to the coefficient of friction, 0 of limits, or acts along the motion.
     cut = np.allclose(np.abs(data.efc_force), data.efc_frictionloss, rtol=1e-12, atol=0.0)
     if model.neq or not cut or (data.efc_force * data.efc_vel > 0.0).any():
-        probe.notes = dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"),
-                                    SOFT if model.neq else OWN)
+        probe.notes = dict.fromkeys(("acceleration", "angular acceleration"), SOFT if model.neq else OWN)
     else:
         probe.a, probe.alpha = rates[None, :, 3:], np.einsum("nji,nj->ni", R, rates[:, :3])[None]
-        probe.reactions = _reactions(scene, model, data, bodies)
     if any(force.is_spring and force.functions for force in scene.forces):
         probe.potential, probe.notes["potential energy"] = None, MOVED
     if form == "maximal":
@@ -82,47 +80,3 @@ def _motion(model: Any, data: Any, bodies: list[int]) -> tuple[np.ndarray, np.nd
         mujoco.mj_jacBodyCom(model, data, jacobian[k, 0], jacobian[k, 1], body)
     rates[:, 3:] += model.opt.gravity  # MuJoCo gives accelerations relative to free fall
     return twists, rates, jacobian
-
-
-def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Reactions of the joints of an open tree: the wrench between a body and its parent, less springs and motors."""
-    import mujoco
-
-    wrenches = {}
-    motors = np.zeros(model.njnt)
-    loads = []  # (body, point, (force, torque) in world axes): mj_rnePostConstraint does not subtract them
-    for number in range(model.nu):
-        if model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_JOINT:
-            motors[model.actuator_trnid[number, 0]] += data.actuator_force[number] * model.actuator_gear[number, 0]
-            continue
-        site, axes = model.actuator_trnid[number]
-        turn = data.site_xmat[axes if axes >= 0 else site].reshape(3, 3)
-        wrench = data.actuator_force[number] * model.actuator_gear[number].reshape(2, 3) @ turn.T
-        loads.append((int(model.site_bodyid[site]), data.site_xpos[site].copy(), wrench.ravel()))
-    for joint in scene.joints:
-        inner = bodies[joint.parent] if joint.parent >= 0 else 0
-        body, sign = (bodies[joint.child], 1.0) if model.body_parentid[bodies[joint.child]] == inner else (inner, -1.0)
-        torque, force = data.cfrc_int[body, :3].copy(), data.cfrc_int[body, 3:].copy()
-        child = bodies[joint.child]
-        point = data.xpos[child] + data.xmat[child].reshape(3, 3) @ joint.child_anchor
-        torque += np.cross(data.subtree_com[model.body_rootid[body]] - point, force)
-        first = model.body_jntadr[body]
-        for number in range(first, first + model.body_jntnum[body]):
-            # Springs, dampers, motors and rotors act in the joint, but do not count as reactions.
-            at_v = model.jnt_dofadr[number]
-            rotor = -model.dof_armature[at_v] * data.qacc[at_v]
-            if model.jnt_type[number] == mujoco.mjtJoint.mjJNT_SLIDE:
-                force -= data.xaxis[number] * (motors[number] + rotor + data.qfrc_constraint[at_v])
-            elif model.jnt_type[number] == mujoco.mjtJoint.mjJNT_HINGE:
-                at_q = model.jnt_qposadr[number]
-                own = -model.jnt_stiffness[number] * (data.qpos[at_q] - model.qpos_spring[at_q])
-                own += rotor - model.dof_damping[at_v] * data.qvel[at_v] + motors[number]
-                own += data.qfrc_constraint[at_v]  # of friction and limits; without equalities there is nothing else
-                torque -= data.xaxis[number] * own
-        for loaded, at, load in loads:
-            while loaded not in (body, 0):  # go up the tree: is the load on this body or its descendants?
-                loaded = model.body_parentid[loaded]
-            if loaded == body:
-                force, torque = force - load[:3], torque - load[3:] - np.cross(at - point, load[:3])
-        wrenches[joint.name] = sign * force[None], sign * torque[None]
-    return wrenches

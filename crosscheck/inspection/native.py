@@ -12,8 +12,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from crosscheck import adapters
-from crosscheck.adapters.common.native import TOLERANCE, Hinge, JointStates, Link, Native
-from crosscheck.errors import CrosscheckError, SceneError
+from crosscheck.adapters import built_in
+from crosscheck.adapters.common.native import LAWS, TOLERANCE, Hinge, JointStates, Link, Native
+from crosscheck.errors import CrosscheckError, SceneError, install
 from crosscheck.scene import assembly
 from crosscheck.scene.armature import rotors
 from crosscheck.scene.checks import Draft, Start
@@ -23,6 +24,7 @@ from crosscheck.scene.mechanics import index1, inverse_mass
 from crosscheck.scene.model import Scene, quaternion_from_rotation
 from crosscheck.scene.models import apart, import_model
 from crosscheck.scene.models import source as sources
+from crosscheck.scene.models.compiling import finite
 from crosscheck.scene.models.words import shortened, together
 
 DYNAMICS = ("mass matrix", "bias forces", "accelerations")
@@ -63,6 +65,27 @@ class NativeInspection:
     differences: tuple[Difference, ...]
     refused: dict[str, str]
     no_scene: str = ""
+    said: Mapping[str, Mapping[str, float | str]] = dataclasses.field(default_factory=dict)  # by the file
+    absent: Mapping[str, str] = dataclasses.field(default_factory=dict)  # readers not installed, and what installs each
+
+    @property
+    def laws(self) -> list[list[str]]:
+        """Rows (quantity and joints, value in each column) where the file and the engines have other numbers.
+
+        The columns are the file, where it is a URDF, and each of `native`; "-" is what an engine has no number for.
+        """
+        columns = [self.said] if self.said else []
+        columns += [{name: _laws(joint) for name, joint in native.joints.items()} for native in self.native]
+        joints = dict.fromkeys(name for column in columns for name in column)
+        groups: dict[tuple[str, ...], list[str]] = {}
+        for quantity in LAWS:
+            for name in joints:
+                values = [column.get(name, {}).get(quantity) for column in columns]
+                if any(not _alike(values[0], each) for each in values[1:]):
+                    cells = ("-" if each is None else f"{each:.6g}" if isinstance(each, float) else str(each)
+                             for each in values)
+                    groups.setdefault((quantity, *cells), []).append(name)
+        return [[f"{quantity} of {', '.join(names)}", *cells] for (quantity, *cells), names in groups.items()]
 
     @property
     def agree(self) -> bool:
@@ -96,6 +119,36 @@ class NativeInspection:
                 *(f"{engine} refuses the file{self._retried(engine)}: {words}"
                   for engine, words in self.refused.items()),
                 *together((str(each), each.place) for each in self.differences))
+
+
+def _laws(joint: Hinge) -> dict[str, float | str]:
+    ends = dict(zip(("lower limit", "upper limit"), joint.limits or (), strict=False))
+    return {"damping": joint.damping, "armature": joint.armature, "mimic": joint.mimic or "none", **ends, **joint.laws}
+
+
+def _alike(one: float | str | None, other: float | str | None) -> bool:
+    """Whether two values of a law are the same; none is one that does nothing."""
+    if not isinstance(one, str) and not isinstance(other, str) and one is not None and other is not None:
+        return bool(np.isclose(one, other, rtol=TOLERANCE, atol=0.0))
+    idle = [each is None or each == "none" or (not isinstance(each, str) and (each == 0 or np.isinf(each)))
+            for each in (one, other)]
+    return one == other or all(idle)
+
+
+def _said(model: sources.Source) -> dict[str, dict[str, float | str]]:
+    """What a URDF says of its moving joints, by `LAWS`."""
+    places = {"friction": ("dynamics", "friction"), "damping": ("dynamics", "damping"), "effort": ("limit", "effort"),
+              "velocity limit": ("limit", "velocity"), "lower limit": ("limit", "lower"),
+              "upper limit": ("limit", "upper"), "mimic": ("mimic", "joint")}
+    told: dict[str, dict[str, float | str]] = {}
+    for joint in model.root.findall("joint") if model.is_urdf else ():
+        if joint.get("type") in ("revolute", "prismatic", "continuous"):
+            mine = told.setdefault(joint.get("name", ""), {})
+            for quantity, (tag, key) in places.items():
+                for word in (each.get(key) for each in joint.findall(tag)):
+                    if word is not None and not (joint.get("type") == "continuous" and key in ("lower", "upper")):
+                        mine[quantity] = word if quantity == "mimic" else finite(joint, word)
+    return told
 
 
 def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, count: int = 3, seed: int = 0
@@ -143,6 +196,9 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
             refused[name] = f"it cannot be imported: {error}"
         except CrosscheckError as error:
             refused[name] = str(error)
+    if not readers and engines is None:
+        raise SceneError(f"{source}: no engine that reads it is installed; " + " or ".join(
+            f"{name}: {install(name)}" for name in _absent(ending)))
     if no_scene is not None and not natives:
         raise SceneError(f"{source}: no engine reads it: " + "; ".join(
             f"{name}: {words}" for name, words in refused.items())) if alone and refused else no_scene
@@ -162,8 +218,15 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     still = whole - sum(link.mass for link in neutral.links.values())  # on the root
     told += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
              for native in natives if native.engine.startswith("mujoco") and still > TOLERANCE * whole]
-    return NativeInspection(source, scene, tuple(natives), tuple(told), refused,
-                            str(no_scene or ""))
+    absent = {} if engines is not None else {name: install(name) for name in _absent(ending)}
+    return NativeInspection(source, scene, tuple(natives), tuple(told), refused, str(no_scene or ""), _said(model),
+                            absent)
+
+
+def _absent(ending: str) -> list[str]:
+    """Engines that read such files and are not installed."""
+    return [name for name, entry in built_in.ENTRIES.items()
+            if name not in adapters.names() and ending in entry.make().reads]
 
 
 def _chains(scene: Scene | None) -> set[str]:

@@ -37,9 +37,8 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
         probe.notes |= dict.fromkeys(("kinetic energy", "potential energy"),
                                      "Pinocchio does not compute energies of models with mimic joints")
     if open_tree.rowed(scene):
-        probe.a = probe.alpha = probe.reactions = None
-        probe.notes |= dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"),
-                                     ROWS)
+        probe.a = probe.alpha = None
+        probe.notes |= dict.fromkeys(("acceleration", "angular acceleration"), ROWS)
     if any(force.is_spring for force in scene.loads):
         probe.potential, probe.notes["potential energy"] = None, SPRINGS
     return probe
@@ -52,7 +51,6 @@ def _at(dynamics: Dynamics, form: str, scene: Scene) -> Probe:
     model, data, own = dynamics.model.model, dynamics.data, dynamics.model
     q, v = own.initial_state(scene)
     a = dynamics(q, v)
-    reactions = {joint: (force[None], torque[None]) for joint, (force, torque) in dynamics.reactions(q, v).items()}
     applied = dynamics.applied(q, v)
     pinocchio.forwardKinematics(model, data, q, v, a)
     kinetic, potential = (None, None) if own.mimics else (
@@ -73,7 +71,7 @@ def _at(dynamics: Dynamics, form: str, scene: Scene) -> Probe:
         "pinocchio", form, masses, inertias, x, R, velocity, w, float(pinocchio.computeTotalMass(model)),
         pinocchio.centerOfMass(model, data, q)[None].copy(), kinetic, potential,
         jacobian.reshape(1, 6 * scene.n, model.nv), mass_matrix=mass_matrix[None],
-        gravity_force=gravity[None], a=acceleration, alpha=alpha, reactions=reactions)
+        gravity_force=gravity[None], a=acceleration, alpha=alpha)
     if (closure := dynamics.closure) is not None:
         probe.closing = pinocchio.getConstraintsJacobian(model, data, closure.models, closure.workspaces)[None].copy()
     if all(link.type == "free" for link in own.links):

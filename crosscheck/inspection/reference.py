@@ -26,8 +26,7 @@ AT_REST = 1e-12
 SWEEPS, EXACT = 1000, 1e-16
 """Most sweeps over the coordinates that friction holds, and the change, as a share, at which they end."""
 
-SOLVED = ("mass matrix", "gravity force", "applied force", "acceleration", "angular acceleration", "reaction force",
-          "reaction torque")
+SOLVED = ("mass matrix", "gravity force", "applied force", "acceleration", "angular acceleration")
 """Quantities that need the solution of a linear system in the engine's coordinates, and so have looser bounds.
 
 The first three are mapped to common coordinates here.
@@ -41,14 +40,12 @@ OF_BODIES = ("mass", "inertia", "position", "attitude", "velocity", "angular vel
 class Reference:
     """The truth, and what a comparison with it needs.
 
-    `bases` are the admissible velocities N at every state, with N^T M N = I. `unique` names the joints whose reactions
-    are uniquely determined at each state: with redundant constraints some are not. `scales` are the sizes of the terms
-    of each quantity.
+    `bases` are the admissible velocities N at every state, with N^T M N = I. `scales` are the sizes of the terms of
+    each quantity.
     """
 
     probe: Probe
     bases: tuple[np.ndarray, ...]
-    unique: tuple[frozenset[str], ...]
     scales: dict[str, float]
 
 
@@ -76,11 +73,11 @@ def reference(scene: Scene, at: States) -> Reference:
         "truth", "maximal", scene.masses, scene.inertias, at.x, at.R, at.v, at.w,
         kinetic=mechanics.kinetic_energy(scene, at), potential=np.array(potential), jacobian=identity,
         mass_matrix=masses, gravity_force=np.broadcast_to(weight, (count, 6 * n)),
-        applied_force=applied, a=a, alpha=alpha, reactions=constraints.reactions(at.x, at.R, lam))
+        applied_force=applied, a=a, alpha=alpha)
     constraint = np.einsum("tmk,tm->tk", constraints.jacobian(at.x, at.R), lam)
     return Reference(
         probe, tuple(admissible.basis(scene, constraints, at.x[k], at.R[k]) for k in range(count)),
-        tuple(_unique(constraints, at.x[k], at.R[k]) for k in rows), _scales(scene, at, probe, applied, constraint))
+        _scales(scene, at, probe, applied, constraint))
 
 
 class _Holding(DryFriction):
@@ -137,20 +134,6 @@ def _held(scene: Scene, *state: np.ndarray) -> Scene:
     return holding(efforts)
 
 
-def _unique(constraints: Constraints, x: np.ndarray, R: np.ndarray) -> frozenset[str]:
-    """Joints whose wrench is the same for all multipliers that give the same motion."""
-    if constraints.m == 0:
-        return frozenset()
-    G = constraints.jacobian(x, R)[0]
-    U, sigma, _ = np.linalg.svd(G)
-    rank = int(np.count_nonzero(sigma > mechanics.RANK_TOLERANCE * sigma[0]))
-    free = U[:, rank:]  # sets of multipliers that together exert no force on any body
-    bent = {joint.name: G[constraints.rows[joint.name]][:, 6 * joint.child:6 * joint.child + 6].T
-            @ free[constraints.rows[joint.name]] for joint in constraints.scene.joints}
-    return frozenset(name for name, wrench in bent.items()
-                     if np.abs(wrench).max(initial=0.0) < mechanics.RANK_TOLERANCE * sigma[0])
-
-
 def _scales(scene: Scene, at: States, probe: Probe, applied: np.ndarray, constraint: np.ndarray) -> dict[str, float]:
     """Size of the terms of each quantity. If it has none (no gravity, at rest), its size in a motion of about 1 rad/s.
     """
@@ -161,9 +144,7 @@ def _scales(scene: Scene, at: States, probe: Probe, applied: np.ndarray, constra
     speed = max(float(np.abs(at.v).max()), spin * L)
     inverse = mechanics.inverse_mass(scene)
     rates = np.abs(np.stack([applied @ inverse, constraint @ inverse])).reshape(-1, 6)
-    forces = np.abs(np.stack([applied, constraint])).reshape(-1, 6)
-    linear, force = float(rates[:, :3].max()), float(forces[:, :3].max()) or total * speed
-    moving = float(probe.kinetic.max())
+    linear, moving = float(rates[:, :3].max()), float(probe.kinetic.max())
     springs = sum(0.5 * f.parameters["stiffness"] * (np.pi if f.type == "torsional_spring" else L) ** 2
                   for f in scene.loads if f.is_spring)
     return {
@@ -175,7 +156,6 @@ def _scales(scene: Scene, at: States, probe: Probe, applied: np.ndarray, constra
         "applied force": float(np.abs(applied @ np.linalg.cholesky(inverse)).max()) or np.sqrt(total) * speed,
         "acceleration": max(linear, g, spin * speed),
         "angular acceleration": max(float(rates[:, 3:].max()), spin**2),
-        "reaction force": force, "reaction torque": max(force * L, float(forces[:, 3:].max())),
     }
 
 
@@ -194,8 +174,7 @@ def deviations(scene: Scene, reference: Reference, probe: Probe) -> tuple[Deviat
         sizes = gaps[quantity]
         state, place = np.unravel_index(np.argmax(np.where(np.isfinite(sizes), sizes, np.inf)), sizes.shape)
         gap, scale = float(sizes[state, place]), reference.scales.get(quantity, 1.0)
-        of_joints = quantity.startswith("reaction")
-        name = (scene.joints if of_joints else scene.bodies)[place].name if of_joints or quantity in OF_BODIES else ""
+        name = scene.bodies[place].name if quantity in OF_BODIES else ""
         listed.append(Deviation(probe.engine, probe.form, quantity, gap / scale, gap, scale, name, int(state),
                                solved if quantity in SOLVED else TOLERANCE))
     return tuple(listed)
@@ -225,8 +204,6 @@ def _gaps(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[st
         if getattr(probe, field) is not None:
             yield quantity, np.abs(getattr(probe, field) - getattr(truth, field))[:, None]
     yield from _projected(reference, probe)
-    if probe.reactions is not None:
-        yield from _reactions(scene, reference, probe)
 
 
 def _centre(probe: Probe) -> np.ndarray | None:
@@ -260,16 +237,3 @@ def _projected(reference: Reference, probe: Probe) -> Iterator[tuple[str, np.nda
             seen, meant = ((Q.T @ engine @ Q, N.T @ truth @ N) if engine.ndim == 2 else (Q.T @ engine, N.T @ truth))
             gaps.append([np.abs(seen - meant).max(initial=0.0)])
         yield quantity, np.array(gaps)
-
-
-def _reactions(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
-    assert probe.reactions is not None
-    assert reference.probe.reactions is not None
-    if not frozenset.union(*reference.unique):
-        return
-    for part, quantity in enumerate(("reaction force", "reaction torque")):
-        gaps = np.zeros((len(reference.bases), len(scene.joints)))
-        for column, joint in enumerate(scene.joints):
-            gap = np.abs(probe.reactions[joint.name][part] - reference.probe.reactions[joint.name][part]).max(axis=1)
-            gaps[:, column] = np.where([joint.name in unique for unique in reference.unique], gap, 0.0)
-        yield quantity, gaps

@@ -18,11 +18,9 @@ from crosscheck.inspection.reference import deviations, reference
 from crosscheck.running.support import minimal_scenes
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.file import scene_names
-from crosscheck.scene.functions import sine
 from crosscheck.scene.laws import DryFriction
-from crosscheck.scene.model import Force, Scene
+from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-from tests.adapters.pairs import loaded_pair
 from tests.adapters.test_laws import arm
 
 ENGINES = ("lieeuler", "mujoco", "pinocchio", "exudyn")
@@ -74,20 +72,6 @@ def test_every_joint_and_force(engine: str) -> None:
         found = inspect(minimal.scene, [engine], count=0)
         assert found.agree, f"{minimal.kind} {minimal.item}: {found.offenders[0]}"
         assert bool(found.probes) != minimal.item.startswith(("knife", "rolling"))  # which these engines refuse
-
-
-@pytest.mark.parametrize(("kind", "motor"), [
-    ("prismatic", Force("joint_force", None, None, "joint", {"force": 1.7})),
-    ("revolute", Force("joint_torque", None, None, "joint", {"torque": sine([[2.0, 3.0, 0.7]])})),
-])
-@pytest.mark.parametrize("inward", [False, True])
-def test_a_motor_is_no_reaction_of_its_joint(kind: str, motor: Force, inward: bool) -> None:
-    pair = loaded_pair(kind, inward)
-    scene = pair.replace(forces=(*pair.forces, motor))
-    found = inspect(scene, ENGINES, count=1)
-    assert found.agree, "; ".join(map(str, found.offenders))
-    told = [one.label for one in found.probes if one.reactions is not None]
-    assert told == ["lieeuler maximal", "mujoco tree", "pinocchio tree", "pinocchio maximal"]
 
 
 @pytest.mark.parametrize("name", ["driven_cart", "driven_slider_crank", "geared_arm", "coupled_arm"])

@@ -36,6 +36,13 @@ class Hinge:
     rest_position: float = 0.0
     mimic: str = ""  # the joint that it follows
     limits: tuple[float, float] | None = None  # None: not said
+    laws: Mapping[str, float | str] = dataclasses.field(default_factory=dict)  # what else it holds, by `LAWS`
+
+
+LAWS = ("friction", "lower limit", "upper limit", "effort", "velocity limit", "damping", "mimic", "armature", "kp",
+        "kv")
+"""What a file may say of a joint beside its place, in N m, N, rad, m and their rates. An engine that has no such number
+in its model has no such key, one that could have it and does not 0, or "none"."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,6 +79,7 @@ class Part:
     limits: tuple[float, float] | None = None
     free: bool = False  # whether it floats
     armature: float = 0.0
+    laws: Mapping[str, float | str] = dataclasses.field(default_factory=dict)  # as in `Hinge`
 
 
 def assembled(engine: str, parts: Mapping[str, Part], gravity: np.ndarray) -> Native:
@@ -102,7 +110,7 @@ def assembled(engine: str, parts: Mapping[str, Part], gravity: np.ndarray) -> Na
         outer = frames[parent]
         joints[part.joint] = Hinge(parent, name, outer.T @ (part.anchor - centres[parent]),
                                    frame.T @ (part.anchor - centres[name]), frame.T @ part.axis, outer.T @ frame,
-                                   part.kind, part.damping, part.armature, limits=part.limits)
+                                   part.kind, part.damping, part.armature, limits=part.limits, laws=part.laws)
     return Native(engine, links, joints, gravity)
 
 

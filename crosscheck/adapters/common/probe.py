@@ -36,7 +36,6 @@ class Probe:
     applied_force: np.ndarray | None = None  # (K, nv) all forces but constraints, with -w x Jw; only form maximal
     a: np.ndarray | None = None  # (K, n, 3)
     alpha: np.ndarray | None = None  # (K, n, 3)
-    reactions: dict[str, tuple[np.ndarray, np.ndarray]] | None = None  # by joint, (K, 3) each
     notes: dict[str, str] = dataclasses.field(default_factory=dict)  # by quantity: why the engine has no answer
 
     @property

@@ -40,6 +40,20 @@ def _model(path: Path) -> tuple[mujoco.MjModel, str]:
         return mujoco.MjModel.from_xml_string(model.text), words
 
 
+def _laws(model: mujoco.MjModel, name: str) -> dict[str, float | str]:
+    """Limits of a joint, its dry friction, the range of what acts on it, and the gains of its actuators."""
+    if not (j := next((j for j in range(model.njnt) if model.jnt(j).name == name), -1)) >= 0:
+        return {}
+    on = [a for a in range(model.nu) if model.actuator_trntype[a] == 0 and model.actuator_trnid[a, 0] == j]
+    gears = [float(model.actuator_gear[a, 0]) for a in on]
+    kp, kv = (sum((-float(model.actuator_biasprm[a, column]) * gear**2 for a, gear in zip(on, gears, strict=True)), 0.0)
+              for column in (1, 2))
+    lower, upper = map(float, model.jnt_range[j]) if model.jnt_limited[j] else (-np.inf, np.inf)
+    return {"lower limit": lower, "upper limit": upper, "kp": kp, "kv": kv,
+            "friction": float(model.dof_frictionloss[model.jnt_dofadr[j]]),
+            "effort": float(np.abs(model.jnt_actfrcrange[j]).max()) if model.jnt_actfrclimited[j] else np.inf}
+
+
 def load(path: str, states: JointStates) -> Native:
     """The file read by MuJoCo; limits, friction, contacts and controls are switched off for the accelerations."""
     import mujoco
@@ -67,7 +81,7 @@ def load(path: str, states: JointStates) -> Native:
             table["parent"], table["child"], np.array(table["parent_anchor"]), np.array(table["child_anchor"]),
             np.array(table["child_axis"]), rotation_from_quaternion(np.array(table["reference_attitude"])),
             table["type"], table.get("damping", 0.0), table.get("armature", 0.0), table.get("stiffness", 0.0),
-            table.get("rest_position", 0.0), follows.get(table["name"], ""))
+            table.get("rest_position", 0.0), follows.get(table["name"], ""), laws=_laws(model, table["name"]))
             for table in tables if "position" in table}
         native = Native("mujoco", links, joints, gravity, solver="mj_forward", refusal=refusal)
         order = tuple(name for name in states.names if name in joints)

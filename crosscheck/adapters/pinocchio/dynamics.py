@@ -1,4 +1,4 @@
-"""Accelerations of a Pinocchio model under the scene's springs and loads, and the reactions in its joints.
+"""Accelerations of a Pinocchio model under the scene's springs and loads.
 
 Linear springs and loads are external forces in the joints' frames, torsional springs are joint torques; both are
 evaluated at every stage. `constraintDynamics` takes no external forces, so there they become joint torques by the
@@ -15,7 +15,7 @@ import numpy as np
 
 from crosscheck.adapters.common import tree
 from crosscheck.adapters.pinocchio import redundant
-from crosscheck.adapters.pinocchio.models import Model, closure, with_movable_joints
+from crosscheck.adapters.pinocchio.models import Model, closure
 from crosscheck.scene.functions import at as value_at
 from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.model import GROUND, Force, Joint
@@ -35,7 +35,7 @@ class Dynamics:
     `factorizes`: crba and a Cholesky factorization are used instead of aba; see `ABA_RESIDUAL`.
     """
 
-    def __init__(self, model: Model, alpha: float = 0.0, beta: float = 0.0, closed: bool = True) -> None:
+    def __init__(self, model: Model, alpha: float = 0.0, beta: float = 0.0) -> None:
         import pinocchio
 
         self._pin = pinocchio
@@ -54,10 +54,9 @@ class Dynamics:
             (index, servo, *self.coordinate(joints[name])) for index, (name, servo) in scene.servos.items()]
         self._laws += [(-1, limits, *self.coordinate(joint, k)) for joint in scene.joints
                        for k, limits in enumerate(joint.limits) if limits is not None]
-        self.closure = closure(model, self.data, alpha, beta) if (model.cut or model.parts) and closed else None
-        self._reactions: _Reactions | None = None
+        self.closure = closure(model, self.data, alpha, beta) if model.cut or model.parts else None
         self.factorizes = model.mimics is not None
-        if self.closure is None and closed and not self.factorizes:  # check what aba finds by inverse dynamics
+        if self.closure is None and not self.factorizes:  # check what aba finds by inverse dynamics
             q, v = model.initial_state()
             torque, _ = self._applied(0.0, q, v)
             free = pinocchio.aba(self._model, self.data, q, v, torque).copy()
@@ -212,84 +211,3 @@ class Dynamics:
         """Add a torque, world axes, on a body."""
         joint, _ = self.model.frames[body]
         wrenches[joint] += self._pin.Force(np.zeros(3), self.data.oMi[joint].rotation.T @ torque)
-
-    def reactions(self, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Force and torque, world axes, of every joint on its child at the child's anchor.
-
-        For cut joints these are the constraint forces of constraintDynamics; for joints in the tree the forces from
-        inverse dynamics (rnea) without the springs and motors in the joint.
-        """
-        if self._reactions is None:
-            self._reactions = _Reactions(self)
-        return self._reactions.find(q, v)
-
-
-class _Reactions:
-    """Inverse dynamics on a copy of the model in which fixed joints are revolute joints at rest."""
-
-    def __init__(self, dynamics: Dynamics) -> None:
-        self._dynamics, self._pin = dynamics, dynamics._pin
-        self._twin = Dynamics(with_movable_joints(dynamics.model), closed=False)
-
-    def find(self, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """See `Dynamics.reactions`."""
-        d, twin, pin = self._dynamics, self._twin, self._pin
-        a = d.model.rates(d(q, v))
-        q, v = d.model.positions(q), d.model.rates(v)
-        own, rates = twin.model.initial_state()
-        rates, accelerations = 0 * rates, 0 * rates
-        for link, mine, its in zip(d.model.links, d.model.slots, twin.model.slots, strict=True):
-            if link.parts:
-                own[its[0]], rates[its[1]], accelerations[its[1]] = q[mine[0]], v[mine[1]], a[mine[1]]
-            else:  # a fixed joint: its copy is at rest at zero
-                own[its[0]] = 0.0
-        twin.held = d.held
-        torque, wrenches = twin._applied(0.0, own, rates)
-        wrenches = twin._rest() if wrenches is None else wrenches
-        pin.forwardKinematics(twin.model.model, twin.data, own, rates)
-        reactions = self._constrained(wrenches)
-        pin.rnea(twin.model.model, twin.data, own, rates, accelerations, wrenches)
-        acting_at = {*(at_v for _, _, _, at_v, *_ in twin._along), *(at_v for _, _, _, at_v, *_ in twin._laws)}
-        own_sizes = {at_v: torque[at_v] for at_v in acting_at}
-        rotors = -d.model.armature * a
-        for link, (_, at_v), (_, own_v) in zip(twin.model.links, twin.model.slots, d.model.slots, strict=True):
-            if link.joint:
-                carrier, _ = twin.model.frames[link.body]
-                wrench = twin.data.oMi[carrier].act(twin.data.f[carrier])
-                joint = next(joint for joint in d.model.scene.joints if joint.name == link.joint)
-                sign = 1.0 if link.outward else -1.0
-                force, moment = self._at_anchor(joint, sign * wrench.linear, sign * wrench.angular)
-                axis = sign * (twin._frame(link.body).rotation @ link.axis)
-                for at, word in zip(range(at_v.start, at_v.stop), joint.kind.motion, strict=False):
-                    if word == "slide":  # the line of its force passes through the anchor
-                        force = force - own_sizes.get(at, 0.0) * axis
-                    else:
-                        moment = moment - own_sizes.get(at, 0.0) * axis
-                if any(joint.armature):
-                    if joint.type != "revolute":
-                        force = force - rotors[own_v][0] * axis
-                    if joint.type != "prismatic":
-                        moment = moment - rotors[own_v][-1] * axis
-                reactions[joint.name] = force, moment
-        return reactions
-
-    def _at_anchor(self, joint: Joint, force: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Convert a wrench about the world's origin to one about the child's anchor."""
-        point = self._twin._frame(joint.child).act(np.array(joint.child_anchor))
-        return force, torque - np.cross(point, force)
-
-    def _constrained(self, wrenches: pinocchio.StdVec_Force) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Wrenches of directly closed joints on their children; adds all constraint forces to the external forces."""
-        d, twin = self._dynamics, self._twin
-        reactions: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        if d.closure is None:
-            return reactions
-        c = d.closure
-        for held, data, joint, (first, second) in zip(c.models, c.workspaces, c.joints, c.bodies, strict=True):
-            force = (d.data.oMi[held.joint1_id] * held.joint1_placement).act(data.contact_force)
-            for body, push in ((first, force), (second, self._pin.Force(-force.vector))):
-                carrier, _ = twin.model.frames[body]
-                wrenches[carrier] += twin.data.oMi[carrier].actInv(push)
-            if joint is not None:
-                reactions[joint.name] = self._at_anchor(joint, force.linear, force.angular)
-        return reactions

@@ -19,7 +19,7 @@ import numpy as np
 
 from crosscheck.adapters.common import links as links_module
 from crosscheck.adapters.common import tree
-from crosscheck.adapters.common.links import Link, Part, free, unfold
+from crosscheck.adapters.common.links import Link, free, unfold
 from crosscheck.adapters.pinocchio import mimics
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
@@ -103,13 +103,6 @@ def build(scene: Scene, form: str = "tree") -> Model:
     firsts = np.searchsorted(coupling.kept[1], [ball.start for ball in made.balls])
     balls = [slice(first, first + 3) for first in firsts]
     return dataclasses.replace(made, model=mimicking, mimics=coupling, balls=balls)
-
-
-def with_movable_joints(model: Model) -> Model:
-    """The same tree with a revolute joint for every fixed one, so that inverse dynamics gives the joint's reactions."""
-    turn = (Part("turn", np.array([1.0, 0.0, 0.0])),)
-    links = tuple(link if link.parts else dataclasses.replace(link, parts=turn) for link in model.links)
-    return assemble(model.scene, links, model.parts, model.cut)
 
 
 def assemble(scene: Scene, links: tuple[Link, ...], parts: dict[int, int], cut: tuple[Joint, ...]) -> Model:

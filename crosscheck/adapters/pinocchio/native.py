@@ -42,7 +42,9 @@ def load(path: str, states: JointStates) -> Native:
             at.translation - inner, -np.array(model.inertias[joint].lever),
             subspace[:3] if slides else subspace[3:], np.array(at.rotation), "prismatic" if slides else "revolute",
             float(model.damping[v]), float(model.armature[v]), limits=None if model.nqs[joint] == 2 else (
-                float(model.lowerPositionLimit[at_q]), float(model.upperPositionLimit[at_q])))
+                float(model.lowerPositionLimit[at_q]), float(model.upperPositionLimit[at_q])),
+            laws={"friction": float(model.upperDryFrictionLimit[v]), "effort": float(model.upperEffortLimit[v]),
+                  "velocity limit": float(model.upperVelocityLimit[v])})
     native = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba")
     order = tuple(name for name in states.names if name in joints)
     if len(order) != model.nv:

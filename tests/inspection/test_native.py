@@ -483,3 +483,27 @@ def test_a_reader_in_single_precision_is_not_accused_of_its_roundings(tmp_path, 
             exact.links[first], mass=exact.links[first].mass * (1 + 1e-5))},
         joints=exact.joints | {hinge: dataclasses.replace(exact.joints[hinge], axis=turned / np.linalg.norm(turned))})
     assert {each.quantity for each in native._differences(exact, rough, frozenset())} == named
+
+
+LIMITED = ARM_URDF.replace('name="shoulder" type="continuous"', 'name="shoulder" type="revolute"').replace(
+    '<dynamics damping="0.5"/>', '<limit lower="-1" upper="2" effort="40" velocity="3"/>'
+    '<dynamics damping="0.5" friction="0.3"/>')
+
+
+def test_what_each_engine_holds_of_a_joint_is_a_table_of_what_differs(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(LIMITED, encoding="utf-8")
+    found = crosscheck.inspect(path, ["mujoco", "pinocchio"])
+    rows = {row[0]: row[1:] for row in found.laws}
+    assert rows["velocity limit of shoulder"] == ["3", "-", "3"]  # MuJoCo has none
+    assert not any(quantity in row for row in rows for quantity in ("friction", "effort", "limit of elbow"))
+    assert found.said["shoulder"]["friction"] == 0.3
+
+
+def test_what_is_not_installed_is_named_with_its_command(tmp_path, monkeypatch):
+    path = tmp_path / "arm.sdf"
+    path.write_text('<sdf version="1.9"><model name="a"/></sdf>', encoding="utf-8")
+    monkeypatch.setattr(adapters, "names", lambda: ("mujoco", "pinocchio"))
+    with pytest.raises(crosscheck.SceneError, match=r"no engine that reads it is installed; drake: pip install .* or "
+                                                    r"pybullet: crosscheck list --engine pybullet"):
+        crosscheck.inspect(path)

@@ -17,7 +17,9 @@ def crosscheck(*words):
     """Exit code, output and complaints of a command at 200 columns."""
     said, complained, code = io.StringIO(), io.StringIO(), 0
     adapters.renew()  # as a process of its own begins
-    with (mock.patch.object(sys, "argv", ["crosscheck", *words]), mock.patch.dict(os.environ, COLUMNS="200"),
+    with (mock.patch.object(sys, "argv", ["crosscheck", *words]),
+          mock.patch("crosscheck.cli.console.PAUSE", 1e6),  # what is said meanwhile depends on the machine
+          mock.patch.dict(os.environ, COLUMNS="200"),
           contextlib.redirect_stdout(said), contextlib.redirect_stderr(complained)):
         try:
             main()

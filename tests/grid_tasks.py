@@ -60,6 +60,16 @@ def helper_left(path: Path) -> int:
     return helper.pid
 
 
+def daemon_left(path: Path) -> int:
+    """Starts a helper as a daemon: its parent has ended, its session is new, its environment empty."""
+    code = (f"import os, time\nif os.fork():\n    os._exit(0)\nos.setsid()\nif os.fork():\n    os._exit(0)\n"
+            f"open({str(path)!r}, 'w').write(str(os.getpid()))\ntime.sleep(600)")
+    subprocess.run([sys.executable, "-c", code], env={}, check=True)
+    while not path.exists() or not path.read_text():
+        time.sleep(0.01)
+    return 1
+
+
 def scribble(content: bytes) -> int:
     """Writes into every pipe of the process that it can find and does not own."""
     written = 0
@@ -93,10 +103,10 @@ def return_twice(number: int) -> int:
 
 
 def die_once(path: Path) -> int:
-    """Dies at the first time, as if killed from outside; the path remembers."""
+    """Dies at the first time, as if killed from outside by the signal that ends the path; the path remembers."""
     if not path.exists():
         path.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
+        os.kill(os.getpid(), signal.SIGTERM if path.suffix == ".term" else signal.SIGKILL)
     return 1
 
 

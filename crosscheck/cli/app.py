@@ -7,7 +7,9 @@ import functools
 import importlib.metadata
 import io
 import os
+import shlex
 import sys
+import traceback
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,8 +18,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from crosscheck.cli.console import INTERRUPTED, complain, interrupted
-from crosscheck.errors import ArgumentError, CrosscheckError, missing
+from crosscheck.cli.console import INTERRUPTED, at_work, complain, interrupted
+from crosscheck.errors import ArgumentError, CrosscheckError, missing, named
 
 COMMANDS = {
     "verify": "verify", "judge": "runs", "advise": "runs", "run": "runs", "truth": "runs", "explain": "runs",
@@ -30,6 +32,12 @@ COMMANDS = {
 FUNCTIONS = {"list": "list_", "import": "import_", "history": "alone", "study": "alone"}
 """The function of a command with another name. Those with commands of their own have `alone`, and an `app`."""
 
+
+OWN = ("crosscheck", "lieeuler")
+"""Packages whose modules are always there."""
+
+REPORT = ("please report it where you have crosscheck from, with the command, its files and what "
+          "CROSSCHECK_TRACEBACK=1 in the environment shows")
 
 RENAMED = {"paper": "report FOLDER --format paper, of a FOLDER that crosscheck verify wrote",
            "law": "advise SCENE --engine NAME --error E, which answers it for a scene with friction, stops or servos"}
@@ -113,7 +121,7 @@ def _print_versions(asked: bool) -> None:
 def main() -> None:
     """Entry point: every error prints one clear line. Exit codes are those of `crosscheck.document.outcomes`.
 
-    A wrong command or input gives 2 and an internal error 70.
+    What the user can mend gives 2, a mistake of ours 70.
     """
     for stream in (sys.stdout, sys.stderr):  # messages of engines may hold characters that cannot be encoded
         if isinstance(stream, io.TextIOWrapper):
@@ -124,7 +132,8 @@ def main() -> None:
         complain("the current folder has been removed; change to another one")
         raise SystemExit(2) from None
     try:
-        app()
+        with at_work(shlex.join(["crosscheck", *sys.argv[1:2]])):
+            app()
     except SystemExit as end:
         if isinstance(end.__context__, BrokenPipeError):
             raise SystemExit(2) from None  # the reader of the output, such as `head`, has closed it
@@ -137,14 +146,24 @@ def main() -> None:
     except Exception as error:
         if os.environ.get("CROSSCHECK_TRACEBACK"):
             raise
-        complain(str(error) if isinstance(error, CrosscheckError) else
-                 missing(error) if isinstance(error, ImportError) else
-                 f"{type(error).__name__}: {error} (CROSSCHECK_TRACEBACK=1 in the environment shows where)")
-        if isinstance(error, CrosscheckError | ImportError):
-            raise SystemExit(2) from None
-        from crosscheck.document.outcomes import INTERNAL
+        code, message = _ending(error)
+        complain(message)
+        raise SystemExit(code) from None
 
-        raise SystemExit(INTERNAL) from None
+
+def _ending(error: Exception) -> tuple[int, str]:
+    """Exit code and line of an error that no command has taken."""
+    if isinstance(error, CrosscheckError):
+        return 2, str(error)
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] not in OWN:
+        return 2, missing(error)
+    if isinstance(error, OSError) and error.filename is not None:  # a disk, a folder, a right that the system refuses
+        return 2, f"{error.filename}: {error.strerror}"
+    from crosscheck.document.outcomes import INTERNAL
+
+    *_, last = traceback.extract_tb(error.__traceback__)
+    return INTERNAL, (f"internal error, a mistake of crosscheck: {named(error)} ({Path(last.filename).name}, line "
+                      f"{last.lineno}); {REPORT}")
 
 
 if __name__ == "__main__":

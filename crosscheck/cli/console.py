@@ -13,6 +13,7 @@ import os
 import re
 import sys
 import textwrap
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -32,7 +33,7 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, the same as in shells: 128 plus the number of the signal."""
 
 PAUSE = 10.0
-"""Time between two lines of progress if stderr is not a terminal, s."""
+"""Longest time between two lines of progress, s."""
 
 
 def console(width: int) -> Console:
@@ -58,17 +59,18 @@ def say(text: str, indent: int = 0, hang: int = 4) -> None:
 
 
 @contextlib.contextmanager
-def progress_bar() -> Iterator[Progress]:
-    """Progress on stderr: a bar in a terminal, otherwise a plain line every `PAUSE` seconds."""
+def progress_bar(what: str = "starting") -> Iterator[Progress]:
+    """Progress on stderr: a bar in a terminal, otherwise the lines of `at_work`."""
     if not sys.stderr.isatty():
-        yield _Lines()
+        with at_work(what) as lines:
+            yield lines
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (BarColumn(bar_width=30), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("starting", total=None)
+    with _innermost(None), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
 
         def shown(done: int, total: int | None, label: str) -> None:
             if label.startswith(FAILED):
@@ -80,26 +82,66 @@ def progress_bar() -> Iterator[Progress]:
 
 @contextlib.contextmanager
 def waiting(what: str) -> Iterator[None]:
-    """Say in a terminal what is being done, and how long already, while nothing can be counted."""
-    with progress_bar() as progress:
-        progress(0, None, what)
+    """Say what is being done, and how long already, while nothing can be counted."""
+    with progress_bar(what):
         yield
 
 
-class _Lines:
-    """Progress in plain lines, the first after `PAUSE` seconds; failures are printed at once."""
+@contextlib.contextmanager
+def at_work(what: str) -> Iterator[Progress]:
+    """A line on stderr every `PAUSE` seconds of what is being done, from a thread, however long one task takes.
 
-    def __init__(self) -> None:
-        self._began = self._printed = time.monotonic()
+    Of nested ones the outermost keeps the time, and the innermost is told of; none while a bar is shown.
+    """
+    lines, over = _Lines(what), threading.Event()
+    thread = None if _working else threading.Thread(target=_speak, args=(over,), daemon=True)
+    with _innermost(lines):
+        if thread is not None:
+            thread.start()
+        try:
+            yield lines
+        finally:
+            over.set()
+            if thread is not None:
+                thread.join()
+
+
+_working: list[_Lines | None] = []
+"""What is being done, the innermost last; None is a bar."""
+
+
+@contextlib.contextmanager
+def _innermost(lines: _Lines | None) -> Iterator[None]:
+    _working.append(lines)
+    try:
+        yield
+    finally:
+        _working.pop()
+
+
+def _speak(over: threading.Event) -> None:
+    began = time.monotonic()
+    while not over.wait(PAUSE):
+        if (lines := _working[-1]) is not None:
+            print(f"{time.monotonic() - began:.0f} s: {lines}", file=sys.stderr, flush=True)
+
+
+class _Lines:
+    """Progress as one line; failures are printed at once."""
+
+    def __init__(self, what: str) -> None:
+        self._done = 0
+        self._total: int | None = None
+        self._label = what
 
     def __call__(self, done: int, total: int | None, label: str) -> None:
-        now = time.monotonic()
         if label.startswith(FAILED):
             print(label, file=sys.stderr, flush=True)
-        elif now - self._printed >= PAUSE:
-            self._printed = now
-            of = "" if total is None else f" of {total}"
-            print(f"{now - self._began:.0f} s: {done}{of} done, {label}", file=sys.stderr, flush=True)
+        self._done, self._total, self._label = done, total, label
+
+    def __str__(self) -> str:
+        of = "" if self._total is None else f" of {self._total}"
+        return f"{self._done}{of} done, {self._label}" if self._done or of else self._label
 
 
 def complain(message: str) -> None:

@@ -13,7 +13,7 @@ from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.export import export_model
 from crosscheck.cli import options
-from crosscheck.cli.console import say, waiting
+from crosscheck.cli.console import progress_bar, say, waiting
 from crosscheck.cli.linear_pages import write_derivatives, write_modes
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, counted
 from crosscheck.files import put
@@ -249,7 +249,8 @@ def bisect(
     release changed the answer; 2: it could not be done.
     """
     script = written(scene, engine, method, step, duration, **at.given)
-    result = releases.bisect(script, engine, versions, say)
+    with progress_bar(f"releases of {engine}") as progress:
+        result = releases.bisect(script, engine, versions, say, progress)
     for change in result.changes:
         say(str(change))
     if not result.changes:

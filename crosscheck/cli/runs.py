@@ -84,12 +84,13 @@ def run(
              "conserve": conserve, "reduce": reduce, "samples": samples, "duration": duration}
     given = {key: value for key, value in given.items() if value is not None}
     prepared = options.loaded(scene, drop, at, control, limits)
-    with _ending(engine):
+    with _ending(engine), waiting(f"{engine} {method} runs {prepared.name}"):
         traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **given)
     if csv_file is not None:
         write_csv(prepared, traj, csv_file)
     if csv_file != "-":
-        judged = _judged(str(scene), traj, engine, step, rtol, given)
+        with waiting(f"{engine} {method} has run, truth of {prepared.name}"):
+            judged = _judged(str(scene), traj, engine, step, rtol, given)
         say(_first_line(judged))
         _print_run(traj.scene, traj, csv_file, step)
         if judged is not None:
@@ -190,7 +191,8 @@ def truth(
     """Print the independent truth of a scene: its sources, its error, the end state."""
     shown = options.loaded(scene, drop, at)
     try:
-        reference = truth_of(shown)
+        with waiting(f"truth of {shown.name} by two formulations"):
+            reference = truth_of(shown)
     except Chaotic as error:
         typer.echo(f"{error}. The following is the truth up to that time.", err=True)
         shown = shown.replace(duration=float(f"{error.horizon:.2e}") * 0.99, samples=min(shown.samples, 51))
@@ -289,8 +291,9 @@ def judge(
     runs: list[Any] = [list(files) if len(files) > 1 else files[0]] if step else list(files)
     verdicts = {}
     for given in runs:
-        with progress_bar() as progress:
-            verdicts[str(given if not step else files[0])] = recordings.judge_recording(
+        name = str(given if not step else files[0])
+        with progress_bar(f"judging {name}: truth, errors, causes") as progress:
+            verdicts[name] = recordings.judge_recording(
                 described, given, columns, start, allowed or None, step or None, order, progress, period, need)
     if out is not None:
         recordings.write_all(verdicts, out)
@@ -331,7 +334,7 @@ def explain(
     Exit code 0: no difference; 1: a cause is named; 3: it differs, and the cause is unknown.
     """
     described = options.loaded(scene, drop, at)
-    with _ending(engine):
+    with _ending(engine), waiting(f"causes for {engine} on {scene}"):
         answer = explain_run(described, engine, method, form, step, coordinate_map=coordinate_map, softness=softness,
                              node=node, alpha=alpha, beta=beta, spectral_radius=spectral_radius, reduce=reduce)
     if as_json:

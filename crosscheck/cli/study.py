@@ -39,7 +39,7 @@ def alone() -> None:
 
 def _conduct(study: Study[Asked, Any, Doc], ask: Asked, out: Path) -> Doc:
     """Run a study with a progress bar; returns its document."""
-    with progress_bar() as progress:
+    with progress_bar("which runs there are") as progress:
         return studies.conduct(study, ask, out, progress)
 
 

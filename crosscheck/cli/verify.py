@@ -109,7 +109,7 @@ def verify(
             typer.echo(f"going on with a run that was killed: {session.left} results are kept", err=True)
         # An older report stays until this one is complete.
         fills = None if site.is_complete(out) else functools.partial(write, out=out)
-        with progress_bar() as progress:
+        with progress_bar("which runs there are") as progress:
             results = job.verify(profile, scene, engine, jobs, progress, session, within, own, methods=method,
                                  asked=asked, scheduler=scheduler, shown=fills, need=need)
         page = write(results, out)
@@ -245,7 +245,7 @@ def nightly(
     """
     wanted = nights.Wanted(profile, scene, engine, jobs, limits_of(time_limit, memory_limit),
                         Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler, fresh)
-    with progress_bar() as progress:
+    with progress_bar("which runs there are") as progress:
         night = nights.nightly(out, wanted, store, keep, progress)
     for line in night.summary.splitlines():
         say(line, hang=2)
@@ -275,7 +275,7 @@ def sweep(
         for name, value in msgspec.structs.asdict(sweeps.one(file, cell)).items():
             typer.echo(f"{name}: {value}")
         return
-    with progress_bar() as progress:
+    with progress_bar(f"reading {file}") as progress:
         frame = sweeps.sweep(file, workers, scheduler, target, progress, fresh)
     report = frame.attrs["report"]
     counts = frame.groupby(["scene", "engine", "method"], dropna=False)

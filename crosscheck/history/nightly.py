@@ -159,7 +159,9 @@ def _alone(out: Path) -> Iterator[None]:
     """Hold the lock of the folder. The system releases it in any case when the process ends."""
     import fcntl
 
-    with open(out / LOCK, "w", encoding="utf-8") as file:
+    with contextlib.ExitStack() as stack:
+        with writing(out):
+            file = stack.enter_context(open(out / LOCK, "w", encoding="utf-8"))
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -105,8 +105,8 @@ def released(engine: str, span: str) -> list[str]:
     return sorted({first, last, *inside}, key=_key)
 
 
-def bisect(script: Reproduction, engine: str, span: str, echo: Callable[[str], object] = lambda words: None
-           ) -> Bisection:
+def bisect(script: Reproduction, engine: str, span: str, echo: Callable[[str], object] = lambda words: None,
+           progress: Callable[[int, int | None, str], object] = lambda *_: None) -> Bisection:
     """Find the changes between the releases of `span`; an environment is made for each release that is run, and kept.
 
     A few releases over the whole span are run first, and every part whose two ends differ is searched. So changes are
@@ -118,6 +118,7 @@ def bisect(script: Reproduction, engine: str, span: str, echo: Callable[[str], o
 
     def at(index: int) -> Release | None:
         if index not in done:
+            progress(len(done), len(names), f"installing and running {engine}=={names[index]}")
             try:
                 done[index] = release = _run(script, engine, names[index])
                 echo(f"{release.version}: error {release.error:.3e} m, order {release.order:.2f}")

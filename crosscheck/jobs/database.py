@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -43,15 +44,15 @@ def database(where: str | Path, option: str, prepare: Callable[[Engine], object]
         engine = sqlalchemy.create_engine(url, poolclass=sqlalchemy.pool.NullPool, connect_args={"connect_timeout": 10})
     try:
         prepare(engine)
-    except sqlalchemy.exc.SQLAlchemyError as error:
+    except (sqlalchemy.exc.SQLAlchemyError, UnicodeDecodeError) as error:  # the latter: SQLite quotes damaged bytes
         engine.dispose()
         raise ArgumentError(f"{option} {shown}: cannot be used ({_reason(error)}); give the path of an SQLite file or "
                             "the URL of a PostgreSQL database that answers") from None
 
     @sqlalchemy.event.listens_for(engine, "handle_error")
     def lost(context: Any) -> None:
-        error = context.sqlalchemy_exception
-        if isinstance(error, sqlalchemy.exc.OperationalError | sqlalchemy.exc.InterfaceError) or (
+        error = context.sqlalchemy_exception or context.original_exception
+        if isinstance(error, sqlalchemy.exc.OperationalError | sqlalchemy.exc.InterfaceError | UnicodeDecodeError) or (
                 type(error) is sqlalchemy.exc.DatabaseError):  # a file that the disk has changed
             raise ArgumentError(f"{option} {shown}: cannot be used any more ({_reason(error)}); mend this and give the "
                                 "same command again, it goes on where it was") from None
@@ -108,6 +109,7 @@ def _sqlite(url: URL, option: str) -> Engine:
     def settings(connection: Any, _: object) -> None:
         # Otherwise the driver begins transactions itself, and so late that two writers may fail instead of waiting.
         connection.isolation_level = None
+        connection.text_factory = functools.partial(str, encoding="utf-8", errors="backslashreplace")  # damaged bytes
         connection.execute("PRAGMA foreign_keys = ON")
 
     @sqlalchemy.event.listens_for(engine, "begin")

@@ -27,6 +27,9 @@ __all__ = ["Crash", "Limits", "Place", "Stages", "drive", "run_tasks"]
 TRIES = 5
 """How often a task is tried whose process was killed from outside."""
 
+OUTSIDE = ("SIGKILL", "SIGTERM")
+"""Signals by which others end a process."""
+
 AHEAD = 4
 """Tasks submitted per worker. More would keep all tasks of a large sweep in memory, fewer could leave workers idle."""
 
@@ -105,7 +108,7 @@ def drive(function: Callable[[Task], Result], tasks: Iterable[Task], place: Plac
         for future in ended:
             index, task, tries = flying.pop(future)
             result = place.result(future)
-            if again and isinstance(result, Crash) and result.signal == "SIGKILL" and tries < TRIES:
+            if again and isinstance(result, Crash) and result.signal in OUTSIDE and tries < TRIES:
                 flying[place.submit(function, task, limits)] = index, task, tries + 1
             else:
                 yield index, task, result

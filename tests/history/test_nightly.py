@@ -179,8 +179,10 @@ def test_the_link_changes_at_once(tmp_path):
 
 def test_wrong_arguments_get_one_clear_line(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work", encoding="utf-8")
+    (tmp_path / "locked" / ".lock").mkdir(parents=True)  # what the system refuses to open, also to root
     for out, more, message in ((tmp_path, {}, "holds something else than nightly runs"),
                                (tmp_path / "thesis.tex", {}, "--out"),
+                               (tmp_path / "locked", {}, "--out"),
                                (tmp_path / "n", {"keep": 0}, "keep has to be at least 1"),
                                (tmp_path / "n", {"where": "mysql://x/y"}, "mysql is not supported")):
         with pytest.raises(ArgumentError, match=message):

@@ -40,8 +40,9 @@ def test_a_helper_that_holds_the_pipes_ends_with_its_worker(tmp_path, session):
     await_true(lambda: not running(tmp_path / "pid"))
 
 
-def test_a_helper_ends_with_the_last_task(tmp_path):
-    drive.run_tasks(tasks.helper_left, [tmp_path / "pid"], 1)
+@pytest.mark.parametrize("task", [tasks.helper_left, tasks.daemon_left])
+def test_a_helper_ends_with_the_last_task(tmp_path, task):
+    drive.run_tasks(task, [tmp_path / "pid"], 1)
     await_true(lambda: not running(tmp_path / "pid"))
 
 
@@ -66,7 +67,7 @@ def test_a_fork_answers_nothing():
 
 def test_a_task_that_may_runs_again_after_a_kill_from_outside(tmp_path):
     assert "SIGKILL" in drive.run_tasks(tasks.die_once, [tmp_path / "first"], 1)[0].message
-    assert drive.run_tasks(tasks.die_once, [tmp_path / "second"], 1, again=True) == [1]
+    assert drive.run_tasks(tasks.die_once, [tmp_path / "second", tmp_path / "third.term"], 1, again=True) == [1, 1]
     assert "SIGKILL" in drive.run_tasks(tasks.square_or_die, [-1], 1, again=True)[0].message
 
 

@@ -7,8 +7,11 @@ error stream, which is a file of the parent.
 from __future__ import annotations
 
 import atexit
+import contextlib
+import ctypes
 import faulthandler
 import os
+import pathlib
 import pickle
 import signal
 import sys
@@ -25,6 +28,9 @@ GRACE = 30.0
 
 GLANCE = 1.0
 """Time (s) between two checks that the parent still runs."""
+
+PR_SET_CHILD_SUBREAPER = 36
+"""Of prctl(2)."""
 
 
 class _Lost(Exception):
@@ -79,6 +85,7 @@ def main() -> None:
     # On Ctrl-C the parent ends its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent, pid = _Parent(), os.getpid()
+    _adopt()
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
@@ -114,8 +121,27 @@ def _end_with_parent(parent: int) -> None:
 
 
 def _end_group() -> None:
-    """End this process and all processes that engines started in its group."""
+    """End this process, all processes that engines started in its group, and those that descend from it."""
+    for pid in _descendants(os.getpid()):
+        with contextlib.suppress(OSError):
+            os.kill(pid, signal.SIGKILL)
     os.killpg(0, signal.SIGKILL)
+
+
+def _adopt() -> None:
+    """Let processes whose parents end become children of this one, so that a daemon is still found."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def _descendants(pid: int) -> list[int]:
+    """Children of a process, and theirs."""
+    found: list[int] = []
+    for task in pathlib.Path(f"/proc/{pid}/task").glob("*/children"):
+        with contextlib.suppress(OSError):  # it has ended
+            for child in map(int, task.read_text().split()):
+                found += [child, *_descendants(child)]
+    return found
 
 
 def _answer(payload: bytes, said: list[str]) -> bytes:

@@ -182,6 +182,7 @@ class Worker:
         self._pipes = Pipes(self._process.pid, self._process.stdin, self._process.stdout)
         self._reason: str | None = None
         self._path = list(sys.path) if python is None else None
+        self._family: set[psutil.Process] = set()  # processes that descend from it, also those that have ended
         self._number = 0  # of the last request
         self._at = ""
 
@@ -245,6 +246,7 @@ class Worker:
 
     def close(self) -> None:
         """Let an idle worker end, and end the processes that its engines left behind. Returns at once."""
+        self._look()
         for stream in (self._process.stdin, self._process.stdout):
             with contextlib.suppress(OSError):
                 stream.close()  # type: ignore[union-attr]
@@ -279,12 +281,26 @@ class Worker:
 
         if self._process.returncode is not None:
             return
+        self._look()
         with contextlib.suppress(OSError):
             os.killpg(self._process.pid, signal.SIGKILL)
+        for process in tuple(self._family):  # a daemon may have left the group and cleared its environment
+            with contextlib.suppress(psutil.Error):
+                process.kill()
         for process in psutil.process_iter():
             with contextlib.suppress(psutil.Error, OSError):
                 if self._mark in process.environ().get(MARK, ""):
                     process.kill()
+
+    def _look(self) -> list[psutil.Process]:
+        """The processes that descend from the worker now, which are remembered."""
+        import psutil
+
+        with contextlib.suppress(psutil.Error):  # the process has ended
+            found: list[psutil.Process] = psutil.Process(self._process.pid).children(recursive=True)
+            self._family.update(found)
+            return found
+        return []
 
     def _result(self, function: Callable[..., Result], answer: frames.Done | frames.Raised) -> Result | Crash:
         if isinstance(answer, frames.Raised):
@@ -318,20 +334,16 @@ class Worker:
 
     def _watch(self, limits: Limits, over: threading.Event) -> None:
         """Kill the worker if the running task exceeds its limits."""
-        import psutil
-
         began, tick = time.monotonic(), 0
         family: list[psutil.Process] = []
         while not over.wait(TICK):
             if limits.time is not None and time.monotonic() - began > limits.time:
                 return self.kill(f"stopped: it did not end within the time limit of {limits.time:g} s")
-            if limits.memory is not None:
-                if tick % FAMILY == 0:
-                    with contextlib.suppress(psutil.Error):  # the process has ended meanwhile
-                        family = psutil.Process(self._process.pid).children(recursive=True)
-                if self.memory() + sum(_resident(process) for process in family) > limits.memory:
-                    return self.kill("stopped: it took more memory than the limit of "
-                                     f"{limits.memory / GIGABYTE:.3g} GB resident")
+            if tick % FAMILY == 0:
+                family = self._look()
+            if limits.memory is not None and self.memory() + sum(map(_resident, family)) > limits.memory:
+                return self.kill("stopped: it took more memory than the limit of "
+                                 f"{limits.memory / GIGABYTE:.3g} GB resident")
             if os.fstat(self._printed.fileno()).st_size > MOST_PRINTED:
                 return self.kill(f"stopped: it printed more than {MOST_PRINTED >> 20} MB")
             tick += 1

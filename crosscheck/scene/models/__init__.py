@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from crosscheck.errors import ArgumentError, CrosscheckError, SceneError
+from crosscheck.errors import ArgumentError, SceneError
 from crosscheck.scene.model import Scene
 
 if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engine version does not have
@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engin
 SUFFIXES = (".xml", ".urdf", ".mjcf", ".xacro", ".sdf", ".world", ".usd", ".usda", ".usdc")
 """Endings of model files; the last six are listed so that they can be refused with a reason."""
 
-LONGEST, MOST_MEMORY = 60.0, 4 * 2**30
+LONGEST, MOST_MEMORY = 45.0, 4 * 2**30
 """Limits of time (s) and memory (bytes) for reading a model; the largest robots take two seconds and .3 GB."""
 
 T = TypeVar("T")
@@ -108,7 +108,8 @@ def apart(function: Callable[[Any], T], task: Any, path: str) -> T:
 
     answer = isolated(function, task, Limits(LONGEST, MOST_MEMORY))
     if isinstance(answer, Crash):
-        if isinstance(answer.error, CrosscheckError | ImportError):
+        if answer.error is not None:  # of ours: that a file is wrong, or a mistake
+            answer.error.add_note(answer.details)
             raise answer.error
         raise SceneError(f"{path}: reading it {answer.message.removeprefix('stopped: it ')}; no engine needs "
                          "so much for a robot, check what it reserves, repeats and includes")

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from random import Random
 
 import pytest
 import sqlalchemy
@@ -26,6 +27,7 @@ from crosscheck.history.runs import (
     usual,
 )
 from crosscheck.history.schema import tables
+from tests.commands import crosscheck
 from tests.history.store.documents import document, many, record
 
 CELL = ("single_pendulum", "mujoco", "RK4", "")
@@ -209,6 +211,25 @@ def test_a_file_that_is_no_store_is_left_alone(tmp_path):
     with pytest.raises(ArgumentError, match="cannot be used"):
         open_store(path)
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_file_with_flipped_bytes_answers_or_is_refused_in_one_line(tmp_path, seed):
+    random, path = Random(seed), tmp_path / "damaged.sqlite"
+    store = open_store(path)
+    for name in ("first", "second"):
+        save(store, run_from_document(name, document(many(5)), good=True))
+    store.dispose()
+    whole = path.read_bytes()
+    for _ in range(4):
+        content = bytearray(whole)
+        for _ in range(random.choice((1, 30, 300))):
+            content[random.randrange(random.choice((4096, len(content))))] ^= random.randrange(1, 256)
+        path.write_bytes(content)
+        for words in (["list"], ["show"]):
+            done = crosscheck("history", *words, "--store", str(path))
+            assert done.returncode in (0, 2)
+            assert done.stderr.count("\n") == (done.returncode == 2)
 
 
 def test_the_environment_names_the_store(tmp_path, monkeypatch):

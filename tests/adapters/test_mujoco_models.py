@@ -216,7 +216,7 @@ def test_what_cannot_be_modelled_is_said() -> None:
     bar = crosscheck.load_scene("four_bar")
     sprung = tuple(Force("torsional_spring", None, None, joint.name,
                          {"stiffness": 1.0, "rest_angle": 0.0, "damping": 0.0}) for joint in bar.joints)
-    assert "torsional spring" in (_reason(bar.replace(forces=sprung), "tree") or "")
+    assert "spring of joint" in (_reason(bar.replace(forces=sprung), "tree") or "")
     assert _reason(bar.replace(forces=sprung[-1:]), "tree") is None
 
 

@@ -225,7 +225,7 @@ def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
             anchors["child_anchor"] = 0.5 * scale.length * np.cross(normal, down)
         axes: dict[str, Any] = {} if joint.type == "spherical" else {"parent_axis": normal, "child_axis": normal}
         joints.append(dataclasses.replace(joint, **anchors, **axes))
-    made = misreadings.placed(scene.replace(bodies=tuple(bodies), joints=tuple(joints), forces=()))
+    made = misreadings.placed(scene.replace(bodies=tuple(bodies), joints=tuple(joints)).unloaded)
     return None if made is None else close(made)
 
 

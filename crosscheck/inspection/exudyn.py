@@ -119,8 +119,7 @@ def _inertia(entries: Any) -> np.ndarray:
 def _weight(scene: Scene, build: Any, method: str) -> np.ndarray:
     """The gravity force: the right-hand side of the scene at rest without other forces."""
     rest = tuple(dataclasses.replace(body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in scene.bodies)
-    bare = scene.replace(bodies=rest, forces=())
-    return _assembled(build(bare).system, method)[1]
+    return _assembled(build(scene.replace(bodies=rest).unloaded).system, method)[1]
 
 
 def _assembled(system: Any, method: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

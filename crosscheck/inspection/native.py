@@ -292,8 +292,7 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         a, alpha, _ = index1(one, *state)
         return np.asarray(S @ np.concatenate([a[0], alpha[0]], axis=1).ravel() + s)
 
-    bare = tuple(dataclasses.replace(joint, stiffness=(), damping=()) for joint in scene.joints)
-    return M, -M @ coordinates(scene.replace(joints=bare, forces=())), coordinates(scene)
+    return M, -M @ coordinates(scene.unloaded), coordinates(scene)
 
 
 def printed(shown: NativeInspection, echo: Callable[[str], Any]) -> None:

@@ -410,6 +410,12 @@ class Scene(_Record):
         return bool(self.servos) or any(joint.dry_friction or joint.limits for joint in self.joints)
 
     @property
+    def unloaded(self) -> Scene:
+        """The scene without forces, and without the springs and dampers of its joints."""
+        return self.replace(forces=(), joints=tuple(
+            dataclasses.replace(joint, stiffness=(), damping=()) for joint in self.joints))
+
+    @property
     def lawless(self) -> Scene:
         """The scene without servos, dry friction, limits and monitors."""
         joints = tuple(dataclasses.replace(joint, dry_friction=(), limits=()) for joint in self.joints)

@@ -334,15 +334,19 @@ class Pieces:
         """The first row at which a surface is crossed, and the surface; also where it may be crossed twice before."""
         first: tuple[int, Key] | None = None
         for key, value, slope in self._surfaces(s):
-            size = 1e-13 * max(1.0, float(np.abs(value).max(initial=0.0)))
-            below = value[1:] < -size
-            if key[0] == "held" and self.stays.get(key[1]) == float(s.solution.t[0]):
-                below[0] = False
+            below = self._below(s, key, value)
             if slope is not None:
                 below |= _dips(s.solution.t, value, slope)
             if below.any() and (first is None or int(below.argmax()) + 1 < first[0]):
                 first = int(below.argmax()) + 1, key
         return first
+
+    def _below(self, s: Stretch, key: Key, value: np.ndarray) -> np.ndarray:
+        """(T - 1,) whether a surface is crossed at the rows after the first."""
+        below: np.ndarray = value[1:] < -1e-13 * max(1.0, float(np.abs(value).max(initial=0.0)))
+        if key[0] == "held" and self.stays.get(key[1]) == float(s.solution.t[0]):
+            below[0] = False
+        return below
 
     def _values(self, s: Stretch, key: Key) -> list[float]:
         """The values of one surface along a stretch."""
@@ -366,7 +370,13 @@ class Pieces:
             reached = self._run(state, np.array([middle]))
             tried.append(reached)
             f = self._values(reached, key)[-1]
-            if f >= 0:
+            other = next((each for each, value, _ in self._surfaces(reached)
+                          if each != key and self._below(reached, each, value)[-1]), None)
+            if f >= 0 and other is not None:
+                key, kept = other, 0
+                before = ta, fa, _ = ta, self._values(before[2][0], key)[before[2][1]], before[2]
+                after = tb, fb, _ = middle, self._values(reached, key)[-1], (reached, 1)
+            elif f >= 0:
                 before = ta, fa, _ = middle, f, (reached, 1)
                 fb, kept = fb / 2 if kept > 0 else fb, 1
             else:

@@ -116,10 +116,10 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
 def work(scene: Scene, states: Motion) -> np.ndarray:
     """Work of loads, dampers and drives since the first time, (T,) in J: the integral of `power`.
 
-    Its error is that of a spline through the power at the given times, of order eight in their distance, or two where
-    the law of a joint changes. It is one spline from each break of a function of time to the next, where power jumps,
-    and up to there beyond its times; with fewer times it has a lower order. The work of impacts and sampled servos does
-    not follow from the states: NaN, as where no time is between two breaks.
+    Its error is that of a spline through the power at the given times: of order eight in their distance, two where the
+    law of a joint changes, one where its power jumps there. It is one spline from each break of a function of time to
+    the next, where power jumps, and up to there beyond its times; with fewer times it has a lower order. The work of
+    impacts and sampled servos does not follow from the states: NaN, as where no time is between two breaks.
     """
     if not scene.worked_on or len(states.t) < 2:
         return np.zeros(len(states.t))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -59,6 +60,11 @@ def rate_of(q: np.ndarray, w: np.ndarray) -> np.ndarray:
     return 0.5 * np.array([-q[1:] @ w, *(q[0] * w + cross(q[1:], w))])
 
 
+@functools.cache
+def spline(times: tuple[float, ...], values: tuple[float, ...]) -> CubicSpline:
+    return CubicSpline(times, values)
+
+
 def timed(entry: Any, t: float) -> tuple[float, float, float]:
     """A number or function of time with its two derivatives; to the right where they jump."""
     if not isinstance(entry, dict):
@@ -74,7 +80,7 @@ def timed(entry: Any, t: float) -> tuple[float, float, float]:
         return float(entry.get("offset", 0.0) + a @ s), float((a * w) @ c), float(-(a * w * w) @ s)
     times, values = np.array(entry["times"]), np.array(entry["values"])
     if kind == "spline":
-        curve = CubicSpline(times, values)
+        curve = spline(tuple(entry["times"]), tuple(entry["values"]))
         return float(curve(t)), float(curve(t, 1)), float(curve(t, 2))
     k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 1))
     if kind == "hold":

@@ -15,7 +15,7 @@ from tests.oracle_values.mechanics import Mechanism
 from tests.oracle_values.motion import Instant, motion, start
 
 every = pytest.mark.parametrize("name", OPEN)
-LAWS = ("braked_wheel", "winding_servo")
+LAWS = ("braked_wheel", "two_stops", "soft_stop", "winding_servo", "sampled_servo")
 
 
 def states(name, count):
@@ -88,9 +88,17 @@ def test_flow_derivative(name):
     close(found, wanted, name, 1e-7)
 
 
+PATHS = {"whirling_cross": ("joints.cross.parent_anchor.0", "gravity.2"),
+         "sprung_slide": ("joints.rail.damping", "joints.rail.rest_position", "joints.rail.child_anchor.2",
+                          "joints.rail.armature", "bodies.cart.inertia.1.2"),
+         "long_slide": ("joints.rail.child_anchor.0", "joints.rail.parent_anchor.1", "joints.rail.stiffness"),
+         "wound_wheel": ("joints.pin.stiffness", "joints.pin.damping", "joints.pin.child_anchor.0"),
+         "ball_and_wheel": ("joints.axle.stiffness", "joints.axle.parent_anchor.0"),
+         "spun_puck": ("joints.table.child_anchor.0", "forces.0.free_length", "forces.0.parent_point.0")}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "path"), [("whirling_cross", "joints.cross.parent_anchor.0"),
-                                            ("whirling_cross", "gravity.2")])
+@pytest.mark.parametrize(("name", "path"), [(name, path) for name, paths in PATHS.items() for path in paths])
 def test_flow_by_a_number_of_the_file(name, path):
     duration, mech = 0.2, mechanism(name)
     found = flow(name, duration, parameters=(path,)).parameters[:, 0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import crosscheck
-from tests.oracle_values.cases import close, mechanism, scene
+from tests.oracle_values.cases import close, content, mechanism, scene
 from tests.oracle_values.mechanics import Pose
 
 
@@ -18,6 +18,19 @@ def ran(name, samples=None):
 def grounded(values, last):
     """With the ground as the last body."""
     return np.concatenate([values, np.broadcast_to(last, (len(values), 1, *np.shape(last)))], axis=1)
+
+
+def test_turns_in_a_loop():
+    """Angles of every hinge by its axes, counted over outputs so near that none is missed."""
+    name, fine = "crank_rocker", ran("crank_rocker", 301)
+    few, R = ran(name), grounded(fine.R, np.eye(3))
+    every = (len(fine.t) - 1) // (len(few.t) - 1)
+    for joint in content(name)["joints"]:
+        i, j = mechanism(name).index(joint["parent"]), mechanism(name).index(joint["child"])
+        Q = np.swapaxes(R[:, i], 1, 2) @ R[:, j]  # all axes are y
+        angle = np.unwrap(np.arctan2(Q[:, 0, 2], Q[:, 0, 0]))
+        assert np.abs(np.diff(angle)).max() < 1.0
+        close(few.joints[joint["name"]].position, angle[::every], joint["name"], 1e-7)
 
 
 @pytest.mark.parametrize("name", ["bead_and_plate"])

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import crosscheck
 from tests.oracle_values.cases import TREES, close, content, figures, mechanism, scene, source
 
 both = pytest.mark.parametrize("who", [pytest.param("truth", marks=pytest.mark.slow), "lieeuler"])
@@ -83,6 +84,14 @@ def test_energies(name):
     run = source(name, "lieeuler")
     for key, value in {"kinetic": run.kinetic_energy, "potential": run.potential_energy, "energy": run.energy}.items():
         close(value, [figure.energy()[key] for figure in figures(name)], key)
+
+
+@pytest.mark.parametrize("name", [name for name in TREES if not scene(name).has_laws])
+def test_work(name):
+    """At outputs so near that its spline, of order eight, is right to 1e-8."""
+    count = content(name)["samples"]
+    run = crosscheck.run(scene(name), engine="lieeuler", method="rkmk853", rtol=1e-11, samples=100 * (count - 1) + 1)
+    close(run.work[::100], [figure.energy()["work"] for figure in figures(name)], "work", 1e-8)
 
 
 @every

@@ -12,18 +12,19 @@ INSTALL = $(PY) -m pip install --quiet --disable-pip-version-check --no-compile 
 KERNEL := $(wildcard lieeuler/_core/*/*)
 
 # Tests and notebooks start some hundred processes, which share the bytecode of what they import.
-test test-all docs: export PYTHONPYCACHEPREFIX := $(CURDIR)/build/bytecode
-test test-all docs: export PYTHONDONTWRITEBYTECODE :=
+test test-all test-lieeuler docs: export PYTHONPYCACHEPREFIX := $(CURDIR)/build/bytecode
+test test-all test-lieeuler docs: export PYTHONDONTWRITEBYTECODE :=
 
 # Marks of tests/marks.toml: a push runs what is quick and the core of what is slow. `make test MARKS=study` runs studies.
 MARKS ?= not slow or core
 
-.PHONY: help ready setup verify smoke sample docs test test-all sanitize coverage lint benchmark clean
+.PHONY: help ready setup verify smoke sample docs test test-all test-lieeuler sanitize coverage lint benchmark clean
 
 help:
 	@echo "make verify     run every method and engine over the scenes, write reports/latest/index.html"
 	@echo "make test       run the tests of a push, four minutes"
 	@echo "make test-all   run all tests but the studies"
+	@echo "make test-lieeuler  those of lieeuler alone, without crosscheck and engines"
 	@echo "make smoke      the main job in half a minute"
 	@echo "make sample     a small report of three scenes in reports/sample"
 	@echo "make docs       the documents and the API as a site in build/docs"
@@ -85,6 +86,9 @@ test: setup
 
 test-all:
 	@$(MAKE) -s test MARKS="not study"
+
+test-lieeuler: setup
+	@$(PY) -m pytest -p no:crosscheck -p tests.lieeuler_alone -m "$(MARKS)" -n $(JOBS) --dist worksteal tests/lieeuler $(PYTEST)
 
 sanitize: setup
 	@tools/sanitize

@@ -18,6 +18,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 settings.register_profile("house", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
 settings.load_profile("house")
+TABLE = "CROSSCHECK_TABLE"  # the tests of lieeuler run without crosscheck
 # Under CI commands start afresh, and the others colour what they print: a test that wants it says so.
 for name in ("CI", "GITHUB_ACTIONS", "FORCE_COLOR", "PY_COLORS"):
     os.environ.pop(name, None)
@@ -39,19 +40,15 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture(scope="session", autouse=True)
 def _tables(tmp_path_factory):
     """Tests leave no rows to users and take none of theirs; what a module prepares is in one table."""
-    from crosscheck.jobs import table
-
     folder = tmp_path_factory.mktemp("rows")  # one folder for all: making a thousand reads the names of a thousand
-    os.environ[table.VARIABLE] = str(folder / "rows.sqlite")
+    os.environ[TABLE] = str(folder / "rows.sqlite")
     return (str(folder / f"{number}.sqlite") for number in itertools.count())
 
 
 @pytest.fixture(autouse=True)
 def _rows_of_the_test(monkeypatch, _tables):
     """Every test begins with an empty table."""
-    from crosscheck.jobs import table
-
-    monkeypatch.setenv(table.VARIABLE, next(_tables))
+    monkeypatch.setenv(TABLE, next(_tables))
 
 
 @pytest.fixture(scope="module")

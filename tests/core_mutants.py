@@ -150,8 +150,10 @@ def build(folder: Path) -> None:
 @functools.cache
 def fails(folder: Path, name: str, number: int) -> bool:
     """Whether a test file fails with this mutant, -1: without any."""
-    file = "tests/adapters/test_lieeuler.py" if name == "adapter" else f"tests/lieeuler/test_{name}.py"
-    command = [ROOT / "tools" / "with_kernel", folder, "-x", "-q", "-m", "not study", file]
+    files = (["tests/adapters/test_lieeuler.py"] if name == "adapter" else
+             [str(folder / f"test_{name}.py") for folder in (Path("tests/lieeuler"), Path("tests/adapters/lieeuler"))
+              if (ROOT / folder / f"test_{name}.py").exists()])
+    command = [ROOT / "tools" / "with_kernel", folder, "-x", "-q", "-m", "not study", *files]
     try:
         subprocess.run(command, capture_output=True, check=True,
                        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS)),

@@ -42,7 +42,7 @@ KINDS = {
     "judge": ("crosscheck/judge/*.py", ["tests/judge", "--ignore-glob=*_engines.py"]),
     "scene": ("crosscheck/scene/*.py", ["tests/scene", "tests/references/test_joints_and_forces.py"]),
     "diagnosis": ("crosscheck/diagnosis/*.py", ["tests/diagnosis"]),
-    "kernel": ("lieeuler/*.py", ["tests/lieeuler"]),
+    "kernel": ("lieeuler/*.py", ["tests/lieeuler", "tests/adapters/lieeuler"]),
 }
 """Kind: the modules that get mutants, and the tests that must notice."""
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult,

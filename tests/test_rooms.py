@@ -53,6 +53,13 @@ def test_a_seeded_import_is_found(tmp_path, edges, module, line, said):
     assert said in new.pop()
 
 
+def test_tests_of_lieeuler_name_no_crosscheck():
+    """`make test-lieeuler` shows it of what they import as well."""
+    files = sorted((ROOT / "tests" / "lieeuler").glob("*.py"))
+    assert len(files) > 30
+    assert [path.name for path in files if "crosscheck" in path.read_text("utf-8")] == []
+
+
 def test_files_that_name_a_type_are_counted(tmp_path):
     texts = {"one": 'TYPE = "revolute"', "two": "revolute = 'a revolute joint'  # revolute", "three": "planar: str",
              "four": 'def f(kind): return kind in ("planar", "joint_force")'}

@@ -9,7 +9,7 @@ import pytest
 
 import crosscheck
 from crosscheck.scene.coordinates import at_start
-from tests.lieeuler.test_mimic import followed
+from tests.adapters.lieeuler.test_mimic import followed
 
 
 def five_bar(folder, ratio):

@@ -12,8 +12,9 @@ import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.model import Mimic
-from tests.lieeuler.accuracy import agrees_with_order, observed_orders
-from tests.lieeuler.test_armature import FIRST_ORDER, LADDERS, coupled_arm
+from tests.adapters.lieeuler.against_truth import observed_orders
+from tests.adapters.lieeuler.test_armature import FIRST_ORDER, LADDERS, coupled_arm
+from tests.lieeuler.accuracy import agrees_with_order
 
 
 def orders_of(method, steps, **changes):

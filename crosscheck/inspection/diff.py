@@ -23,7 +23,7 @@ from crosscheck.scene.file import as_scene
 from crosscheck.scene.laws import Shape
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
-from crosscheck.scene.models import import_model, is_model
+from crosscheck.scene.models import import_model, is_model, joint_data
 from crosscheck.scene.spanning import hung
 
 TOLERANCE = 1e-7
@@ -37,6 +37,10 @@ STATES, SEED = 3, 0
 _PLACES = frozenset({"name", "type", "parent", "child", "parent_anchor", "child_anchor", "parent_axis", "child_axis",
                      "reference", "start", "mimic", "damping", "stiffness", "rest_position"})
 """Fields of a joint that are compared by themselves; any other is compared as it is."""
+
+
+JointData = dict[str, dict[str, tuple[float, ...]]]
+"""By joint and name, see `crosscheck.scene.models.joint_data`."""
 
 
 class Difference(NamedTuple):
@@ -87,7 +91,8 @@ class Diff:
 
 
 def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -> Diff:
-    """Compare two models or scenes; what a scene cannot hold of a model is compared as a list.
+    """Compare two models or scenes; what a scene cannot hold of two models is compared by value where it is of a
+    joint, else as a list.
 
     Raises
     ------
@@ -97,8 +102,18 @@ def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -
     one, other = _read(a), _read(b)
     tried = [_Comparison(_Tree(one, start), _Tree(other, start)) for start in (False, True)]
     best = min(tried, key=lambda each: len(each.differences))
+    if not isinstance(a, Scene) and is_model(a) and not isinstance(b, Scene) and is_model(b):
+        best.differences += _dropped(joint_data(a), joint_data(b), best.joints)
     return Diff(_label(a), _label(b), tuple(best.differences), tuple(best.names()), tuple(sorted(best.joints.items())),
                 tuple(best.ambiguous), best.moves)
+
+
+def _dropped(one: JointData, other: JointData, joints: dict[str, str]) -> list[Difference]:
+    """What differs in the data of matched joints that a scene may drop."""
+    pairs = [(name, joints.get(name, name)) for name in one]
+    return [Difference(name, what, one[name].get(what, ()), other[match].get(what, ()))
+            for name, match in pairs if match in other for what in dict.fromkeys((*one[name], *other[match]))
+            if not _alike(one[name].get(what, ()), other[match].get(what, ()))]
 
 
 def _read(model: Scene | str | os.PathLike[str]) -> Scene:

@@ -76,7 +76,7 @@ def arm_as_mjcf():
     return ARM_MJCF.format(quat=quats[0], turn=quats[1], inertia=inertia)
 
 
-ARM = ARM_URDF.replace('lower="-1" upper="1"', 'lower="-1e9" upper="1e9"')
+ARM = ARM_URDF.replace('lower="-1" upper="1" effort="1"', 'lower="-1e9" upper="1e9" effort="1e9"')
 DEGREES = ROBOT.replace('<compiler angle="radian"/>', "").replace(
     'springref=".4"', f'springref="{float(np.degrees(0.4))!r}"')
 
@@ -167,6 +167,28 @@ def test_one_change_is_named_with_its_place(old, new, where, what, disguise, tmp
     assert any(what in each.what and where in each.where for each in report.differences), report.lines
     allowed = 3 if what in ("joint type", "mass") else 2  # another type has other keys
     assert len({(each.where, each.what) for each in report.differences}) <= allowed, report.lines
+
+
+HELD = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="elbow" axis="0 1 0" frictionloss=".3"
+ range="-2.4 2.4" limited="true" actuatorfrcrange="-40 40" actuatorfrclimited="true"/>
+ <inertial pos=".2 0 0" mass="1" diaginertia=".1 .1 .1"/></body></worldbody>
+ <actuator><position joint="elbow" kp="20"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("old", "new", "what", "values"), [
+    ('frictionloss=".3"', 'frictionloss="3"', "dry friction", ((0.3,), (3.0,))),
+    ('frictionloss=".3"', "", "dry friction", ((0.3,), ())),
+    ("-2.4 2.4", "-2.4 .5", "limits", ((-2.4, 2.4), (-2.4, 0.5))),
+    ("-40 40", "-1 1", "effort limits", ((-40.0, 40.0), (-1.0, 1.0))),
+    ('kp="20"', 'kp="2"', "gear, gain and bias of actuators", None)])
+def test_what_a_scene_cannot_hold_is_compared_by_value(old, new, what, values, tmp_path):
+    assert HELD.count(old) == 1
+    one, same = made(tmp_path, HELD, "a"), made(tmp_path, HELD.replace("elbow", "e"), "b")
+    assert crosscheck.diff(one, same).same, crosscheck.diff(one, same).lines
+    report = crosscheck.diff(one, made(tmp_path, HELD.replace(old, new), "c"))
+    found = {each.what: (each.a, each.b) for each in report.differences if each.where == "elbow"}
+    assert what in found, report.lines
+    assert values is None or found[what] == values
 
 
 def watched(**changes):

@@ -128,6 +128,20 @@ def _read(task: tuple[str, str, dict[str, Any]]) -> dict[str, Any]:
     return checking.watchable(content, scene_from(content, path))
 
 
+def joint_data(path: str | os.PathLike[str]) -> dict[str, dict[str, tuple[float, ...]]]:
+    """What the joints of a model have that a scene may drop, by joint and name, in SI: dry friction, limits, effort
+    limits, and the gear, gain and bias of actuators. Errors as `import_model`."""
+    return apart(_joint_data, (os.getcwd(), os.fsdecode(path)), os.fsdecode(path))
+
+
+def _joint_data(task: tuple[str, str]) -> dict[str, dict[str, tuple[float, ...]]]:
+    """`joint_data` of (working folder, path)."""
+    from crosscheck.scene.models import reading, source
+
+    os.chdir(task[0])
+    return reading.joint_data(source.read(Path(task[1])))
+
+
 def import_file(path: str | os.PathLike[str], target: Path, **options: Any) -> Scene:
     """Import as `import_model` does, and write the scene to the file `target`, which ends in .toml."""
     from crosscheck.files import put

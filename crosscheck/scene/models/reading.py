@@ -176,6 +176,29 @@ def _compiled(model: Source, base: str, balance: bool) -> tuple[Any, list[str], 
         return m, gone, noted if model.is_urdf else [f"inertias replaced by their mean, {words}"]
 
 
+def joint_data(model: Source) -> dict[str, dict[str, tuple[float, ...]]]:
+    """See `crosscheck.scene.models.joint_data`. A range that nothing reaches is none."""
+    import mujoco
+
+    m, _, _ = _compiled(model, "fixed", balance=True)
+    found: dict[str, dict[str, tuple[float, ...]]] = {}
+    for j in range(m.njnt):
+        given = found.setdefault(neutral.label(m, j), {})
+        for what, limited, ends in (("limits", m.jnt_limited, m.jnt_range),
+                                    ("effort limits", m.jnt_actfrclimited, m.jnt_actfrcrange)):
+            if limited[j] and np.abs(ends[j]).min() < laws.UNREACHABLE:
+                given[what] = tuple(ends[j].tolist())
+        if friction := float(m.dof_frictionloss[m.jnt_dofadr[j]]):
+            given["dry friction"] = (friction,)
+    on_joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    for a in np.flatnonzero(np.isin(m.actuator_trntype, on_joints)):
+        given = found[neutral.label(m, int(m.actuator_trnid[a, 0]))]
+        drives = (*m.actuator_gear[a, :1], *m.actuator_gainprm[a, :3], *m.actuator_biasprm[a, :3])
+        what = "gear, gain and bias of actuators"
+        given[what] = (*given.get(what, ()), *map(float, drives))
+    return found
+
+
 def _urdf_limits(model: Source) -> list[str]:
     """Limits that are none: the same below and above, or the lower one above the upper; these are taken away."""
     held = []

@@ -12,9 +12,15 @@ import crosscheck
 from tests.oracle_values.cases import TREES, close, content, figures, mechanism, scene, source
 
 both = pytest.mark.parametrize("who", [pytest.param("truth", marks=pytest.mark.slow), "lieeuler"])
-every = pytest.mark.parametrize("name", TREES)
 OF_JOINTS = {"joint_position", "joint_velocity"}
 OF_LOADS = {"force", "torque", "joint_effort"}
+
+
+@pytest.fixture(scope="module", params=TREES)
+def name(request):
+    """A scene whose motion is known."""
+    figures(request.param)
+    return request.param
 
 
 def sensors(name, who, kinds):
@@ -32,7 +38,6 @@ def sensors(name, who, kinds):
 
 
 @both
-@every
 def test_motion_and_accelerations(name, who):
     run = source(name, who)
     run = run.states if who == "truth" else run
@@ -44,7 +49,6 @@ def test_motion_and_accelerations(name, who):
 
 
 @both
-@every
 def test_sensors_of_sites(name, who):
     rest = {sensor["type"] for sensor in content(name)["sensors"]} - OF_JOINTS - OF_LOADS
     for value, wanted, what in sensors(name, who, rest):
@@ -52,7 +56,6 @@ def test_sensors_of_sites(name, who):
 
 
 @both
-@every
 def test_joint_sensors_count_turns(name, who):
     for value, wanted, what in sensors(name, who, OF_JOINTS):
         if wanted.shape[-1] == 4:
@@ -61,13 +64,11 @@ def test_joint_sensors_count_turns(name, who):
 
 
 @both
-@every
 def test_wrenches_and_efforts(name, who):
     for value, wanted, what in sensors(name, who, OF_LOADS):
         close(value, wanted, what)
 
 
-@every
 def test_joint_coordinates(name):
     run = source(name, "lieeuler")
     for joint in figures(name)[0].joints():
@@ -79,7 +80,6 @@ def test_joint_coordinates(name):
         close(run.joints[joint].velocity, rate, joint)
 
 
-@every
 def test_energies(name):
     run = source(name, "lieeuler")
     for key, value in {"kinetic": run.kinetic_energy, "potential": run.potential_energy, "energy": run.energy}.items():
@@ -94,13 +94,11 @@ def test_work(name):
     close(run.work[::100], [figure.energy()["work"] for figure in figures(name)], "work", 1e-8)
 
 
-@every
 def test_momentum(name):
     if np.any(scene(name).gravity):
         close(source(name, "lieeuler").momentum_vertical, [figure.momentum() for figure in figures(name)], "momentum")
 
 
-@every
 def test_own_energy_is_that_of_the_start_and_work(name):
     """The oracle against itself: nothing is lost but at a stop."""
     if not any("restitution" in stop for stop in mechanism(name).limits.values()):

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 import crosscheck
@@ -69,6 +70,16 @@ def test_a_module_in_the_current_folder(tmp_path):
         words = next(line.split() for line in done.stdout.splitlines() if name in line.split())
         assert words[1:3] == ["0.7,", "code"]
         assert words[4:] == ["RK4"]
+
+
+def test_the_process_of_an_engine_ends_with_it():
+    adapters.renew()
+    before = set(psutil.Process().children())
+    adapters.get(EXAMPLE)
+    started = set(psutil.Process().children()) - before
+    assert len(started) == 1
+    adapters.renew()
+    assert not psutil.wait_procs(started, timeout=20)[1]
 
 
 def test_two_files_of_one_name_are_two_engines(tmp_path):

@@ -7,6 +7,7 @@ reaches no other engine and no judge. Its answers are plain data, see `crosschec
 from __future__ import annotations
 
 import sys
+import weakref
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -42,6 +43,8 @@ class Process:
 
         if self._worker is None or not self._worker.alive:
             self._worker = Worker(self._python)
+            # With the engine its process ends; `subprocess` itself would keep it, and its pipes open.
+            weakref.finalize(self, self._worker.close).atexit = False
         answer = self._worker.call(function, arguments, Limits(LOADING, MEMORY) if loading else None)
         if isinstance(answer, Crash):
             if isinstance(answer.error, ArgumentError | EngineError | SceneError | Unsupported | ImportError):

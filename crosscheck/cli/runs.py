@@ -39,7 +39,6 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.sensors import columns, unit
 from crosscheck.scene.states import States
 from crosscheck.verification.advice import advise as advice_for
-from crosscheck.verification.advice import conserving
 from crosscheck.verification.cell import judge_run
 
 
@@ -398,8 +397,6 @@ def advise(
         tell(advice)
         for line in (law or "").splitlines():
             say(f"law      {line}", hang=9)
-        if (option := conserving(loaded, engine)) is not None:
-            say(f"option   {option}", hang=9)
     raise typer.Exit(EXIT_CODES["unresolved" if advice.method is None else "pass"])
 
 

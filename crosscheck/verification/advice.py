@@ -30,7 +30,7 @@ from crosscheck.document import Advice, Record, SceneTruth, Way, extended
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said
 from crosscheck.files import digest
 from crosscheck.judge import tolerances
-from crosscheck.judge.metrics import errors, up_to
+from crosscheck.judge.metrics import up_to
 from crosscheck.references.base import Reference
 from crosscheck.running import provenance, versions
 from crosscheck.running.attempt import Outcome, Ran, attempt, lasting
@@ -77,9 +77,6 @@ cost is more than SHORT."""
 USELESS = 0.1
 """A run whose error exceeds this share of the scene's size is useless."""
 
-
-WORTH = 5.0
-"""An option is advised if it divides errors by this."""
 
 
 class Step(Way, frozen=True, kw_only=True):
@@ -312,18 +309,6 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) 
     versions.need([engine])
     name = scene.name if isinstance(scene, Scene) else os.fspath(scene)
     return choose(walked(loaded, engine), wanted, name)
-
-
-def conserving(scene: Scene, engine: str) -> str | None:
-    """For a free body that turns over: how much nearer its attitudes come with `conserve`, where the engine has it."""
-    if scene.joints or scene.forces or "conserve" not in adapters.get(engine).options:
-        return None
-    exact, way = references.truth(scene).states, Way(engine, "taylor", rtol=1e-14)
-    with_it, without = (errors(scene, each.trajectory, exact)["attitude"].max if isinstance(each, Ran) else math.inf
-                        for each in (attempt(scene, way, monitor=False, conserve=keep) for keep in (True, False)))
-    if not with_it < without / WORTH:
-        return None
-    return f"with --conserve attitudes of taylor are {with_it:.1e} rad off at rtol 1e-14, without it {without:.1e}"
 
 
 def walked(scene: Scene, engine: str) -> Walk:

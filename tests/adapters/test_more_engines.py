@@ -30,7 +30,7 @@ def wanted(engine):
 
 def brief(name):
     """The beginning of a scene, under gravity alone."""
-    return crosscheck.load_scene(name).replace(duration=0.2, samples=5, forces=())
+    return crosscheck.load_scene(name).replace(duration=0.2, samples=5).unloaded
 
 
 def end_errors(scene, engine, method, **control):

@@ -188,7 +188,7 @@ def test_verdicts_on_engines(scene, source, right, cause):
     ("drake:autodiff", "pydrake"), ("mjx:jacfwd", "jax"), ("mjx:jacrev", "jax")])
 def test_automatic_derivatives_where_they_are_installed(source, module):
     pytest.importorskip(module)
-    scene = arm(3, seed=4).replace(forces=())
+    scene = arm(3, seed=4).unloaded
     verdict = judge(scene, source)
     assert verdict.right
     assert max(verdict.errors.values()) < 1e-13

@@ -51,7 +51,7 @@ def test_command_runs(command, tmp_path, monkeypatch):
         return
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(app, words[1:])
-    assert done.exit_code == 0, (done.output, done.exception)
+    assert done.exit_code in (0, 3), (done.output, done.exception)  # 3: a chain too long for a truth is not judged
 
 
 def test_every_method_scene_and_figure_is_named():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -113,7 +114,8 @@ def test_what_lacks_an_extra_names_it_in_one_line(ended, command):
     code, _, complained = ended[1][command]
     assert code == 2, complained
     assert f"pip install 'lieeuler-crosscheck[{LACK[command]}]'" in complained
-    assert len(complained.strip().splitlines()) == 1, complained
+    said = [line for line in complained.strip().splitlines() if not re.match(r"\d+ s: ", line)]  # but its progress
+    assert len(said) == 1, complained
 
 
 def test_verify_without_the_report_writes_results_and_says_so(ended):

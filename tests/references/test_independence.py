@@ -11,7 +11,8 @@ import crosscheck.references as references
 
 FOLDER = pathlib.Path(references.__file__).parent
 OWN = {"crosscheck.scene.model", "crosscheck.scene.states", "crosscheck.errors", "crosscheck.files",  # no mechanics
-       "crosscheck.scene.functions"}  # data of a scene, which series evaluate by formulas of their own
+       "crosscheck.scene.functions",  # data of a scene, which series evaluate by formulas of their own
+       "crosscheck.scene.touching"}  # distances of shapes, by coal
 OF_MAXIMAL = {"crosscheck.scene.coordinates", "crosscheck.scene.vectors"}  # where hinges are at zero
 
 

@@ -89,8 +89,8 @@ def test_tags_tell_the_truth(library, name):
     true = {
         "loop": closes_a_loop(scene),
         "redundant": rank < constraints.m,
-        "spring": any(force.type.endswith("spring") for force in scene.forces),
-        "damper": any(force.parameters.get("damping", 0.0) > 0 for force in scene.forces),
+        "spring": any(force.type.endswith("spring") for force in scene.loads),
+        "damper": any(force.parameters.get("damping", 0.0) > 0 for force in scene.loads),
         "load": any(force.type.startswith("constant") for force in scene.forces),
         "iftomm": "IFToMM benchmark" in scene.source and "A04" not in scene.source,  # A04: inertia ours
     }

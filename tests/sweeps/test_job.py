@@ -63,7 +63,7 @@ def test_errors_are_those_of_single_runs(local):
     found = errors(scene, traj, crosscheck.truth(scene).states)
     row = frame.iloc[0]
     np.testing.assert_allclose(row["position_error"], found["position"].max, rtol=1e-6)  # two truths, 1e-12 apart
-    assert row["energy_error"] == traj.stats["energy_error"]
+    assert row["energy_error"] == pytest.approx(traj.stats["energy_error"], rel=1e-3)  # at samples, at every step
 
 
 def test_nothing_is_computed_twice(local):

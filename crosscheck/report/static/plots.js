@@ -35,7 +35,7 @@ window.Figures = (function () {
       margin: {l: 10, r: 12, t: 12, b: 10}, showlegend: false, hovermode: "closest", dragmode: narrow() ? false : "zoom",
       legend: {orientation: "h", y: -0.2, yanchor: "top", font: {size: 11}}, xaxis: axis(x), yaxis: axis(y)}, extra);
   }
-  const config = () => ({displaylogo: false, responsive: true, displayModeBar: printed || narrow() ? false : "hover",
+  const config = () => ({displaylogo: false, responsive: true, displayModeBar: narrow() ? false : "hover",
     modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage"]});
 
   const positive = (values) => values.map((value) => (value === null ? null : Math.max(value, SMALLEST)));
@@ -339,6 +339,6 @@ window.Figures = (function () {
     return kept;
   }
 
-  return {runsOf, style, narrow, printed, linear, log, layout, line, logLine, markers, makers, legend, groups, start, speed, cursor,
+  return {runsOf, style, narrow, linear, log, layout, line, logLine, markers, makers, legend, groups, start, speed, cursor,
     convergence, positive, UNITS: {position: "m", attitude: "rad", velocity: "m/s", "angular velocity": "rad/s"}};
 })();

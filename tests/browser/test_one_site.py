@@ -35,7 +35,7 @@ def test_the_menus_lead_from_a_study_to_the_report_and_back(watched):
     page.locator("header a", has_text="double pendulum").click()
     assert page.url.endswith("report/scene-double_pendulum.html")
     page.locator("header summary", has_text="More").click()
-    assert page.locator("#sites a").count() == 7
+    assert page.locator("#sites a").count() == 6
     page.locator("#sites a", has_text="history").click()
     assert page.locator("h1").inner_text() == "History"
     assert page.locator("#sites a[aria-current]").count() == 1

@@ -274,4 +274,3 @@ def test_the_page_to_print_draws_everything_at_once_in_light_colours(watched):
     assert page.evaluate("[...document.querySelectorAll('[data-figure]')].every(e => e.childNodes.length)")
     assert page.evaluate("document.documentElement.dataset.theme") == "light"
     assert not page.locator("header").is_visible()
-    assert page.evaluate("document.querySelector('main').getBoundingClientRect().width") == 700

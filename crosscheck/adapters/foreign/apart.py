@@ -8,19 +8,15 @@ from __future__ import annotations
 
 import sys
 import weakref
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
-
-import numpy as np
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
-from crosscheck.adapters.common.probe import Probe
 from crosscheck.adapters.foreign import remote
+from crosscheck.adapters.foreign.plain import PlainRun
 from crosscheck.errors import ArgumentError, EngineDied, EngineError, SceneError, Unsupported
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
-
-T = TypeVar("T")
 
 LOADING, MEMORY = 60.0, 4 * 2**30
 """Time limit (s) and resident memory (bytes) for importing an engine of the user."""
@@ -54,6 +50,10 @@ class Process:
         return answer
 
 
+def _asked(function: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda self, *arguments: self.ask(function, *arguments)
+
+
 class Stranger(Engine):
     """An engine of the user. Its module is never imported in this process.
 
@@ -69,44 +69,25 @@ class Stranger(Engine):
         except EngineDied as error:
             raise EngineError(f"engine {home.name} cannot be loaded: {error}") from None
         vars(self).update(vars(card))
-        self._version: str = self._process.call(remote.version, home)
+        self._version: str = self.ask(partial(remote.asked, Engine.version))
 
     def version(self) -> str:
         """The version that it stated when it was loaded, with the digest of its code."""
         return self._version
 
-    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """The engine's answer."""
-        return self._ask(remote.unsupported, scene, spec)
-
-    def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
-        """The engine's claim."""
-        return self._ask(remote.documented_order, scene, spec)
-
-    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """The engine's claim."""
-        return self._ask(remote.held_levels, scene, spec)
-
-    def refused_map(self, spec: RunSpec) -> str | None:
-        """The engine's answer."""
-        return self._ask(remote.refused_map, spec)
-
-    def turning(self, scene: Scene, form: str | None) -> Sequence[int]:
-        """The engine's answer."""
-        return self._ask(remote.turning, scene, form)
-
-    def probe(self, scene: Scene, states: States, form: str | None) -> Probe:
-        """The engine's answer."""
-        return self._ask(remote.probe, scene, states, form)
-
-    def derivatives(self, scene: Scene, state: tuple[np.ndarray, np.ndarray]) -> dict[str, np.ndarray] | None:
-        """The engine's, or None."""
-        return self._ask(remote.derivatives, scene, state)
+    unsupported = _asked(partial(remote.asked, Engine.unsupported))
+    documented_order = _asked(partial(remote.asked, Engine.documented_order))
+    held_levels = _asked(partial(remote.asked, Engine.held_levels))
+    refused_map = _asked(partial(remote.asked, Engine.refused_map))
+    turning = _asked(remote.turning)
+    probe = _asked(remote.probe)
+    derivatives = _asked(remote.derivatives)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """The engine's run."""
-        return self._ask(remote.run, scene, spec).raw()
+        plain: PlainRun = self.ask(remote.run, scene, spec)
+        return plain.raw()
 
-    def _ask(self, function: Callable[..., T], *arguments: object) -> T:
-        answer: T = self._process.call(function, self._home, *arguments)
-        return answer
+    def ask(self, function: Callable[..., Any], *arguments: object) -> Any:
+        """The engine's own answer, from its process."""
+        return self._process.call(function, self._home, *arguments)

@@ -8,7 +8,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from crosscheck.adapters.foreign.plain import PlainRun, doubles, plain
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
+T = TypeVar("T")
 
 @dataclasses.dataclass
 class Card:
@@ -55,24 +58,10 @@ def card(engine: str | Home) -> Card:
     return Card(**said | {"orders": dict(adapter.orders)})
 
 
-def unsupported(engine: str | Home, scene: Scene, spec: RunSpec) -> str | None:
-    """As the engine's."""
-    return _adapter(engine).unsupported(scene, spec)
-
-
-def documented_order(engine: str | Home, scene: Scene, spec: RunSpec) -> int | None:
-    """As the engine's."""
-    return _adapter(engine).documented_order(scene, spec)
-
-
-def held_levels(engine: str | Home, scene: Scene, spec: RunSpec) -> frozenset[str]:
-    """As the engine's."""
-    return _adapter(engine).held_levels(scene, spec)
-
-
-def refused_map(engine: str | Home, spec: RunSpec) -> str | None:
-    """As the engine's."""
-    return _adapter(engine).refused_map(spec)
+def asked(method: Callable[..., T], engine: str | Home, *arguments: object) -> T:
+    """What the engine answers to a method of `Engine`, decoded strictly to the type that it is annotated with."""
+    answer: T = getattr(_adapter(engine), method.__name__)(*arguments)
+    return answer
 
 
 def turning(engine: str | Home, scene: Scene, form: str | None) -> tuple[int, ...]:
@@ -91,11 +80,6 @@ def derivatives(engine: str | Home, scene: Scene, state: tuple[np.ndarray, np.nd
     give = getattr(_adapter(engine), "derivatives", None)
     return None if give is None else {str(name): doubles(name, values) for name, values in give(scene, state).items()
                                       if values is not None}
-
-
-def version(engine: str | Home) -> str:
-    """As the engine's."""
-    return _adapter(engine).version()
 
 
 def run(engine: str | Home, scene: Scene, spec: RunSpec) -> PlainRun:

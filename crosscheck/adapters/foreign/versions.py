@@ -7,6 +7,7 @@ returns raw runs. Its times belong to another interpreter and other libraries, s
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.metadata
 import os
@@ -20,10 +21,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from crosscheck.adapters import built_in
-from crosscheck.adapters.base import RawRun, RunSpec, StandIn
+from crosscheck.adapters.base import Engine, RawRun, RunSpec, StandIn
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.foreign import remote
-from crosscheck.adapters.foreign.apart import Process, T
+from crosscheck.adapters.foreign.apart import Process
+from crosscheck.adapters.foreign.remote import T
 from crosscheck.errors import ArgumentError, EngineError, install
 from crosscheck.files import cache_folder
 from crosscheck.scene.model import Scene
@@ -69,7 +71,7 @@ class Versioned(StandIn):
         """Version of the engine in its environment; raises `PackageNotFoundError` if there is none."""
         if self._python is None and present(self._home) is None:
             raise importlib.metadata.PackageNotFoundError(self._home)
-        return self._ask(remote.version)
+        return self._ask(functools.partial(remote.asked, Engine.version))
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate in the engine's own environment."""

@@ -50,7 +50,7 @@ def loaded(name: str) -> Any:
     module = importlib.import_module(f"crosscheck.cli.{COMMANDS[name]}")
     if FUNCTIONS.get(name) == "alone":
         return get_command(module.app)
-    single = typer.Typer(add_completion=False)
+    single = typer.Typer(add_completion=False, rich_markup_mode=None)
     single.command(name)(getattr(module, FUNCTIONS.get(name, name)))
     return get_command(single)
 
@@ -93,7 +93,7 @@ class Commands(TyperGroup):
         self.commands = _Commands()
 
 
-app = typer.Typer(name="crosscheck", cls=Commands, add_completion=False, no_args_is_help=True,
+app = typer.Typer(name="crosscheck", cls=Commands, add_completion=False, rich_markup_mode=None, no_args_is_help=True,
                   pretty_exceptions_enable=False,
                   help="One multibody scene, many engines, every result measured against independent truth. Begin with "
                        "`crosscheck list` and `crosscheck verify --scene double_pendulum --profile smoke`.")

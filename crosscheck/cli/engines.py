@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
-from crosscheck import adapters
-from crosscheck.adapters.base import CHOICES
 from crosscheck.cli.console import console, figures, key, print_table, say, waiting, words
 from crosscheck.cli.models import derivatives as judge_derivatives
 from crosscheck.cli.models import diff
 from crosscheck.cli.options import EngineNames, SceneName
 from crosscheck.errors import PINNED, ArgumentError, Unsupported, counted, install, unknown
-from crosscheck.inspection import Deviation, Inspection
-from crosscheck.inspection import inspect as examine
-from crosscheck.inspection.base import QUANTITIES
-from crosscheck.inspection.native import inspect as examine_natively
-from crosscheck.inspection.native import printed
-from crosscheck.jointspace.inverse import ENGINES, inverse_dynamics
-from crosscheck.jointspace.motion import JointSpace, positions
-from crosscheck.running.provenance import NOT_INSTALLED, engine_version
-from crosscheck.running.support import Support, matrix
-from crosscheck.scene.file import load_scene, scene_names
-from crosscheck.scene.models import import_model, is_model
+
+if TYPE_CHECKING:
+    from crosscheck.inspection import Deviation, Inspection
+    from crosscheck.running.support import Support
 
 
 def list_(engine: EngineNames = None) -> None:
     """List the engines with their versions and methods, and the scenes."""
+    from crosscheck import adapters
+    from crosscheck.running.provenance import NOT_INSTALLED, engine_version
+    from crosscheck.scene.file import load_scene, scene_names
+
     terminal = console(160)
     rows = []
     for name in engine or (*adapters.names(), *(name for name in PINNED if name not in adapters.names())):
@@ -50,6 +44,9 @@ def support(
     reasons: Annotated[bool, typer.Option(help="give the reasons for what is missing")] = True,
 ) -> None:
     """Print the joints, forces and systems that each engine can model, in which form, and why not the others."""
+    from crosscheck import adapters
+    from crosscheck.running.support import matrix
+
     entries = matrix(engine or None)
     columns = list(dict.fromkeys((entry.engine, entry.form) for entry in entries))
     cells = {(entry.engine, entry.form, entry.kind, entry.item): entry for entry in entries}
@@ -106,6 +103,13 @@ def inspect(
 
     Exit code 0: all agree with truth; 1: one does not; 2: the check itself failed.
     """
+    from crosscheck.adapters.base import CHOICES
+    from crosscheck.inspection import inspect as examine
+    from crosscheck.inspection.native import inspect as examine_natively
+    from crosscheck.inspection.native import printed
+    from crosscheck.scene.file import load_scene
+    from crosscheck.scene.models import is_model
+
     if torques:
         raise typer.Exit(_torques(scene, engine, states, seed))
     if derivatives:
@@ -136,6 +140,13 @@ def inspect(
 def _torques(name: str, engines: list[str] | None, states: int, seed: int) -> int:
     """Print generalized forces of the start, coordinate by coordinate, and compare the sources there and at random
     states; 1 if one is off by more than 1e-10 of the largest."""
+    import numpy as np
+
+    from crosscheck.jointspace.inverse import ENGINES, inverse_dynamics
+    from crosscheck.jointspace.motion import JointSpace, positions
+    from crosscheck.scene.file import load_scene
+    from crosscheck.scene.models import import_model, is_model
+
     scene = import_model(name, drop=True) if is_model(name) else load_scene(name)
     try:
         start = positions(scene), JointSpace(scene).speeds
@@ -168,6 +179,8 @@ def _torques(name: str, engines: list[str] | None, states: int, seed: int) -> in
 
 
 def _print_inspection(result: Inspection) -> None:
+    from crosscheck.inspection.base import QUANTITIES
+
     terminal = console(200)
     truth, scene = result.truth, result.scene
     assert truth.masses is not None

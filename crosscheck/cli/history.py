@@ -13,15 +13,11 @@ import typer
 
 from crosscheck.cli.console import console, figures, key, print_table, say, words
 from crosscheck.errors import ArgumentError, counted, unknown
-from crosscheck.history import changes
-from crosscheck.history import runs as stored
-from crosscheck.history.overview import write_history, write_trend
-from crosscheck.report.schema import read_document
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
-app = typer.Typer(name="history", add_completion=False)
+app = typer.Typer(name="history", add_completion=False, rich_markup_mode=None)
 
 OUTCOME = "outcome"
 """A column of `show` that is not a number; `trend` prints where it changed."""
@@ -43,6 +39,8 @@ def alone(context: typer.Context, store: Store = None) -> None:
 @app.command("list")
 def list_(store: Store = None, limit: Annotated[int, typer.Option(help="how many of the last runs")] = 20) -> None:
     """The last runs, the newest first."""
+    from crosscheck.history import runs as stored
+
     rows = []
     with _opened(store) as opened:
         for run in stored.recent(opened, limit):
@@ -62,6 +60,8 @@ def show(run: Run = "latest", store: Store = None,
          scene: Annotated[str | None, typer.Option(help="only this scene")] = None,
          metric: Annotated[list[str] | None, typer.Option(help="may be repeated")] = None) -> None:
     """The figures of one run."""
+    from crosscheck.history import runs as stored
+
     wanted = metric or ["position error", "position order", "energy error", "us per step", "speed ratio"]
     with _opened(store) as opened:
         past = stored.load(opened, stored.find(opened, run))
@@ -85,6 +85,9 @@ def show(run: Run = "latest", store: Store = None,
 @app.command()
 def compare(before: Run, after: Run = "latest", store: Store = None) -> None:
     """Print what changed from one run to another; exit code 1 if something became worse."""
+    from crosscheck.history import changes
+    from crosscheck.history import runs as stored
+
     with _opened(store) as opened:
         old, new = (stored.load(opened, stored.find(opened, name)) for name in (before, after))
     changed = changes.compare(old, new)
@@ -109,6 +112,10 @@ def trend(
     store: Store = None,
 ) -> None:
     """Print one figure over all runs, with its change points marked ◆."""
+    from crosscheck.history import changes
+    from crosscheck.history import runs as stored
+    from crosscheck.history.overview import write_trend
+
     cell = (scene, engine, method, form)
     if metric == OUTCOME:
         with _opened(store) as opened:
@@ -145,6 +152,8 @@ def trend(
 def page(out: Annotated[Path, typer.Option(help="folder of the page; beside reports it shares their menus")] = Path(
              "reports/history"), store: Store = None) -> None:
     """Write the page of the history: sparklines of every scene and engine, and of the figures of every run."""
+    from crosscheck.history.overview import write_history
+
     with _opened(store) as opened:
         typer.echo(f"page: {write_history(out, opened)}")
 
@@ -152,6 +161,9 @@ def page(out: Annotated[Path, typer.Option(help="folder of the page; beside repo
 @app.command()
 def add(folder: Annotated[Path, typer.Argument(help="a report, or its results.json")], store: Store = None) -> None:
     """Add a run of `crosscheck verify` to the store; it counts as good if all its verdicts pass."""
+    from crosscheck.history import runs as stored
+    from crosscheck.report.schema import read_document
+
     path = folder if folder.suffix == ".json" else folder / "results.json"
     document = read_document(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:4]
@@ -164,6 +176,8 @@ def add(folder: Annotated[Path, typer.Argument(help="a report, or its results.js
 @app.command()
 def accept(run: Run = "latest", store: Store = None) -> None:
     """Compare later runs with this one, even if its verdicts changed, because the changes are intended."""
+    from crosscheck.history import runs as stored
+
     with _opened(store) as opened:
         name = stored.find(opened, run)
         stored.set_good(opened, name)
@@ -177,6 +191,8 @@ def _no(what: str, name: str, known: list[str]) -> str:
 
 @contextlib.contextmanager
 def _opened(where: str | None) -> Iterator[Engine]:
+    from crosscheck.history import runs as stored
+
     engine = stored.open_store(where)
     try:
         yield engine

@@ -4,31 +4,17 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
-from crosscheck import adapters
-from crosscheck.adapters.base import RunSpec
-from crosscheck.adapters.export import export_model
 from crosscheck.cli import options
 from crosscheck.cli.console import progress_bar, say, waiting
-from crosscheck.cli.linear_pages import write_derivatives, write_modes
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, counted
 from crosscheck.files import put
-from crosscheck.inspection import bisect as releases
-from crosscheck.inspection.bisect import issue as filed
-from crosscheck.inspection.diff import diff as compare
-from crosscheck.inspection.reproduce import reproduce as written
-from crosscheck.jointspace.derivatives import truth
-from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.modes import at_speed
-from crosscheck.jointspace.modes import modes as find
-from crosscheck.jointspace.verdicts import Verdict, judge
-from crosscheck.scene.models import import_file
-from crosscheck.scene.models.words import shortened
-from crosscheck.scene.paths import changed, unit
+
+if TYPE_CHECKING:
+    from crosscheck.jointspace.verdicts import Verdict
 
 
 @options.starting
@@ -55,6 +41,11 @@ def import_(
 
     Exit code 0: written; 2: refused, and nothing is written.
     """
+    from crosscheck import adapters
+    from crosscheck.adapters.base import RunSpec
+    from crosscheck.scene.models import import_file
+    from crosscheck.scene.models.words import shortened
+
     with waiting(f"reading {model.name}"):
         scene = import_file(model, out, drop=drop, base=base, duration=duration, samples=samples,
                             balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
@@ -77,6 +68,8 @@ def export(
     out: Annotated[Path, typer.Option("--out", "-o", help="the file: .xml (MJCF), .urdf, or .py, which runs Exudyn")],
 ) -> None:
     """Convert a scene to MJCF, URDF or a script for Exudyn; refuse, by name, what the format cannot hold."""
+    from crosscheck.adapters.export import export_model
+
     left_out = export_model(scene, out)
     typer.echo(f"written: {out}")
     for words in left_out:
@@ -91,6 +84,8 @@ def diff(
 
     Exit code 0: the same motion; 1: something differs; 2: one of them cannot be read.
     """
+    from crosscheck.inspection.diff import diff as compare
+
     report = compare(a, b)
     for line in report.lines:
         say(line)
@@ -121,6 +116,11 @@ def derivatives(
 
     Exit code 0: all are right; 1: one is wrong; 2: it could not be done.
     """
+    from crosscheck.cli.linear_pages import write_derivatives
+    from crosscheck.jointspace.derivatives import truth
+    from crosscheck.jointspace.laws import smooth
+    from crosscheck.jointspace.verdicts import judge
+
     asked = smooth(options.loaded(scene, drop, at))
     exact = truth(asked)
     verdicts: list[Verdict] = []
@@ -146,6 +146,8 @@ def derivatives(
 
 
 def _print_derivatives(exact: Any, verdicts: Any, skipped: dict[str, str]) -> None:
+    import numpy as np
+
     say(f"{exact.scene}: {', '.join(exact.coordinates) or 'no joint coordinates'}")
     for name, values in exact.blocks.items():
         if name != "matrix" or exact.da_dq is None:
@@ -178,6 +180,13 @@ def modes(
     at: options.Start = options.REFERENCE,
 ) -> None:
     """Eigenvalues of small motions about a scene's start, an equilibrium or a steady motion."""
+    import numpy as np
+
+    from crosscheck.cli.linear_pages import write_modes
+    from crosscheck.jointspace.modes import at_speed
+    from crosscheck.jointspace.modes import modes as find
+    from crosscheck.scene.paths import changed, unit
+
     asked = options.loaded(scene, drop, at)
     small, path, over_numbers = find(asked), "", {}
     if over is not None:
@@ -223,6 +232,9 @@ def reproduce(
 
     Exit code 0: written; 2: no script can hold it.
     """
+    from crosscheck.inspection.bisect import issue as filed
+    from crosscheck.inspection.reproduce import reproduce as written
+
     script = written(scene, engine, method, step, duration, **at.given)
     for path, text in ((out, script.text), (issue, filed(script, engine))):
         if path is not None:
@@ -248,6 +260,9 @@ def bisect(
     An environment is made for each release that is run, by uv or pip, and kept. Exit code 0: nothing changed; 1: a
     release changed the answer; 2: it could not be done.
     """
+    from crosscheck.inspection import bisect as releases
+    from crosscheck.inspection.reproduce import reproduce as written
+
     script = written(scene, engine, method, step, duration, **at.given)
     with progress_bar(f"releases of {engine}") as progress:
         result = releases.bisect(script, engine, versions, say, progress)

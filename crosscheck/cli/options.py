@@ -8,21 +8,21 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 
-from crosscheck.adapters.base import CHOICES
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import cache_folder, finite
-from crosscheck.scene.file import load_scene
-from crosscheck.scene.model import Scene
-from crosscheck.scene.models import import_file, import_model, is_model
-from crosscheck.scene.models.words import shortened
+
+if TYPE_CHECKING:
+    from crosscheck.scene.model import Scene
 
 
 def _known_map(given: str | Sequence[str] | None) -> object:
     """The map or maps of an option; raises `ArgumentError` for an unknown one."""
+    from crosscheck.adapters.base import CHOICES
+
     for name in (given,) if isinstance(given, str) else given or ():
         if name not in CHOICES["coordinate_map"]:
             raise ArgumentError(unknown("--map", name, CHOICES["coordinate_map"]))
@@ -126,6 +126,9 @@ def controls(given: Iterable[str] | None) -> dict[str, float]:
 
 def loaded(name: str, drop: bool, at: Start, control: Iterable[str] | None = None, limits: str = "monitor") -> Scene:
     """The scene of a name, a scene file or a model file; prints what is left out of a model."""
+    from crosscheck.scene.file import load_scene
+    from crosscheck.scene.models import import_model, is_model
+
     if not is_model(name):
         if drop or any(at) or control or limits != "monitor":
             raise ArgumentError("--drop, --keyframe, --qpos, --qvel, --control and --limits go with a model file, .xml "
@@ -138,6 +141,8 @@ def loaded(name: str, drop: bool, at: Start, control: Iterable[str] | None = Non
 
 
 def _say_left_out(name: str, scene: Scene) -> None:
+    from crosscheck.scene.models.words import shortened
+
     for words in shortened(scene.left_out):
         typer.echo(f"left out of {name}: {words}", err=True)
 
@@ -145,6 +150,8 @@ def _say_left_out(name: str, scene: Scene) -> None:
 def scene_files(names: Iterable[str] | None, drop: bool, at: Start, control: Sequence[str] | None = None,
                 limits: str = "monitor") -> list[str] | None:
     """The names, with every model file replaced by its scene file, which is written to the cache folder."""
+    from crosscheck.scene.models import import_file, is_model
+
     if names is None:
         return None
     files = []

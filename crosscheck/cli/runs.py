@@ -9,37 +9,22 @@ import shlex
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import IO, Annotated, Any
+from typing import IO, TYPE_CHECKING, Annotated, Any
 
-import msgspec
-import numpy as np
 import typer
-from msgspec.structs import replace
 
-from crosscheck import adapters, recordings
-from crosscheck.adapters.base import RunSpec
 from crosscheck.cli import options
 from crosscheck.cli.console import complain, progress_bar, say, waiting
 from crosscheck.cli.options import figure
-from crosscheck.diagnosis import explain as explain_run
-from crosscheck.diagnosis.laws import which_law
-from crosscheck.document import QUANTITIES, Advice, Record, Way, extended, outcomes
-from crosscheck.document.outcomes import EXIT_CODES, Outcome, percent
 from crosscheck.errors import ArgumentError, CrosscheckError, SceneError, Unsupported
 from crosscheck.files import cell, replacing
-from crosscheck.judge.metrics import up_to
-from crosscheck.judge.verdict import worst
-from crosscheck.references import Chaotic, TruthError, conditioning
-from crosscheck.running.provenance import engine_version
-from crosscheck.running.run import run as run_scene
-from crosscheck.running.run import truth as truth_of
-from crosscheck.running.trajectory import Trajectory
-from crosscheck.running.versions import need
-from crosscheck.scene.model import Scene
-from crosscheck.scene.sensors import columns, unit
-from crosscheck.scene.states import States
-from crosscheck.verification.advice import advise as advice_for
-from crosscheck.verification.cell import judge_run
+
+if TYPE_CHECKING:
+    from crosscheck.document import Advice, Record
+    from crosscheck.document.outcomes import Outcome
+    from crosscheck.running.trajectory import Trajectory
+    from crosscheck.scene.model import Scene
+    from crosscheck.scene.states import States
 
 
 @options.starting
@@ -73,6 +58,10 @@ def run(
     Exit code 0: it passes or shows only known defects; 1: it fails or does not run; 3: its motion was not judged over
     all of its time, or the engine cannot model the scene.
     """
+    from crosscheck import adapters
+    from crosscheck.document.outcomes import EXIT_CODES
+    from crosscheck.running.run import run as run_scene
+
     if method is None:
         if engine != "lieeuler":
             raise ArgumentError(f"--method: {engine} has {', '.join(adapters.get(engine).methods)}: name one of them")
@@ -100,6 +89,11 @@ def run(
 @contextlib.contextmanager
 def _ending(engine: str) -> Iterator[None]:
     """Print the outcome of an engine that cannot model the scene or does not run, or without truth, and end with it."""
+    from crosscheck import adapters
+    from crosscheck.document.outcomes import EXIT_CODES
+    from crosscheck.references import TruthError
+    from crosscheck.running.versions import need
+
     need([engine])
     adapters.get(engine)
     try:
@@ -116,6 +110,12 @@ def _ending(engine: str) -> Iterator[None]:
 def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: float | None,
             given: Mapping[str, Any]) -> Record | None:
     """The verdict; None if there is neither a step nor a tolerance by which to judge."""
+    from crosscheck import adapters
+    from crosscheck.adapters.base import RunSpec
+    from crosscheck.document import Record, Way, extended
+    from crosscheck.running.provenance import engine_version
+    from crosscheck.verification.cell import judge_run
+
     adapter, used = adapters.get(engine), step or traj.stats.get("step")
     spec = RunSpec(traj.method, step=used if rtol is None else None, rtol=rtol, form=given.get("form"))
     order = adapter.documented_order(traj.scene, spec)
@@ -130,6 +130,10 @@ def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: 
 
 def _first_line(judged: Record | None) -> str:
     """The outcome of a run, its own error against truth, the share of its time that was judged, and what decided."""
+    from crosscheck.document import QUANTITIES
+    from crosscheck.document.outcomes import percent
+    from crosscheck.judge.verdict import worst
+
     if judged is None:
         return "unresolved: nothing was compared, because bounds follow from --step or --rtol and neither was given"
     sizes = [f"{name} {error.max:.2g} {error.unit}" for name, error in judged.errors.items()
@@ -160,6 +164,7 @@ def _print_errors(judged: Record, traj: Trajectory) -> None:
 
 
 def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: float | None) -> None:
+
     used = traj.stats.get("step")
     say(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.steps} steps"
                + (f" of {used:.6g} s" if used else "") + f", {traj.wall_time:.3g} s of stepping, "
@@ -188,6 +193,12 @@ def truth(
     floor: Annotated[bool, typer.Option("--floor", help="say what rounding leaves in double precision")] = False,
 ) -> None:
     """Print the independent truth of a scene: its sources, its error, the end state."""
+    import numpy as np
+
+    from crosscheck.judge.metrics import up_to
+    from crosscheck.references import Chaotic, conditioning
+    from crosscheck.running.run import truth as truth_of
+
     shown = options.loaded(scene, drop, at)
     try:
         with waiting(f"truth of {shown.name} by two formulations"):
@@ -219,6 +230,8 @@ def truth(
 
 def write_csv(scene: Scene, states: Trajectory | States, target: str) -> None:
     """Write states as CSV, one line per output time, in full precision; `target` is a path, or - for the terminal."""
+    from crosscheck.scene.sensors import columns, unit
+
     header = ["t [s]"]
     for body in scene.bodies:
         header += [f"{body.name} x_{axis} [m]" for axis in "xyz"]
@@ -282,6 +295,9 @@ def judge(
 
     Exit code 0: within the tolerances; 1: not; 2: a file cannot be read; 3: unresolved, and why.
     """
+    from crosscheck import recordings
+    from crosscheck.document import outcomes
+
     described = options.loaded(scene, drop, at)
     if suggest:
         typer.echo(recordings.suggest(files[0], described, period), nl=False)
@@ -332,6 +348,8 @@ def explain(
 
     Exit code 0: no difference; 1: a cause is named; 3: it differs, and the cause is unknown.
     """
+    from crosscheck.diagnosis import explain as explain_run
+
     described = options.loaded(scene, drop, at)
     with _ending(engine), waiting(f"causes for {engine} on {scene}"):
         answer = explain_run(described, engine, method, form, step, coordinate_map=coordinate_map, softness=softness,
@@ -383,6 +401,12 @@ def advise(
     calls read the results. Exit code 0: a method reaches the error; 3: none within the
     budget.
     """
+    import msgspec
+    from msgspec.structs import replace
+
+    from crosscheck.document.outcomes import EXIT_CODES
+    from crosscheck.verification.advice import advise as advice_for
+
     loaded = options.loaded(scene, drop, at)
     with waiting(f"runs of {engine} at a ladder of steps, against truth"), _ending(engine):
         advice = advice_for(loaded, engine=engine, error=error)
@@ -403,6 +427,8 @@ def advise(
 def _law(scene: Scene, engine: str, advice: Advice) -> str | None:
     """The three answers about the scene's laws by the advised method, or the engine's own choice where its step is not
     fixed; None for a scene without laws."""
+    from crosscheck.diagnosis.laws import which_law
+
     if not scene.has_laws:
         return None
     method, form = (advice.method, advice.form) if advice.step else (None, None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -13,16 +13,14 @@ from crosscheck.cli.console import console, figures, key, print_table, progress_
 from crosscheck.cli.options import Engines, chosen, figure
 from crosscheck.cli.options import figures as shown
 from crosscheck.errors import counted
-from crosscheck.studies import study as studies
-from crosscheck.studies.drift import DriftAsk, DriftStudy
-from crosscheck.studies.stability import Stability, StabilityAsk
-from crosscheck.studies.study import Ask, Study, StudyDocument
-from crosscheck.studies.work_precision import FRONTIERS, WorkPrecision, WorkPrecisionAsk
 
-Asked = TypeVar("Asked", bound=Ask)
-Doc = TypeVar("Doc", bound=StudyDocument)
+if TYPE_CHECKING:
+    from crosscheck.studies.study import Ask, Study, StudyDocument
 
-app = typer.Typer(name="study", no_args_is_help=True, add_completion=False)
+Asked = TypeVar("Asked", bound="Ask")
+Doc = TypeVar("Doc", bound="StudyDocument")
+
+app = typer.Typer(name="study", no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 
 SHOWN = (1, 4, 7)
 """Indices of the error levels in the table of all methods, see `crosscheck.studies.work_precision.LEVELS`."""
@@ -39,6 +37,8 @@ def alone() -> None:
 
 def _conduct(study: Study[Asked, Any, Doc], ask: Asked, out: Path) -> Doc:
     """Run a study with a progress bar; returns its document."""
+    from crosscheck.studies import study as studies
+
     with progress_bar("which runs there are") as progress:
         return studies.conduct(study, ask, out, progress)
 
@@ -60,6 +60,8 @@ def work_precision(
     out: Out = Path("reports/work-precision"),
 ) -> None:
     """Measure errors against stepping time and force evaluations, and the fastest runs at errors 1e-2 ... 1e-11."""
+    from crosscheck.studies.work_precision import FRONTIERS, WorkPrecision, WorkPrecisionAsk
+
     ask = WorkPrecisionAsk(chosen(scene), chosen(engine), chosen(method), time_limit, repeats, bound, duration,
                            coordinate_map=coordinate_map)
     document = _conduct(WorkPrecision(), ask, out)
@@ -107,6 +109,8 @@ def drift(
     out: Out = Path("reports/drift"),
 ) -> None:
     """Measure the drift of energy, momentum, constraints and attitudes over long runs."""
+    from crosscheck.studies.drift import DriftAsk, DriftStudy
+
     ask = DriftAsk(chosen(scene), chosen(engine), chosen(method), time_limit, step, steps,
                    coordinate_map=coordinate_map)
     document = _conduct(DriftStudy(), ask, out)
@@ -138,6 +142,8 @@ def stability(
 
     A study that was killed continues when it is started again with the same arguments.
     """
+    from crosscheck.studies.stability import Stability, StabilityAsk
+
     document = _conduct(Stability(), StabilityAsk(chosen(scene), chosen(engine), jobs=jobs, fresh=fresh), out)
     columns = [key("scene"), key("run"), *figures("largest step, s", "rtol", "error there, m", "ms", "breaks at"),
                words("how")]

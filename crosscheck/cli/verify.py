@@ -11,12 +11,10 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import typer
 
-from crosscheck import report as site
 from crosscheck.cli import options
 from crosscheck.cli.console import complain, console, figures, key, print_table, progress_bar, say
 from crosscheck.cli.options import (
@@ -30,21 +28,11 @@ from crosscheck.cli.options import (
     scene_files,
     starting,
 )
-from crosscheck.document import Asked, Document, Record, grouped
 from crosscheck.errors import ArgumentError, counted, install
-from crosscheck.history import nightly as nights
-from crosscheck.jobs.table import Table
-from crosscheck.judge import overrides
-from crosscheck.recordings import published
-from crosscheck.report import check_out, schema, write
-from crosscheck.report.figures import write_figures
-from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, share_words
-from crosscheck.report.overview import worst_first
-from crosscheck.report.paper import write_paper
-from crosscheck.scene.file import as_scene, tagged
-from crosscheck.sweeps import job as sweeps
-from crosscheck.verification import job
-from crosscheck.verification.job import limits_of
+
+if TYPE_CHECKING:
+    from crosscheck.document import Document, Record
+    from crosscheck.recordings import published
 
 COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order", "position error, m", "bound, m",
                                               "judged to", "energy error", "us/step"))
@@ -88,6 +76,16 @@ def verify(
     fails or did not run, or a scene lacks the truth that it should have; 3: nothing fails, and a run could not be
     judged over --need of its time.
     """
+    from crosscheck import report as site
+    from crosscheck.document import Asked
+    from crosscheck.jobs.table import Table
+    from crosscheck.judge import overrides
+    from crosscheck.recordings import published
+    from crosscheck.report import check_out, schema, write
+    from crosscheck.scene.file import as_scene, tagged
+    from crosscheck.verification import job
+    from crosscheck.verification.job import limits_of
+
     if jobs < 1:
         raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
     if tag and not tagged(*tag):
@@ -127,6 +125,12 @@ def verify(
 
 def print_verdicts(document: Document, page: Path) -> None:
     """Print the outcome, passes by engine and scene, every other run, what is wrong and what to trust, the page."""
+    import msgspec
+
+    from crosscheck.document import grouped
+    from crosscheck.report.headline import OUTCOMES, headline, sentence
+    from crosscheck.report.overview import worst_first
+
     titles = {scene.name: scene.title for scene in document.scenes}
     if len(set(titles.values())) == len(titles):  # a path is long, and of a model file one in the cache folder
         document = msgspec.structs.replace(
@@ -187,6 +191,8 @@ def _print_published(literature: Sequence[published.Figure]) -> None:
 
 def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
     """Print one line for all runs of an engine on a scene that have one outcome and nothing wrong."""
+    from crosscheck.report.headline import OUTCOMES, judged_share, share_words
+
     best, first = min(right, key=lambda record: record.judged_error), right[0]
     part = "" if first.outcome == "pass" else (
         f", {first.outcome}: {share_words(judged_share(right))}, since {first.not_judged or 'its bounds end there'}")
@@ -200,6 +206,8 @@ def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
 
 
 def _row(record: Record) -> tuple[str, ...]:
+    from crosscheck.report.headline import OUTCOMES
+
     position, fitted = record.errors.get("position"), record.orders.get("position")
     order = fitted.observed if fitted else None
     return (record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", _size(record),
@@ -243,6 +251,10 @@ def nightly(
     Exit code 0: nothing fails or became worse; 1: a run fails or did not run, or something became worse; 3: a run could
     not be judged over all of its time.
     """
+    from crosscheck.document import Asked
+    from crosscheck.history import nightly as nights
+    from crosscheck.verification.job import limits_of
+
     wanted = nights.Wanted(profile, scene, engine, jobs, limits_of(time_limit, memory_limit),
                         Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler, fresh)
     with progress_bar("which runs there are") as progress:
@@ -263,6 +275,10 @@ def sweep(
     cell: Annotated[str | None, typer.Option(help="run only this cell again, and print its row")] = None,
 ) -> None:
     """Run a sweep. Finished cells are not computed again, so the same command continues an interrupted sweep."""
+    import msgspec
+
+    from crosscheck.sweeps import job as sweeps
+
     target = out or Path("reports") / f"sweep-{file.stem}"
     if dry_run:
         count, missing, seconds = sweeps.estimate(file, target, workers)
@@ -304,6 +320,10 @@ def report(
         "figures, tables, LaTeX and BibTeX in paper/"))] = "html",
 ) -> None:
     """Render a finished run again from its results.json, without running anything."""
+    from crosscheck import report as site
+    from crosscheck.report.figures import write_figures
+    from crosscheck.report.paper import write_paper
+
     folder = run.parent if run.name == "results.json" else run
     if format_ not in RENDERED:
         raise ArgumentError(f"--format {format_!r} is unknown: choose {', '.join(RENDERED[:-1])} or {RENDERED[-1]}")

@@ -1,6 +1,9 @@
 """How commands end, by mistakes of the user and of ours, and the lines while they work."""
 
 import io
+import json
+import subprocess
+import sys
 import time
 from contextlib import redirect_stderr
 
@@ -8,7 +11,7 @@ import pytest
 
 from crosscheck import errors
 from crosscheck.cli import console
-from crosscheck.cli.app import main
+from crosscheck.cli.app import COMMANDS, main
 
 
 @pytest.mark.parametrize(("error", "code", "words"), [
@@ -47,3 +50,29 @@ def test_there_is_a_line_after_every_pause_however_long_one_task_takes(monkeypat
     assert any(line.endswith(" of 8 done, the longest") for line in lines)
     assert lines[-1] == "1 s: crosscheck judge"
     assert 8 <= len(lines) <= 15
+
+
+HELPED = """import contextlib, io, json, sys
+from crosscheck.cli.app import main
+for words in json.loads(sys.argv[1]):
+    sys.argv = ["crosscheck", *words]
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        try:
+            main()
+        except SystemExit as end:
+            assert end.code == (0 if "--help" in words else 2), words
+print(json.dumps(sorted(sys.modules)))
+"""
+
+
+def test_help_and_a_mistyped_option_import_neither_scenes_nor_engines():
+    words = [["--help"], ["study", "drift", "--help"], ["history", "list", "--hlep"],
+             *([name, option] for name in COMMANDS for option in ("--help", "--hlep"))]
+    done = subprocess.run([sys.executable, "-c", HELPED, json.dumps(words)], capture_output=True, text=True,
+                          timeout=120, check=True)
+    imported = json.loads(done.stdout)
+    own = {name for name in imported if name.startswith(("crosscheck.", "lieeuler"))}
+    assert {name for name in own if not name.startswith("crosscheck.cli")} == {
+        "crosscheck.errors", "crosscheck.files", "crosscheck.jobs", "crosscheck.jobs.threads"}
+    assert not {"numpy", "scipy", "msgspec", "sqlalchemy", "psutil", "rich", "jinja2"} & {*imported}
+    assert len(imported) < 500  # of which Typer's are the most

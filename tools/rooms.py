@@ -18,7 +18,7 @@ from pathlib import Path
 BASE = {"errors", "files"}
 DATA = BASE | {"jobs", "scene", "document"}
 RUNS = DATA | {"references", "adapters", "running"}
-JUDGED = RUNS | {"judge"}
+JUDGED = RUNS | {"compare", "judge"}
 REPORTED = JUDGED | {"verification", "report"}
 
 MAY_IMPORT: dict[str, set[str]] = {
@@ -30,7 +30,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "references": BASE | {"scene"},
     "adapters": BASE | {"scene", "jobs", "document", "lieeuler"},
     "running": DATA | {"references", "adapters"},
-    "judge": BASE | {"scene", "document", "references"},
+    "compare": {"scene"},
+    "judge": BASE | {"scene", "document", "references", "compare"},
     "inspection": RUNS,
     "jointspace": RUNS | {"inspection"},
     "diagnosis": JUDGED | {"verification"},  # accuses nothing that the verdict accepts

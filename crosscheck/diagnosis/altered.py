@@ -8,7 +8,7 @@ import numpy as np
 
 from crosscheck.diagnosis import misreadings
 from crosscheck.diagnosis.physics import Physics, Points, Terms
-from crosscheck.judge.flow import State
+from crosscheck.judge.batch import State
 from crosscheck.judge.substeps import TABLEAUX, Stepper, exponential_step, semi_implicit
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints

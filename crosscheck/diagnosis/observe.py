@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
+from crosscheck.compare.order import cancelling
 from crosscheck.document import Way
-from crosscheck.judge.vanishing import cancelling
 from crosscheck.references.maximal import Maximal
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import GROUND, Scene

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from crosscheck.compare.apart import turn
 from crosscheck.document import QUANTITIES, Scales
 from crosscheck.judge import tolerances
 from crosscheck.judge.claim import Claim, Trace
@@ -151,17 +152,6 @@ def _measure(scene: Scene, traj: Trace, truth: Reference, claim: Claim, scale: S
     run = Defects(flow, claim, scale, tolerances.grading(scene), growth, vectors, floor, opening, ())
     orders = 3 if order == 1 else 2 if claim.fixed else 1
     return dataclasses.replace(run, allowed=tuple(_drift(run, traj.t, more) for more in range(orders)))
-
-
-def turn(R: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Rotation vectors (rad) of R^T S, (..., 3)."""
-    D = np.swapaxes(R, -1, -2) @ S
-    twice = np.stack([D[..., 2, 1] - D[..., 1, 2], D[..., 0, 2] - D[..., 2, 0], D[..., 1, 0] - D[..., 0, 1]], -1)
-    sine = np.linalg.norm(twice, axis=-1)
-    angle = np.arctan2(sine, np.trace(D, axis1=-2, axis2=-1) - 1.0)
-    direction = twice / np.where(sine > 0.0, sine, 1.0)[..., None]
-    direction[..., 0] += (sine < 1e-8) & (angle > 1.0)  # at half a turn the sine has no direction: any will do
-    return np.asarray(direction * angle[..., None])
 
 
 def _drift(run: Defects, t: np.ndarray, more: int) -> Parts:

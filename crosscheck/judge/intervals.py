@@ -8,9 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from crosscheck.compare.apart import turn
 from crosscheck.document import QUANTITIES, Finding
 from crosscheck.judge.claim import Trace
-from crosscheck.judge.defects import DOUBT, Defects, turn, with_slack
+from crosscheck.judge.defects import DOUBT, Defects, with_slack
 from crosscheck.judge.metrics import PLATEAU
 from crosscheck.judge.tolerances import CONSTANTS, ENDED
 from crosscheck.judge.vanishing import finest_first, following, limits, shares, soft_joints, started

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.compare.apart import turn
 from crosscheck.document import Finding
+from crosscheck.judge.batch import State, rates_of
 from crosscheck.judge.claim import Trace
-from crosscheck.judge.defects import turn
-from crosscheck.judge.flow import State, rates_of
 from crosscheck.judge.tolerances import scales
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene

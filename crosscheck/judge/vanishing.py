@@ -9,8 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from crosscheck.compare.apart import turn
+from crosscheck.compare.order import cancelling
 from crosscheck.document import QUANTITIES
-from crosscheck.judge.defects import Defects, turn, with_slack
+from crosscheck.judge.defects import Defects, with_slack
 from crosscheck.judge.flow import around
 from crosscheck.judge.tolerances import CONSTANTS, USUAL
 
@@ -147,14 +149,8 @@ def extrapolation(runs: Sequence[Defects], order: int) -> tuple[np.ndarray, floa
     That factor is relative to the next term of the finest run.
     """
     h = np.array([run.claim.step or 1.0 for run in runs])
-    weights = cancelling(h / h[0], order)
+    weights = cancelling(h, order)
     return weights, float(abs(weights @ (h / h[0]) ** (order + len(h) - 1)))
-
-
-def cancelling(h: np.ndarray, order: int) -> np.ndarray:
-    """Weights, of sum one, of the values at steps h whose sum is without h^order, h^(order + 1), ...: one fewer."""
-    powers = np.array([0, *range(order, order + len(h) - 1)])
-    return np.asarray(np.linalg.solve(h[None] ** powers[:, None], np.eye(len(h))[0]))
 
 
 def shares(runs: Sequence[Defects], order: int) -> list[np.ndarray]:

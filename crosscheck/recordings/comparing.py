@@ -14,9 +14,9 @@ from typing import Any, cast
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from crosscheck.compare.apart import turn
+from crosscheck.judge.batch import integrate
 from crosscheck.judge.crossings import Crossed, across
-from crosscheck.judge.defects import turn
-from crosscheck.judge.flow import integrate
 from crosscheck.judge.sensors import moved
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.scene import mechanics

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import crosscheck
-from crosscheck.judge.flow import integrate
+from crosscheck.judge.batch import integrate
 from crosscheck.scene import mechanics
 from crosscheck.scene.building import scene_from
 from crosscheck.scene.states import States

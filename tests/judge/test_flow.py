@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crosscheck.judge.flow import integrate, rates_of
+from crosscheck.judge.batch import integrate, rates_of
 from crosscheck.references import truth
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.states import States

@@ -1,0 +1,121 @@
+"""Where answers at a few steps go, and how surely: solution verification.
+
+Answers A(h) = A(0) + c h^p + d h^(p+1) + ... of a method of order p, less the truth. T2 cancels h^p from the two finest
+and T3 also h^(p+1) from three; the uncertainty of T3 is 3 |T3 - T2|, and what rounding and noise leave.
+
+Sources: P. J. Roache, J. Fluids Eng. 116 (1994) 405; ASME V&V 20; L. Eca, M. Hoekstra, J. Comput. Phys. 262 (2014) 104;
+E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.9.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from crosscheck.compare.apart import largest, spread
+
+SAFETY = 3.0
+"""Safety factor of an uncertainty (Roache 1994 for two grids, kept for three as a run has some sixty figures)."""
+MARGIN = 0.5
+"""An observed order counts as the whole number that it is nearest to (Roache)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Limit:
+    """Where a sequence of answers goes, less truth; its uncertainty is the sum of `parts`."""
+
+    value: np.ndarray  # (T, n, k)
+    parts: Mapping[str, float]  # of U, by what it comes from
+    by: str  # "order", "rounding", "no order", "order one", "tolerance": which rule gave it
+
+    @property
+    def size(self) -> float:
+        """|value|: the largest Euclidean norm."""
+        return largest(self.value)
+
+    @property
+    def uncertainty(self) -> float:
+        """U."""
+        return float(sum(self.parts.values()))
+
+
+def cancelling(h: np.ndarray, order: int) -> np.ndarray:
+    """Weights, of sum one, of the values at steps h whose sum is without h^order, h^(order + 1), ...: one fewer."""
+    powers = np.array([0, *range(order, order + len(h) - 1)])
+    return np.asarray(np.linalg.solve((h[None] / h[0]) ** powers[:, None], np.eye(len(h))[0]))
+
+
+def observed_order(h: Sequence[float], answers: Sequence[np.ndarray]) -> float:
+    """q with (h3^q - h2^q) / (h2^q - h1^q) = rms(A3 - A2) / rms(A2 - A1) for steps h1 < h2 < h3.
+
+    Infinite if the two finest are equal, minus infinite if anything is not finite.
+    """
+    near, far = (float(np.sqrt(np.mean((b - a) ** 2))) for a, b in itertools.pairwise(answers))
+    if not (math.isfinite(near) and math.isfinite(far)):
+        return -math.inf
+    if near == 0.0:
+        return math.inf
+    powers = np.linspace(-4.0, 14.0, 720)  # without zero, where both sides are 0
+    ratio = (h[2] ** powers - h[1] ** powers) / (h[1] ** powers - h[0] ** powers)
+    return float(np.interp(far / near, ratio, powers))
+
+
+def floor_of(rounding: Sequence[float], noise: float, weights: Sequence[float] | np.ndarray | None = None) -> float:
+    """Sum of |w| (u_round + 3 u_noise) of answers with these weights, by default the finest alone."""
+    weights = [1.0, *[0.0] * (len(rounding) - 1)] if weights is None else weights
+    return float(sum(abs(w) * (u + SAFETY * noise) for w, u in zip(weights, rounding, strict=True)))
+
+
+def differ(answers: Sequence[np.ndarray], rounding: Sequence[float], noise: float) -> bool:
+    """Whether answers differ by more than rounding and noise, so that an order may be asked."""
+    return any(largest(b - a) > 2 * floor_of((max(u, v),), noise)
+               for (a, b), (u, v) in zip(itertools.pairwise(answers), itertools.pairwise(rounding), strict=True))
+
+
+def limit(h: Sequence[float], answers: Sequence[np.ndarray], order: int, rounding: Sequence[float], noise: float = 0.0,
+          observed: float = math.inf) -> Limit:
+    """The limit of answers less truth, (T, n, k) each, at steps h1 < h2 < h3 of a method of documented `order`.
+
+    Parameters
+    ----------
+    rounding : u_round of each answer
+    noise : u_noise, by how much answers to one question scatter beyond rounding
+    observed : the observed order of the sequence; below `order` - 1/2 nothing is extrapolated
+    """
+    apart = spread(answers)
+    if not math.isfinite(apart):
+        return Limit(answers[0], {"extrapolation": math.inf}, "no order")
+    floor = {"rounding": floor_of(rounding, 0.0), "noise": SAFETY * noise}
+    if not differ(answers, rounding, noise):
+        return Limit(answers[0], {"extrapolation": SAFETY * apart, **floor}, "rounding")
+    if observed < order - MARGIN:
+        return Limit(answers[0], {"extrapolation": SAFETY * apart, **floor}, "no order")
+    steps = np.array(h)
+    two, three = cancelling(steps[:2], order), cancelling(steps, order)
+    T2 = sum(w * each for w, each in zip(two, answers[:2], strict=True))
+    T3 = sum((w * each for w, each in zip(three, answers, strict=True)), np.zeros_like(answers[0]))
+    return Limit(T3, {"extrapolation": SAFETY * largest(T3 - T2), "rounding": floor_of(rounding, 0.0, three),
+                      "noise": float(np.abs(three).sum()) * SAFETY * noise}, "order")
+
+
+def index_of_order_one(h: Sequence[float], answers: Sequence[np.ndarray], rounding: float, noise: float = 0.0,
+                       jump: float = 0.0) -> Limit:
+    """The finest answer of a sequence without an expansion in h, with the two-grid index at order one (Eca, Hoekstra).
+
+    Every convergent method has errors up to C h; C is from the two answers that differ most for their steps. `jump`: by
+    how much an event that is a step late may change the row.
+    """
+    pairs = itertools.combinations(range(len(answers)), 2)
+    most = max(largest(answers[i] - answers[j]) * h[0] / (h[j] - h[i]) for i, j in pairs)
+    return Limit(answers[0], {"extrapolation": max(SAFETY * most, jump), "rounding": rounding, "noise": SAFETY * noise},
+                 "order one")
+
+
+def spread_of_tolerances(answers: Sequence[np.ndarray], rounding: float, noise: float = 0.0) -> Limit:
+    """The answer at the finest tolerance of an adaptive method, which has no expansion: U is three times the spread."""
+    return Limit(answers[0], {"extrapolation": SAFETY * spread(answers), "rounding": rounding, "noise": SAFETY * noise},
+                 "tolerance")

@@ -1,7 +1,7 @@
 """The engine adapters: names, lookup, methods. An engine's package is imported only when the engine is used.
 
-An engine is given by its name, by a class of the user ("module:Class", "path/file.py:Class"), or by name and version
-("mujoco==3.3.7").
+An engine is given by its name, by a class of the user ("module:Class", "path/file.py:Class"), by a program of the user
+("PROGRAM {scene} {step} {out}"), or by name and version ("mujoco==3.3.7").
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine
+from crosscheck.adapters.foreign.program import Program, is_program
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import cache_folder, put
 
@@ -55,10 +56,10 @@ def get(engine: str | Engine) -> Engine:
 
 
 def sources(engines: Iterable[str]) -> dict[str, dict[str, bytes]]:
-    """The files of those engines that are classes of the user, for `carry`."""
+    """The files of those engines that are classes of the user, for `carry`; programs have to be where they run."""
     from crosscheck.adapters.foreign import code
 
-    return {name: code.sources(name.rpartition(":")[0]) for name in engines if is_own(name)}
+    return {name: code.sources(name.rpartition(":")[0]) for name in engines if is_own(name) and not is_program(name)}
 
 
 def carry(given: Mapping[str, Mapping[str, bytes]]) -> None:
@@ -101,6 +102,11 @@ def _make(name: str) -> Engine:
     from crosscheck.adapters.foreign.apart import Stranger
     from crosscheck.adapters.foreign.remote import Home
 
+    if is_program(name):
+        from crosscheck.adapters.foreign import own
+
+        program = Program(name)
+        return own.completed(program, name, None, program.digest())
     for point in importlib.metadata.entry_points(group=_GROUP, name=name):
         return Stranger(Home(point.value, names(), point.dist.version if point.dist else None))
     if is_own(name):
@@ -116,6 +122,8 @@ def renew() -> None:
 
 def split(entry: str) -> tuple[str, str]:
     """(engine, method) of "engine", "engine:method" and, for a class of the user, "module:Class:method"."""
+    if is_program(entry):
+        return entry, ""
     if is_own(entry):
         home, _, rest = entry.rpartition(":")
         return (home, rest) if ":" in home else (entry, "")
@@ -124,8 +132,8 @@ def split(entry: str) -> tuple[str, str]:
 
 
 def is_own(name: str) -> bool:
-    """Whether `name` gives a class of the user, by module or file."""
-    return ":" in name and "==" not in name and name.partition(":")[0] not in names()
+    """Whether `name` gives a class of the user, by module or file, or a program of his."""
+    return is_program(name) or (":" in name and "==" not in name and name.partition(":")[0] not in names())
 
 
 def has_own_environment(name: str) -> bool:

@@ -63,10 +63,12 @@ def run(
     from crosscheck.running.run import run as run_scene
 
     if method is None:
-        if engine != "lieeuler":
-            raise ArgumentError(f"--method: {engine} has {', '.join(adapters.get(engine).methods)}: name one of them")
-        method = "taylor"
-        rtol = 1e-9 if step is None and rtol is None else rtol
+        if engine == "lieeuler":
+            method, rtol = "taylor", 1e-9 if step is None and rtol is None else rtol
+        elif len(methods := adapters.get(engine).methods) > 1:
+            raise ArgumentError(f"--method: {engine} has {', '.join(methods)}: name one of them")
+        else:
+            method, = methods
     given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "alpha": alpha,
              "beta": beta, "spectral_radius": spectral_radius, "correction": correction,
              "conserve": conserve, "reduce": reduce, "samples": samples, "duration": duration}
@@ -154,7 +156,8 @@ def _print_errors(judged: Record, traj: Trajectory) -> None:
             f"; as far as truth reaches {error.judged:.1e} {error.unit}")
         say(f"{name} error against truth {error.max:.1e} {error.unit}, at t = {error.time:.4g} s{until}, {bound}")
     if judged.energy_error is not None and math.isfinite(judged.energy_error):
-        where = "minus the work done, at the output times" if traj.scene.worked_on else "every step"
+        where = ("minus the work done, at the output times" if traj.scene.worked_on else
+                 "every step" if traj.maxima else "at the output times")
         start = ("" if judged.energy_error_by_start is None else
                  f" ({judged.energy_error_by_start:.1e} of |E(0)|)")
         say(f"energy error {judged.energy_error:.1e} of the largest kinetic energy{start}, {where}")

@@ -486,6 +486,14 @@ class Scene(_Record):
                    for key, records in (("sites", self.sites), ("sensors", self.sensors)) if records}
         return _digest(self._content() | {"duration": self.duration, "samples": self.samples} | watched)
 
+    def json(self) -> str:
+        """The system with its start and its output times as JSON, in SI, for programs in other languages.
+
+        The keys are those of `Body`, `Joint` and `Force`; a joint names its bodies by their indices, the ground is -1.
+        The output times are `samples` instants from 0 to `duration` (s), evenly spaced.
+        """
+        return json.dumps({"name": self.name, "duration": self.duration, "samples": self.samples} | self._content())
+
     def _content(self) -> dict[str, object]:
         return {"gravity": self.gravity.tolist(), "bodies": [_plain(body) for body in self.bodies],
                 "joints": [_plain(joint) for joint in self.joints],

@@ -8,9 +8,9 @@ import numpy as np
 
 from crosscheck.diagnosis import misreadings
 from crosscheck.diagnosis.physics import Physics, Points, Terms
-from crosscheck.judge.batch import State
 from crosscheck.judge.substeps import TABLEAUX, Stepper, exponential_step, semi_implicit
 from crosscheck.scene import mechanics
+from crosscheck.scene.batch import State
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import followed, hinge_angles, starting
 from crosscheck.scene.model import GROUND, Scene

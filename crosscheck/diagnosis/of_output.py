@@ -16,9 +16,9 @@ from crosscheck.diagnosis import fit
 from crosscheck.diagnosis.observe import FASTEST, REACH, Observation, Scale, Silent, Subject, rates, true_motion
 from crosscheck.diagnosis.physics import levers
 from crosscheck.diagnosis.result import Evidence, NamedCause
-from crosscheck.judge.batch import rates_of
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
+from crosscheck.scene.batch import rates_of
 from crosscheck.scene.coordinates import hinge_angles
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States

@@ -339,7 +339,8 @@ class Record(Way, frozen=True, kw_only=True):
     errors: dict[str, Errors] = {}  # by quantity
     off: float | None = None  # the largest error of a pose: position over the scene's length, or attitude, rad
     levels: dict[str, Level] = {}
-    energy_error: float | None = None  # over the largest kinetic energy: of every step, or of samples if work is done
+    # over the largest kinetic energy: of every step, or of samples if work is done; None where that is not known
+    energy_error: float | None = None
     energy_error_by_start: float | None = None  # the same over |E(0)|, where the potential is zero at the origin
     momentum_error: float | None = None  # kg m^2/s, at the samples
     orthogonality: float | None = None

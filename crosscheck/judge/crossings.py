@@ -14,11 +14,9 @@ from crosscheck.document import QUANTITIES
 from crosscheck.errors import Unsupported
 from crosscheck.judge import tolerances
 from crosscheck.judge.claim import Trace
-from crosscheck.references import dense
 from crosscheck.references.base import Reference
 from crosscheck.references.modes import Mode, laws_of
-from crosscheck.references.restarts import Begin, Event, Restarts
-from crosscheck.references.tree_laws import LawfulTaylor
+from crosscheck.references.restarts import Begin, Event, restarts_of
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.mechanics import Efforts
 from crosscheck.scene.model import Scene
@@ -82,14 +80,6 @@ class Crossed:
         given = self.restarts.efforts(self._begin(k, None, mode) for k, mode in zip(
             (self.index + 1).tolist(), self.modes[1:], strict=True))
         return [(law.joint, not law.turns, given[:, i]) for i, law in enumerate(self.restarts.series.laws)]
-
-
-def restarts_of(scene: Scene, length: float) -> Restarts:
-    """The series of a scene with laws, started again anywhere."""
-    series = dense(scene).series
-    if not isinstance(series, LawfulTaylor):
-        raise Unsupported("its truth does not know the laws of joints")
-    return Restarts(series, length)
 
 
 def sampled_within(scene: Scene, t: np.ndarray, k: int, mode: Mode | None) -> list[int]:

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from crosscheck.document import Scales
-from crosscheck.judge.batch import TURN, integrate
 from crosscheck.judge.claim import Trace
 from crosscheck.judge.crossings import Crossed
 from crosscheck.references.base import GROWN, Reference
 from crosscheck.references.maximal import fastest
 from crosscheck.references.modes import Mode
 from crosscheck.scene import mechanics
+from crosscheck.scene.batch import TURN, integrate
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import hinge_angles
 from crosscheck.scene.model import Scene

@@ -7,7 +7,7 @@ angular velocities (rad/s) in body axes, attitudes by the angle (rad) of the rot
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -100,15 +100,18 @@ def errors(scene: Scene, run: Motion, truth: Motion, until: float = np.inf) -> d
     return result
 
 
-def energy_gap(scene: Scene, run: Motion, truth: Motion | None, maxima: Mapping[str, float]) -> float:
+def energy_gap(scene: Scene, run: Motion, truth: Motion | None, maxima: Mapping[str, float],
+               work: Callable[[], np.ndarray]) -> float:
     """The largest |E(t) - E(0) - work| of a run, J: of every step, by the `maxima` over them, if nothing does work.
 
-    Otherwise it is that of the samples. If there is truth, the work is that of the true motion, as far as that reaches.
+    Otherwise it is that of the samples. If there is truth, the work is that of the true motion, as far as that reaches;
+    else that of the run, `work`, and NaN if that is not known.
     """
     energy = mechanics.energy(scene, run)
     if scene.worked_on:
-        expected = energy[0] + mechanics.work(scene, run) if truth is None else mechanics.energy(scene, truth)
-        return float(np.nanmax(np.abs(energy - expected)))
+        if truth is None:
+            return float(np.abs(energy - energy[0] - work()).max())
+        return float(np.nanmax(np.abs(energy - mechanics.energy(scene, truth))))
     kinetic = maxima.get("kinetic_energy", float(mechanics.kinetic_energy(scene, run).max(initial=0.0)) or 1.0)
     return max(float(np.abs(energy - energy[0]).max()), maxima.get("energy_error", 0.0) * kinetic)
 

@@ -17,10 +17,10 @@ import numpy as np
 
 from crosscheck.compare.apart import turn
 from crosscheck.document import Finding
-from crosscheck.judge.batch import State, rates_of
 from crosscheck.judge.claim import Trace
 from crosscheck.judge.tolerances import scales
 from crosscheck.references.base import Reference
+from crosscheck.scene.batch import State, rates_of
 from crosscheck.scene.model import Scene
 from crosscheck.scene.vectors import exponential, inverse_tangent
 

@@ -23,10 +23,10 @@ from crosscheck.diagnosis.of_sensors import filtered, mistakes
 from crosscheck.diagnosis.physics import Physics, levers, of_scene
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import ArgumentError, CrosscheckError
-from crosscheck.judge.batch import State, integrate
 from crosscheck.judge.substeps import TABLEAUX, exponential_step
 from crosscheck.recordings.comparing import POSES, RATES, Differences, Shown, gaps, norms, part_of, restored
 from crosscheck.references.maximal import fastest
+from crosscheck.scene.batch import State, integrate
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES

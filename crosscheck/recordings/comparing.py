@@ -15,11 +15,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from crosscheck.compare.apart import turn
-from crosscheck.judge.batch import integrate
 from crosscheck.judge.crossings import Crossed, across
 from crosscheck.judge.sensors import moved
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.scene import mechanics
+from crosscheck.scene.batch import integrate
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import hinge_angles, histories
 from crosscheck.scene.model import Scene

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from crosscheck.errors import Unsupported
 from crosscheck.references.base import End, Piece
 from crosscheck.references.modes import Mode
 from crosscheck.references.pieces import Label
@@ -169,6 +170,16 @@ class Restarts:
         if falls == 0.0:
             return 0.0, 0.0
         return (float(np.dot(slopes[:, 0], units)) / falls, float(np.dot(slopes[:, 1], units)) / falls)
+
+
+def restarts_of(scene: Scene, length: float) -> Restarts:
+    """The series of a scene with laws, started again anywhere."""
+    from crosscheck.references import dense
+
+    series = dense(scene).series
+    if not isinstance(series, LawfulTaylor):
+        raise Unsupported("its truth does not know the laws of joints")
+    return Restarts(series, length)
 
 
 def _values(piece: Piece, tau: np.ndarray) -> np.ndarray:

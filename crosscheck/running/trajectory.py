@@ -71,8 +71,10 @@ class Trajectory:
 
     @functools.cached_property
     def work(self) -> np.ndarray:
-        """Work of loads, dampers and moving rest angles since the start, (T,) J; see `mechanics.work`."""
-        return mechanics.work(self.scene, self)
+        """Work of loads, dampers, drives, laws and impacts since the start, (T,) J; see `crosscheck.running.work`."""
+        from crosscheck.running.work import work
+
+        return work(self.scene, self)
 
     def __repr__(self) -> str:
         until = f"{self.t[-1]:.6g} s" if len(self.t) else "its start"

@@ -5,7 +5,6 @@ Arrays have a leading time axis: x, v (T, n, 3) world, R (T, n, 3, 3) body to wo
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -70,72 +69,6 @@ def energy(scene: Scene, states: Motion) -> np.ndarray:
     """Kinetic energy - sum of m g . x + spring energies, (T,) in J."""
     angles = torsion_angles(scene, states)
     return np.asarray(kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles, states.t))
-
-
-def power(scene: Scene, states: Motion) -> np.ndarray:
-    """dE/dt of `energy`, (T,) in W, by loads, dampers, springs with a moving rest angle, and prescribed joints.
-
-    What a sampled servo holds does not follow from the state: its power is not a number. Impacts have none.
-    """
-    angles = torsion_angles(scene, states)
-    total = np.zeros(len(states.t))
-    u = np.concatenate([states.v, states.w], axis=-1)
-
-    def pushed(force: Force) -> np.ndarray:
-        return np.asarray(np.einsum("tnk,tnk->t", force_on_bodies(scene, force, states, angles), u))
-
-    for force in scene.loads:
-        p = force.parameters
-        if force.is_spring:
-            undamped = dataclasses.replace(force, parameters={**p, "damping": 0.0})
-            total += pushed(force) - pushed(undamped)
-            if force.functions:
-                total -= p["stiffness"] * _stretch(scene, force, states.x, states.R, angles, states.t) * at(
-                    p["rest_angle"], states.t, 1)
-        else:
-            total += pushed(force)
-    for joint in scene.joints:
-        for k, friction in enumerate(joint.dry_friction):
-            if friction is not None:
-                total -= friction.sliding * abs(_rate(joint, k, states))
-    for joint, k, limits in _soft_limits(scene):
-        q, rate = _position(scene, joint, k, states.x, states.R, angles), _rate(joint, k, states)
-        total += (limits.force(q, rate) - limits.force(q, 0.0)) * rate
-    rows = Constraints(scene)
-    if rows.drives:  # the reaction -G^T lam does the work -lam . G u
-        lam = index1(scene, states.x, states.R, states.v, states.w, angles, states.t)[2]
-        for row, drive, _ in rows.drives:
-            total -= lam[:, row] * drive(states.t, 1)
-    return total
-
-
-def work(scene: Scene, states: Motion) -> np.ndarray:
-    """Work of loads, dampers and drives since the first time, (T,) in J: the integral of `power`.
-
-    Its error is that of a spline through the power at the given times: of order eight in their distance, two where the
-    law of a joint changes, one where its power jumps there. It is one spline from each break of a function of time to
-    the next, where power jumps, and up to there beyond its times; with fewer times it has a lower order. The work of
-    impacts and sampled servos does not follow from the states: NaN, as where no time is between two breaks.
-    """
-    if not scene.worked_on or len(states.t) < 2:
-        return np.zeros(len(states.t))
-    if (any(servo.period is not None for _, servo in scene.servos.values())
-            or any(each is not None and each.rigid for joint in scene.joints for each in joint.limits)):
-        return np.full(len(states.t), np.nan)
-    from scipy.interpolate import make_interp_spline
-
-    t, values, total, done = states.t, power(scene, states), np.zeros(len(states.t)), 0.0
-    cuts = [b for b in scene.breaks if t[0] < b <= t[-1]]
-    for start, end in itertools.pairwise([t[0], *cuts, t[-1]]):
-        here = np.flatnonzero((t >= start) & ((t < end) | (end == t[-1])))
-        if len(here) == 0:
-            total[t >= end] = done = np.nan
-            continue
-        degree = min(1 if scene.has_laws else 7, len(here) - 1)
-        since = make_interp_spline(t[here], values[here], degree).antiderivative()
-        total[here] = done + since(t[here]) - since(start)
-        done += float(since(end) - since(start))
-    return total
 
 
 def momentum_vertical(scene: Scene, states: Motion) -> np.ndarray:

@@ -23,6 +23,7 @@ from crosscheck.references.base import TruthError
 from crosscheck.references.members import Members
 from crosscheck.running import versions
 from crosscheck.running.attempt import Ran, attempt
+from crosscheck.running.work import work
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -190,8 +191,8 @@ def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: 
     values = {key: value for key, value in (raw.maxima or {}).items() if key in LEVELS}
     if exact is not None:
         values |= {ERRORS[name]: error.max for name, error in errors(member.scene, raw.states, exact).items()}
-    values["energy_error"] = energy_gap(member.scene, raw.states, exact, raw.maxima or {}) / energy_size(
-        member.scene, raw.states, exact)
+    gap = energy_gap(member.scene, raw.states, exact, raw.maxima or {}, lambda: work(member.scene, raw.states))
+    values["energy_error"] = gap / energy_size(member.scene, raw.states, exact)
     return replace(row, status=raw.status, form=raw.form, steps=raw.steps,
                    wall_time=raw.wall_time if timing else math.nan, **values)
 

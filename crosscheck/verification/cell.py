@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -358,7 +359,7 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference 
               held: frozenset[str], maxima: Mapping[str, float]) -> Record:
     """The measured values of a run."""
     exact = None if reference is None else reference.states.until(reference.horizon)
-    size, gap = tolerances.energy_size(scene, traj, exact), energy_gap(scene, traj, exact, maxima)
+    size, gap = tolerances.energy_size(scene, traj, exact), energy_gap(scene, traj, exact, maxima, lambda: traj.work)
     levels = {}
     for level, unit in LEVELS.items():
         series = getattr(traj, f"constraint_{level}")
@@ -371,7 +372,8 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference 
         run, form=traj.form or run.form, status=traj.status, duration=scene.duration,
         off=_off(scene, reference, missed), errors={name: error.figures for name, error in missed.items()},
         levels=levels,
-        energy_error=gap / size, energy_error_by_start=float(gap / start) if start else None,
+        energy_error=None if math.isnan(gap) else gap / size,
+        energy_error_by_start=float(gap / start) if start and not math.isnan(gap) else None,
         momentum_error=momentum, orthogonality=_most(traj.orthogonality, maxima.get("orthogonality")),
         steps=int(traj.steps), wall_time=float(traj.wall_time), us_per_step=1e6 * traj.wall_time / max(1, traj.steps),
         seconds_per_second=traj.wall_time / scene.duration, curves=run_curves(scene, traj, missed, reference))

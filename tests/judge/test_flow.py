@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crosscheck.judge.batch import integrate, rates_of
 from crosscheck.references import truth
+from crosscheck.scene.batch import integrate, rates_of
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.states import States
 

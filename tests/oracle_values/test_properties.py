@@ -205,11 +205,7 @@ def test_a_joint_spring_is_a_torsional_spring(name):
 
 @pytest.mark.parametrize("name", [name for name in ALL if name in SPINS or name.startswith("random_")])
 def test_energy_changes_by_the_work(name):
-    """At outputs so near that the spline of `work` is right: it is of order eight where no law of a joint changes."""
-    scene = loaded(data_of(name))
-    if scene.has_laws:
-        pytest.skip("of order one where the power of a law jumps")
-    run = ran(scene, samples=801)
+    run = ran(loaded(data_of(name)), samples=11)
     left = run.energy - run.energy[0] - run.work
     assert np.isfinite(run.work).all()
     assert np.abs(left).max() < CLOSE * max(1.0, np.abs(run.energy).max(), np.abs(run.work).max()), left

@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import crosscheck
-from tests.oracle_values.cases import TREES, close, content, figures, mechanism, scene, source
+from tests.oracle_values.cases import TREES, close, content, figures, mechanism, source
 
 both = pytest.mark.parametrize("who", [pytest.param("truth", marks=pytest.mark.slow), "lieeuler"])
 OF_JOINTS = {"joint_position", "joint_velocity"}
@@ -86,16 +85,17 @@ def test_energies(name):
         close(value, [figure.energy()[key] for figure in figures(name)], key)
 
 
-@pytest.mark.parametrize("name", [name for name in TREES if not scene(name).has_laws])
 def test_work(name):
-    """At outputs so near that its spline, of order eight, is right to 1e-8."""
-    count = content(name)["samples"]
-    run = crosscheck.run(scene(name), engine="lieeuler", method="rkmk853", rtol=1e-11, samples=100 * (count - 1) + 1)
-    close(run.work[::100], [figure.energy()["work"] for figure in figures(name)], "work", 1e-8)
+    """At the outputs of the scene, a second and many radians apart. What a stop takes is work here, not there."""
+    wanted = np.array([figure.energy()["work"] for figure in figures(name)])
+    if any("restitution" in stop for stop in mechanism(name).limits.values()):
+        wanted = np.array([figure.energy()["energy"] for figure in figures(name)])
+        wanted -= wanted[0]
+    close(source(name, "lieeuler").work, wanted, "work")
 
 
 def test_momentum(name):
-    if np.any(scene(name).gravity):
+    if np.any(mechanism(name).g):
         close(source(name, "lieeuler").momentum_vertical, [figure.momentum() for figure in figures(name)], "momentum")
 
 

@@ -465,12 +465,3 @@ def test_orthogonality_is_the_largest_entry_over_all_bodies():
     R = np.broadcast_to(np.eye(3), (2, 3, 3, 3)).copy()
     R[1, 2, 0, 1] = 0.25
     np.testing.assert_array_equal(mechanics.orthogonality(R), [0.0, 0.25])
-
-
-def test_two_states_have_the_work_of_the_power_between_them():
-    scene = load_scene("damped_pendulum")
-    two = States(np.array([0.0, 0.1]), *(np.repeat(part[None], 2, axis=0)
-                                         for part in (scene.x0, scene.R0, scene.v0, scene.w0)))
-    power = mechanics.power(scene, two)[0]
-    assert power < 0
-    np.testing.assert_allclose(mechanics.work(scene, two), [0.0, 0.1 * power], atol=1e-15)

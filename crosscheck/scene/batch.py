@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 
-from crosscheck.references.base import breaks
 from crosscheck.scene import mechanics
 from crosscheck.scene.coordinates import hinge_angles, starting
 from crosscheck.scene.model import Scene
@@ -28,10 +26,11 @@ def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: i
     """The states at the ends; a, R'' and alpha at the ends of `parts` equal parts, by default of all steps; the largest
     angular speed there (I,) in rad/s.
 
-    Ends are met from break to break of functions of time; nodes lie across them.
+    Ends are met by `count` steps from break to break of functions of time; nodes lie across them.
     """
     end, nodes, fast = _integrated(scene, begin, tau, np.full(len(tau), np.inf), count, parts)
-    until, now, times = begin.t + tau, begin, np.array(breaks(scene))
+    until, now = begin.t + tau, begin
+    times = np.unique([t for function in scene.functions for t in function.inner_breaks])
     first = np.searchsorted(times, begin.t, side="right")
     last = np.searchsorted(times, until, side="right")
     rounds = int((last - first).max(initial=0))
@@ -39,8 +38,7 @@ def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: i
         cut = first + k < last
         stop = np.where(cut, times[np.minimum(first + k, len(times) - 1)], until)
         length = stop - now.t
-        steps = max(2, math.ceil(count * float((length / tau).max())))
-        now = _integrated(scene, now, length, np.where(cut, np.nextafter(stop, -np.inf), np.inf), steps, 1)[0]
+        now = _integrated(scene, now, length, np.where(cut, np.nextafter(stop, -np.inf), np.inf), count, 1)[0]
         now.t = stop
         end = now
     return end, nodes, fast

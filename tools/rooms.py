@@ -32,7 +32,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "running": DATA | {"references", "adapters"},
     "compare": {"scene"},
     "judge": BASE | {"scene", "document", "references", "compare"},
-    "inspection": RUNS,
+    "inspection": RUNS | {"compare"},
     "jointspace": RUNS | {"inspection"},
     "diagnosis": JUDGED | {"verification"},  # accuses nothing that the verdict accepts
     "testing": JUDGED,

@@ -390,7 +390,8 @@ def _print_cause(answer: Any) -> None:
 def advise(
     scene: options.SceneName,
     engine: Annotated[str, typer.Option(help="a name, name==version, or a class of your own as module:Class")],
-    error: Annotated[float, typer.Option(help="m; largest |component of x - truth| over bodies and output times")],
+    error: Annotated[list[str], typer.Option(help="largest error of position, attitude and both velocities, each over "
+                                             "its size; or position=1e-4 in SI, which may be repeated")],
     as_json: options.AsJson = False,
     drop: options.Drop = False,
     at: options.Start = options.REFERENCE,
@@ -410,9 +411,9 @@ def advise(
     from crosscheck.document.outcomes import EXIT_CODES
     from crosscheck.verification.advice import advise as advice_for
 
-    loaded = options.loaded(scene, drop, at)
+    loaded, wanted = options.loaded(scene, drop, at), _wanted(error)
     with waiting(f"runs of {engine} at a ladder of steps, against truth"), _ending(engine):
-        advice = advice_for(loaded, engine=engine, error=error)
+        advice = advice_for(loaded, engine=engine, error=wanted)
     if advice.command is not None:
         given = shlex.join([scene, *(["--drop"] if drop else []), *at.words])
         advice = replace(advice, command=advice.command.replace(
@@ -425,6 +426,14 @@ def advise(
         for line in (law or "").splitlines():
             say(f"law      {line}", hang=9)
     raise typer.Exit(EXIT_CODES["unresolved" if advice.method is None else "pass"])
+
+
+def _wanted(error: list[str]) -> float | dict[str, float]:
+    """The error of `advise`, or errors by quantity."""
+    if len(error) == 1 and "=" not in error[0]:
+        return options.named_number("--error", f"error={error[0]}", "1e-6 or position=1e-4")[1]
+    return {name.replace("_", " "): value for name, value in (
+        options.named_number("--error", each, "position=1e-4") for each in error)}
 
 
 def _law(scene: Scene, engine: str, advice: Advice) -> str | None:
@@ -452,14 +461,20 @@ def tell(each: Advice) -> None:
 
 def words(each: Advice) -> list[str]:
     """The lines of an advice."""
-    asked = f"{each.scene} with {each.engine}, position error at most {each.wanted:g} m up to {each.until:g} s"
+    from crosscheck.document import QUANTITIES
+
+    wanted = (f"every error at most {each.wanted:g} of its size" if isinstance(each.wanted, float) else ", ".join(
+        f"{name} error at most {value:g} {QUANTITIES[name]}" for name, value in each.wanted.items()))
+    asked = f"{each.scene} with {each.engine}, {wanted}, up to {each.until:g} s"
     if each.method is None:
-        least = "no run ended" if each.least is None else f"the least error found is {each.least:.1e} m"
-        return [f"{asked}: no method reaches it, {least}"]
+        least = "no run ended" if each.least is None else f"the least error found is {each.least:.1e} of its size"
+        return [f"unresolved: {asked}: not {each.tried}; {least}"]
     size = f"step     {figure(each.step)} s" if each.step else f"rtol     {figure(each.rtol)}"
     breaks = "at no step tried; the longest is the time between two outputs" if each.breaks_at is None else (
         f"at {'step' if each.step else 'rtol'} {figure(each.breaks_at)}{' s' if each.step else ''}: there it fails, "
-        "or is wrong by a tenth of the scene's size")
+        "or a quantity is wrong by a tenth of its size")
+    errors = ", ".join(f"{name} {value:.1e} {QUANTITIES[name]}" for name, value in each.errors.items())
     return [asked, f"method   {each.method}{f', form {each.form}' if each.form else ''}", size,
-            f"error    {each.error:.1e} m", f"cost     {each.cost or 0.0:.3g} s of stepping",
+            f"error    {each.error:.1e} of its size{f' ({errors})' if errors else ''}",
+            f"cost     {each.cost or 0.0:.3g} s of stepping",
             f"breaks   {breaks}", f"command  {each.command}"]

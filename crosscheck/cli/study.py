@@ -145,7 +145,7 @@ def stability(
     from crosscheck.studies.stability import Stability, StabilityAsk
 
     document = _conduct(Stability(), StabilityAsk(chosen(scene), chosen(engine), jobs=jobs, fresh=fresh), out)
-    columns = [key("scene"), key("run"), *figures("largest step, s", "rtol", "error there, m", "ms", "breaks at"),
+    columns = [key("scene"), key("run"), *figures("largest step, s", "rtol", "error there", "ms", "breaks at"),
                words("how")]
     print_table(console(200), columns, [
         (line.scene, line.label, *shown((line.step, line.rtol, line.error, line.milliseconds, line.breaks_at)),

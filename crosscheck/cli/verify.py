@@ -199,9 +199,8 @@ def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
     line = (f"{OUTCOMES[first.outcome][0]} {scene}, {engine}: {len(right)} run"
             f"{' behaves' if len(right) == 1 else 's behave'} as documented{part}")
     if math.isfinite(best.judged_error):
-        size = "" if best.off is None else f"{best.off:.1e} of the scene's size, "
         who = best.label.removeprefix(f"{engine} ")
-        line += f", least error {size}{best.judged_error:.1e} m, by {who} at {_size(best)}"
+        line += f", least error {best.judged_error:.1e} of its size, by {who} at {_size(best)}"
     say(line)
 
 

@@ -7,6 +7,7 @@ Units are SI, angles are in rad, and None means that there is no value.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Literal
 
 from crosscheck.document.curves import RunCurves, SceneCurves
@@ -175,7 +176,7 @@ class Recommended(Part, frozen=True, kw_only=True):
     runs: list[str]
     step: float | None
     rtol: float | None
-    error: float  # m, the largest judged position error
+    error: float  # the largest judged error of all quantities, each over its size
     until: float | None  # s, the end of the judged time
     seconds: float | None  # of stepping per simulated second
     why: str
@@ -260,6 +261,7 @@ class Errors(Part, frozen=True, kw_only=True):
     max: float | None
     time: float | None  # s, of the largest error
     body: str
+    size: float | None = None  # of the quantity along the true motion, see `crosscheck.compare.sizes`
     judged: float | None = None
     bound: float | None = None
     why: str = ""
@@ -337,7 +339,6 @@ class Record(Way, frozen=True, kw_only=True):
     status: str = ""  # as the engine says
     duration: float | None = None  # s, of the main run
     errors: dict[str, Errors] = {}  # by quantity
-    off: float | None = None  # the largest error of a pose: position over the scene's length, or attitude, rad
     levels: dict[str, Level] = {}
     # over the largest kinetic energy: of every step, or of samples if work is done; None where that is not known
     energy_error: float | None = None
@@ -369,16 +370,35 @@ class Record(Way, frozen=True, kw_only=True):
     worst: Finding | None = None  # the most important finding, see `crosscheck.judge.verdict.worst`
 
     @property
+    def off(self) -> float | None:
+        """The largest error of all quantities against truth, each over its size; None if there is no truth."""
+        return largest({name: error.max for name, error in self.errors.items()}, self.sizes)
+
+    @property
     def judged_error(self) -> float:
-        """The largest position error (m) over the judged time; infinite if it was not judged."""
-        error = self.errors.get("position")
-        return math.inf if error is None or error.judged is None else error.judged
+        """`off` over the judged time; infinite if it was not judged."""
+        error = largest({name: error.judged for name, error in self.errors.items()}, self.sizes)
+        return math.inf if error is None else error
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """The sizes of the compared quantities, as far as they are known."""
+        return {name: error.size for name, error in self.errors.items() if name in QUANTITIES and error.size}
 
     @property
     def within(self) -> bool:
         """Whether some of the motion was judged, and nothing that was judged is beyond its bound."""
         return self.outcome == "pass" or (self.outcome == "unresolved" and bool(self.share)
                                           and all(finding.status != "known" for finding in self.findings))
+
+
+def largest(errors: Mapping[str, float | None], sizes: Mapping[str, float]) -> float | None:
+    """The largest of errors by quantity, each over its size; infinite if one is not a number, None if none is known.
+
+    This is the error of a run wherever runs are ranked, recommended or compared.
+    """
+    known = [value / sizes[name] for name, value in errors.items() if name in sizes and value is not None]
+    return max((value if value == value else math.inf for value in known), default=None)
 
 
 class Change(Part, frozen=True, kw_only=True):
@@ -411,18 +431,23 @@ class Support(Part, frozen=True, kw_only=True):
 
 
 class Advice(Part, frozen=True, kw_only=True):
-    """The run that reaches a wanted error. If no method reaches it, `method` and all that follows it are None."""
+    """The run that reaches a wanted error. If none was found, `method` and all that follows it are None.
+
+    An error is the largest of all quantities, each over its size (`largest`).
+    """
 
     scene: str
     engine: str
-    wanted: float  # m, the wanted error
+    wanted: float | dict[str, float]  # the error, or SI by quantity
     until: float  # s, the time up to which runs can be compared with truth
-    least: float | None  # m, the smallest error of all runs
+    least: float | None  # the smallest error of all runs
+    tried: str = ""  # how far runs were made
     method: str | None = None
     form: str | None = None  # as the engine chose it
     step: float | None = None  # s, the largest that reaches the error; None for an adaptive method
     rtol: float | None = None
-    error: float | None = None  # m, measured: the largest |component of x - truth| over bodies and samples
+    error: float | None = None  # measured, over bodies and samples
+    errors: dict[str, float] = {}  # the same by quantity, SI
     cost: float | None = None  # s of stepping
     breaks_at: float | None = None  # step (s) or rtol of the finest of the coarser runs that fail or cannot be judged
     command: str | None = None

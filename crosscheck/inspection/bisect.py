@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from crosscheck.adapters.foreign import versions
+from crosscheck.document import QUANTITIES
 from crosscheck.errors import ArgumentError, EngineError
 from crosscheck.inspection.reproduce import Reproduction
 
@@ -35,26 +36,44 @@ NEEDED = ("numpy",)
 
 RUN = f"""
 import json, runpy, sys
-positions, step = runpy.run_path(sys.argv[1])["positions"], float(sys.argv[2])
-print(json.dumps([each.ravel().tolist() for each in (
-    positions(step), positions(step, {NUDGE!r}), positions(step / 2))]))
+script, step = runpy.run_path(sys.argv[1]), float(sys.argv[2])
+own, nudged, halved = script["motion"](step), script["motion"](step, {NUDGE!r}), script["motion"](step / 2)
+print(json.dumps([own.tolist(), nudged.tolist(), script["worst"](own)[0], script["worst"](halved)[0]]))
 """
 
 
 @dataclasses.dataclass(frozen=True)
 class Release:
-    """The answer of one version: the largest error (m) against truth with the step and with half of it."""
+    """The answer of one version, each quantity over its size: with a nudged step what rounding may make of it, and the
+    largest errors against truth with the step and with half of it, infinite where a run does not stay finite."""
 
     version: str
-    positions: np.ndarray
-    noise: float  # m, that rounding may make
+    states: np.ndarray  # (times, numbers)
+    nudged: np.ndarray
     error: float
     halved: float
 
     @property
     def order(self) -> float:
         """The observed order."""
-        return math.log2(self.error / self.halved) if self.error > 0 and self.halved > 0 else math.nan
+        usual = 0 < self.error < math.inf and 0 < self.halved < math.inf
+        return math.log2(self.error / self.halved) if usual else math.nan
+
+    @property
+    def noise(self) -> np.ndarray:
+        """(times, 1) what rounding may make up to each time."""
+        apart = np.abs(self.nudged - self.states) + np.finfo(float).eps * np.abs(self.states)
+        return BEYOND * np.maximum.accumulate(np.nan_to_num(apart, posinf=0.0).max(axis=1, keepdims=True))
+
+    @property
+    def finite(self) -> np.ndarray:
+        """(times,) 1 where it is finite, 0 where it is not, NaN where rounding decides."""
+        own, other = (np.isfinite(each).all(axis=1) for each in (self.states, self.nudged))
+        return np.where(own == other, own, np.nan)
+
+    def __str__(self) -> str:
+        return (f"error {self.error:.3g} of its size, order {self.order:.2f}" if math.isfinite(self.error) else
+                "its numbers do not stay finite")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,14 +84,29 @@ class Change:
     after: Release
 
     @property
+    def noise(self) -> np.ndarray:
+        """(times, 1) what rounding may make of the difference."""
+        return np.asarray(np.maximum(self.before.noise, self.after.noise))
+
+    @property
+    def gaps(self) -> np.ndarray:
+        """(times,) largest difference of a number over its size, 0 where one of the two is not finite."""
+        return np.asarray(np.nan_to_num(np.abs(self.after.states - self.before.states), posinf=0.0).max(axis=1))
+
+    @property
     def size(self) -> float:
-        """Largest difference of a coordinate, m."""
-        return float(np.abs(self.after.positions - self.before.positions).max())
+        """The largest difference of those that rounding does not explain; 0 if there is none."""
+        return float(np.where(self.gaps > self.noise[:, 0], self.gaps, 0.0).max())
+
+    @property
+    def ends(self) -> bool:
+        """Whether one of the two, and whatever rounding does, is not finite where the other is."""
+        return bool((np.abs(self.before.finite - self.after.finite) == 1.0).any())
 
     def __str__(self) -> str:
-        return (f"{self.after.version} changed the answer of {self.before.version} by {self.size:.3g} m (rounding "
-                f"explains {max(self.before.noise, self.after.noise):.1g} m): error {self.before.error:.3g} m, order "
-                f"{self.before.order:.2f}; then {self.after.error:.3g} m, order {self.after.order:.2f}")
+        at = int(np.argmax(np.where(self.gaps > self.noise[:, 0], self.gaps, 0.0)))
+        by = f" by {self.size:.3g} of its size (rounding explains {self.noise[at, 0]:.1g})" if self.size else ""
+        return f"{self.after.version} changed the answer of {self.before.version}{by}: {self.before}; then {self.after}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,7 +155,7 @@ def bisect(script: Reproduction, engine: str, span: str, echo: Callable[[str], o
             progress(len(done), len(names), f"installing and running {engine}=={names[index]}")
             try:
                 done[index] = release = _run(script, engine, names[index])
-                echo(f"{release.version}: error {release.error:.3e} m, order {release.order:.2f}")
+                echo(f"{release.version}: {release}")
             except EngineError as error:
                 done[index], failed[names[index]] = None, str(error)
                 echo(f"{names[index]} is passed over: {error}")
@@ -131,11 +165,12 @@ def bisect(script: Reproduction, engine: str, span: str, echo: Callable[[str], o
         one, other = at(low), at(high)
         assert one is not None
         assert other is not None
-        if np.abs(one.positions - other.positions).max() <= max(one.noise, other.noise):
+        change = Change(one, other)
+        if not change.size and not change.ends:
             return []
         between = sorted(range(low + 1, high), key=lambda index: abs(index - (low + high) / 2))
         middle = next((index for index in between if at(index) is not None), None)
-        return [Change(one, other)] if middle is None else [*changes(low, middle), *changes(middle, high)]
+        return [change] if middle is None else [*changes(low, middle), *changes(middle, high)]
 
     for end in (0, len(names) - 1):
         if at(end) is None:
@@ -159,14 +194,13 @@ def _run(script: Reproduction, engine: str, version: str) -> Release:
         except subprocess.TimeoutExpired:
             raise EngineError(f"{engine}=={version}: the script took longer than {LONGEST:g} s") from None
     try:
-        states, nudged, halved = (np.array(each) for each in json.loads(ended.stdout.splitlines()[-1]))
+        own, nudged, error, halved = json.loads(ended.stdout.splitlines()[-1])
     except (ValueError, IndexError):
         said = (ended.stderr.strip().splitlines() or ["nothing"])[-1]
         raise EngineError(f"{engine}=={version} does not run the script: {said[:300]}") from None
-    noise = BEYOND * (float(np.abs(nudged - states).max()) + np.finfo(float).eps * float(np.abs(states).max()))
-    errors = [float(np.linalg.norm((each - script.expected.ravel()).reshape(-1, 3), axis=1).max())
-              for each in (states, halved)]
-    return Release(version, states, noise, *errors)
+    sizes = np.repeat([script.sizes[name] for name in QUANTITIES], (3, 9, 3, 3))
+    states, other = ((np.array(each) / sizes).reshape(len(script.expected), -1) for each in (own, nudged))
+    return Release(version, states, other, error, halved)
 
 
 def _key(version: str) -> tuple[int, ...]:
@@ -182,9 +216,11 @@ def issue(script: Reproduction, engine: str, result: Bisection | None = None) ->
         lines += [*(f"- {engine} {change}." for change in result.changes), *([] if result.changes else [
             "- No release in the range changed the answer beyond rounding."]), "",
             f"Observed ({platform.system()} {platform.machine()}, Python {platform.python_version()}):", "",
-            "| version | error (m) | with half the step | order |", "|---|---|---|---|",
+            "| version | error over its size | with half the step | order |", "|---|---|---|---|",
             *(f"| {each.version} | {each.error:.3e} | {each.halved:.3e} | {each.order:.2f} |" for each in result.tried),
-            "", "Error (m) with the step h and with h/2, one # for a factor of two above the smallest:", "", "```text",
+            "",
+            "Error over its size with the step h and with h/2, one # for a factor of two above the smallest:",
+            "", "```text",
             *_bars(result.tried), "```", ""]
     return "\n".join([*lines, "## Script", "", "```python", script.text.rstrip("\n"), "```", ""])
 
@@ -192,6 +228,7 @@ def issue(script: Reproduction, engine: str, result: Bisection | None = None) ->
 def _bars(releases: Sequence[Release]) -> list[str]:
     values = [(each.version, which, value) for each in releases for which, value in (("h", each.error),
                                                                                    ("h/2", each.halved))]
-    least = min((value for *_, value in values if value > 0), default=1.0)
-    return [f"{version:>10} {which:<4}{value:.2e} " + "#" * (1 + round(math.log2(max(value, least) / least)))
+    least = min((value for *_, value in values if 0 < value < math.inf), default=1.0)
+    return [f"{version:>10} {which:<4}{value:.2e} " + ("#" * (1 + round(math.log2(max(value, least) / least)))
+                                                   if math.isfinite(value) else "does not stay finite")
             for version, which, value in values]

@@ -12,6 +12,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from crosscheck.adapters.mujoco.models import INTEGRATORS, SOLVER_TOLERANCE, TIGHT
+from crosscheck.compare.sizes import sizes
+from crosscheck.document import QUANTITIES
 from crosscheck.errors import ArgumentError, Unsupported, unknown
 from crosscheck.running.run import truth
 from crosscheck.scene.file import as_scene
@@ -22,8 +24,12 @@ from crosscheck.scene.models.writing import mjcf
 ENGINES = ("mujoco",)
 """Engines with an integrator and a file format of their own, in which a script can hold the model."""
 
-MOST_INTERVALS, HALVINGS = 20, 3
-"""Largest number of compared times after the start, and how often the script halves the step."""
+MOST_INTERVALS, MOST_NUMBERS, HALVINGS = 20, 3000, 3
+"""Largest number of compared times after the start, and of numbers in all of them, so that a tracker of issues takes
+the script; and how often it halves the step."""
+
+NUMBERS = 18
+"""Of a body at one time: position, rotation matrix, velocity, angular velocity."""
 
 OFF = ("CONTACT", "AUTORESET")
 OFF_IN_MODELS = ("LIMIT", "FRICTIONLOSS", "ACTUATION")
@@ -33,7 +39,7 @@ SCRIPT = '''"""{title}
 
     python THIS_FILE [STEP]
 
-prints the largest error (m) of the mass centres of {bodies} at {times} times, for STEP and its halvings, with the
+prints the largest error of {bodies} at {times} times, each quantity over its size, for STEP and its halvings, with the
 observed order. It needs mujoco and numpy. Expected: {source}.
 Written by crosscheck reproduce.
 """
@@ -49,11 +55,15 @@ KEYFRAME, QPOS, QVEL = {keyframe!r}, {qpos!r}, {qvel!r}
 OFF = {off!r}
 BODIES = {names!r}
 TIMES = np.linspace(0.0, {end!r}, {times})
-EXPECTED = np.array({expected}).reshape(len(TIMES), len(BODIES), 3)  # m, world
+SIZES = {sizes!r}  # m, rad, m/s, rad/s
+UNITS = dict(zip(SIZES, ("m", "rad", "m/s", "rad/s")))
+# Of the mass centre and the axes of a body: position (m), rotation matrix, velocity (m/s), all in the world,
+# and angular velocity (rad/s) in the body.
+EXPECTED = np.array({expected}).reshape(len(TIMES), len(BODIES), 18)
 
 
-def positions(step, nudge=0.0):
-    """Mass centres (times, bodies, 3), m; bodies that are welded together count as one. A nudge lengthens the step."""
+def motion(step, nudge=0.0):
+    """States (times, bodies, 18) as EXPECTED; bodies that are welded together are one. A nudge lengthens the step."""
     model = mujoco.MjModel.from_xml_string(MODEL)
     model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATOR)
     for flag in OFF:
@@ -74,21 +84,45 @@ def positions(step, nudge=0.0):
         if k:
             mujoco.mj_step(model, data, nstep=steps)
         mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
         for name in BODIES:
-            group = np.flatnonzero(model.body_weldid == model.body_weldid[model.body(name).id])
-            seen.append(model.body_mass[group] @ data.xipos[group] / model.body_mass[group].sum())
+            own = model.body(name).id
+            group = np.flatnonzero(model.body_weldid == model.body_weldid[own])
+            centre = model.body_mass[group] @ data.xipos[group] / model.body_mass[group].sum()
+            R, turning, moving = data.xmat[own].reshape(3, 3), data.cvel[own, :3], data.cvel[own, 3:]
+            arm = centre - data.subtree_com[model.body_rootid[own]]
+            seen.append(np.hstack([centre, R.ravel(), moving + np.cross(turning, arm), R.T @ turning]))
     return np.reshape(seen, EXPECTED.shape)
+
+
+def errors(states):
+    """Errors (times, bodies) by quantity, in SI."""
+    (x, R, v, w), (y, S, u, o) = (np.split(each, (3, 12, 15), axis=-1) for each in (states, EXPECTED))
+    D = np.swapaxes(R.reshape(*R.shape[:2], 3, 3), -1, -2) @ S.reshape(*S.shape[:2], 3, 3)
+    twice_sine = np.linalg.norm([D[..., k - 1, k - 2] - D[..., k - 2, k - 1] for k in range(3)], axis=0)
+    angle = np.arctan2(twice_sine, np.trace(D, axis1=-2, axis2=-1) - 1)
+    return dict(zip(SIZES, (np.linalg.norm(x - y, axis=-1), angle, np.linalg.norm(v - u, axis=-1),
+                            np.linalg.norm(w - o, axis=-1))))
+
+
+def worst(states):
+    """(largest error over its size, the same in words)."""
+    found = {{name: np.where(np.isfinite(each), each, np.inf) for name, each in errors(states).items()}}
+    name = max(found, key=lambda each: found[each].max() / SIZES[each])
+    error = found[name].max()
+    k, body = np.unravel_index(np.argmax(found[name]), found[name].shape)
+    return error / SIZES[name], f"{{name}} {{error:.3e}} {{UNITS[name]}} of {{BODIES[body]}} at t = {{TIMES[k]:g}} s"
 
 
 def main():
     step, before = float(sys.argv[1]) if len(sys.argv) > 1 else STEP, None
     for halving in range({halvings} + 1):
-        errors = np.linalg.norm(positions(step / 2**halving) - EXPECTED, axis=2)
-        k, body = np.unravel_index(np.argmax(errors), errors.shape)
-        order = "" if before is None else f", order {{np.log2(before / errors.max()):.2f}}"
+        error, where = worst(motion(step / 2**halving))
+        order = "" if before is None else f"; order {{np.log2(before / error):.2f}}"
         print(f"mujoco {{mujoco.__version__}} {{INTEGRATOR}}, step {{step / 2**halving:g}} s: "
-              f"error {{errors.max():.3e}} m of {{BODIES[body]}} at t = {{TIMES[k]:g}} s{{order}}")
-        before = errors.max()
+              f"error {{error:.3e}} of its size: {{where}}{{order}}")
+        before = error
 
 
 if __name__ == "__main__":
@@ -103,9 +137,10 @@ class Reproduction:
     text: str
     scene: Scene
     title: str
-    source: str  # of the expected positions
+    source: str  # of the expected motion
     step: float  # s
-    expected: np.ndarray  # (times, bodies, 3)
+    expected: np.ndarray  # (times, bodies, 18), as `motion` of the script
+    sizes: dict[str, float]  # of the quantities
 
 
 def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, step: float,
@@ -143,9 +178,13 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
         ElementTree.indent(root := mjcf(held))
         model = ElementTree.tostring(root, encoding="unicode")
     reference = truth(held)
-    intervals = next(count for count in range(MOST_INTERVALS, 0, -1) if (held.samples - 1) % count == 0)
+    most = max(1, min(MOST_INTERVALS, MOST_NUMBERS // (NUMBERS * held.n) - 1))
+    intervals = next(count for count in range(most, 0, -1) if (held.samples - 1) % count == 0)
     every = (held.samples - 1) // intervals
-    expected = reference.states.x[::every]
+    states = reference.states
+    expected = np.concatenate([part[::every].reshape(intervals + 1, held.n, -1)
+                               for part in (states.x, states.R, states.v, states.w)], axis=-1)
+    size = {name: value for name, value in sizes(held, states).items() if name in QUANTITIES}
     where = " and ".join(held.bodies[k].name for k in range(held.n)) if held.n < 3 else f"{held.n} bodies"
     title = f"{held.name} in MuJoCo, {method}, step {step:g} s"
     origin = f"independent truth of crosscheck ({reference.source}), known to {reference.error:.1e} m"
@@ -157,7 +196,8 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
         off=(*OFF, *(OFF_IN_MODELS if held.left_out else ())), end=float(held.t[every * intervals]),
         expected=np.array2string(expected.ravel(), separator=", ", threshold=10**9, max_line_width=118,
                                  formatter={"float_kind": lambda value: repr(float(value))}),
-        tolerance=SOLVER_TOLERANCE, tight=TIGHT, halvings=HALVINGS), held, title, origin, step, expected)
+        tolerance=SOLVER_TOLERANCE, tight=TIGHT, halvings=HALVINGS, sizes=size),
+        held, title, origin, step, expected, size)
 
 
 def _words(text: str) -> str:

@@ -41,7 +41,7 @@ def judged_shares(document: Document) -> dict[tuple[str, str], float | None]:
 
 
 def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
-    """For every scene and engine, the passing run with the smallest judged position error, if one passes.
+    """For every scene and engine, the passing run with the smallest `Record.judged_error`, if one passes.
 
     Runs that are right as far as they were judged count, too.
     """

@@ -1,6 +1,7 @@
 """The largest usable step of every method, from the ladders that `crosscheck.advise` climbs.
 
-A run is useless if it fails or if its error exceeds a tenth of the scene's size (`crosscheck.verification.advice`).
+A run is useless if it fails or if a quantity is wrong by more than a tenth of its size
+(`crosscheck.verification.advice`).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class Line(Way, frozen=True, kw_only=True):
     """A method on a scene; `step` (s) or `rtol` is the largest usable one."""
 
     scene: str
-    error: float | None = None  # m, of the largest usable step
+    error: float | None = None  # of the largest usable step, over its size
     milliseconds: float | None = None  # of stepping, there
     breaks_at: float | None = None  # s or rtol, of the finest useless run; None: no run was useless
     reason: str = ""  # how that run ended, or why nothing could be run
@@ -100,7 +101,7 @@ def lines(walk: Walk) -> list[Line]:
         line = Line(walk.engine, method, scene=walk.scene, form=runs[-1].form)
         if broken:
             line = replace(line, breaks_at=broken.step or broken.rtol,
-                           reason=broken.reason or f"an error of {broken.error:.2g} m")
+                           reason=broken.reason or f"an error of {broken.error:.2g} of the size")
         made.append(replace(line, step=usable[0].step, rtol=usable[0].rtol, error=usable[0].error,
                             milliseconds=1e3 * (usable[0].cost or 0.0)) if usable else line)
     return made

@@ -20,22 +20,25 @@ import math
 import os
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 
 from crosscheck import adapters, references
-from crosscheck.document import Advice, Record, SceneTruth, Way, extended
-from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said
+from crosscheck.compare.sizes import sizes
+from crosscheck.document import QUANTITIES, Advice, Record, SceneTruth, Way, extended, largest
+from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said, unknown
 from crosscheck.files import digest
-from crosscheck.judge import tolerances
-from crosscheck.judge.metrics import up_to
+from crosscheck.judge.crossings import near_impacts
+from crosscheck.judge.metrics import errors, up_to
 from crosscheck.references.base import Reference
 from crosscheck.running import provenance, versions
 from crosscheck.running.attempt import Outcome, Ran, attempt, lasting
 from crosscheck.scene.file import as_scene, load_scene
 from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 from crosscheck.verification.ladder import GradedWay, ways
 
 BUDGET = 30.0
@@ -45,7 +48,7 @@ WALK, SEARCH = 0.6, 0.85
 """Shares of the budget after which halving ends, and the search between halvings. The rest is for measuring times."""
 
 SEARCHED = tuple(10.0**-power for power in (2, 4, 6, 8, 10, 3, 5, 7, 9, 11, 1))
-"""Largest position errors, m, around which steps are searched, in this order."""
+"""Errors around which steps are searched, in this order."""
 
 RTOLS = tuple(10.0 ** (-half / 2) for half in range(2, 29))
 """Relative tolerances of adaptive methods."""
@@ -54,7 +57,7 @@ CLOSE = 1.12
 """The search ends if the accurate and the inaccurate number of steps differ by less than this factor."""
 
 ROUND_OFF = 1e-9
-"""Errors (m) below this that fall no more are rounding."""
+"""Errors below this that fall no more are rounding."""
 
 GAIN = 0.7
 """An error falls if a run with half the step, or a third of the tolerance, has less than this share of it."""
@@ -75,16 +78,16 @@ LOST = 4.0
 cost is more than SHORT."""
 
 USELESS = 0.1
-"""A run whose error exceeds this share of the scene's size is useless."""
-
+"""A run with a larger error is useless."""
 
 
 class Step(Way, frozen=True, kw_only=True):
-    """One run of a method. `error` is the largest |component of x - truth| over bodies and samples."""
+    """One run of a method, with its largest errors over bodies and samples."""
 
     order: int | None
     steps: int = 0
-    error: float | None = None  # m; None if the run failed
+    error: float | None = None  # the largest of all quantities, each over its size; None if the run failed
+    errors: dict[str, float] = msgspec.field(default_factory=dict)  # SI, by quantity
     cost: float | None = None  # s of stepping
     reason: str = ""  # of the failure
     repeats: int = 1
@@ -94,6 +97,12 @@ class Step(Way, frozen=True, kw_only=True):
         """A number that grows from coarse runs to fine ones."""
         return 1.0 / (self.step or self.rtol or math.inf)
 
+    def reaches(self, wanted: float | Mapping[str, float]) -> bool:
+        """Whether the error is at most the wanted one."""
+        if isinstance(wanted, Mapping):
+            return self.error is not None and all(self.errors[name] <= value for name, value in wanted.items())
+        return self.error is not None and self.error <= wanted
+
 
 @dataclasses.dataclass
 class Walk:
@@ -101,7 +110,6 @@ class Walk:
 
     scene: str
     engine: str
-    size: float  # m, size of the scene
     until: float  # s, the last sample that counts, which is not past the horizon of truth
     seconds: float = 0.0  # of the budget that were used
     steps: list[Step] = dataclasses.field(default_factory=list)
@@ -111,14 +119,14 @@ class Walk:
         return sorted((step for step in self.steps if step.method == method), key=lambda step: step.fineness)
 
     def useless(self, step: Step) -> bool:
-        """Whether a run failed, or is wrong by more than a tenth of the scene's size."""
-        return step.error is None or step.error > USELESS * self.size
+        """Whether a run failed, or is wrong by more than a tenth of the size of a quantity."""
+        return not step.reaches(USELESS)
 
-    def reaching(self, error: float) -> list[Step]:
+    def reaching(self, error: float | Mapping[str, float]) -> list[Step]:
         """The coarsest run of each method with at most this error, the cheapest method first."""
         coarsest: dict[str, Step] = {}
         for step in self.steps:
-            if step.error is not None and step.error <= error:
+            if step.reaches(error):
                 best = coarsest.get(step.method)
                 if best is None or step.fineness < best.fineness:
                     coarsest[step.method] = step
@@ -148,8 +156,8 @@ class _Walker:
         self._scene, self._engine, self._truth = scene, engine, truth
         self._last = max(1, int(np.count_nonzero(up_to(truth.t, truth.horizon))) - 1)
         self._interval = scene.duration / (scene.samples - 1)
-        size = tolerances.scales(scene, truth).of("position")
-        self._walk = Walk(scene.name, engine, size, float(truth.t[self._last]))
+        self._sizes = sizes(scene, truth.states)
+        self._walk = Walk(scene.name, engine, float(truth.t[self._last]))
         # Of engines in processes of their own, this process sees only the clock.
         apart = adapters.is_own(engine) or adapters.has_own_environment(engine)
         self._busy = time.perf_counter if apart else time.process_time
@@ -180,11 +188,22 @@ class _Walker:
         taken = self._busy() - start
         if not isinstance(outcome, Ran):
             return replace(step, reason=outcome.why), taken
-        raw, until = outcome.raw, self._last + 1
-        error = float(np.abs(raw.states.x[:until] - self._truth.states.x[:until]).max())
-        used = raw.step if step.rtol is None else None
-        return replace(step, form=raw.form, steps=raw.steps, step=used, cost=cost,
-                       error=error if math.isfinite(error) else None), taken
+        raw, used = outcome.raw, outcome.raw.step if step.rtol is None else None
+        found = self._errors(raw.states, used or 0.0)
+        error = largest(found, self._sizes)
+        return replace(step, form=raw.form, steps=raw.steps, step=used, cost=cost, errors=found,
+                       error=error if error is not None and math.isfinite(error) else None), taken
+
+    def _errors(self, states: States, step: float) -> dict[str, float]:
+        """The largest errors by quantity; velocities count where no impact is within a step (s)."""
+        found = errors(self._scene, states, self._truth.states, self._walk.until)
+        off = found["position"].max
+        if self._truth.events and math.isfinite(off):
+            near = near_impacts(self._scene, self._truth, off, step)
+            v, w = (np.where(near[:, None, None], getattr(self._truth.states, name), getattr(states, name))
+                    for name in "vw")
+            found = errors(self._scene, dataclasses.replace(states, v=v, w=w), self._truth.states, self._walk.until)
+        return {name: each.max for name, each in found.items()}
 
     def _timed(self, step: Step) -> tuple[Outcome, float]:
         """The outcome of a run at this step or tolerance and its stepping time (s), for a short run the least of a few.
@@ -269,13 +288,14 @@ class _Walker:
 
 
 LEVELS = tuple(10.0**-power for power in range(2, 12))
-"""Errors (m) for which a document has advice."""
+"""Errors for which a document has advice."""
 
 MARGIN = 1.5
 """What an estimated error keeps from the wanted one: on the default scenes estimates were off by up to 1.25."""
 
 
-def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) -> Advice:
+def advise(scene: Scene | str | os.PathLike[str], *, engine: str,
+           error: float | Mapping[str, float]) -> Advice:
     """The cheapest method of an engine whose error on a scene is at most `error`, with its largest step.
 
     The first call for a scene and engine runs every method at many steps, for at most half a minute of processor time,
@@ -287,8 +307,10 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) 
         A scene from `crosscheck.load_scene`, the name of a bundled scene, or the path of a scene file.
     engine : str
         As in `crosscheck.run`.
-    error : float
-        The largest allowed `|component of x - truth|` over all bodies and output times, m.
+    error : float or dict
+        The largest allowed error over all bodies and output times: of position, attitude, velocity and angular
+        velocity, each over its size in the scene (length, 1, largest speed and rate). A dict is in SI, by quantity,
+        as {"position": 1e-4}, and then these quantities alone count.
 
     Raises
     ------
@@ -299,16 +321,29 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) 
     TruthError
         The two formulations of the truth disagree.
     """
-    try:
-        wanted = float(error)
-    except (TypeError, ValueError):
-        wanted = math.nan
-    if isinstance(error, bool) or not (math.isfinite(wanted) and wanted > 0):
-        raise ArgumentError(f"error: a positive number of metres is wanted, not {error!r}")
+    wanted: float | dict[str, float]
+    if isinstance(error, Mapping):
+        if not error or (strange := next((name for name in error if name not in QUANTITIES), None)) is not None:
+            raise ArgumentError(unknown("quantity of error", strange, tuple(QUANTITIES)) if error else
+                                "error: no quantity is given; write {'position': 1e-4}")
+        wanted = {name: _positive(value) for name, value in error.items()}
+    else:
+        wanted = _positive(error)
     loaded = as_scene(scene)
     versions.need([engine])
     name = scene.name if isinstance(scene, Scene) else os.fspath(scene)
     return choose(walked(loaded, engine), wanted, name)
+
+
+def _positive(error: object) -> float:
+    try:
+        wanted = float(error)  # type: ignore[arg-type]  # what is no number is refused here
+    except (TypeError, ValueError):
+        wanted = math.nan
+    if isinstance(error, bool) or not (math.isfinite(wanted) and wanted > 0):
+        raise ArgumentError(f"error: a positive number is wanted, or one by quantity as {{'position': 1e-4}}, not "
+                            f"{error!r}")
+    return wanted
 
 
 def walked(scene: Scene, engine: str) -> Walk:
@@ -322,26 +357,34 @@ def walked(scene: Scene, engine: str) -> Walk:
         return kept or session.put("walk", name, walk(scene, engine))
 
 
-def choose(walk: Walk, wanted: float, scene: str) -> Advice:
-    """The advice for an error (m) from all runs of an engine. `scene` is the name or path for the command."""
+def choose(walk: Walk, wanted: float | dict[str, float], scene: str) -> Advice:
+    """The advice for an error from all runs of an engine. `scene` is the name or path for the command."""
     known = [step.error for step in walk.steps if step.error is not None]
     reaching = walk.reaching(wanted)
     advice = Advice(scene=walk.scene, engine=walk.engine, wanted=wanted, until=walk.until,
-                    least=min(known, default=None))
+                    least=min(known, default=None),
+                    tried=f"within the budget of {BUDGET:g} s; {_finest(walk.steps)}")
     if not reaching:
         return advice
     best = reaching[0]
     size = f"--step {best.step!r}" if best.step else f"--rtol {best.rtol!r}"
     words = f"crosscheck run {shlex.quote(scene)} --engine {shlex.quote(walk.engine)} --method {best.method} {size}"
     return replace(
-        advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error, cost=best.cost,
-        breaks_at=breaks_at(walk, best), command=words)
+        advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error,
+        errors=best.errors, cost=best.cost, breaks_at=breaks_at(walk, best), command=words)
 
 
 def breaks_at(walk: Walk, best: Step) -> float | None:
     """Step (s) or rtol of the finest of the useless runs that are coarser than `best`. None if no run is useless."""
     broken = [step for step in walk.of(best.method) if step.fineness < best.fineness and walk.useless(step)]
     return (broken[-1].step or broken[-1].rtol) if broken else None
+
+
+def _finest(runs: Sequence[Way]) -> str:
+    """The finest of the steps, or tolerances, of runs, in words."""
+    steps, rtols = ([value for run in runs if (value := getattr(run, name))] for name in ("step", "rtol"))
+    return "; ".join([*([f"finest step tried {min(steps):.2g} s"] if steps else ()),
+                      *([f"finest rtol tried {min(rtols):.2g}"] if rtols else ())]) or "no run was made"
 
 
 def of_walks(scenes: Sequence[str], walks: Sequence[object]) -> list[Advice]:
@@ -370,7 +413,9 @@ def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Ad
     passing = [record for record in records if record.within
                and math.isfinite(record.judged_error) and record.wall_time]
     advice = Advice(scene=scene.name, engine=records[0].engine, wanted=wanted, until=scene.duration,
-                    least=min((record.judged_error for record in passing), default=None))
+                    least=min((record.judged_error for record in passing), default=None),
+                    tried=f"among the runs of this report and the steps that their orders let expect; "
+                          f"{_finest(passing)}")
     expected = [each for record in passing if (each := _expected(scene, record, advice)) is not None]
     return min(expected, key=lambda each: each.cost or 0.0, default=advice)
 
@@ -378,20 +423,29 @@ def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Ad
 def _expected(scene: SceneTruth, record: Record, asked: Advice) -> Advice | None:
     """The run at the step that a record lets expect for an error; None if the record promises no such step."""
     wanted = asked.wanted
-    error, step, order = record.judged_error, record.step, record.orders.get("position")
+    assert isinstance(wanted, float)
+    error, step, size = record.judged_error, record.step, record.sizes
+    orders = {name: record.orders[name] for name in size if name in record.orders}
     assert scene.plan is not None
     assert record.wall_time is not None
     estimated = f"the run at rtol {record.rtol:g}" if step is None else f"the run at {step:g} s"
     stretch = 1.0
-    if step is not None and order is not None and order.observed and order.settled and error > order.rounding:
+    at = {name: (record.errors[name].judged or 0.0) / size[name] for name in orders}
+    falling = {name: each.observed for name, each in orders.items()
+               if each.observed and each.settled and at[name] > each.rounding / size[name]}
+    flat = [name for name in orders if at[name] <= orders[name].rounding / size[name]]  # which no step changes
+    if step is not None and falling and len(falling) + len(flat) == len(size):
         coarsest = max((rung.step for rung in record.ladder if rung.step and not rung.message), default=step)
         interval = scene.duration / (scene.plan.samples - 1)
-        longest = min(step * (wanted / MARGIN / error) ** (1 / order.observed), max(coarsest, step), interval)
-        if longest < step / 100 or wanted < order.rounding:
+        longest = min(*(step * (wanted / MARGIN / at[name]) ** (1 / order) for name, order in falling.items()),
+                      max(coarsest, step), interval)
+        if longest < step / 100 or any(wanted < each.rounding / size[name] for name, each in orders.items()):
             return None
         stretch = interval / math.ceil(interval / longest * (1 - 1e-9)) / step
-        error *= stretch**order.observed
-        estimated += f" and its observed order {order.observed:.2f}"
+        error = max(*(at[name] * stretch**order for name, order in falling.items()), *(at[name] for name in flat), 0.0)
+        estimated += f" and its observed order{'s' if len({f'{each:.2f}' for each in falling.values()}) > 1 else ''} "
+        estimated += " to ".join(dict.fromkeys(f"{each:.2f}" for each in (min(falling.values()),
+                                                                         max(falling.values()))))
     if error > wanted * (1 + 1e-9):
         return None
     command = record.command.partition(" --samples ")[0]

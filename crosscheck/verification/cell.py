@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec, steps_per_sample
+from crosscheck.compare.sizes import sizes as sizes_of
 from crosscheck.document import LEVELS, QUANTITIES, Finding, Level, Record, extended
 from crosscheck.errors import Unsupported
 from crosscheck.judge import tolerances
@@ -348,13 +349,6 @@ def _most(series: np.ndarray, every_step: float | None) -> float:
     return max(float(series.max()), every_step or 0.0)
 
 
-def _off(scene: Scene, reference: Reference | None, missed: Mapping[str, Error]) -> float | None:
-    """The largest error of a pose in the scene's own size."""
-    if reference is None or "position" not in missed:
-        return None
-    return max(missed["position"].max / tolerances.scales(scene, reference).length, missed["attitude"].max)
-
-
 def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference | None, missed: Mapping[str, Error],
               held: frozenset[str], maxima: Mapping[str, float]) -> Record:
     """The measured values of a run."""
@@ -368,9 +362,10 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference 
     momentum = None if reference is None else float(np.nanmax(np.abs(
         traj.momentum_vertical - mechanics.momentum_vertical(scene, reference.states.until(reference.horizon)))))
     start = abs(float(traj.energy[0]))
+    sizes = {} if reference is None else sizes_of(scene, reference.states)
     return replace(
         run, form=traj.form or run.form, status=traj.status, duration=scene.duration,
-        off=_off(scene, reference, missed), errors={name: error.figures for name, error in missed.items()},
+        errors={name: replace(error.figures, size=sizes.get(name)) for name, error in missed.items()},
         levels=levels,
         energy_error=None if math.isnan(gap) else gap / size,
         energy_error_by_start=float(gap / start) if start and not math.isnan(gap) else None,

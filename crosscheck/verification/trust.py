@@ -14,7 +14,7 @@ from crosscheck.document.outcomes import percent
 from crosscheck.errors import counted
 
 TARGETS = (1e-6, 1e-3)
-"""Wanted errors over the scene's length. The recommendation is for the first one that a passing run reaches."""
+"""Wanted errors, each quantity's over its size. The recommendation is for the first one that a passing run reaches."""
 
 NOISE_RATIO, NOISE_DEVIATIONS = 1.1, 4.0
 """Two times differ beyond noise if their medians differ by more than this ratio and this many median deviations."""
@@ -29,14 +29,13 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
                and math.isfinite(record.judged_error)]
     if scene.scales is None or not passing:
         return None
-    length = scene.scales.length
     for target in TARGETS:
-        accurate = [record for record in passing if record.judged_error <= target * length]
+        accurate = [record for record in passing if record.judged_error <= target]
         if accurate:
             best = min(accurate, key=_seconds)
             tied = sorted((record for record in accurate if record is not best and not _slower(record, best)),
                           key=_seconds)
-            why = f"the fastest with an error below {target:.0e} of the scene's length, {_checks(best)} passed"
+            why = f"the fastest with an error of every quantity below {target:.0e} of its size, {_checks(best)} passed"
             break
     else:
         best, tied = min(passing, key=lambda record: record.judged_error), []
@@ -99,7 +98,7 @@ def _said(best: Recommended) -> str:
     spelled = f"{pace:.2g}" if pace < 100 else f"{pace:.0f}"
     time = "" if best.seconds is None else f", {spelled} ms per simulated second"
     part = "" if best.share == 1.0 or best.until is None else f", judged over {best.until:.3g} s"
-    return f"{' or '.join(best.runs)}: {best.why} (position error {best.error:.1e} m at {size}{part}{time})"
+    return f"{' or '.join(best.runs)}: {best.why} (error {best.error:.1e} of its size at {size}{part}{time})"
 
 
 def _checks(record: Record) -> str:

@@ -25,12 +25,12 @@ in_every_view = pytest.mark.parametrize("watched", VIEWS.values(), ids=VIEWS, in
 def test_the_decision_answers_and_the_address_keeps_it(watched, document):
     page = watched.open("index.html")
     page.select_option("#decide-engine", "mujoco")
-    page.select_option("#decide-error", label="1e−6 m")
+    page.select_option("#decide-error", label="1e−6")
     said = page.inner_text("#decide-answer")
     row, = (row for row in document.advice if (row.scene, row.engine) == ("double_pendulum", "mujoco")
             and abs(row.wanted / 1e-6 - 1) < 1e-9)
     assert "RK4" in said
-    assert "7.0e-7 m" in said
+    assert "7.0e-7 of its size" in said
     assert row.command in said
     assert page.locator("#decide-table tr.mine th").inner_text() == "mujoco"
     assert page.locator("#decide-table tbody tr").count() == 3

@@ -11,19 +11,20 @@ import crosscheck
 from crosscheck.errors import EngineError
 from crosscheck.inspection import bisect as releases
 from crosscheck.inspection.reproduce import Reproduction, reproduce
+from crosscheck.judge.metrics import differences
 from tests.scene.models.model_files import ARM_URDF
 
 ALIKE = 1e-3  # relative; both are errors of one method at one step, from starts that differ by rounding
 
 
 def printed(script, tmp_path):
-    """The errors (m) that a script prints, in an interpreter that cannot import this project."""
+    """The errors over their sizes that a script prints, in an interpreter that cannot import this project."""
     path = tmp_path / "script.py"
     path.write_text(script.text)
     barred = "import sys; sys.modules['crosscheck'] = sys.modules['lieeuler'] = None; "
     code = f"{barred}import runpy; sys.argv = ['x']; runpy.run_path({str(path)!r}, run_name='__main__')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return [float(value) for value in re.findall(r"error (\S+) m", done.stdout)], done.stdout
+    return [float(value) for value in re.findall(r"error (\S+) of its size", done.stdout)], done.stdout
 
 
 @pytest.mark.parametrize(("scene", "method", "step"), [
@@ -34,7 +35,8 @@ def test_the_script_prints_the_error_of_the_run(scene, method, step, tmp_path):
     errors, text = printed(script, tmp_path)
     assert len(errors) == 4
     traj = crosscheck.run(script.scene, "mujoco", method, step=step, samples=len(script.expected))
-    gap = np.linalg.norm(traj.x - script.expected, axis=2).max()
+    true = crosscheck.truth(script.scene.replace(samples=len(script.expected))).states
+    gap = max(float(each.max()) / script.sizes[name] for name, each in differences(traj, true).items())
     assert errors[0] == pytest.approx(gap, rel=ALIKE, abs=1e-12)
     assert "order" in text
 
@@ -70,12 +72,12 @@ def test_every_change_is_found_between_its_neighbours(changed, broken, monkeypat
         if version in broken:
             raise EngineError(f"{version} has no wheel")
         steps = sum(order.index(version) >= order.index(each) for each in changed)
-        noise = 1e-13 * order.index(version)
-        return releases.Release(version, np.full((2, 3), float(steps) + noise), 1e-11, 1.0, 0.25)
+        states = np.full((2, 3), float(steps) + 1e-13 * order.index(version))
+        return releases.Release(version, states, states + 1e-13, 1.0, 0.25)
 
     monkeypatch.setattr(releases, "released", lambda engine, span: order)
     monkeypatch.setattr(releases, "_run", run)
-    script = Reproduction("text", None, "title", "truth", 1e-3, np.zeros((2, 1, 3)))
+    script = Reproduction("text", None, "title", "truth", 1e-3, np.zeros((2, 1, 18)), {})
     result = releases.bisect(script, "mujoco", "3.0.0..3.2.7")
     assert [each.after.version for each in result.changes] == changed
     for change in result.changes:
@@ -85,12 +87,28 @@ def test_every_change_is_found_between_its_neighbours(changed, broken, monkeypat
         assert change.after.order == pytest.approx(2.0)
     assert len(result.tried) < len(order)
     text = releases.issue(script, "mujoco", result)
-    assert all(each in text for each in (*changed, "```python", "| version | error (m) |"))
+    assert all(each in text for each in (*changed, "```python", "| version | error over its size |"))
+
+
+def test_a_run_that_does_not_stay_finite_is_a_state_of_a_release():
+    """Two that are lost at the same time are one answer; a change is told by its states and never as NaN."""
+    def release(version, lost, nudged=None, error=np.inf):
+        own, other = (np.arange(12.0).reshape(4, 3) for _ in range(2))
+        own[lost:], other[lost if nudged is None else nudged:] = np.nan, np.nan
+        return releases.Release(version, own, other, error, error / 4)
+
+    late, early, whole = release("1", 3), release("2", 1), release("3", 4, error=1e-3)
+    assert (releases.Change(late, late).size, releases.Change(late, late).ends) == (0.0, False)
+    for change in (releases.Change(late, early), releases.Change(early, whole)):
+        assert (change.size, change.ends) == (0.0, True)
+    assert str(releases.Change(early, whole)) == (
+        "3 changed the answer of 2: its numbers do not stay finite; then error 0.001 of its size, order 2.00")
+    assert not releases.Change(late, release("4", 2, nudged=4)).ends  # rounding decides when it ends
 
 
 def test_a_broken_end_and_a_wrong_span_are_one_line(monkeypatch):
     monkeypatch.setattr(releases.versions, "environment", lambda *given: sys.executable)
-    script = Reproduction("raise ValueError('no such model')", None, "t", "s", 1e-3, np.zeros((2, 1, 3)))
+    script = Reproduction("raise ValueError('no such model')", None, "t", "s", 1e-3, np.zeros((2, 1, 18)), {})
     monkeypatch.setattr(releases, "released", lambda engine, span: ["3.0.0", "4.0.0"])
     with pytest.raises(EngineError, match="does not run the script: ValueError: no such model; take another end"):
         releases.bisect(script, "mujoco", "3.0.0..4.0.0")
@@ -124,5 +142,7 @@ def test_one_version_is_run_by_its_script(monkeypatch):
     monkeypatch.setattr(releases, "released", lambda engine, span: ["4.0.0", "4.0.1"])
     result = releases.bisect(script, "mujoco", "4.0.0..4.0.1")
     assert result.changes == ()
-    assert result.tried[0].error == pytest.approx(1.344e-4, rel=1e-3)  # METHODS: fourth order at this step
+    traj, true = crosscheck.run(script.scene, "mujoco", "RK4", step=1e-3), crosscheck.truth(script.scene).states
+    assert result.tried[0].error == pytest.approx(
+        max(float(each.max()) / script.sizes[name] for name, each in differences(traj, true).items()), rel=1e-2)
     assert result.tried[0].order == pytest.approx(4.0, abs=0.2)

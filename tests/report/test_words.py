@@ -5,7 +5,7 @@ import re
 import pytest
 from msgspec.structs import replace
 
-from crosscheck.document import Finding, Recommended, Scene, extended
+from crosscheck.document import Errors, Finding, Recommended, Scene, extended
 from crosscheck.history import nightly
 from crosscheck.report import headline, overview, pages
 from crosscheck.verification import trust
@@ -23,7 +23,7 @@ def test_recommendation_names_the_fastest_passing_run(results):
     assert "Not to be trusted here: fake Broken" in said
     found = trust.recommend(results.scenes[0], [slow, fast])
     # The figures are those of the judged run, not of some point of a study.
-    assert (found.step, found.error) == (fast.step, fast.errors["position"].judged)
+    assert (found.step, found.error) == (fast.step, fast.judged_error)
     # 5 % is within the ratio of noise, and 50 % within four deviations of a restless clock: no winner.
     near, restless = run("fake Near", 1.05e-3), run("fake Restless", 1.5e-3, deviation=2e-4)
     found = trust.recommend(results.scenes[0], [slow, restless, near, fast])
@@ -130,7 +130,10 @@ def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the
                                             (None, 4)])
 def test_errors_are_coloured_by_their_size_whatever_the_verdict(results, off, shade):
     for outcome in ("pass", "fail", "known"):
-        record = replace(results.records[0], off=off, outcome=outcome)
+        errors = {} if off is None else {
+            "attitude": Errors(unit="rad", end=0.0, max=2 * off, time=1.0, body="a", size=2.0),
+            "position": Errors(unit="m", end=0.0, max=0.0, time=1.0, body="a", size=1.0)}
+        record = replace(results.records[0], errors=errors, outcome=outcome)
         assert headline.shade(record) == shade
         text = pages.index(made(results.scenes[:1], [record]))
         assert (f'class="off off{shade} figure"' in text) == (off is not None)

@@ -15,18 +15,18 @@ from crosscheck.verification.advice import Step, Walk
 
 
 def ladder(**errors):
-    """A walk over a scene of one metre at steps .4, .2, .1, ... s; None: the run failed."""
-    return Walk("scene", "engine", size=1.0, until=1.0, steps=[
+    """A walk at steps .4, .2, .1, ... s; None: the run failed."""
+    return Walk("scene", "engine", until=1.0, steps=[
         Step("engine", method, 0.4 / 2**place, order=2, error=error, cost=0.01, reason="" if error else "it diverged")
         for method, own in errors.items() for place, error in enumerate(own)])
 
 
 @pytest.mark.parametrize(("errors", "step", "breaks_at", "reason"), [
     ([0.05, 0.01], 0.4, None, ""),
-    ([None, 0.5, 0.09, 0.02], 0.1, 0.2, "an error of 0.5 m"),
+    ([None, 0.5, 0.09, 0.02], 0.1, 0.2, "an error of 0.5 of the size"),
     ([0.5, None, 0.09], 0.1, 0.2, "it diverged"),
     ([0.05, None, 0.09], 0.1, 0.2, "it diverged"),  # a coarse run that is right by chance does not count
-    ([0.5, 0.2], None, 0.2, "an error of 0.2 m")])
+    ([0.5, 0.2], None, 0.2, "an error of 0.2 of the size")])
 def test_no_run_finer_than_the_largest_usable_step_is_useless(errors, step, breaks_at, reason):
     line, other = lines(ladder(one=errors, other=[0.01]))
     assert (line.step, line.breaks_at, line.reason) == (step, breaks_at, reason)

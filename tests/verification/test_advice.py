@@ -10,8 +10,10 @@ import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.cli.app import app
+from crosscheck.compare.sizes import sizes
 from crosscheck.document import Errors, Order, Record, Rung, Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
+from crosscheck.judge.metrics import differences
 from crosscheck.verification import advice as walks
 from crosscheck.verification.advice import MARGIN, Step, Walk, choose, from_records
 from crosscheck.verification.cell import run_cell
@@ -26,10 +28,11 @@ def short(monkeypatch):
 
 
 def step(method, size, error, cost, order=2):
-    return Step("lieeuler", method, size, form="tree", order=order, steps=round(1 / size), error=error, cost=cost)
+    return Step("lieeuler", method, size, form="tree", order=order, steps=round(1 / size), error=error, cost=cost,
+                errors={} if error is None else {"position": 3 * error, "attitude": error / 2})
 
 
-KNOWN = Walk("scene", "engine", size=1.0, until=1.0, steps=[
+KNOWN = Walk("scene", "engine", until=1.0, steps=[
     step("fine", 0.1, 1e-3, 2.0), step("fine", 0.05, 2e-4, 4.0), step("fine", 0.2, 0.5, 1.0),
     step("cheap", 0.1, 2e-2, 0.1), step("cheap", 0.01, 9e-4, 1.5), step("cheap", 0.2, None, None)])
 
@@ -45,6 +48,21 @@ def test_the_cheapest_method_with_its_largest_step_is_chosen():
 def test_no_method_is_named_where_none_reaches_the_error():
     found = choose(KNOWN, 1e-5, "scene")
     assert (found.method, found.step, found.command, found.least) == (None, None, None, 2e-4)
+    assert found.tried == "within the budget of 8 s; finest step tried 0.01 s"
+
+
+def test_errors_by_quantity_are_in_si_and_count_alone():
+    assert choose(KNOWN, {"attitude": 1.2e-4}, "scene").step == 0.05
+    assert choose(KNOWN, {"position": 3e-3, "attitude": 1.2e-4}, "scene").step == 0.05
+    assert choose(KNOWN, {"position": 5e-4}, "scene").method is None
+
+
+def test_a_body_whose_centre_rests_is_not_right_by_its_position(monkeypatch):
+    """Of a body that tumbles about a resting centre of mass any step has the positions; the attitude decides."""
+    found = crosscheck.advise("axis_flip", engine="mujoco", error=1e-4)
+    assert found.errors["position"] < 1e-12
+    assert 1e-6 < found.errors["attitude"] <= found.error <= 1e-4
+    assert crosscheck.advise("axis_flip", engine="mujoco", error={"position": 1e-6}).step > 2 * found.step
 
 
 @dataclasses.dataclass
@@ -98,20 +116,21 @@ def test_the_largest_step_is_found_to_a_few_percent(pretend, order, error):
     if order == 1 and error == 1e-6:
         pytest.skip("1e6 steps")
     pretend(Known(order))
-    found = crosscheck.advise("single_pendulum", engine="known", error=error)
+    found = crosscheck.advise("single_pendulum", engine="known", error={"position": error})
     scene = crosscheck.load_scene("single_pendulum")
     interval = scene.duration / (scene.samples - 1)
     fewest = max(1.0, interval / (error / 0.0817) ** (1 / order))  # steps in an interval, not yet a whole number
-    assert found.error <= error
+    assert found.errors["position"] <= error
     assert fewest <= round(interval / found.step) <= max(np.ceil(fewest), walks.CLOSE * fewest + 1)
 
 
 def test_a_wrong_model_reaches_nothing_and_a_limit_of_steps_is_named(pretend):
     pretend(Known(2, floor=1e-3, limit=0.03))
-    found = crosscheck.advise("single_pendulum", engine="known", error=1e-4)
+    found = crosscheck.advise("single_pendulum", engine="known", error={"position": 1e-4})
     assert found.method is None
-    assert 1e-3 <= found.least < 1.1e-3
-    rough = crosscheck.advise("single_pendulum", engine="known", error=2e-3)
+    length = 1.0
+    assert 1e-3 <= found.least * length < 1.1e-3
+    rough = crosscheck.advise("single_pendulum", engine="known", error={"position": 2e-3})
     assert rough.breaks_at > 0.03 >= rough.step
 
 
@@ -129,7 +148,10 @@ def test_one_walk_serves_every_error_and_is_kept(pretend, monkeypatch):
 
 def test_wrong_arguments_and_scenes_that_an_engine_cannot_model(pretend):
     for error in (0.0, -1.0, float("nan"), float("inf"), "much", True, None):
-        with pytest.raises(ArgumentError, match="positive number of metres"):
+        with pytest.raises(ArgumentError, match="positive number is wanted"):
+            crosscheck.advise("single_pendulum", engine="mujoco", error=error)
+    for error in ({}, {"place": 1.0}, {"position": 0.0}):
+        with pytest.raises(ArgumentError, match="error"):
             crosscheck.advise("single_pendulum", engine="mujoco", error=error)
     with pytest.raises(ArgumentError, match="mujocco"):
         crosscheck.advise("single_pendulum", engine="mujocco", error=1e-3)
@@ -141,9 +163,11 @@ def test_wrong_arguments_and_scenes_that_an_engine_cannot_model(pretend):
 def test_a_real_run_keeps_what_the_advice_promises():
     found = crosscheck.advise("single_pendulum", engine="mujoco", error=1e-4)
     traj = crosscheck.run("single_pendulum", "mujoco", found.method, step=found.step, rtol=found.rtol)
-    error = np.abs(traj.x - crosscheck.truth("single_pendulum").states.x).max()
-    assert error <= 1e-4
-    assert error == pytest.approx(found.error, rel=1e-9)
+    exact = crosscheck.truth("single_pendulum").states
+    for name, size in (("x", "position"), ("v", "velocity"), ("w", "angular velocity")):
+        error = np.linalg.norm(getattr(traj, name) - getattr(exact, name), axis=-1).max()
+        assert error == pytest.approx(found.errors[size], rel=1e-6, abs=1e-14)
+    assert found.error <= 1e-4
     assert traj.form == found.form
     done = CliRunner().invoke(app, ["advise", "single_pendulum", "--engine", "mujoco", "--error", "1e-4"])
     assert done.exit_code == 0, done.output
@@ -159,7 +183,7 @@ def record(method, size, error, cost, order=4.0, settled=True, rounding=0.0, out
     """A run of a second whose order was observed at steps up to sixteen times its own."""
     return Record(
         "known", method, size, scene="single_pendulum", version="1", outcome=outcome, wall_time=cost, steps=1,
-        errors={"position": Errors(unit="m", end=error, max=error, time=1.0, body="pendulum", judged=error)},
+        errors={"position": Errors(unit="m", end=error, max=error, time=1.0, body="pendulum", size=1.0, judged=error)},
         orders={"position": Order(observed=order, documented=4, used=4, pairs=(), settled=settled, rounding=rounding)},
         ladder=[Rung(step=16 * size, rtol=None), Rung(step=32 * size, rtol=None, message="it diverged")],
         command=f"crosscheck run single_pendulum --engine known --method {method} --step {size!r} --samples 9")
@@ -202,6 +226,7 @@ def test_an_estimate_is_near_the_truth():
     states = crosscheck.truth(scene).states
     for each in from_records([SCENE], [cell], [])[1:7]:  # 1e-3 m to 1e-8 m
         run = crosscheck.run(scene, "mujoco", each.method, step=each.step, form=each.form)
-        error = np.abs(run.x - states.x).max()
+        size = sizes(scene, states)
+        error = max(float(found.max()) / size[name] for name, found in differences(run, states).items())
         assert error <= each.wanted
         assert error == pytest.approx(each.error, rel=0.4)

@@ -9,7 +9,7 @@
   const ours = (name) => name === "lieeuler";  // last: the reader came with another one
   const engines = [...new Set(rows.map((row) => row.engine))].sort((one, other) => ours(one) - ours(other));
   const power = (value) => value.toExponential(0).replace("e-", "e\u2212");
-  levels.forEach((level) => error.add(new Option(power(level) + " m", level)));
+  levels.forEach((level) => error.add(new Option(power(level), level)));
   engines.forEach((name) => engine.add(new Option(name, name)));
   error.value = levels.find((level) => level <= 1.01e-4) ?? levels[0];
   if ([...scene.options].some((option) => option.value === "double_pendulum")) scene.value = "double_pendulum";
@@ -39,11 +39,10 @@
     if (!mine) {
       parts.push(engine.value + " cannot model this scene, or was not tried on it.");
     } else if (mine.method === null) {
-      parts.push("No method of " + mine.engine + " reaches " + power(mine.wanted) + " m here; the least error found is "
-        + short(mine.least) + " m.");
+      parts.push(mine.engine + ": not " + mine.tried + "; the least error found is " + short(mine.least) + ".");
     } else {
       parts.push(node("b", mine.method), (mine.form ? " (form " + mine.form + ")" : "") + " of " + mine.engine + " at "
-        + (mine.step ? "step " : "") + size(mine) + ": error " + about(mine) + short(mine.error) + " m for "
+        + (mine.step ? "step " : "") + size(mine) + ": error " + about(mine) + short(mine.error) + " of its size for "
         + short(1e3 * mine.cost) + " ms of stepping; " + basis(mine) + ". ",
         command(mine.command));
     }
@@ -54,10 +53,10 @@
       const head = node("th", row.engine);
       head.scope = "row";
       line.append(head);
-      const cells = row.method === null ? ["none reaches it", "", short(row.least), "", ""]
+      const cells = row.method === null ? ["not found", "", short(row.least), "", ""]
         : [row.method, size(row), about(row) + short(row.error), short(1e3 * row.cost),
           row.estimated ? "not tried" : breaks(row)];
-      ["method", "step", "error, m", "cost, ms", "breaks at"].forEach((label, index) => {
+      ["method", "step", "error", "cost, ms", "breaks at"].forEach((label, index) => {
         const cell = node("td", cells[index]);
         cell.dataset.label = label;
         if (index) cell.className = "n";

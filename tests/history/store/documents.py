@@ -33,7 +33,7 @@ def record(scene="single_pendulum", engine="mujoco", method="RK4", *, error=1e-6
         scene=scene, engine=engine, version="4.0.0", method=method, form="tree", step=1e-3, documented_order=4,
         command=f"crosscheck run {scene}", label=f"{engine} {method}", outcome=outcome, status="success",
         findings=[Finding("run", "ok", None, None, "", "a run has to reach its end")],
-        errors={"position": Errors(unit="m", end=error / 2, max=error, time=1.0, body="rod", judged=error)},
+        errors={"position": Errors(unit="m", end=error / 2, max=error, time=1.0, body="rod", size=1.0, judged=error)},
         steps=1000, wall_time=0.005, duration=10.0, energy_error=error / 3, orthogonality=1e-15,
         us_per_step=500.0 * ratio, ladder=[Rung(step=1e-3, rtol=None, steps=1000, errors={"position": error})],
         speed=Speed(us_per_step=500.0 * ratio, us_deviation=0.1, ratio=ratio, deviation=deviation, repeats=9,

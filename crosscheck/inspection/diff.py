@@ -100,8 +100,12 @@ def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -
         One of them cannot be read as a scene.
     """
     one, other = _read(a), _read(b)
-    tried = [_Comparison(_Tree(one, start), _Tree(other, start)) for start in (False, True)]
-    best = min(tried, key=lambda each: len(each.differences))
+    best, second = sorted((_Comparison(_Tree(one, start), _Tree(other, start)) for start in (False, True)),
+                          key=_Comparison.count)
+    best.compare_motion()
+    if best.differences and not second.differences:
+        second.compare_motion()
+        best = min(best, second, key=_Comparison.count)
     if not isinstance(a, Scene) and is_model(a) and not isinstance(b, Scene) and is_model(b):
         best.differences += _dropped(joint_data(a), joint_data(b), best.joints)
     return Diff(_label(a), _label(b), tuple(best.differences), tuple(best.names()), tuple(sorted(best.joints.items())),
@@ -199,6 +203,14 @@ class _Comparison:
         self._forces()
         self._rest()
         self._touches(self._shapes())
+        self.moves: float | None = None
+
+    def count(self) -> int:
+        """How many differences there are."""
+        return len(self.differences)
+
+    def compare_motion(self) -> None:
+        """Compare accelerations; it takes longer than all before."""
         self.moves = self._accelerations()
         if self.moves is not None and self.moves > MOVES and not self.differences:
             self._tell("", "accelerations", 0.0, self.moves)

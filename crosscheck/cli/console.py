@@ -144,6 +144,15 @@ class _Lines:
         return f"{self._done}{of} done, {self._label}" if self._done or of else self._label
 
 
+def annotate(outcome: str, title: str, message: str) -> None:
+    """Print a line that GitHub shows beside the change: an error, or a warning of what is unresolved."""
+    def plain(text: str) -> str:
+        return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+    kind = "warning" if outcome == "unresolved" else "error"
+    print(f"::{kind} title={plain(title).replace(':', '%3A').replace(',', '%2C')}::{plain(message)}")
+
+
 def complain(message: str) -> None:
     """Print one line on stderr."""
     print(f"crosscheck: {' '.join(brief(message).split())}", file=sys.stderr)

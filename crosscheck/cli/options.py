@@ -202,6 +202,18 @@ def chosen(names: Iterable[str] | None) -> tuple[str, ...] | None:
     return tuple(names) if names else None
 
 
+FORMATS = ("text", "github")
+
+Format = Annotated[str, typer.Option("--format", callback=lambda given: _format(given),
+                                     help="text, or github: besides, annotations of a workflow")]
+
+
+def _format(given: str) -> str:
+    if given not in FORMATS:
+        raise ArgumentError(unknown("--format", given, FORMATS))
+    return given
+
+
 def figure(value: float | None, missing: str = "", digits: str = ".3g") -> str:
     """A number with three digits, or in the given format."""
     return missing if value is None else format(value, digits)

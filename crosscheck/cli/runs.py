@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import complain, progress_bar, say, waiting
+from crosscheck.cli.console import annotate, complain, progress_bar, say, waiting
 from crosscheck.cli.options import figure
 from crosscheck.errors import ArgumentError, CrosscheckError, SceneError, Unsupported
 from crosscheck.files import cell, replacing
@@ -60,6 +60,7 @@ def run(
     """
     from crosscheck import adapters
     from crosscheck.document.outcomes import EXIT_CODES
+    from crosscheck.report.headline import ending
     from crosscheck.running.run import run as run_scene
 
     if method is None:
@@ -85,6 +86,8 @@ def run(
         _print_run(traj.scene, traj, csv_file, step)
         if judged is not None:
             _print_errors(judged, traj)
+            if last := ending(judged, shlex.join(["crosscheck", *sys.argv[1:]])):
+                print(last)
         raise typer.Exit(EXIT_CODES["unresolved" if judged is None else judged.outcome])
 
 
@@ -92,6 +95,7 @@ def run(
 def _ending(engine: str) -> Iterator[None]:
     """Print the outcome of an engine that cannot model the scene or does not run, or without truth, and end with it."""
     from crosscheck import adapters
+    from crosscheck.document import outcomes
     from crosscheck.document.outcomes import EXIT_CODES
     from crosscheck.references import TruthError
     from crosscheck.running.versions import need
@@ -105,7 +109,8 @@ def _ending(engine: str) -> Iterator[None]:
     except CrosscheckError as error:
         found: Outcome = ("unsupported" if isinstance(error, Unsupported) else
                           "unresolved" if isinstance(error, TruthError) else "error")
-        complain(f"{found}: {error}")
+        mark = outcomes.code(found)
+        complain(f"{found}: {error}" + (f" ({mark})" if mark else ""))
         raise typer.Exit(EXIT_CODES[found]) from error
 
 
@@ -134,7 +139,7 @@ def _first_line(judged: Record | None) -> str:
     """The outcome of a run, its own error against truth, the share of its time that was judged, and what decided."""
     from crosscheck.document import QUANTITIES
     from crosscheck.document.outcomes import percent
-    from crosscheck.judge.verdict import worst
+    from crosscheck.judge.verdict import code, worst
 
     if judged is None:
         return "unresolved: nothing was compared, because bounds follow from --step or --rtol and neither was given"
@@ -146,7 +151,8 @@ def _first_line(judged: Record | None) -> str:
     reason = judged.message or ("" if first is None or judged.outcome == "pass" else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
                                 f"({first.why})")
-    return f"{judged.outcome}: {off}{judging}" + (f"; {reason}" if reason else "")
+    said = f"{judged.outcome}: {off}{judging}" + (f"; {reason}" if reason else "")
+    return f"{said} ({mark})" if (mark := code(judged)) else said
 
 
 def _print_errors(judged: Record, traj: Trajectory) -> None:
@@ -288,6 +294,7 @@ def judge(
     order: Annotated[int | None, typer.Option(help="the order that is claimed")] = None,
     period: Annotated[float | None, typer.Option(help="s between two rows, of files without times")] = None,
     need: Annotated[float, typer.Option(help="share of a recording's time that has to be judged")] = 1.0,
+    form: options.Format = "text",
     as_json: options.AsJson = False,
     out: Annotated[Path | None, typer.Option(
         "-o", "--out", help="folder of a page a recording, errors over time as CSV, and JUnit's XML")] = None,
@@ -324,6 +331,12 @@ def judge(
     else:
         for name, verdict in verdicts.items():
             say(f"{verdict.lines[0].partition(':')[0]}: {name}: {verdict.why}")
+    again = shlex.join(["crosscheck", *sys.argv[1:]])
+    if any(verdict.outcome == "fail" for verdict in verdicts.values()) and not as_json:
+        print(f"reproduce: {again}")
+    for name, verdict in verdicts.items() if form == "github" else ():
+        if verdict.code:
+            annotate(verdict.outcome, f"{verdict.code} {name}", f"{verdict.why}; {again}")
     if out is not None and not as_json:
         print(f"page: {out / 'index.html'}" if len(verdicts) == 1 else f"pages: {out}")
     raise typer.Exit(outcomes.exit_code(verdict.outcome for verdict in verdicts.values()))

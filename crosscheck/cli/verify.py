@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import complain, console, figures, key, print_table, progress_bar, say
+from crosscheck.cli.console import annotate, complain, console, figures, key, print_table, progress_bar, say
 from crosscheck.cli.options import (
     REFERENCE,
     Control,
@@ -58,6 +58,7 @@ def verify(
     tol: Annotated[list[str] | None, typer.Option(help="your own bound, as quantity=value; may be repeated")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
+    form: options.Format = "text",
     need: Annotated[float, typer.Option(help="share of its time over which the motion of a run has to be judged for it "
                                         "to pass")] = 1.0,
     fresh: options.Fresh = "CI" in os.environ,
@@ -82,6 +83,7 @@ def verify(
     from crosscheck.judge import overrides
     from crosscheck.recordings import published
     from crosscheck.report import check_out, schema, write
+    from crosscheck.report.headline import ending, sentence
     from crosscheck.scene.file import as_scene, tagged
     from crosscheck.verification import job
     from crosscheck.verification.job import limits_of
@@ -120,6 +122,10 @@ def verify(
     else:
         print_verdicts(results, page)
         _print_published(literature)
+    for record in results.records if form == "github" else ():
+        if record.outcome in ("fail", "error", "unresolved"):
+            annotate(record.outcome, f"{record.code} {record.scene} {record.label}",
+                     "; ".join(filter(None, (sentence(record), ending(record)))))
     raise typer.Exit(results.exit_code)
 
 
@@ -128,7 +134,7 @@ def print_verdicts(document: Document, page: Path) -> None:
     import msgspec
 
     from crosscheck.document import grouped
-    from crosscheck.report.headline import OUTCOMES, headline, sentence
+    from crosscheck.report.headline import OUTCOMES, ending, headline, sentence
     from crosscheck.report.overview import worst_first
 
     titles = {scene.name: scene.title for scene in document.scenes}
@@ -158,6 +164,8 @@ def print_verdicts(document: Document, page: Path) -> None:
         say(f"{symbol} {loud}: {group.engine + ': ' if group.engine else ''}{group.why}")
         for record, _ in group.runs:
             say(f"{record.scene}, {record.label}: {sentence(record)}", 4)
+            if last := ending(record):
+                print(last)  # one line, to be copied
     for line in dict.fromkeys(f"{record.scene}, {record.label}: {finding.why}" for record in document.records
                               for finding in record.findings if finding.kind == "arithmetic"):
         say(line)
@@ -165,7 +173,8 @@ def print_verdicts(document: Document, page: Path) -> None:
                 if record.outcome == "unsupported" or (record.outcome == "unresolved" and not record.within))
     for (outcome, name, message), records in grouped(
             left_out, lambda record: (record.outcome, record.scene, record.message)).items():
-        say(f"{' '.join(OUTCOMES[outcome][:2])} {name}, {message}: {', '.join(record.label for record in records)}")
+        say(f"{' '.join(OUTCOMES[outcome][:2])} {name}, {message}: {', '.join(record.label for record in records)}"
+            + (f"; {records[0].code}; {ending(records[0])}" if outcome == "unresolved" else ""))
     for scene in document.scenes:
         say(f"{scene.name}: {scene.trust}")
         for row in scene.engines if len(scene.engines) > 1 else ():
@@ -201,6 +210,10 @@ def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
     if math.isfinite(best.judged_error):
         who = best.label.removeprefix(f"{engine} ")
         line += f", least error {best.judged_error:.1e} of its size, by {who} at {_size(best)}"
+    orders = [f"{record.label.removeprefix(f'{engine} ')} {min(observed):.2f} of {record.documented_order}"
+              for record in right if (observed := [each.observed for each in record.orders.values() if each.observed])]
+    if orders:
+        line += f"; least observed order of the documented one: {', '.join(orders)}"
     say(line)
 
 

@@ -367,6 +367,7 @@ class Record(Way, frozen=True, kw_only=True):
     timing: list[Point] = []
     word: str = ""  # the outcome in words that say how much of the motion was judged
     share: float | None = None  # of its time over which its motion was judged; None if it was not judged at all
+    code: str = ""  # of what is wrong or open, see `crosscheck.document.outcomes.KINDS`; "" for a pass
     worst: Finding | None = None  # the most important finding, see `crosscheck.judge.verdict.worst`
 
     @property

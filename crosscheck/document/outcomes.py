@@ -6,7 +6,7 @@ Source: ASME V&V 20 for what is resolved; a difference within its uncertainty is
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 Outcome = Literal["error", "fail", "unresolved", "known", "pass", "unsupported"]
 """error: it did not run. fail: it is wrong. unresolved: less was judged than was asked for. known: wrong, as its
@@ -16,6 +16,44 @@ EXIT_CODES: dict[Outcome, int] = {"pass": 0, "known": 0, "fail": 1, "error": 1, 
 """2 is a wrong command, 70 an internal error."""
 
 INTERNAL = 70
+
+
+class Kind(NamedTuple):
+    """What a verdict that is not a pass is about."""
+
+    code: str  # stable, for searching and for rules of other tools
+    title: str
+    mend: str  # what to look at
+
+
+KINDS = {
+    "gap": Kind("CC101", "from its own states the engine goes on otherwise", "state that is kept between steps"),
+    "limit": Kind("CC102", "as steps vanish it does not come to the truth",
+                  "the model; crosscheck explain names causes"),
+    "order": Kind("CC103", "the error falls more slowly than documented", "how stages or rotations are combined"),
+    "promise": Kind("CC104", "it does not keep what it promises at each step", "constraints, sensors, accelerations, "
+                    "rotation matrices, relative tolerance"),
+    "asked": Kind("CC105", "it did not do what was asked",
+                  "start, end, status, number of steps, known defects that are mended"),
+    "tolerance": Kind("CC106", "the error is beyond the tolerance that was asked", "step, tolerance, model"),
+    "noise": Kind("CC107", "repeats scatter", "random numbers, threads, time limits of iterations"),
+    "unresolved": Kind("CC108", "less was judged than was asked for", "what its sentence names")}
+"""What a verdict can be about that is no pass."""
+
+_ABOUT = {"repeat": "gap", "reset": "gap", "continuity": "gap", "axes": "gap", "interpolation": "gap", "order": "order",
+          "level": "promise", "orthogonality": "promise", "acceleration": "promise", "sensor": "promise",
+          "rtol": "promise", "run": "asked", "step": "asked", "steps": "asked", "sub-steps": "asked",
+          "vanished": "asked", "noise": "noise"}
+"""By the first word of the kind of a finding; all others compare a motion with truth."""
+
+
+def code(outcome: Outcome, kind: str = "run", by_user: bool = False) -> str:
+    """The code of a verdict whose worst finding is of this kind, against a bound of the user or not; "" for a pass."""
+    if outcome in ("pass", "unsupported"):
+        return ""
+    about = ("unresolved" if outcome == "unresolved" else "tolerance" if by_user else
+             _ABOUT.get(kind.partition(" ")[0], "limit"))
+    return KINDS[about].code
 
 
 def worst(outcomes: Iterable[Outcome]) -> Outcome:

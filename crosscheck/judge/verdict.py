@@ -22,6 +22,7 @@ from crosscheck.document import (
     Record,
     Rung,
     Status,
+    outcomes,
 )
 from crosscheck.document.known import Known
 from crosscheck.document.outcomes import Outcome, percent
@@ -382,6 +383,13 @@ def worst(findings: Sequence[Finding]) -> Finding | None:
                 severity if bad else 0.0, -group, severity)
 
     return max((finding for finding in findings if finding.status != "unresolved"), key=place, default=None)
+
+
+def code(run: Record) -> str:
+    """The stable code of what is wrong with a run or open; "" for a pass."""
+    finding = worst(run.findings)
+    return outcomes.code(run.outcome) if finding is None or finding.status == "ok" else outcomes.code(
+        run.outcome, finding.kind, finding.why.startswith(tolerances.BY_USER))
 
 
 def _share(judged: float | None, duration: float | None) -> float:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 import numpy as np
 
-from crosscheck.document.outcomes import EXIT_CODES, Outcome
+from crosscheck.document.outcomes import EXIT_CODES, KINDS, Outcome
 from crosscheck.errors import ArgumentError, CrosscheckError, unknown
 from crosscheck.files import finite
 from crosscheck.judge.tolerances import CONSTANTS, order_margin
@@ -87,6 +87,7 @@ class Verdict:
     until: float = 0.0  # s, the end of what was compared
     share: float = 0.0  # of the recording's time that was compared
     reason: str = ""  # why it is unresolved, and what would mend that
+    code: str = KINDS["unresolved"].code  # see `crosscheck.document.outcomes.KINDS`; "" for a pass
     missing: int = 0  # cells without a value
     suggested: dict[str, str] = dataclasses.field(default_factory=dict)  # foreign names, and what they were taken for
     lines: list[str] = dataclasses.field(default_factory=list)
@@ -111,7 +112,7 @@ class Verdict:
     def plain(self) -> dict[str, Any]:
         """As values that JSON knows."""
         kept = ("outcome", "errors", "order", "limit_error", "limit_unsure", "cause", "floors", "figures", "until",
-                "share", "reason", "missing", "suggested")
+                "share", "reason", "code", "missing", "suggested")
         defects = None if self.defects is None else {
             name: float(self.defects[name].max()) for name in self.defects if name != "t"}
         return dict(finite({name: getattr(self, name) for name in kept}
@@ -201,8 +202,9 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
         ended = f"the table of a spline ends at {table:g} s" if fine.t[-1] > table >= verdict.until else ""
         notes.append(f"judged up to {verdict.until:g} s, {100 * verdict.share:.3g} % of the recording: " + (
             ended or truth.horizon_cause or "there truth ends"))
-    failed = _sizes(seen, allowed, lines) + _kinds(seen, notes)
-    failed += _defects(system, seen, since, allowed, verdict, notes)
+    parts = {"tolerance": _sizes(seen, allowed, lines), "promise": _kinds(seen, notes),
+             "gap": _defects(system, seen, since, allowed, verdict, notes)}
+    failed = [each for part in parts.values() for each in part]
     _figures(system, kept[0], truth, since, verdict, notes)
     limit = None
     if len(given) > 1:
@@ -214,6 +216,10 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     verdict.reason = _unresolved(verdict, allowed, order, need)
     verdict.outcome = ("unresolved" if not allowed and order is None else "fail" if failed else
                        "unresolved" if verdict.reason else "pass")
+    about = next((name for name, part in parts.items() if part),
+                 "order" if any(each.startswith("order") for each in failed) else "limit")
+    verdict.code = "" if verdict.outcome == "pass" else KINDS[
+        "unresolved" if verdict.outcome == "unresolved" else about].code
     beyond = any(verdict.errors[key] > EXACT * verdict.floors[key] + 1e-9 for key in fine.keys)
     order_alone = bool(failed) and all(each.startswith("order") for each in failed)
     if beyond and (failed or not allowed) and not order_alone and (len(given) == 1 or limit is not None):
@@ -223,8 +229,9 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
         "order", "wrong limit"))), None)
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
     why = [verdict.reason] if verdict.outcome == "unresolved" else []
-    verdict.lines = [f"{mark} {verdict.outcome}: {lines[0]}", *why, *lines[1:], *(f"✗ {each}" for each in failed),
-                     *notes]
+    coded = f" ({verdict.code})" if verdict.code else ""
+    verdict.lines = [f"{mark} {verdict.outcome}: {lines[0]}{coded}", *why, *lines[1:],
+                     *(f"✗ {each}" for each in failed), *notes]
     return verdict
 
 

@@ -54,7 +54,8 @@ def write_all(verdicts: Mapping[str, Verdict], folder: Path) -> None:
         own = folder if len(verdicts) == 1 else folder / f"{k + 1}-{Path(name).stem}"
         case = ElementTree.SubElement(suite, "testcase", classname="recordings", name=name)
         if verdict.outcome != "pass":
-            ElementTree.SubElement(case, "failure", type=verdict.outcome, message=verdict.why).text = str(verdict)
+            ElementTree.SubElement(case, "failure", type=verdict.outcome,
+                                   message=f"{verdict.code}: {verdict.why}").text = str(verdict)
         if verdict.differences is not None:
             write_page(verdict, own)
             seen = verdict.differences

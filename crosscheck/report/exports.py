@@ -20,7 +20,7 @@ from crosscheck.document.curves import RunCurves, SceneCurves
 from crosscheck.document.part import Part
 from crosscheck.files import cell, readable
 from crosscheck.report import identity
-from crosscheck.report.headline import number, sentence
+from crosscheck.report.headline import ending, number, sentence
 
 
 def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
@@ -46,7 +46,7 @@ def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
                       _of("levels", name, "max")))
     titled += [("orthogonality", lambda r: r.orthogonality), ("steps", lambda r: r.steps),
                 ("wall time [s]", lambda r: r.wall_time), ("us per step", lambda r: r.us_per_step),
-                ("worst finding", sentence), ("message", lambda r: r.message),
+                ("worst finding", sentence), ("message", lambda r: r.message), ("code", lambda r: r.code),
                 ("scene hash", lambda r: hashes.get(r.scene, "")), ("command", lambda r: r.command)]
     return titled
 
@@ -91,11 +91,12 @@ def junit(document: Document) -> str:
             elif record.outcome == "error":
                 ElementTree.SubElement(case, "error", message=record.message)
             elif record.outcome == "unresolved":
-                ElementTree.SubElement(case, "failure", type="unresolved", message=f"{record.word}: {record.message}")
+                ElementTree.SubElement(case, "failure", type="unresolved", message=f"{record.word}: {sentence(record)}")
             elif record.outcome == "unsupported":
                 ElementTree.SubElement(case, "skipped", message=record.message)
             output = ElementTree.SubElement(case, "system-out")
-            output.text = "\n".join([f"outcome: {record.outcome}", *lines, f"repeat: {record.command}"])
+            output.text = "\n".join([f"outcome: {record.outcome}", *lines, *filter(None, (ending(record),)),
+                                     f"repeat: {record.command}"])
         for attribute, outcomes in (("failures", ("fail", "unresolved")), ("errors", ("error",)),
                                     ("skipped", ("unsupported",))):
             suite.set(attribute, str(sum(record.outcome in outcomes for record in records)))

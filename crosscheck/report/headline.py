@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 
@@ -139,7 +140,11 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def sentence(record: Record) -> str:
-    """The worst finding of a run in one clause."""
+    """The worst finding of a run in one clause, with its code where it is not passed."""
+    return f"{record.code}: {_clause(record)}" if record.code else _clause(record)
+
+
+def _clause(record: Record) -> str:
     worst = record.worst
     if record.outcome in ("error", "unsupported", "unresolved") or worst is None:
         return record.message
@@ -152,11 +157,42 @@ def sentence(record: Record) -> str:
     if worst.kind.startswith("order") and worst.value is None:
         return f"{kind}: {worst.detail}"
     if worst.kind.startswith("order"):
-        relation = "at least" if worst.status == "ok" else "below"
         why = f": {worst.detail}" if worst.status == "fail" and worst.detail else ""
-        return f"{kind} {number(worst.value, 3)}, {relation} {number(worst.bound, 3)}{why}"
+        wanted = (f"at least {number(worst.bound, 3)}" if record.documented_order is None or worst.kind == "order rtol"
+                  else f"documented {record.documented_order}")
+        return f"observed order {number(worst.value, 3)}, {wanted} ({worst.kind.removeprefix('order ')}){why}"
     relation = "within" if worst.status == "ok" else "beyond"
     return f"{kind} {number(worst.value)}{unit}, {relation} {number(worst.bound)}{unit}"
+
+
+MENDS = {"rest": "give it a start that moves", "step": "a smaller --step",
+         "truth": "a shorter --duration, or a scene with a truth: crosscheck truth says what is in the way",
+         "precision": "an engine of more digits, or one that starts at given states"}
+"""By the kind of a finding that says why nothing of a motion was judged: the change that would mend it."""
+
+
+SCRIPTED = {"--engine", "--method", "--step", "--duration", "--keyframe", "--qpos", "--qvel"}
+"""The options of `crosscheck reproduce`, whose script needs MuJoCo alone."""
+
+
+def ending(record: Record, command: str = "") -> str:
+    """How a verdict ends: the command that reproduces what is wrong, or the one change that would mend what is open."""
+    if record.outcome == "unresolved":
+        return f"what would mend it: {_mend(record)}"
+    if record.outcome not in ("fail", "error"):
+        return ""
+    command = command or record.command.partition(" --samples ")[0]
+    scripted = record.engine.partition("==")[0] == "mujoco" and record.step is not None
+    given = {word for word in shlex.split(command) if word.startswith("--")}
+    if command.startswith("crosscheck run ") and scripted and given <= SCRIPTED:
+        command = command.replace("crosscheck run ", "crosscheck reproduce ", 1)
+    return f"reproduce: {command}" if command else ""
+
+
+def _mend(record: Record) -> str:
+    open_ = (MENDS[each.kind] for each in record.findings if each.kind in MENDS and each.status == "unresolved")
+    until = f"--duration {record.judged_until:.3g}, which is judged" if record.judged_until else "a smaller --step"
+    return next(open_, until)
 
 
 SHADES = (1e-9, 1e-6, 1e-3, 1e-1)

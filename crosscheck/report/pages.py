@@ -18,6 +18,7 @@ from crosscheck.files import cache_folder
 from crosscheck.report import overview
 from crosscheck.report.headline import (
     OUTCOMES,
+    ending,
     headline,
     judged_share,
     number,
@@ -104,7 +105,7 @@ def environment() -> Any:
         loader=jinja2.FileSystemLoader(HERE / "templates"), undefined=jinja2.StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
-    made.filters |= {"number": number, "sentence": sentence, "shade": shade, "anchor": anchor,
+    made.filters |= {"number": number, "sentence": sentence, "ending": ending, "shade": shade, "anchor": anchor,
                      "span": span, "spoken": spoken, "judged_share": judged_share,
                      "share_words": share_words, "sortable": plain_number,
                      "query": urllib.parse.quote, "slug": slug}

@@ -244,7 +244,8 @@ class Paced:
 def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
              rows: list[Support] | None = None) -> Document:
     """The document with these records and the recommendations that follow from them."""
-    records = [replace(record, word=verdict.word(record), worst=verdict.worst(record.findings))
+    records = [replace(record, word=verdict.word(record), code=verdict.code(record),
+                       worst=verdict.worst(record.findings))
                for record in (verdict.needing(record, meta.need) for record in records)]
     scenes = []
     for scene in truths:

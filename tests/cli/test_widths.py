@@ -119,7 +119,7 @@ def test_nothing_is_wider_than_the_terminal_and_no_figure_is_cut(name, folder, m
         told(name, folder)
         shown[width] = capsys.readouterr().out
         wide = [line for line in shown[width].splitlines() if len(line.rstrip()) > width]
-        assert all(line.startswith(("report: ", "command ")) for line in wide), wide  # whole, to be copied
+        assert all(line.startswith(("report: ", "command ", "reproduce: ")) for line in wide), wide  # to be copied
         if name in WHOLE:
             assert shown[width] == (SNAPSHOTS / f"{name.replace(' ', '-')}-{width}.txt").read_text("utf-8")
     for width in WIDTHS[:2]:

@@ -5,10 +5,12 @@ import re
 import pytest
 from msgspec.structs import replace
 
-from crosscheck.document import Errors, Finding, Recommended, Scene, extended
+from crosscheck.document import Errors, Finding, Recommended, Scene, extended, outcomes
 from crosscheck.history import nightly
+from crosscheck.judge import verdict
 from crosscheck.report import headline, overview, pages
 from crosscheck.verification import trust
+from tests import ROOT
 from tests.report_making import CHANGES, failed_scene, made
 
 
@@ -77,7 +79,7 @@ def test_the_same_words_open_the_page_the_markdown_and_the_message(results, fold
     assert (folder / "summary.md").read_text(encoding="utf-8").startswith(f"# {said}\n")
     message = nightly.summary(plain, "2026-11-21", None, False, tmp_path / "index.html")
     assert said in message.splitlines()[0]
-    assert "- fake: fake Broken on single_pendulum, it broke" in message
+    assert re.search(r"- fake: fake Broken on single_pendulum, CC10\d: it broke", message)
     assert len(message.splitlines()) < 20
 
 
@@ -108,8 +110,8 @@ def test_a_low_order_has_its_figures_and_what_is_known_of_it(results):
         record = replace(results.records[0], outcome="fail", findings=[finding])
         return headline.sentence(made([], [record]).records[0])
 
-    assert said(low) == "observed order in position -1, below 0.9"
-    assert said(replace(low, detail="errors rise")) == "observed order in position -1, below 0.9: errors rise"
+    assert said(low) == "CC103: observed order -1, documented 2 (position)"
+    assert said(replace(low, detail="errors rise")) == "CC103: observed order -1, documented 2 (position): errors rise"
 
 
 def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the_same_reason():
@@ -158,3 +160,30 @@ def test_runs_at_too_coarse_steps_and_shares_of_time_stand_in_the_headline(resul
     text = pages.index(replace(plain, meta=replace(plain.meta, engines={"fake": "1"})))
     assert 'class="tag unresolved" style="--share: 12%"' in text
     assert "2 unresolved, judged over 12 % of the time" in text
+
+
+def test_what_is_wrong_or_open_has_a_code_and_an_end(results):
+    """Codes are stable: other tools have rules about them. The page of reports lists them."""
+    text = (ROOT / "docs" / "reports.md").read_text()
+    for kind in outcomes.KINDS.values():
+        assert f"| {kind.code} | {kind.title} | {kind.mend} |" in text
+    slow = Finding("order attitude", "fail", 2.01, 2.9, "1", "documented order 3")
+    run = replace(results.records[0], engine="mujoco", method="RK4", step=1e-3, outcome="fail", findings=[slow],
+                  worst=slow, documented_order=3, rtol=None,
+                  command="crosscheck run heavy_top --engine mujoco --method RK4 --step 0.001 --samples 9")
+    run = replace(run, code=verdict.code(run))
+    assert headline.sentence(run) == "CC103: observed order 2.01, documented 3 (attitude)"
+    assert headline.ending(run) == "reproduce: crosscheck reproduce heavy_top --engine mujoco --method RK4 --step 0.001"
+    assert headline.ending(replace(run, engine="exudyn", command="crosscheck run a --engine exudyn --step 1.0")) == (
+        "reproduce: crosscheck run a --engine exudyn --step 1.0")
+    for kind, user, code in (("repeat", False, "CC101"), ("interval position", False, "CC102"),
+                             ("level position", False, "CC104"), ("run", False, "CC105"), ("noise", False, "CC107"),
+                             ("position", True, "CC106")):
+        assert outcomes.code("fail", kind, user) == code
+    part = replace(run, outcome="unresolved", findings=[], judged_until=0.25)
+    assert (verdict.code(part), headline.ending(part)) == (
+        "CC108", "what would mend it: --duration 0.25, which is judged")
+    rest = Finding("rest", "unresolved", None, None, "", "nothing moves")
+    assert headline.ending(replace(part, findings=[rest])) == "what would mend it: give it a start that moves"
+    assert (verdict.code(replace(run, outcome="pass", findings=[])), headline.ending(replace(run, outcome="pass"))) == (
+        "", "")

@@ -116,11 +116,13 @@ def test_the_largest_step_is_found_to_a_few_percent(pretend, order, error):
     if order == 1 and error == 1e-6:
         pytest.skip("1e6 steps")
     pretend(Known(order))
-    found = crosscheck.advise("single_pendulum", engine="known", error={"position": error})
+    found = crosscheck.advise("single_pendulum", engine="known", error=error)
     scene = crosscheck.load_scene("single_pendulum")
     interval = scene.duration / (scene.samples - 1)
-    fewest = max(1.0, interval / (error / 0.0817) ** (1 / order))  # steps in an interval, not yet a whole number
-    assert found.errors["position"] <= error
+    size = sizes(scene, crosscheck.truth(scene).states)["position"]
+    fewest = max(1.0, interval / (error * size / 0.0817) ** (1 / order))  # steps in an interval, not yet a whole number
+    assert found.errors["position"] == pytest.approx(found.error * size)
+    assert found.error <= error
     assert fewest <= round(interval / found.step) <= max(np.ceil(fewest), walks.CLOSE * fewest + 1)
 
 
@@ -128,8 +130,8 @@ def test_a_wrong_model_reaches_nothing_and_a_limit_of_steps_is_named(pretend):
     pretend(Known(2, floor=1e-3, limit=0.03))
     found = crosscheck.advise("single_pendulum", engine="known", error={"position": 1e-4})
     assert found.method is None
-    length = 1.0
-    assert 1e-3 <= found.least * length < 1.1e-3
+    scene = crosscheck.load_scene("single_pendulum")
+    assert 1e-3 <= found.least * sizes(scene, crosscheck.truth(scene).states)["position"] < 1.1e-3
     rough = crosscheck.advise("single_pendulum", engine="known", error={"position": 2e-3})
     assert rough.breaks_at > 0.03 >= rough.step
 

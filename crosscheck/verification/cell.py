@@ -47,6 +47,7 @@ from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene import mechanics
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
+from crosscheck.verification import solution
 from crosscheck.verification.again import Asked
 from crosscheck.verification.curves import run_curves
 from crosscheck.verification.order_study import order_study
@@ -55,8 +56,11 @@ from crosscheck.verification.task import Cell, load, windowed
 ENDED = "a run has to reach its end"
 
 
-def run_cell(cell: Cell) -> Record:
-    """Run and judge one cell. A failing run gets a verdict, too."""
+def run_cell(cell: Cell, by_solution: bool = False) -> Record:
+    """Run and judge one cell. A failing run gets a verdict, too.
+
+    `by_solution`: the main run is judged by solution verification.
+    """
     way, plan = cell.way, cell.plan
     version = engine_version(way.engine)
     run = extended(Record, way, scene=cell.scene, version=version)
@@ -82,7 +86,8 @@ def run_cell(cell: Cell) -> Record:
         main = _no_main_run(run, scene, outcome)
     else:
         traj = outcome.trajectory
-        main = _main_run(Asked(run, scene, traj), reference, window, held, plan.budgeted)
+        main = _by_solution(run, scene, traj, reference, held) if by_solution else _main_run(
+            Asked(run, scene, traj), reference, window, held, plan.budgeted)
     if not cell.study:
         return settled(main.run, override(main.findings, cell.overrides, main.whole), main.message,
                        main.judged, main.why, main.whole, cell.as_planned)
@@ -109,11 +114,12 @@ def settled(run: Record, findings: list[Finding], message: str = "", judged: flo
                   message, judged, why, whole)
 
 
-def judge_run(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST) -> Record:
+def judge_run(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST,
+              by_solution: bool = False) -> Record:
     """The verdict on one run without an order study. If its step is too coarse for bounds, its energy is judged, too.
 
-    If no bound reaches over the whole run, the `first` seconds are judged. The engine is run in the same way at other
-    steps, too.
+    `by_solution` as of `run_cell`. If no bound reaches over the whole run, the `first` seconds are judged. The engine
+    is run in the same way at other steps, too.
     """
     try:
         if scene.n > MOST_BODIES:
@@ -122,7 +128,8 @@ def judge_run(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str],
     except (TruthError, Unsupported) as error:
         main = _truthless(run, scene, traj, held)
         return settled(main.run, [_no_truth(" ".join(str(error).split())), *main.findings])
-    main = _main_run(Asked(run, scene, traj), reference, window, held, budgeted=True)
+    main = _by_solution(run, scene, traj, reference, held) if by_solution else _main_run(
+        Asked(run, scene, traj), reference, window, held, budgeted=True)
     coarse = any(finding.kind == "step" for finding in main.findings)
     findings = [*main.findings, *([judge_coarse(scene, traj, reference)] if coarse else [])]
     return settled(main.run, findings, main.message, main.judged, main.why, main.whole)
@@ -275,6 +282,17 @@ def _main_run(asked: Asked, reference: Reference, window: Reference, held: froze
                   *judge_continuity(scene, traj, reference, seen.eps),
                   _orthogonality(run, traj, seen.eps, seen.others)], judged, seen.covered.why,
                  whole=_over_truth(scene, traj, reference, missed))
+
+
+def _by_solution(run: Record, scene: Scene, traj: Trajectory, reference: Reference, held: frozenset[str]) -> _Main:
+    """Judge a run by solution verification, and by what it promises and was asked."""
+    found = solution.judge(run, scene, traj, held, reference)
+    eps = max(tolerances.EPS, min(adapters.get(run.engine).eps, SINGLE))
+    missed = errors(scene, traj, reference.states, reference.horizon)
+    levels = judge_levels(scene, traj, None, None, held, traj.maxima, eps)
+    return _Main(_measured(run, scene, traj, reference, missed, held, traj.maxima),
+                 [_ended(traj), *_steps(run, scene, traj), *found.findings, *levels, _orthogonality(run, traj, eps)],
+                 found.share * scene.duration, found.why, whole=_over_truth(scene, traj, reference, missed))
 
 
 def _over_truth(scene: Scene, traj: Trajectory, reference: Reference, sensors: Mapping[str, Error]

@@ -20,9 +20,9 @@ from crosscheck.adapters.foreign import versions
 from crosscheck.adapters.mujoco.own_law import default
 from crosscheck.cli.app import app
 from crosscheck.judge.metrics import errors, observed_order
+from crosscheck.judge.world import World
 from crosscheck.references import truth
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
-from crosscheck.verification.again import World
 from crosscheck.verification.job import check_engines
 from tests.adapters.test_laws import pendulum
 

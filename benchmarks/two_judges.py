@@ -1,0 +1,199 @@
+"""Both judges over the corpora of wrong and right engines and over stock engines, in pieces; a table of differences.
+
+    python -m benchmarks.two_judges CORPUS FILE [--every K] [--from J] [--old] [--only TEXT]
+    python -m benchmarks.two_judges table FILE
+
+Each cell is one JSON line of FILE, and a cell that is there is not run again. Without --old the judge by solution
+verification alone runs, as the tests of a corpus say what the other one does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import pathlib
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+import crosscheck
+from crosscheck import adapters
+from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.foreign.own import completed
+from crosscheck.document import Plan, Record, Way
+from crosscheck.verification.cell import judge_run, run_cell
+from crosscheck.verification.task import Cell
+
+Case = tuple[str, Callable[[bool], Record]]
+
+
+def in_cell(engine: Any, method: str, scene: str, plan: Plan, **more: Any) -> Callable[[bool], Record]:
+    """An engine of the tests in one cell without an order study."""
+    def judged(by_solution: bool) -> Record:
+        with adapters.lent(completed(engine(), "two judges", "1")) as name:
+            return run_cell(Cell(scene, Way(name, method), plan, study=False, **more), by_solution)
+    return judged
+
+
+def in_scene(made: Callable[[], Any], engine: Any, method: str, steps: dict[int, float]) -> Callable[[bool], Record]:
+    """An engine on a scene that no file holds."""
+    def judged(by_solution: bool) -> Record:
+        scene, own = made(), engine()
+        with adapters.lent(own) as name:
+            adaptive = method in own.adaptive_methods
+            order = own.documented_order(scene, RunSpec(method, **({"rtol": 1e-9} if adaptive else {"step": 1e-3})))
+            step, rtol = (None, 1e-9) if order is None else (steps[order], None)
+            traj = crosscheck.run(scene, engine=name, method=method, step=step, rtol=rtol)
+            run = Record(scene=scene.name, engine=name, version="1", method=method, form=traj.form, step=step,
+                         rtol=rtol, documented_order=order)
+            return judge_run(run, scene, traj, own.held_levels(scene, RunSpec(method, step=1e-3)),
+                             by_solution=by_solution)
+    return judged
+
+
+def strangers() -> Iterator[Case]:
+    """Wrong engines of `tests.strangers`."""
+    from tests.judge.test_corpora import CASES, STEPS
+
+    for wrong, method, scene in CASES:
+        plan = Plan(1.0, {1: STEPS[method]}, {}, samples=101, duration=4.0, budgeted=True)
+        yield f"{wrong.kind}, {wrong.name}, {method}, {scene}", in_cell(wrong.make, method, scene, plan)
+
+
+def mistakes() -> Iterator[Case]:
+    """Wrong engines of `tests.wrong_engines`."""
+    from tests.judge.test_wrong_engines import PLAN
+    from tests.wrong_engines import MISTAKES
+
+    for mistake in MISTAKES:
+        for scene in mistake.scenes:
+            for order in mistake.orders:
+                def make(mistake: Any = mistake) -> Any:
+                    return mistake.make(np.random.default_rng(150))
+                yield f"{mistake.name}, {scene}, {order}", in_cell(make, f"RKMK{order}", scene, PLAN)
+
+
+def laws() -> Iterator[Case]:
+    """Engines that are wrong in a law of a joint."""
+    from tests import law_engines
+    from tests.judge.test_law_engines import FORGETFUL, ORDERS, scene
+    from tests.law_mistakes import MISTAKES, Wrong
+
+    for mistake in (*MISTAKES, *FORGETFUL):
+        for method in mistake.methods:
+            yield f"{mistake.what}, {method}", in_scene(
+                lambda name=mistake.scene: scene(name), lambda mistake=mistake: Wrong(mistake), method, ORDERS)
+    for what, name in law_engines.MISTAKES.items():
+        yield what, in_scene(lambda name=name: scene(name), lambda what=what: law_engines.Impulses(what), "Plain",
+                             ORDERS)
+
+
+def right() -> Iterator[Case]:
+    """Right engines of `tests.right_engines`."""
+    from tests.judge.test_right_engines import CASES, SCENES, plan
+    from tests.right_engines import UNUSUAL
+
+    for name, engine, method in [*CASES, *((name, *unusual) for name in SCENES[:5] for unusual in UNUSUAL)]:
+        yield f"{engine.__name__} {method}, {name}", lambda by_solution, name=name, engine=engine, method=method: (
+            in_cell(engine, method, name, plan(name), whole=False)(by_solution))
+
+
+def right_laws() -> Iterator[Case]:
+    """Right engines on scenes with laws of joints."""
+    from tests import law_engines
+    from tests.judge.test_law_engines import BETWEEN, ORDERS, OTHERS, RIGHT, scene
+
+    named = [*(("lieeuler", *case) for case in RIGHT), *OTHERS,
+             *(("lieeuler", name, method) for name in BETWEEN for method in ("DAE1L_LSE", "rattle2", "rkmk4"))]
+    for engine, name, method in named:
+        yield f"{engine} {method}, {name}", in_scene(
+            lambda name=name: scene(name), lambda engine=engine: adapters.get(engine), method, ORDERS)
+    for name in ("drop", "encoder", "turns", "carriage", "corner"):
+        yield f"Impulses, {name}", in_scene(lambda name=name: scene(name), law_engines.Impulses, "Plain", ORDERS)
+
+
+def stock() -> Iterator[Case]:
+    """Every method of every engine that is installed here, on all scenes, at the steps of the default plan."""
+    from crosscheck.judge.plan import PROFILES
+    from crosscheck.scene.file import scene_names
+    from crosscheck.verification.scene_truth import prepare_truth
+    from crosscheck.verification.task import cells_of
+
+    profile = PROFILES["default"]
+    for scene in scene_names():
+        for engine in ("lieeuler", "mujoco", "pinocchio", "exudyn"):
+            for cell in cells_of(scene, engine, PROFILES["smoke"]):
+                def judged(by_solution: bool, cell: Cell = cell) -> Record:
+                    plan = prepare_truth((cell.scene, True, profile.most_steps)).plan
+                    return run_cell(dataclasses.replace(cell, plan=plan, study=False), by_solution)
+                yield f"{scene}, {cell.label}", judged
+
+
+CORPORA = {each.__name__: each for each in (strangers, mistakes, laws, right, right_laws, stock)}
+
+
+def row(judged: Callable[[bool], Record], by_solution: bool) -> dict[str, Any]:
+    """What one judge says, with its processor time (s)."""
+    begun = time.process_time()
+    try:
+        run = judged(by_solution)
+    except Exception as error:
+        return {"outcome": "error", "why": f"{type(error).__name__}: {error}", "seconds": time.process_time() - begun}
+    bad = [each for each in run.findings if each.status == "fail"]
+    worst = max(bad, key=lambda each: each.severity, default=None)
+    return {"outcome": run.outcome, "share": run.share, "seconds": time.process_time() - begun,
+            "why": run.message or run.not_judged, "worst": None if worst is None else
+            [worst.kind, worst.value, worst.bound, worst.detail[:600]]}
+
+
+def collect(corpus: str, file: pathlib.Path, every: int, begin: int, old: bool, only: str) -> None:
+    """Runs the cells that the file does not have."""
+    done = {json.loads(line)["case"] for line in file.read_text().splitlines()} if file.exists() else set()
+    for k, (case, judged) in enumerate(CORPORA[corpus]()):
+        if k % every != begin or case in done or only not in case:
+            continue
+        line = {"corpus": corpus, "case": case, "new": row(judged, True)} | (
+            {"old": row(judged, False)} if old else {})
+        with file.open("a") as out:
+            out.write(json.dumps(line) + "\n")
+        print(case, "|", line["new"]["outcome"], f"{line['new'].get('share', 0.0) or 0.0:.2f}",
+              f"{line['new']['seconds']:.1f} s", line["new"].get("worst", "") or line["new"]["why"], flush=True)
+
+
+def table(file: pathlib.Path) -> None:
+    """Counts, and the cells in which the judges differ or a corpus is not met."""
+    lines = [json.loads(line) for line in file.read_text().splitlines()]
+    counted = Counter((line["corpus"], line["new"]["outcome"]) for line in lines)
+    for (corpus, outcome), count in sorted(counted.items()):
+        print(f"{corpus:12} {outcome:12} {count}")
+    for line in lines:
+        wrong = line["corpus"] in ("strangers", "mistakes", "laws")
+        before = line["old"]["outcome"] if "old" in line else "fail" if wrong else "pass"
+        if line["new"]["outcome"] != before:
+            share = 100 * (line["new"].get("share") or 0.0)
+            print(f"{line['corpus']:12} {line['case']}: {before} -> {line['new']['outcome']} ({share:.3g} %); "
+                  f"{line['new'].get('worst') or line['new']['why']}")
+
+
+def main() -> None:
+    """Reads the arguments."""
+    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    asked.add_argument("corpus", choices=[*CORPORA, "table"])
+    asked.add_argument("file", type=pathlib.Path)
+    asked.add_argument("--every", type=int, default=1)
+    asked.add_argument("--from", dest="begin", type=int, default=0)
+    asked.add_argument("--old", action="store_true")
+    asked.add_argument("--only", default="")
+    given = asked.parse_args()
+    if given.corpus == "table":
+        table(given.file)
+    else:
+        collect(given.corpus, given.file, given.every, given.begin, given.old, given.only)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+"""The true flow of a system: its series are compiled once and started anywhere, with their error and their growth."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from crosscheck.compare.apart import STATE, apart, largest
+from crosscheck.references import TruthError, dense
+from crosscheck.references.base import End, Piece, Reference, piece_of, values_at
+from crosscheck.references.modes import Mode
+from crosscheck.references.taylor import Taylor
+from crosscheck.references.tree_laws import Change, LawfulTaylor
+from crosscheck.scene.assembly import closed
+from crosscheck.scene.model import Scene, quaternion_from_rotation
+from crosscheck.scene.spanning import spanning_tree
+from crosscheck.scene.starts import Configuration, bodies_at
+from crosscheck.scene.states import States
+from crosscheck.scene.vectors import exponential
+
+MOVED = (1e-6, 1e-7)
+"""Shares of the state's sizes by which a start is moved: far above rounding, far below 1. Where both do not grow
+alike the motion is not linear in its start."""
+ALIKE = 2.0
+"""Factor within which they have to agree."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Jump:
+    """A time at which the true motion is not smooth, s since the start, and by how much its rates jump there."""
+
+    after: float
+    due: bool  # a function of time or a sample of a servo, at a known time
+    rates: Mapping[str, float]  # by quantity, of dy/dt: 0 where that is continuous
+
+    @property
+    def impact(self) -> bool:
+        """Whether velocities jump."""
+        return bool(self.rates["position"] or self.rates["attitude"])
+
+
+@dataclasses.dataclass(frozen=True)
+class Flowed:
+    """The true motion from one state."""
+
+    states: States  # at the times asked for, s since the start, with accelerations
+    jumps: tuple[Jump, ...]
+    error: float  # of it, over the sizes
+    growth: float  # factor by which an error of the start grows, 1 at least
+    linear: bool  # whether that is so for errors of any small size
+
+
+class SystemFlow:
+    """The flow of the system of a scene.
+
+    Parameters
+    ----------
+    sizes : of quantities, by which starts are moved
+    truth : of the scene; how far its formulations differ is the error of each
+
+    Raises
+    ------
+    TruthError, Unsupported
+        The scene has no series.
+    """
+
+    def __init__(self, scene: Scene, sizes: Mapping[str, float], truth: Reference) -> None:
+        self.scene, self.sizes, self.series = scene, sizes, dense(scene).series
+        if not isinstance(self.series, Taylor):
+            raise TruthError(f"{scene.name!r}: its true flow needs heyoka, which is not installed")
+        self.looped = bool(spanning_tree(scene)[1])
+        self.error = truth.disagreement / max(1.0, truth.amplification) + float(np.finfo(float).eps)
+
+    def from_(self, start: Scene, since: float, times: np.ndarray, mode: Mode | None = None) -> Flowed:
+        """The motion from the start of a scene of this system at the time `since` (s), at times after that, (T,).
+
+        `mode`: what the state of a scene with laws of joints lacks, see `crosscheck.references.restarts`.
+        """
+        states, jumps = self._followed(start, since, times, mode)
+        keep = np.all([np.abs(times - jump.after) > 1e-2 * times[-1] / len(times) for jump in jumps], axis=0) & (
+            times >= 0.0)
+        growth = []
+        for size in MOVED:
+            other = self._moved(start, size)
+            if other is None:
+                growth.append(np.inf)
+                continue
+            beside, _ = self._followed(other, since, times, mode)
+            gaps = {name: rows / self.sizes[name] for name, rows in apart(beside, states).items() if name in STATE}
+            begun = max(largest(rows[:1]) for rows in gaps.values()) or size
+            growth.append(max(1.0, max(largest(rows[keep]) for rows in gaps.values()) / begun))
+        # Where laws switch, growth is linear in pieces only.
+        linear = not self.looped or max(growth) <= ALIKE * min(growth)
+        return Flowed(states, jumps, self.error * max(growth), max(growth), linear)
+
+    def _moved(self, start: Scene, size: float) -> Scene | None:
+        """The scene from a start near this one, with its joints closed; None if that fails."""
+        n, rng = start.n, np.random.default_rng(len(self.scene.key))
+        kicks = size * rng.standard_normal((4, n, 3)) / np.sqrt(3 * n)
+        x, turn, v, w = (self.sizes[name] * kick for name, kick in zip(STATE, kicks, strict=True))
+        moved = start.replace(bodies=bodies_at(start, Configuration(
+            start.x0 + x, quaternion_from_rotation(start.R0 @ exponential(turn)), start.v0 + v, start.w0 + w)))
+        return closed(moved) if self.looped else moved
+
+    def _followed(self, start: Scene, since: float, times: np.ndarray, mode: Mode | None
+                  ) -> tuple[States, tuple[Jump, ...]]:
+        series, until, changes = self.series, since + float(times[-1]), list[Change]()
+        state = series.state_of(start)  # type: ignore[union-attr]
+        if isinstance(series, LawfulTaylor):
+            pieces, _ = series.advance(series.begun(state, since, mode), until, changes)
+        else:
+            assert isinstance(series, Taylor)
+            pieces, _ = series.advance(End(state, since), until)
+        found = self._at(pieces, since + times)
+        found.t = times
+        due = [t for t in self._breaks() if since < t < until and not changes]
+        none = dict.fromkeys(STATE, 0.0)
+        jumps = [Jump(t - since, True, none) for t in due] + [self._jump(change, since) for change in changes]
+        return found, tuple(jumps)
+
+    def _breaks(self) -> list[float]:
+        return sorted({t for function in self.scene.functions for t in function.inner_breaks})
+
+    def _at(self, pieces: list[Piece], t: np.ndarray) -> States:
+        stacked = (np.array([piece.start for piece in pieces]), np.array([piece.rest for piece in pieces]),
+                   np.array([piece.coefficients for piece in pieces]))
+        modes = None if pieces[0].mode is None else np.array([
+            piece.mode for piece in pieces])[piece_of(stacked[0], t)]
+        return self.series.dense_states(t, lambda k: values_at(stacked, t, k), modes)
+
+    def _jump(self, change: Change, since: float) -> Jump:
+        series = self.series
+        assert isinstance(series, LawfulTaylor)
+        before, after = (series.dense_states(np.array([change.time]), lambda _, y=y: y[None],  # type: ignore[misc]
+                                             series.table(mode).reshape(1, -1))
+                         for y, mode in ((change.state, change.mode), (change.settled.state, change.settled.mode)))
+        rates = {"position": after.v - before.v, "attitude": after.w - before.w,
+                 "velocity": after.a - before.a, "angular velocity": after.alpha - before.alpha}  # type: ignore[operator]
+        small = {name: self.sizes["velocity" if name == "position" else "angular velocity"] * 1e-9
+                 for name in ("position", "attitude")}
+        jumped = {name: largest(each) for name, each in rates.items()}
+        return Jump(change.time - since, change.crossing is None,
+                    {name: size if size > small.get(name, 0.0) else 0.0 for name, size in jumped.items()})

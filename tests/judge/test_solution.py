@@ -1,0 +1,180 @@
+"""The judge by solution verification: what it accuses, what it does not, and what a finding prints."""
+
+import re
+
+import numpy as np
+import pytest
+
+from crosscheck import adapters, load_scene
+from crosscheck.adapters.base import StandIn
+from crosscheck.compare.order import cancelling
+from crosscheck.compare.sizes import sizes
+from crosscheck.document import Plan, Way
+from crosscheck.judge.rules import Check, findings, share
+from crosscheck.judge.segments import marks
+from crosscheck.judge.system_flow import SystemFlow
+from crosscheck.judge.world import World
+from crosscheck.references import truth
+from crosscheck.scene.model import Sensor, Site
+from crosscheck.scene.starts import restarted
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
+
+STEPS = {"DAE1L_LSE": 1e-4, "rattle2": 1e-3, "rkmk4": 2e-3}
+
+
+class Altered(StandIn):
+    """lieeuler on a scene with gravity times a factor."""
+
+    def __init__(self, factor=1.0, late=0.0):
+        super().__init__(adapters.get("lieeuler"))
+        self.factor, self.late = factor, late
+
+    name = "altered"
+
+    def run(self, scene, spec):
+        """The run, with gravity times the factor in scenes that last as long as `late`, s."""
+        factor = self.factor if scene.duration >= self.late else 1.0
+        return self._engine.run(scene.replace(gravity=factor * np.asarray(scene.gravity)), spec)
+
+
+def judged(engine, method, scene="double_pendulum", duration=0.5):
+    plan = Plan(0.5, {1: STEPS[method]}, {}, samples=41, duration=duration, budgeted=True)
+    with adapters.lent(engine) as name:
+        return run_cell(Cell(scene, Way(name, method), plan, study=False), by_solution=True)
+
+
+@pytest.mark.parametrize("method", STEPS)
+def test_a_right_engine_passes_over_the_whole_run(method):
+    run = judged(Altered(), method)
+    assert run.outcome == "pass", run.message
+    assert run.share == 1.0
+
+
+@pytest.mark.parametrize(("method", "error"), [("DAE1L_LSE", 1e-4), ("rattle2", 1e-7), ("rkmk4", 1e-8)])
+def test_a_small_error_of_gravity_fails(method, error):
+    run = judged(Altered(1.0 + error), method)
+    failing = {each.kind for each in run.findings if each.status == "fail"}
+    assert run.outcome == "fail"
+    assert any(kind.startswith("limit ") for kind in failing), failing
+
+
+def test_a_run_that_is_not_what_the_engine_answers_elsewhere_fails():
+    """It is wrong in the whole run alone, and right wherever it is started again."""
+    run = judged(Altered(1.001, late=0.5), "rattle2")
+    assert any(each.kind.startswith("run limit") and each.status == "fail" for each in run.findings)
+
+
+def test_value_and_uncertainty_follow_by_hand_from_what_a_finding_prints():
+    run = judged(Altered(1.0 + 1e-4), "rattle2")
+    found = next(each for each in run.findings if each.kind == "limit velocity")
+    rows = re.findall(r"h = ([\d.e+-]+): \(([^)]*)\)", found.detail)
+    h = np.array([float(step) for step, _ in rows])
+    D = np.array([[float(part) for part in vector.split(", ")] for _, vector in rows])
+    assert len(h) == 3
+    limit = cancelling(h, 2) @ D
+    assert np.linalg.norm(limit) == pytest.approx(found.value, rel=1e-4)
+    parts = re.search(r"U = ([^;]*);", found.detail)[1]
+    assert sum(float(part.split()[-1]) for part in parts.split(", ")) == pytest.approx(found.bound, rel=1e-2)
+
+
+def test_a_value_beyond_its_uncertainty_fails_however_large_that_is():
+    def status(value, bound):
+        return Check("limit", "position", 0, value, {"extrapolation": bound}, 1.0).status
+
+    assert status(0.3, 0.2) == "fail"
+    assert status(0.1, 0.2) == "unresolved"
+    assert status(1e-3, 1e-2) == "ok"
+    assert status(np.nan, 1.0) == "fail"
+
+
+def test_the_share_counts_time():
+    checks = [Check("limit", "position", k, 0.0, {"extrapolation": bound}, 1.0) for k, bound in enumerate([1e-3, 1.0])]
+    spans = [(0.0, 3.0), (3.0, 4.0)]
+    assert share(checks, spans, []) == pytest.approx(0.75)
+    assert share(checks, spans, [0]) == pytest.approx(0.0)
+    assert findings(checks, spans)[0].status == "unresolved"
+
+
+def test_segments_cover_the_run_and_events_have_their_own():
+    assert marks(100, 1.0, [], "seed")[0] == 0
+    assert len(marks(100, 1.0, [], "seed")) == 9
+    assert len(marks(100, np.exp(20.0), [], "seed")) == 21
+    cut = marks(100, 1.0, [40, 41, 77], "seed")
+    assert {40, 42, 77, 78} <= set(cut)
+    assert 41 not in cut
+    assert len(marks(100, 1.0, list(range(0, 100, 3)), "seed")) <= 17
+    assert marks(3, 1.0, [], "seed") == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("name", ["double_pendulum", "four_bar", "heavy_top"])
+def test_the_flow_started_at_any_of_its_states_is_the_same_motion(name):
+    scene = load_scene(name).replace(duration=0.4, samples=21)
+    reference = truth(scene)
+    flow = SystemFlow(scene, sizes(scene, reference.states), reference)
+    start = restarted(scene, reference.states, 5, 0.3, 16)
+    found = flow.from_(start, float(reference.t[5]), start.t)
+    assert found.linear
+    assert found.growth >= 1.0
+    assert found.states.x == pytest.approx(reference.states.x[5:], abs=1e-9)
+    assert found.states.a == pytest.approx(reference.states.a[5:], abs=1e-6)
+    assert found.error < 1e-9
+
+
+def test_growth_is_that_of_the_motion():
+    """A double pendulum that is upright grows an error; a slider that falls freely does not in its rates."""
+    scene = load_scene("double_pendulum").replace(duration=2.0, samples=41)
+    reference = truth(scene)
+    flow = SystemFlow(scene, sizes(scene, reference.states), reference)
+    short = flow.from_(scene.replace(duration=0.1, samples=3), 0.0, np.linspace(0.0, 0.1, 3))
+    long = flow.from_(scene, 0.0, scene.t)
+    assert long.growth > short.growth
+    assert long.growth < 30 * reference.amplification
+
+
+def test_states_come_back_from_another_world_with_their_accelerations():
+    scene = load_scene("double_pendulum").replace(duration=0.2, samples=5)
+    world = World.drawn(scene, 1.0)
+    there, here = truth(world.scene(scene)).states, truth(scene).states
+    back = world.back(there)
+    assert back.x == pytest.approx(here.x, abs=1e-10)
+    assert back.a == pytest.approx(here.a, abs=1e-8)
+    assert back.alpha == pytest.approx(here.alpha, abs=1e-8)
+
+
+def test_sites_and_sensors_are_those_of_the_same_bodies_in_another_world():
+    scene = load_scene("double_pendulum")
+    scene = scene.replace(
+        sites=(Site("tip", 1, np.array([0.1, 0.2, 0.3]), np.array([1.0, 0.0, 0.0, 0.0])),
+               Site("post", -1, np.array([1.0, 2.0, 3.0]), np.array([1.0, 0.0, 0.0, 0.0]))),
+        sensors=(Sensor("rate", "gyro", site="tip", frame="site"), Sensor("bend", "angle", joint=scene.joints[1].name)))
+    world = World.drawn(scene, 1.0)
+    there = world.scene(scene)
+    for old, new in zip(scene.sites, there.sites, strict=True):
+        if old.body < 0:
+            assert new.position == pytest.approx(world.Q @ old.position + world.shift)
+        else:
+            assert world.bodies[new.body] == old.body
+    joints = {f"j{new}": scene.joints[old].name for new, old in enumerate(world.joints)}
+    for old, new in zip(scene.sensors, there.sensors, strict=True):
+        assert old.joint == (new.joint and joints[new.joint])
+
+
+def test_the_judge_has_few_constants():
+    """Named numbers of the rooms that judge by solution verification; each says its source."""
+    import ast
+    import pathlib
+
+    import crosscheck
+
+    root, numbers = pathlib.Path(crosscheck.__file__).parent, (ast.Constant, ast.UnaryOp, ast.BinOp)
+    files = [*(root / "compare").glob("*.py"), root / "verification/probe.py", root / "verification/solution.py",
+             *(root / "judge" / f"{name}.py" for name in ("rules", "segments", "system_flow", "world"))]
+    assigned = [node for file in files for node in ast.parse(file.read_text("utf-8")).body
+                if isinstance(node, ast.Assign)]
+    named = {node.targets[0].id for node in assigned if isinstance(node.value, numbers) or (
+        isinstance(node.value, ast.Tuple) and all(isinstance(getattr(each, "value", ""), float)
+                                                  for each in node.value.elts))}
+    assert named <= {"SAFETY", "MARGIN", "AT_REST", "RESOLVED", "SEGMENTS", "EVENTFUL", "MOVED", "ALIKE", "EPS",
+                     "HALVINGS", "ASKED_AGAIN", "SEED", "LATE"}, named
+    assert len(named) <= 15

@@ -11,6 +11,7 @@ for type checkers count like any other. The floor of a room is the longest chain
 from __future__ import annotations
 
 import ast
+import functools
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -74,14 +75,22 @@ def imports(known: Mapping[str, Path]) -> Edges:
     edges: Edges = {}
     for name, file in known.items():
         targets = set()
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if file.suffix == ".py" else ():
-            if isinstance(node, ast.Import):
-                targets |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                targets |= {f"{node.module}.{alias.name}" if f"{node.module}.{alias.name}" in known else node.module
-                            for alias in node.names}
+        for module, parts in _named(file.read_text(encoding="utf-8")) if file.suffix == ".py" else ():
+            targets |= {f"{module}.{part}" if f"{module}.{part}" in known else module for part in parts}
         edges[name] = {target for target in targets if target in known} - {name}
     return edges
+
+
+@functools.cache
+def _named(text: str) -> list[tuple[str, list[str]]]:
+    """What a file imports: modules, each with what is imported from it."""
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            found += [(alias.name, [""]) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.append((node.module, [alias.name for alias in node.names]))
+    return found
 
 
 def room(module: str) -> str:

@@ -70,7 +70,6 @@ def flown(mech, state, duration):
     return motion(mech, np.array([0.0, duration]), state, 1e-12)[-1]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in OPEN if name not in LAWS])
 def test_flow_derivative(name):
     mech, duration, h = mechanism(name), 0.2, 5e-3
@@ -97,7 +96,6 @@ PATHS = {"whirling_cross": ("joints.cross.parent_anchor.0", "gravity.2"),
          "spun_puck": ("joints.table.child_anchor.0", "forces.0.free_length", "forces.0.parent_point.0")}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "path"), [(name, path) for name, paths in PATHS.items() for path in paths])
 def test_flow_by_a_number_of_the_file(name, path):
     duration, mech = 0.2, mechanism(name)

@@ -10,7 +10,7 @@ import pytest
 
 from tests.oracle_values.cases import TREES, close, content, figures, mechanism, source
 
-both = pytest.mark.parametrize("who", [pytest.param("truth", marks=pytest.mark.slow), "lieeuler"])
+both = pytest.mark.parametrize("who", ["truth", "lieeuler"])
 OF_JOINTS = {"joint_position", "joint_velocity"}
 OF_LOADS = {"force", "torque", "joint_effort"}
 

@@ -50,8 +50,9 @@ def opensim(q, degrees, says=True, path="/jointset/{0}/{0}/{1}"):
                                           np.column_stack([TIMES, scale * q[:, [0, 2, 1, 3]]]), "\t")
 
 
-@pytest.mark.parametrize(("degrees", "says"), [(False, True), (True, True), (True, False), (False, False)])
-@pytest.mark.parametrize("path", ["/jointset/{0}/{0}/{1}", "{0}/{0}_coord/{1}", "model/{0}/{1}"])
+@pytest.mark.parametrize(("path", "degrees", "says"), [
+    *(("/jointset/{0}/{0}/{1}", degrees, says) for degrees in (False, True) for says in (True, False)),
+    ("{0}/{0}_coord/{1}", True, True), ("model/{0}/{1}", False, True)])
 def test_a_preamble_says_degrees_or_the_data_do(scene, q, degrees, says, path, tmp_path):
     verdict = judged(scene, opensim(q, degrees, says, path), tmp_path, "states.sto", start="recorded")
     assert verdict.outcome == "pass", str(verdict)

@@ -279,7 +279,6 @@ def test_an_impact_kicks_off_what_rests_on_its_stop(tmp_path):
     assert reference.horizon == 4.2
 
 
-@pytest.mark.slow
 def test_friction_at_a_dead_centre_changes_sign(tmp_path):
     """The slider of a straight crank rests for an instant: nothing holds it, and its acceleration takes it back."""
     reference = compute(with_laws("slider_crank", "guide", 0.5, dry_friction=(DryFriction(0.05, 0.05),)))

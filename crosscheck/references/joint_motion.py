@@ -109,15 +109,7 @@ class Tree:
         """
         joint = joint or link.joint
         assert joint is not None
-        relative = quaternion_product(conjugate(self.start[joint.parent]), self.start[joint.child])
-        axes = [joint.parent_axis.tolist(), joint.child_axis.tolist()]
-        zero = zero_turn(joint) if joint.reference is None else joint.reference.tolist()
-        if link.turn == 1:  # zero turn(a) = turn(R a) zero: the axis in the child's frame
-            axes = [(rotation_from_quaternion(np.array(zero)).T @ joint.parent_axis).tolist()]
-        angles = np.array(_angles(axes, zero, relative))
-        if joint.start is not None:
-            given = np.array(joint.start)[[2] if joint.type == "planar" else [*range(link.turn)]]
-            angles += 2 * np.pi * np.round((given - angles) / (2 * np.pi))
+        angles = joint_angles(joint, self.start)
         return angles if link.body == joint.child else angles[::-1]
 
     def split(self, link: Link, state: Sequence[Number], table: dict[int, slice]) -> tuple[list[Number], list[Number]]:
@@ -271,6 +263,24 @@ def zero_turn(joint: Joint) -> list[float]:
     if np.linalg.norm(a + c) < 1e-6:
         turn = np.array([0.0, *normal])
     return [float(entry) for entry in turn / np.linalg.norm(turn)]
+
+
+def joint_angles(joint: Joint, q: dict[int, list[Number]]) -> np.ndarray:
+    """The angle of a hinge, or both of a cross, at attitudes q of bodies, as the scene counts them.
+
+    They lie in (-pi, pi], or have the turns of the joint's start.
+    """
+    relative = quaternion_product(conjugate(q[joint.parent]), q[joint.child])
+    zero = zero_turn(joint) if joint.reference is None else joint.reference.tolist()
+    if joint.type == "universal":
+        axes = [joint.parent_axis.tolist(), joint.child_axis.tolist()]
+    else:  # zero turn(a) = turn(R a) zero: the axis in the child's frame
+        axes = [(rotation_from_quaternion(np.array(zero)).T @ joint.parent_axis).tolist()]
+    angles = np.array(_angles(axes, zero, relative))
+    if joint.start is not None:
+        given = np.array(joint.start)[[2] if joint.type == "planar" else [*range(len(axes))]]
+        angles += 2 * np.pi * np.round((given - angles) / (2 * np.pi))
+    return angles
 
 
 def _angles(axes: Sequence[list[float]], kept: list[float], other: list[float]) -> list[float]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +20,7 @@ from crosscheck.references import loops
 from crosscheck.references.articulated import accelerations, centripetal
 from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError, breaks
 from crosscheck.references.generic import ByBody, Matrix, Number, Vector, add, apply, cross, scale
-from crosscheck.references.joint_motion import ZERO, Tree
+from crosscheck.references.joint_motion import ZERO, Tree, joint_angles
 from crosscheck.references.series import Series, safe_step, shifted
 from crosscheck.references.tree import FREE, unfold
 from crosscheck.references.tree_loads import Loads, angle_rate, start_angle, tree_angle
@@ -31,8 +31,6 @@ from crosscheck.scene.states import States
 if TYPE_CHECKING:
     import heyoka
 
-HINGES = ("revolute", "cylindrical", "planar")
-"""Types of joints that turn about one axis of both bodies."""
 SOURCE = "Taylor series (heyoka), minimal coordinates"
 SUBPOINTS = 6  # points per step for maxima of derivatives: the k-th one varies over 1/k of the convergence radius
 TOLERATED = 1.02  # relative to a safe step; the remainder grows only by its twentieth power or so
@@ -42,7 +40,7 @@ DRIFT = 1e-13  # quaternion norms stay within a few hundred rounding errors; a l
 class Taylor:
     """The compiled Taylor integrator of a scene; `run` may be called with any initial state.
 
-    State vector: that of `Tree`, then the angles of hinges that close loops.
+    State vector: that of `Tree`, then the angles of hinges that close loops, and both of each cross that does.
     """
 
     source = SOURCE
@@ -54,9 +52,9 @@ class Taylor:
         links, closing = unfold(scene)
         self.tree = Tree(scene, links)
         self.cuts = loops.cuts(scene, closing)
-        self.closing = [joint for joint in closing if joint.type in HINGES]
-        angles = [start_angle(joint, self.tree.start) for joint in self.closing]
-        self.initial = np.concatenate([self.tree.initial(), angles])
+        joints = {joint.name: joint for joint in closing}
+        self.closing = [(joints[name], k) for name, k in scene.hinges if name in joints]
+        self.initial = np.concatenate([self.tree.initial(), self._closing_angles(self.tree.start)])
         if not len(self.initial):  # nothing moves, but the integrator needs a state
             self.initial = np.zeros(1)
         self.driven = {link.body: link.joint.drive.derivative(2) for link in links
@@ -189,8 +187,9 @@ class Taylor:
         if name is None:
             return None
         joint = next(joint for joint in self.scene.joints if joint.name == name)
-        if joint in self.closing:
-            return state[self.tree.size + self.closing.index(joint)]
+        place = next((place for place, (each, _) in enumerate(self.closing) if each is joint), None)
+        if place is not None:
+            return state[self.tree.size + place]
         return tree_angle(joint, self.tree, state)
 
     def _solved(self, state: Sequence[Number], value: Callable[[Value], Number]
@@ -214,7 +213,7 @@ class Taylor:
     def _rates(self, state: Sequence[Number], value: Callable[[Value], Number]) -> list[Number]:
         """d state / dt; `value` evaluates functions of time."""
         loads, _, _, speeding = self._solved(state, value)
-        turning = [angle_rate(joint, loads.frames, loads.placed) for joint in self.closing]
+        turning = [angle_rate(joint, loads.frames, loads.placed, k == 1) for joint, k in self.closing]
         rates = [*self.tree.rates(state, loads.frames, speeding), *turning]
         return rates or [0.0]
 
@@ -236,17 +235,23 @@ class Taylor:
     def state_of(self, member: Scene) -> np.ndarray:
         """The state vector of the start of a scene of the same structure, with the whole turns of its hinges."""
         state, own = self.tree.coordinates_of(member)
-        names = {joint.name for joint in self.closing}
-        angles = [start_angle(joint, own.start) for joint in member.joints if joint.name in names]
-        return np.concatenate([state, angles])
+        return np.concatenate([state, self._closing_angles(own.start, {joint.name: joint for joint in member.joints})])
+
+    def _closing_angles(self, q: dict[int, list[Number]], joints: Mapping[str, Joint] | None = None) -> list[float]:
+        """Angles of hinges and crosses that close loops at attitudes q; `joints`: others in their place, by name.
+
+        Those of a hinge count from the shortest turn, of a cross from its zero.
+        """
+        at_zero = ((joints[joint.name] if joints else joint, k) for joint, k in self.closing)
+        return [float(joint_angles(joint, q)[k]) if joint.type == "universal" else start_angle(joint, q)
+                for joint, k in at_zero]
 
     def follow_angles(self, state: np.ndarray) -> None:
         """Set the angles of hinges that close loops to those of a configuration near the start."""
         frames = self.tree.frames(state.tolist(), moving=False)
         q = {body: frame.q for body, frame in frames.items()}
-        for k, joint in enumerate(self.closing):
-            change = start_angle(joint, q) - start_angle(joint, self.tree.start)
-            state[self.tree.size + k] += change - 2 * np.pi * np.round(change / (2 * np.pi))
+        change = np.array(self._closing_angles(q)) - self._closing_angles(self.tree.start)
+        state[self.tree.size:] += change - 2 * np.pi * np.round(change / (2 * np.pi))
 
     @property
     def begin(self) -> End:
@@ -367,13 +372,14 @@ class Taylor:
         links = {link.joint.name: link for link in self.tree.links if link.joint is not None}
         columns = []
         for name, k in self.scene.hinges:
-            angle = np.full(len(states), np.nan)  # of a cross that closes a loop nothing is known
             if name in links:  # an angle of the tree counts from the start
                 place = self.tree.start_angles(links[name])
                 column = 0 if len(place) == 1 else k if links[name].body == joints[name].child else 1 - k
                 angle = place[column] + states[:, self.tree.coordinates[links[name].body].start + column]
-            elif joints[name] in self.closing:
-                angle = states[:, self.tree.size + self.closing.index(joints[name])] - joints[name].zero_angle
+            else:
+                angle = states[:, self.tree.size + self.closing.index((joints[name], k))]
+                if joints[name].type != "universal":
+                    angle = angle - joints[name].zero_angle
             columns.append(angle)
         return np.array(columns).reshape(-1, len(states)).T
 

@@ -123,9 +123,13 @@ def torsion(stiffness: float, twist: Number, damping: float, rate: Number) -> Nu
     return -1.0 * (stiffness * twist + damping * rate)
 
 
-def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[Number, Number, Number]]) -> Number:
-    """Rate of the angle of a joint's child relative to its parent."""
+def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[Number, Number, Number]],
+               second: bool = False) -> Number:
+    """Rate of the angle of a joint's child relative to its parent; `second`: of that about the axis in the child."""
     axis = joint.parent_axis.tolist()
+    if second:
+        carried = apply_transposed(placed[joint.child][0], apply(placed[joint.parent][0], frames[joint.parent].w))
+        return dot(joint.child_axis.tolist(), add(frames[joint.child].w, scale(-1.0, carried)))
     seen = apply_transposed(placed[joint.parent][0], apply(placed[joint.child][0], frames[joint.child].w))
     return dot(axis, add(seen, scale(-1.0, frames[joint.parent].w)))
 

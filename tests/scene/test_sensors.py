@@ -71,17 +71,11 @@ def measured(request):
     return scene, states, readings(scene, states)
 
 
-UNCOUNTED = {"joint_position small_end"}
-"""Angles of a universal joint that closes a loop: the series do not count their turns, and so do not tell them."""
-
-
 def test_both_formulations_read_the_same(measured):
     scene, _, read = measured
     other = readings(scene, Maximal(scene).run())
-    assert set(other.not_unique) == set(read.not_unique) - UNCOUNTED
+    assert set(other.not_unique) == set(read.not_unique)
     for name, values in read.items():
-        if name in UNCOUNTED & set(read.not_unique):
-            continue
         size = max(1.0, np.abs(values[np.isfinite(values)]).max(initial=0.0))
         np.testing.assert_allclose(values, other[name], rtol=0, atol=1e-11 * size, err_msg=name)
 
@@ -121,8 +115,6 @@ def test_joint_coordinates(measured):
     scene, _, read = measured
     for joint in scene.joints:
         if f"joint_position {joint.name}" not in read:
-            continue
-        if f"joint_position {joint.name}" in UNCOUNTED & set(read.not_unique):
             continue
         position, rate, second = (read[f"joint_{kind} {joint.name}"] for kind in ("position", "velocity",
                                                                                    "acceleration"))
@@ -222,7 +214,7 @@ def test_wrenches(measured):
             value = read[f"{kind} world {joint.name}"][MIDDLE]
             assert np.array_equal(np.isnan(value), lost[j, part])
             close(value[~lost[j, part]], wanted[j, part][~lost[j, part]], size)
-    assert lost.any() == bool(set(read.not_unique) - UNCOUNTED) == (scene.name == "four_bar")
+    assert lost.any() == bool(read.not_unique) == (scene.name == "four_bar")
     if scene.name == "four_bar":  # forces in the plane, and no others, are what everybody measures
         assert np.array_equal(lost.any(axis=0), [False, True, False, True, False, True])
 

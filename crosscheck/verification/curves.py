@@ -51,8 +51,10 @@ def pack(values: np.ndarray, log: bool = False, truth: np.ndarray | None = None,
     if truth is not None and over:
         values = values - truth
     elif truth is not None and truth.shape == values.shape:
-        span = float(np.ptp(truth))
-        if np.isfinite(values).all() and np.abs(values - truth).max(initial=0.0) <= 2 * span / PACKED_STEPS:
+        known = np.isfinite(truth)
+        span = float(np.ptp(truth[known])) if known.any() else 0.0
+        if np.array_equal(np.isfinite(values), known) and np.abs(values - truth)[known].max(
+                initial=0.0) <= 2 * span / PACKED_STEPS:
             return "truth"
     good = np.isfinite(values) & ((values > 0) | (not log))
     scaled = np.log10(values, out=np.zeros_like(values), where=good) if log else np.where(good, values, 0.0)
@@ -79,19 +81,20 @@ def scene_curves(scene: Scene, reference: Reference | None) -> SceneCurves:
 
 def run_curves(scene: Scene, traj: Trajectory, errors: Mapping[str, Error], reference: Reference | None) -> RunCurves:
     """Curves of one run at the scene's output times. Long curves of errors are thinned, see `MANY`."""
-    exact = traj if reference is None else reference.states
     true = None if reference is None else _true_motion(scene, reference)
+    own = _Motion.of(scene, traj, traj.reactions, true)
     with np.errstate(over="ignore", invalid="ignore"):  # a diverged run has such values; they become gaps
         # Compare with the true energy and momentum, as loads and dampers change them; without truth with the start.
-        later = np.where(up_to(scene.t, np.inf if reference is None else reference.horizon), 0.0, np.nan)
-        energy = traj.energy[:1] if reference is None else mechanics.energy(scene, exact) + later
-        momentum = traj.momentum_vertical[:1] if true is None else true.arrays["momentum"] + later
+        total, momentum = ((own if true is None else true).arrays[name] for name in ("total", "momentum"))
+        kinetic = np.nanmax((own if true is None else true).arrays["kinetic"])
+        if true is None:
+            total, momentum = total[:1], momentum[:1]
         levels = {f"constraint_{level}": None if values is None else _log(values) for level in LEVELS
                   for values in [getattr(traj, f"constraint_{level}")]}
         return extended(
-            RunCurves, _Motion.of(scene, traj, traj.reactions, true).packed(true),
+            RunCurves, (own if reference is None else own.until(reference)).packed(true),
             errors={name: _log(error.series) for name, error in errors.items()},
-            energy=_log(np.abs(traj.energy - energy) / (mechanics.kinetic_energy(scene, exact).max() or 1.0)),
+            energy=_log(np.abs(traj.energy - total) / (kinetic or 1.0)),
             momentum_error=_log(np.abs(traj.momentum_vertical - momentum)),
             orthogonality=_log(traj.orthogonality), **levels)
 
@@ -143,6 +146,17 @@ class _Motion:
         return cls({"x": np.moveaxis(states.x, 0, -1), "q": q, "kinetic": kinetic, "potential": total - kinetic,
                     "total": total, "momentum": mechanics.momentum_vertical(scene, states)}, carried or None)
 
+    def until(self, reference: Reference) -> _Motion:
+        """The curves with NaN after the horizon of truth, where nothing is known, nor compared."""
+        later = ~up_to(reference.t, reference.horizon)
+
+        def known(values: np.ndarray) -> np.ndarray:
+            return np.where(later, np.nan, values)
+
+        reactions = None if self.reactions is None else {
+            joint: {name: known(values) for name, values in own.items()} for joint, own in self.reactions.items()}
+        return _Motion({name: known(values) for name, values in self.arrays.items()}, reactions)
+
     def packed(self, true: _Motion | None = None) -> Motion:
         """All curves packed, relative to those of truth if there are any."""
         near = _Motion({}, None) if true is None else true
@@ -164,9 +178,9 @@ def _packed(values: np.ndarray, truth: np.ndarray | None = None, over: bool = Fa
 def _true_motion(scene: Scene, reference: Reference) -> _Motion:
     constraints, s = Constraints(scene), reference.states
     if constraints.m == 0 or scene.n > DENSE_BODIES:
-        return _Motion.of(scene, s, None)
+        return _Motion.of(scene, s, None).until(reference)
     lam = mechanics.index1(scene, s.x, s.R, s.v, s.w, mechanics.torsion_angles(scene, s), s.t)[2]
-    return _Motion.of(scene, s, constraints.reactions(s.x, s.R, lam))
+    return _Motion.of(scene, s, constraints.reactions(s.x, s.R, lam)).until(reference)
 
 
 def quaternions(R: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:

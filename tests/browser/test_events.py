@@ -14,22 +14,31 @@ from tests.report_making import document
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory):
+def made(tmp_path_factory):
+    """Pages of a pendulum with dry friction, and of one whose claim ends on its way; when it does (s)."""
     folder = tmp_path_factory.mktemp("events")
     _, content = read_scene("hinge_pendulum")
-    path = folder / "rubbing.toml"
-    path.write_text(toml(content | {"schema": 3, "name": "rubbing", "duration": 2.0, "samples": 51, "joints": [
-        content["joints"][0] | {"dry_friction": 1.0}]}))
-    scene = prepare_truth((str(path), True, Profile.most_steps))
-    made = document([scene], [run_cell(Cell(str(path), Way("lieeuler", "taylor"), scene.plan, False))], ["lieeuler"])
-    assert scene.truth.events
-    write_report(made, folder / "report")
-    return folder / "report"
+    hinge = content["joints"][0]
+    scenes = []
+    for name, more in (("rubbing", {"joints": [hinge | {"dry_friction": 1.0}]}),
+                       ("leaving", {"monitors": [{"type": "range", "joint": hinge["name"], "lower": 0.0}]})):
+        path = folder / f"{name}.toml"
+        path.write_text(toml(content | {"schema": 3, "name": name, "duration": 2.0, "samples": 51} | more))
+        scenes.append((str(path), prepare_truth((str(path), True, Profile.most_steps))))
+    cells = [run_cell(Cell(path, Way("lieeuler", "taylor"), scene.plan, False)) for path, scene in scenes]
+    assert scenes[0][1].truth.events
+    write_report(document([scene for _, scene in scenes], cells, ["lieeuler"]), folder / "report")
+    return folder / "report", scenes[1][1].truth.horizon
+
+
+@pytest.fixture(scope="module")
+def pages(made):
+    return made[0]
 
 
 @pytest.mark.parametrize("watched", [(1280, "light"), (390, "dark")], indirect=True, ids=["wide", "phone"])
 def test_events_are_marked_and_lead_to_their_picture(watched, pages):
-    page = watched.open(next(pages.glob("scene-*.html")).name)
+    page = watched.open(next(pages.glob("scene-*rubbing*.html")).name)
     page.locator("summary", has_text="of the true motion").click()
     first = page.locator("#events button").first
     time = float(first.get_attribute("data-time"))
@@ -42,3 +51,11 @@ def test_events_are_marked_and_lead_to_their_picture(watched, pages):
     assert page.locator("#clock").inner_text().endswith(f"{words[1]} {words[2]}")
     assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]
     watched.assert_accessible()
+
+
+def test_the_picture_ends_with_truth(watched, pages, made):
+    page = watched.open(next(pages.glob("scene-*leaving*.html")).name)
+    page.locator("#scrub").evaluate("e => { e.value = 1000; e.dispatchEvent(new Event('input')); }")
+    time = float(page.locator("#stage").get_attribute("data-time"))
+    assert 0.0 < time <= made[1] < time + 0.04 < 2.0  # the last output time before
+    assert page.evaluate("Geometry.blend([1, 2, null], [3, null, 5], 0.5).map(String)") == ["2", "NaN", "NaN"]

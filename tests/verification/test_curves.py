@@ -1,5 +1,7 @@
 """Curves for the report: packed and unpacked alike, geometry with the right mass and inertia."""
 
+import dataclasses
+
 import msgspec
 import numpy as np
 import pytest
@@ -104,6 +106,24 @@ def test_true_reactions_hold_the_weight_and_the_motion(spinning):
     # Newton: the only other force is the weight.
     expected = scene.masses[0] * (reference.states.a[:, 0] - scene.gravity)
     assert force == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
+
+
+def test_curves_of_truth_and_of_runs_end_with_truth(spinning):
+    scene, traj, reference = spinning
+    early = dataclasses.replace(reference, horizon=0.1)
+    exact, packed = curves.scene_curves(scene, early), curves.run_curves(scene, traj, {}, early)
+    over = scene.t > 0.1
+    for motion in (exact, packed):
+        force = [(c, e) for c, e in zip(motion.reactions["tip"].force, exact.reactions["tip"].force, strict=True)]
+        places = [(c, e) for c, e in zip(motion.x[0] + motion.q[0], exact.x[0] + exact.q[0], strict=True)]
+        figures = [(getattr(motion, key), getattr(exact, key)) for key in ("kinetic", "potential", "total", "momentum")]
+        for curve, true in [*force, *places, *figures]:
+            np.testing.assert_array_equal(np.isnan(unpack(curve, true)), over)
+    np.testing.assert_array_equal(np.isnan(unpack(packed.energy)), over)
+    assert exact.reactions["tip"].torque is None
+    known = np.where(over, np.nan, np.sin(scene.t))
+    assert curves.pack(known, truth=known) == "truth"
+    assert isinstance(curves.pack(np.sin(scene.t), truth=known), Packed)
 
 
 def test_a_run_that_left_the_group_has_gaps_and_not_an_error(spinning):

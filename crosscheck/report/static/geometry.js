@@ -6,7 +6,8 @@ window.Geometry = (function () {
     knife_edge: "across"};
   const dot3 = (p, q) => p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
   const add = (p, q) => [p[0] + q[0], p[1] + q[1], p[2] + q[2]];
-  const blend = (p, q, share) => p.map((value, k) => value + share * (q[k] - value));
+  // What is not known at one end is NaN between; null would count as zero.
+  const blend = (p, q, share) => p.map((value, k) => (value === null || q[k] === null ? NaN : value + share * (q[k] - value)));
 
   function turned(q, p) {
     const [w, x, y, z] = q;

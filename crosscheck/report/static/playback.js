@@ -17,7 +17,6 @@ window.Playback = (function () {
     const port = {width: 1, height: 1};  // of the view that is drawn
     const state = {...FRONT, time: 0, playing: false, last: null, scale: 1, centre: [0, 0, 0], wide: 1, high: 1,
       radius: 1, open: 0};
-    const duration = t.at(-1);
     const visible = new Set(shown);
     const motions = new Map();
     const motion = (actor) => {
@@ -27,6 +26,9 @@ window.Playback = (function () {
     const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
     const {stroke, dot, word, ground, spiral, arrow, zigzag, lit} = window.pens(context, style);
     const truth = actors.find((actor) => !actor.colour);
+    // It stops where truth ends.
+    const last = truth ? Math.max(1, motion(truth).x[0][0].findLastIndex((value) => value !== null)) : t.length - 1;
+    const duration = t[last];
 
     // The extent of the whole motion, so that the window is chosen once: centres with the reach of corners, and fixed points.
     function extent() {
@@ -58,7 +60,7 @@ window.Playback = (function () {
 
     function at(time) {
       const k = Math.min(t.length - 2, Math.max(0, t.findIndex((each) => each > time) - 1));
-      const index = time >= duration ? t.length - 2 : k;
+      const index = time >= duration ? last - 1 : k;
       return [index, Math.min(1, (time - t[index]) / (t[index + 1] - t[index]))];
     }
     function pose(moves, body, index, share) {

@@ -436,7 +436,7 @@ def _expected(scene: SceneTruth, record: Record, asked: Advice) -> Advice | None
     flat = [name for name in orders if at[name] <= orders[name].rounding / size[name]]  # which no step changes
     if step is not None and falling and len(falling) + len(flat) == len(size):
         coarsest = max((rung.step for rung in record.ladder if rung.step and not rung.message), default=step)
-        interval = scene.duration / (scene.plan.samples - 1)
+        interval = (record.duration or scene.duration) / (scene.plan.samples - 1)  # of the window, if so
         longest = min(*(step * (wanted / MARGIN / at[name]) ** (1 / order) for name, order in falling.items()),
                       max(coarsest, step), interval)
         if longest < step / 100 or any(wanted < each.rounding / size[name] for name, each in orders.items()):
@@ -448,7 +448,7 @@ def _expected(scene: SceneTruth, record: Record, asked: Advice) -> Advice | None
                                                                          max(falling.values()))))
     if error > wanted * (1 + 1e-9):
         return None
-    command = record.command.partition(" --samples ")[0]
+    command = record.command.removesuffix(" --csv run.csv")
     if step is not None:
         command = command.replace(f"--step {step!r}", f"--step {step * stretch!r}")
     return replace(asked, until=record.judged_until or scene.duration, method=record.method, form=record.form,

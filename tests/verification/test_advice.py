@@ -188,7 +188,8 @@ def record(method, size, error, cost, order=4.0, settled=True, rounding=0.0, out
         errors={"position": Errors(unit="m", end=error, max=error, time=1.0, body="pendulum", size=1.0, judged=error)},
         orders={"position": Order(observed=order, documented=4, used=4, pairs=(), settled=settled, rounding=rounding)},
         ladder=[Rung(step=16 * size, rtol=None), Rung(step=32 * size, rtol=None, message="it diverged")],
-        command=f"crosscheck run single_pendulum --engine known --method {method} --step {size!r} --samples 9")
+        command=f"crosscheck run single_pendulum --engine known --method {method} --step {size!r} --samples 9 "
+        "--csv run.csv")
 
 
 @pytest.mark.parametrize(("records", "wanted", "method", "longest"), [
@@ -212,7 +213,8 @@ def test_records_say_what_to_expect(records, wanted, method, longest):
         assert found.error == pytest.approx(chosen.judged_error * (found.step / 1e-3) ** order)
         assert found.error <= wanted
         assert found.cost == pytest.approx(chosen.wall_time * 1e-3 / found.step)
-        assert found.command.endswith(f"--method {method} --step {found.step!r}")  # with fewer digits another one runs
+        # With fewer digits, or other samples, another step runs.
+        assert found.command.endswith(f"--method {method} --step {found.step!r} --samples 9")
         assert found.estimated.startswith("the run at 0.001 s")
 
 
@@ -228,6 +230,9 @@ def test_an_estimate_is_near_the_truth():
     states = crosscheck.truth(scene).states
     for each in from_records([SCENE], [cell], [])[1:7]:  # 1e-3 m to 1e-8 m
         run = crosscheck.run(scene, "mujoco", each.method, step=each.step, form=each.form)
+        assert run.stats["step"] == pytest.approx(each.step, rel=1e-14)
+        assert f"--duration {scene.duration!r} " in each.command
+        assert f"--samples {scene.samples}" in each.command
         size = sizes(scene, states)
         error = max(float(found.max()) / size[name] for name, found in differences(run, states).items())
         assert error <= each.wanted

@@ -147,7 +147,7 @@ def _torques(name: str, engines: list[str] | None, states: int, seed: int) -> in
     from crosscheck.scene.file import load_scene
     from crosscheck.scene.models import import_model, is_model
 
-    scene = import_model(name, drop=True) if is_model(name) else load_scene(name)
+    scene = import_model(name, drop=True, limits="drop", contacts="drop") if is_model(name) else load_scene(name)
     try:
         start = positions(scene), JointSpace(scene).speeds
     except Unsupported as error:

@@ -122,7 +122,7 @@ def _dropped(one: JointData, other: JointData, joints: dict[str, str]) -> list[D
 
 def _read(model: Scene | str | os.PathLike[str]) -> Scene:
     return _merged(as_scene(model) if isinstance(model, Scene) or not is_model(model) else
-                   import_model(model, drop=True))
+                   import_model(model, drop=True, limits="drop", contacts="drop"))
 
 
 def _label(model: Scene | str | os.PathLike[str]) -> str:

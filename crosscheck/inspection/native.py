@@ -164,7 +164,8 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     outside = [name for _, name, target in sources.files(model) if target is None]
     scene, no_scene = None, None
     try:
-        scene = import_model(path, drop=True)  # which says that it reads no USD and no SDF
+        # says that it reads no USD and no SDF
+        scene = import_model(path, drop=True, limits="drop", contacts="drop")
     except SceneError as error:
         no_scene = error
     sdf = model.root.tag == "sdf"

@@ -167,7 +167,8 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
     start: dict[str, Any] = {"keyframe": keyframe, "qpos": qpos, "qvel": qvel}
     if not native and any(each is not None for each in start.values()):
         raise ArgumentError("start: keyframe, qpos and qvel go with a model file, .xml or .urdf; a scene has its start")
-    held = as_scene(scene) if isinstance(scene, Scene) or not native else import_model(scene, drop=True, **start)
+    held = as_scene(scene) if isinstance(scene, Scene) or not native else import_model(
+        scene, drop=True, limits="drop", contacts="drop", **start)
     if duration is not None:
         held = held.replace(duration=duration)
     if held.timed and not native:

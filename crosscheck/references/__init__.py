@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import Chaotic, Reference, TruthError
 from crosscheck.references.tree import bound, unfold
-from crosscheck.scene.model import ELEMENTS, Scene
+from crosscheck.scene.model import ACTS, ELEMENTS, Scene
 
 if TYPE_CHECKING:
     import pathlib
@@ -115,6 +115,9 @@ def _stamp(file: pathlib.Path) -> object:
 
 def _refuse(scene: Scene) -> None:
     """Raise `Unsupported` for elements that the references do not model."""
+    if acting := [words.removeprefix(ACTS) for words in scene.left_out if words.startswith(ACTS)]:
+        raise Unsupported(f"truth of {scene.name!r}: it holds until something acts that was left out, which is at the "
+                          f"start: {'; '.join(acting[:3])}{f' and {len(acting) - 3} more' if len(acting) > 3 else ''}")
     if reason := scene.beyond(ELEMENTS):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
     refused = [joint for joint in scene.joints if bound(scene, joint)]

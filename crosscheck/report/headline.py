@@ -190,6 +190,8 @@ def ending(record: Record, command: str = "") -> str:
 
 
 def _mend(record: Record) -> str:
+    if any(each.kind == "truth" and "was left out" in each.why for each in record.findings):
+        return "a start at which nothing acts that was left out: --qpos or --keyframe"
     open_ = (MENDS[each.kind] for each in record.findings if each.kind in MENDS and each.status == "unresolved")
     until = f"--duration {record.judged_until:.3g}, which is judged" if record.judged_until else "a smaller --step"
     return next(open_, until)

@@ -32,6 +32,9 @@ ELEMENTS = (*SMOOTH, "dry_friction", "static_friction", "limits", "soft_limits",
             "effort_limit", "no_load_speed", "hold")
 """All elements that an engine must declare. A servo may need four: effort_limit and no_load_speed cut it."""
 
+ACTS = "acts at the start: "
+"""How the words of `Scene.left_out` begin for what would act at once."""
+
 PLAIN_FORCES = ("linear_spring", "torsional_spring", "constant_force", "constant_torque")
 """Types of forces that an engine need not declare; a new type is an element of its own name."""
 

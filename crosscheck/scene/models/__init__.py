@@ -48,7 +48,8 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
     keyframe
         Name or number of an MJCF keyframe, which brings qpos, qvel and ctrl.
     drop
-        Leave out what a scene cannot hold and list it in `left_out`. By default such a model is refused.
+        Leave out what a scene cannot hold, actuators and dry friction, and list it in `left_out`. By default such a
+        model is refused. Limits and contacts are watched still: the motion is claimed until one would act.
     base
         Whether the base is as the file has it, that of a URDF "fixed" to the world, or "free".
     qpos, qvel

@@ -13,6 +13,7 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, SceneError, unknown
 from crosscheck.scene.building import scene_from
+from crosscheck.scene.model import ACTS
 from crosscheck.scene.models import checking, compiling, features, known, laws, neutral, source, watched
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.source import Source
@@ -27,6 +28,9 @@ ROOM = 0.1
 
 DROPPED = {"actuators": "actuator ", "friction": "dry friction of", "limits": "limits of", "contacts": "contacts of"}
 """Options of an import that take "drop", and how the words begin in which their elements are lost."""
+
+AT_START = ("which touch at the start", "which starts beyond them")
+"""In the words of contacts and limits that act at once, so that a scene without them claims no time."""
 
 MOST_ROOTS = 6
 """Largest number of names in a message."""
@@ -43,7 +47,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         raise ArgumentError(unknown("base", base, ("fixed", "free")))
     wants = laws.Wants(actuators, limits, contacts, friction, controls or {})
     if drop:
-        wants = laws.Wants("drop", "drop", "drop", "drop", controls or {})
+        wants = laws.Wants("drop", limits, contacts, "drop", controls or {})
     model = source.read(Path(path), within=within)
     if root is not None:
         source.cut(model, root)
@@ -94,7 +98,8 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         if all(each.startswith(tuple(DROPPED.values())) for each in reading.lost):
             offer = f"crosscheck import {some} leaves this out, --drop all actuators, friction, limits and contacts"
         raise SceneError(f"{model.path}: a scene cannot hold {words}; {offer}")
-    left_out = [*reading.lost, *reading.noted]
+    left_out = [*(ACTS + words if words.startswith(("contacts of", "limits of")) and any(
+        each in words for each in AT_START) else words for words in reading.lost), *reading.noted]
     third = own.forces or own.monitors or sites or sensors or any(
         {"dry_friction", "limits"} & joint.keys() for joint in joints)
     own.idle += [f"of transmission {each.get('name')!r}" for each in model.root.findall("transmission")]

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli.app import app
+from crosscheck.errors import Unsupported
 
 mujoco = pytest.importorskip("mujoco")
 pytest.importorskip("coal")
@@ -138,3 +139,21 @@ def test_a_wrong_start_is_told(tmp_path, monkeypatch, options, words):
     written(tmp_path, MJCF, "arm.xml")
     told = CliRunner().invoke(app, ["truth", *options])
     assert words in " ".join(str(told.exception or told.output).split())
+
+
+def test_what_is_dropped_is_watched_still(tmp_path):
+    """The claim of a model without its contacts ends where one would act; at the start nothing is claimed."""
+    path = tmp_path / "ball.xml"
+    path.write_text('<mujoco><worldbody><geom type="plane" size="1 1 .1"/><body name="ball" pos="0 0 1"><freejoint/>'
+                    '<geom size=".1" mass="1"/></body></worldbody></mujoco>')
+    fall = crosscheck.truth(crosscheck.import_model(path, drop=True, duration=1.0))
+    assert fall.horizon == pytest.approx((2 * 0.9 / 9.81) ** 0.5, abs=1e-9)
+    lying = crosscheck.import_model(path, drop=True, qpos=[0, 0, 0.05, 1, 0, 0, 0], duration=1.0)
+    assert not lying.monitors
+    assert lying.left_out[0].startswith("acts at the start: contacts of the colliding bodies")
+    with pytest.raises(Unsupported, match="holds until something acts that was left out, which is at the start"):
+        crosscheck.truth(lying)
+    told = CliRunner().invoke(app, ["run", str(path), "--drop", "--qpos", "0,0,.05,1,0,0,0", "--duration", "1"])
+    assert told.exit_code == 3, told.output
+    assert "judged over 0 % of its 1 s" in told.output
+    assert "what would mend it: a start at which nothing acts that was left out" in told.output

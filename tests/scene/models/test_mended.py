@@ -103,7 +103,7 @@ def test_the_class_of_all_may_have_a_name_and_a_range_that_no_ball_has(tmp_path)
     scene = imported(tmp_path, text, drop=True)
     assert [each.type for each in scene.joints] == ["revolute", "spherical"]
     assert scene.hash == imported(tmp_path, text.replace('="all"', '="main"'), drop=True).hash
-    assert "limits of joint 'hinge'" in scene.left_out
+    assert [monitor.joint for monitor in scene.monitors] == ["hinge"]
 
 
 def test_a_model_attached_from_beside_the_file_comes_in_and_its_words_are_named(tmp_path):

@@ -6,13 +6,11 @@
 #include <array>
 #include <optional>
 
+#include "methods/method.hpp"
 #include "model/system.hpp"
 #include "solve/projection.hpp"
 
 namespace lieeuler {
-
-// The constraint equations of a step; stabilised: position and velocity.
-enum class Level { position, velocity, stabilised, acceleration };
 
 // The unknowns of a step, and how Newton's matrix is laid out and factored.
 struct Layout {

@@ -25,13 +25,6 @@
 
 namespace lieeuler {
 
-struct Gains {
-  double alpha = 0, beta = 0;  // 1/s
-};
-
-// The weight of G_n^T mu in xi when stabilised: M^-1, or none.
-enum class Correction { mass, plain };
-
 // The motion of a body since a start, summed separately from the state, so that rounding errors are relative to the
 // motion: x, R^T R' - I and u.
 struct Increment {

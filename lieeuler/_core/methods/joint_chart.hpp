@@ -6,19 +6,9 @@
 #pragma once
 
 #include "methods/body_chart.hpp"
+#include "methods/method.hpp"
 
 namespace lieeuler {
-
-// A node of the tree; parents come first.
-struct JointNode {
-  enum class Kind { hinge, slide, ball } kind;
-  int parent;       // node; -1: the ground
-  int joint;        // that it belongs to
-  bool last;        // whether it carries the child of the joint, or a link without mass
-  Mat3 turn;        // attitude of its link relative to the parent's where its angle is zero; not of a ball
-  Vec3 axis;        // of a hinge in its link, of a slide in the parent's link
-  double armature;  // kg m^2 or kg
-};
 
 class JointChart {
  public:

@@ -6,17 +6,10 @@
 
 #include "methods/body_chart.hpp"
 #include "methods/joint_chart.hpp"
+#include "methods/method.hpp"
 #include "run/adaptive_steps.hpp"
 
 namespace lieeuler {
-
-// The coefficients of lieeuler/tableaux.py.
-struct Tableau {
-  std::vector<std::vector<double>> stages;
-  std::vector<double> weights;
-  int order;
-  std::vector<std::vector<double>> errors, extra, dense;
-};
 
 // The nonzero entries of the rows of a tableau.
 using Terms = std::vector<std::pair<int, double>>;

@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "run/loop.hpp"
+#include "run/outcome.hpp"
 
 namespace lieeuler {
 

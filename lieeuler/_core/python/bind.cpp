@@ -8,11 +8,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "python/building.hpp"
-#include "python/levels.hpp"
-#include "python/methods.hpp"
-#include "python/probes.hpp"
-#include "python/restoring.hpp"
-#include "python/running.hpp"
+#include "python/run.hpp"
 
 using namespace lieeuler;
 
@@ -128,24 +124,6 @@ NB_MODULE(_kernel, m) {
         require(run.by_joints && parent < static_cast<int>(run.nodes.size()), "parents come before their children");
         run.nodes.push_back({kind, parent, joint, last, turn, axis, armature});
       });
-  m.def("implicit", &implicit);
-  m.def("runge_kutta", &runge_kutta);
-  m.def("adaptive_runge_kutta", &adaptive_runge_kutta);
-  m.def("seulex", &seulex);
-  m.def("taylor", &taylor);
-  m.def("integrate", &integrate);
-  m.def("integrate_ensemble", &integrate_ensemble);
-  m.def("taylor_coefficients", &taylor_coefficients);
-  m.def("project", &project);
-  m.def("constraints", &constraints);
-  m.def("constraint_levels", &levels_of_states);
-  m.def("open_levels", &open_levels_of);
-  m.def("multipliers", &multipliers);
-  m.def("leave_plane", &leave_plane);
-  m.def("forces", &forces);
-  m.def("map_values", [](CoordinateMap map, const Vec3& xi, const Mat3& J, double h) {
-    return map == CoordinateMap::exp      ? map_values<ExpMap>(xi, J, h)
-           : map == CoordinateMap::cayley ? map_values<CayleyMap>(xi, J, h)
-                                          : map_values<CcskMap>(xi, J, h);
-  });
+  bind_implicit(m);
+  bind_index1(m);
 }

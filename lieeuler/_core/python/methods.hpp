@@ -1,32 +1,11 @@
-// Methods with their steps or their tolerance, ready to run.
+// What makes steppers ready to run.
 #pragma once
 
-#include "methods/joint_chart.hpp"
-#include "methods/rkmk.hpp"
 #include "python/arrays.hpp"
-#include "run/implicit.hpp"
+#include "python/run.hpp"
+#include "run/loop.hpp"
 
 namespace lieeuler {
-
-// A method with its steps or its tolerance, ready to run a system from a state.
-struct Run {
-  std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&)> run;
-  size_t samples;
-  bool monitored;
-  double duration;   // s
-  double begin = 0;  // s, the time of the initial state
-  // The same in the coordinates of a tree's joints, for methods that can.
-  std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&,
-                        const std::vector<JointNode>&)>
-      by_joints = {};
-  std::vector<JointNode> nodes = {};  // of the tree; none: the bodies' coordinates
-
-  Outcome operator()(const Plan& plan, const State& initial, const Record& record,
-                     const Interrupted& interrupted) const {
-    return nodes.empty() ? run(plan, initial, record, interrupted)
-                         : by_joints(plan, initial, record, interrupted, nodes);
-  }
-};
 
 // Keeps a stepper that has renew(), which makes it start like a new one, from one run to the next of the same system:
 // making it costs as much as several steps. Runs at the same time make their own.
@@ -97,26 +76,5 @@ template <class Stepper, class... Arguments>
 inline Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitored, const Arguments&... given) {
   return {lent<Stepper>(choose_steps(t_eval, rtol, monitored), given...), t_eval.size(), monitored, t_eval.back()};
 }
-
-inline Run implicit(CoordinateMap map, const Method& method, const std::vector<double>& steps,
-                    const std::vector<std::int64_t>& counts, bool monitored) {
-  require_steps(steps, counts);
-  const auto run = map == CoordinateMap::exp      ? run_method<ExpMap>
-                   : map == CoordinateMap::cayley ? run_method<CayleyMap>
-                                                  : run_method<CcskMap>;
-  return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
-            return run(plan, method, initial, steps, counts, monitored, record, interrupted);
-          },
-          steps.size() + 1, monitored, duration_of(steps, counts)};
-}
-
-// Compiled in python/runge_kutta.cpp.
-Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps, const std::vector<std::int64_t>& counts,
-                bool monitored);
-Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored,
-                         bool conserves);
-// Compiled in python/adaptive.cpp.
-Run seulex(const std::vector<double>& t_eval, double rtol, bool monitored);
-Run taylor(const std::vector<double>& t_eval, double rtol, bool monitored, bool conserves);
 
 }  // namespace lieeuler

@@ -9,10 +9,6 @@ namespace lieeuler {
 
 using Dense = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Taylor coefficients of x, R and w about a state, order by order, from a stepper's expansion.
-// Compiled in python/adaptive.cpp.
-Parts taylor_coefficients(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w, int order);
-
 // Adds a block of second derivatives between two bodies, if neither is the ground.
 inline void add_block(Dense& sum, int row, int column, const Stiffness& K) {
   if (6 * row == sum.rows() || 6 * column == sum.cols()) return;

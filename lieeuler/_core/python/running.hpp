@@ -4,7 +4,7 @@
 #include <chrono>
 
 #include "python/levels.hpp"
-#include "python/methods.hpp"
+#include "python/run.hpp"
 #include "run/threads.hpp"
 
 namespace lieeuler {

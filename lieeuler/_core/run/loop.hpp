@@ -3,27 +3,13 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <optional>
 
+#include "run/outcome.hpp"
 #include "run/watch.hpp"
 #include "solve/projection.hpp"
 
 namespace lieeuler {
-
-// Largest values over all steps. energy_error is |E - E(0)| in J; the caller divides it by kinetic.
-struct Maxima {
-  double energy_error = 0, kinetic = 0, position = 0, velocity = 0, acceleration = 0, orthogonality = 0;
-};
-
-// A NaN counts as infinity: a plain maximum would ignore it.
-inline void raise(double& maximum, double value) {
-  if (!(value <= maximum)) maximum = std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
-}
-template <class Values>
-void raise(double& maximum, const Eigen::MatrixBase<Values>& values) {
-  raise(maximum, values.cwiseAbs().template maxCoeff<Eigen::PropagateNaN>());
-}
 
 class Monitor {
  public:
@@ -94,15 +80,6 @@ class Monitor {
   double start_energy_ = 0;
 };
 
-struct Outcome {
-  Status status = Status::success;
-  int samples = 0;  // filled, including the start
-  int redundant_rows = 0;
-  double time_reached = 0;
-  Counters counters;
-  Maxima maxima;
-};
-
 // Checked at every sample, because a state that has overflowed may pass every test within a step.
 inline bool is_finite(const State& state) {
   for (size_t b = 0; b + 1 < state.frames.size(); ++b) {
@@ -146,8 +123,6 @@ class LeastNorm {
   std::optional<IndependentRows> rows_;
 };
 
-// Where the samples go; each call appends one.
-using Record = std::function<void(int sample, const State&)>;
 // The state is checked for NaN every so many steps, so that a long interval ends soon after an overflow. The interval
 // counts steps, not seconds, so that a repeated run ends at the same step.
 inline constexpr std::int64_t kStepsBetweenLooks = 1024;

@@ -1,0 +1,34 @@
+// A method ready to run, and the units that bind functions: each is compiled by itself, and needs a minute at most.
+#pragma once
+
+#include "methods/method.hpp"
+#include "model/plan.hpp"
+#include "python/arrays.hpp"
+#include "run/watch.hpp"
+
+namespace lieeuler {
+
+// A method with its steps or its tolerance, ready to run a system from a state.
+struct Run {
+  std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&)> run;
+  size_t samples;
+  bool monitored;
+  double duration;   // s
+  double begin = 0;  // s, the time of the initial state
+  // The same in the coordinates of a tree's joints, for methods that can.
+  std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&,
+                        const std::vector<JointNode>&)>
+      by_joints = {};
+  std::vector<JointNode> nodes = {};  // of the tree; none: the bodies' coordinates
+
+  Outcome operator()(const Plan& plan, const State& initial, const Record& record,
+                     const Interrupted& interrupted) const {
+    return nodes.empty() ? run(plan, initial, record, interrupted)
+                         : by_joints(plan, initial, record, interrupted, nodes);
+  }
+};
+
+void bind_implicit(nb::module_& module);
+void bind_index1(nb::module_& module);
+
+}  // namespace lieeuler

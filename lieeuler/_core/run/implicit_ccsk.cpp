@@ -1,7 +1,0 @@
-#include "run/implicit.hpp"
-
-namespace lieeuler {
-
-template RunMethod run_method<CcskMap>;
-
-}  // namespace lieeuler

@@ -18,7 +18,8 @@ class TimeFunction(Frozen):
     """A piecewise polynomial plus a sum of sines.
 
     A method keeps its order only if the function is smooth within each step. With fixed steps, put every break at the
-    end of a step; adaptive methods end a step at each break by themselves.
+    end of a step; adaptive methods end a step at each break by themselves. A step that ends at a break takes the piece
+    before it; accelerations and multipliers there are those of the piece that begins.
 
     Parameters
     ----------

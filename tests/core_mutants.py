@@ -58,6 +58,8 @@ MUTANTS = (
     ("model/system.hpp", "(times(body.inertia_deviation, w) + body.spin).cross(w)",
      "times(body.inertia_deviation, w).cross(w)", Vector),
     ("model/mimic.hpp", "mimic.ratio * leader[0]", "leader[0]", "double"),
+    ("model/time_function.hpp", "last_begun(at.from)", "last_begun(at.time + Moment::rounding(at.time))", "size_t"),
+    ("model/plan.hpp", "next != jumps.end() && end.ends_at(*next)", "false", "bool"),
     ("methods/body_chart.hpp", "w + 0.5 * turned + k.inverse * theta.cross(turned)",
      "w - 0.5 * turned + k.inverse * theta.cross(turned)", Vector),
     ("methods/euler_lagrange.hpp", "times(body.inertia, gain.w) - force_time() * f.w",
@@ -104,8 +106,9 @@ MUTANTS = (
 )
 TESTS = ("constraints", "so3", "adapter", "oracle", "methods", "taylor", "rkmk", "driven", "rolling", "mimic",
          "armature", "generalized_alpha", "redundant", "many_loops", "planar", "projection", "seulex", "joint_tree",
-         "spin_free", "free_bodies", "compositions", "correction", "integrate")
+         "spin_free", "free_bodies", "compositions", "correction", "integrate", "breaks")
 FIRST = {"axis_rows": "driven", "forces": "adapter", "contact": "rolling", "so3": "so3", "mimic": "mimic",
+         "time_function": "breaks", "plan": "breaks",
          "body_chart": "rkmk", "euler_lagrange": "oracle", "euler_hamilton": "oracle",
          "generalized_alpha": "generalized_alpha", "system": "spin_free", "rkmk": "rkmk", "joint_chart": "joint_tree",
          "motion_series": "taylor", "term_series": "taylor", "contact_series": "rolling", "turning": "planar",

@@ -194,10 +194,6 @@ AXIAL = ("the discrete momentum about the needle's axis is J3 w3 (1 + h^2 w^2 J1
          "rate at which the axis turns: with J1 / J3 = 1e6 the spin comes right only where h^2 w^2 is far below 1e-5. "
          "The error is one of this spin alone, second order with that factor; with a spin-free frame, as in the "
          "compositions, it stays below J3 / J1 of a radian")
-OVERREACH = ("the inner steps of a composition reach beyond the ends of a step, and so over a break of a function of "
-             "time: where its third derivative jumps, the step beside the break is of order 4. On driven_cart, at 20 "
-             "and 10 ms, velocities at the break are off by 1.8e-10 and 1.1e-11 m/s; with the first piece of the "
-             "spline held for ever, by 8.6e-12 and 3.5e-14: order 8")
 KNOWN = (
     Known(("0",), ("DAE2L_LE", "DAE2H_LE", "INDEX1_LE"), ("bricard",), None,
           {"level velocity": 3.8e6, "level acceleration": 6.9e4}, CONTRADICTORY, always=False),
@@ -206,8 +202,6 @@ KNOWN = (
     Known(("0",), ("rattle4", "rattle6", "rattle8"), ("needle",), None, {
         "order attitude": 6.8, "order angular velocity": 6.8, "attitude": 4.5, "angular velocity": 3.1,
         "interval attitude": 1.7, "interval angular velocity": 1.6}, AXIAL, always=False),
-    Known(("0",), ("rattle8",), ("driven_cart",), None,
-          {"order velocity": 3.9, "order angular velocity": 3.5}, OVERREACH, always=False),
 )
 
 

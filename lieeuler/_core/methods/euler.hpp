@@ -326,6 +326,7 @@ class EulerStepper {
   Status start(const State& state, double h) {
     auto& at = equations_.at;
     at.state = state;
+    at.state.frames.begin_step(h);
     at.h = h;
     update_angles(at.system, at.state.frames, at.state.u, at.state.angles);
     at.joints.update(at.state.frames);
@@ -349,12 +350,16 @@ class EulerStepper {
   }
 
   Status step(Counters& counters) {
+    equations_.at.state.frames.begin_step(equations_.at.h);
     const Status status = advance(equations_.at.h, predictor_, counters);
     if (status == Status::success) ++counters.steps;
     return status;
   }
+  // Where accelerations jump at the end of a step: starts anew with what acts from there on.
+  Status cross() { return at_jump() ? start(State(state()), equations_.at.h) : Status::success; }
 
-  // One step of size h, which may be negative, guessed from the earlier solutions in `predictor`.
+  // A part of size h, which may be negative, of a step that has begun, guessed from the earlier solutions in
+  // `predictor`.
   Status advance(double h, Predictor& predictor, Counters& counters) {
     auto& at = equations_.at;
     at.h = h;
@@ -415,6 +420,8 @@ class EulerStepper {
   const Constraints& joints() const { return equations_.at.joints; }
 
  protected:
+  bool at_jump() const { return equations_.at.plan.jumps_at(equations_.at.state.frames); }
+
   Equations equations_;
 
  private:

@@ -347,6 +347,7 @@ class CompositionStepper : public HamiltonStepper<Map> {
   }
 
   Status step(Counters& counters) {
+    this->equations_.at.state.frames.begin_step(whole_step_);
     for (size_t i = 0; i < weights_.size(); ++i) {
       this->equations_.at.index1_output = i + 1 == weights_.size();  // (a, lam) only at the end of the step
       const Status status = this->advance(weights_[i] * whole_step_, predictors_[i], counters);
@@ -355,6 +356,7 @@ class CompositionStepper : public HamiltonStepper<Map> {
     ++counters.steps;
     return Status::success;
   }
+  Status cross() { return this->at_jump() ? start(State(this->state()), whole_step_) : Status::success; }
 
  private:
   std::vector<double> weights_;

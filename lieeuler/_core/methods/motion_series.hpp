@@ -26,11 +26,11 @@ class MotionSeries {
     for (CarriedSeries& z : carried_) z.extend(body_, 0), z.extend(body_, 1);
     for (SpringSeries& spring : springs_) spring.start();
     for (size_t k = 0; k < torsions_.size(); ++k) torsions_[k].start(state);
-    for (DriveSeries& drive : drives_) drive.start(state.frames.time);
+    for (DriveSeries& drive : drives_) drive.start(state.frames);
     for (ContactSeries& contact : contacts_) contact.start();
     for (RowDrive& drive : row_drives_) {
       drive.series.resize(kMostOrder + 3);
-      drive.function->expand(state.frames.time, kMostOrder + 3, drive.series.data());
+      drive.function->expand(state.frames, kMostOrder + 3, drive.series.data());
     }
   }
 

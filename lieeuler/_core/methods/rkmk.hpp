@@ -46,7 +46,8 @@ class MuntheKaas {
  public:
   template <class... Arguments>
   MuntheKaas(const Plan& plan, const Tableau& tableau, const Arguments&... arguments)
-      : system_(plan.system),
+      : plan_(plan),
+        system_(plan.system),
         chart_(plan, arguments...),
         state_(chart_.make()),
         next_(state_),
@@ -74,6 +75,7 @@ class MuntheKaas {
 
   Status attempt(double h, Counters& counters) {
     h_ = h;
+    state_.frames.begin_step(h);
     put_first_slope();
     for (size_t i = 0; i < stages_.size(); ++i) {
       combine(stages_[i], y_.data());
@@ -102,6 +104,13 @@ class MuntheKaas {
     scales_ = Scales::of(system_, chart_.state(state_), slowest_);
     interpolates_ = false;
     return chart_.confirm_rank();
+  }
+  // Where accelerations jump at the end of a step: those of what acts from there on.
+  Status cross() {
+    if (!plan_.jumps_at(state_.frames)) return Status::success;
+    Counters uncounted;
+    state_.frames.end_step();
+    return chart_.settle(state_, scales_.length, uncounted);
   }
 
   // Code HINIT of Hairer, Norsett and Wanner: from the sizes of the first and second derivatives.
@@ -211,6 +220,7 @@ class MuntheKaas {
     return Status::success;
   }
 
+  const Plan& plan_;
   const System& system_;
   Chart chart_;
   Point state_, next_, trial_;  // after a step next_ is its start
@@ -270,7 +280,10 @@ class ControlledMuntheKaas : public MuntheKaas<Chart> {
   void refuse(double, Status status) {
     if (status != Status::success) control_.refuse(0.25);
   }
-  Status accept(double) { return Base::accept(); }
+  Status accept(double) {
+    const Status status = Base::accept();
+    return status == Status::success ? this->cross() : status;
+  }
 
  private:
   StepControl control_;

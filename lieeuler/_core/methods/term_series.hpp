@@ -289,8 +289,8 @@ class DriveSeries {
   DriveSeries(const Force& given, int line, int between = -1)
       : given(&given), line(line), between(between), force(kMostOrder + 3), drive_(4 * (kMostOrder + 3)) {}
 
-  void start(double t) {
-    given->drive->expand(t, kMostOrder + 3, drive_.data());
+  void start(const Moment& at) {
+    given->drive->expand(at, kMostOrder + 3, drive_.data());
     for (int k = kMostOrder + 2; k > 0; --k) drive_[4 * k] = drive_[k];
   }
   double operator[](int k) const { return drive_[4 * k]; }

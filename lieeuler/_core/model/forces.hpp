@@ -13,7 +13,7 @@ class ForceState {
   // `last_angle`: that of a torsional spring at the last accepted step, for unwrapping.
   ForceState(const Force& force, const Configuration& frames, const std::vector<Twist>& u, double last_angle)
       : force_(force), frame_{&frames[force.parent], &frames[force.child]}, u_{&u[force.parent], &u[force.child]} {
-    if (force.drive) drive_ = (*force.drive)(frames.time);
+    if (force.drive) drive_ = (*force.drive)(frames);
     if (force.kind == Force::Kind::linear_spring) stretch();
     if (force.kind == Force::Kind::torsional_spring) twist(last_angle);
     if (force.kind == Force::Kind::slide_force) push();

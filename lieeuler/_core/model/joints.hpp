@@ -19,7 +19,7 @@ class JointState {
   void update(const Joint& joint, const Configuration& frames) {
     frame_[kParent] = &frames[joint.parent], frame_[kChild] = &frames[joint.child];
     anchor_[kParent] = &joint.parent_anchor, anchor_[kChild] = &joint.child_anchor;
-    time_ = frames.time;
+    time_ = frames;
     for (Side side : kSides) arm_[side] = times(frame_[side]->R, *anchor_[side]);
     d_ = (frame_[kChild]->x - frame_[kParent]->x) + (arm_[kChild] - arm_[kParent]);
   }
@@ -385,7 +385,7 @@ class JointState {
 
   const Frame* frame_[2];
   const AxisRows* axes_ = nullptr;
-  double time_;
+  Moment time_;
   const Vec3* anchor_[2];
   Vec3 arm_[2], d_;
 };

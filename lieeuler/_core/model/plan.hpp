@@ -38,6 +38,7 @@ class Plan {
 
   explicit Plan(System given)
       : system(std::move(given)),
+        jumps(system.jumps()),
         parts(number_parts(system)),
         rotors(find_parts([](const Part& part) { return part.compliance > 0; })),
         slips(find_parts([](const Part& part) { return part.slips; })),
@@ -54,6 +55,7 @@ class Plan {
   Plan(const Plan&) = delete;  // its members hold pointers into it
 
   const System system;
+  const std::vector<double> jumps;  // times at which accelerations do
   const std::vector<PlacedPart> parts;
   const std::vector<int> rotors, slips;  // among the parts
   const std::vector<PlacedMimic> mimics;
@@ -68,6 +70,12 @@ class Plan {
   const std::uint64_t serial = ++made_;  // tells it from others that had its address
   bool turns_about_pins = false;  // the maker of the system knows that every body only turns about the third axis
 
+  // Whether accelerations jump at the end of the step that ends at this moment.
+  bool jumps_at(const Moment& end) const {
+    if (jumps.empty()) return false;
+    const auto next = std::upper_bound(jumps.begin(), jumps.end(), end.to);
+    return next != jumps.end() && end.ends_at(*next);
+  }
   // Every row is a constraint of the two bodies of its joint.
   bool plain() const { return rotors.empty() && mimics.empty(); }
   const Joint& joint(int k) const { return system.joints[parts[k].joint]; }

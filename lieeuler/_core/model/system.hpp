@@ -43,15 +43,16 @@ struct Frame {
 };
 
 // Where all bodies are, the ground last, and when.
-struct Configuration : std::vector<Frame> {
+struct Configuration : std::vector<Frame>, Moment {
   using std::vector<Frame>::vector;
-  double time = 0, lost = 0;  // s, and its rounding error, which would accumulate over a million steps
+  double lost = 0;  // rounding error of the time, s, which would accumulate over a million steps
 
-  // Sets the time to a step h after `before`.
+  // Sets the time to h after `before`, in the same step.
   void follow(const Configuration& before, double h) {
-    const double step = h - before.lost;
-    time = before.time + step;
-    lost = (time - before.time) - step;
+    const double way = h - before.lost;
+    time = before.time + way;
+    lost = (time - before.time) - way;
+    from = before.from, to = before.to;
   }
 };
 
@@ -220,6 +221,16 @@ struct System {
     for (const Joint& joint : joints)
       if (joint.driven) end = joint.constraints().back().drive->next_break(t, end);
     return end;
+  }
+  // Where accelerations jump, sorted: forces do, or up to the second derivatives of what drives joints.
+  std::vector<double> jumps() const {
+    std::vector<double> all;
+    for (const Force& force : forces)
+      if (force.drive) force.drive->append_jumps(0, all);
+    for (const Joint& joint : joints)
+      if (joint.driven) joint.constraints().back().drive->append_jumps(2, all);
+    std::sort(all.begin(), all.end());
+    return all;
   }
   // Whether a light body may carry a heavy one, whose part of G M^-1 G^T then loses three digits or more.
   bool graded(double ratio = 1e3) const {

@@ -64,7 +64,7 @@ NB_MODULE(_kernel, m) {
       .def("expand", [](const TimeFunction& f, double t, int count) {
         require(count > 0, "a series has a coefficient");
         std::vector<double> coefficients(count);
-        f.expand(t, count, coefficients.data());
+        f.expand({t}, count, coefficients.data());
         return coefficients;
       });
   nb::class_<System>(m, "System")

@@ -127,7 +127,9 @@ class LeastNorm {
 // counts steps, not seconds, so that a repeated run ends at the same step.
 inline constexpr std::int64_t kStepsBetweenLooks = 1024;
 
-// Integrates over intervals of counts[k] steps of size steps[k], one sample at the end of each.
+// Integrates over intervals of counts[k] steps of size steps[k], one sample at the end of each. The stepper supplies
+// start(state, h), step(counters), cross(), which starts anew where accelerations jump at the end of that step,
+// state(), joints() and redundant_rows().
 template <class Stepper>
 Outcome run(Stepper& stepper, const Plan& plan, const State& initial, const std::vector<double>& steps,
             const std::vector<std::int64_t>& counts, bool monitored, const Record& record,
@@ -154,6 +156,7 @@ Outcome run(Stepper& stepper, const Plan& plan, const State& initial, const std:
     for (std::int64_t i = 0; i < counts[k]; ++i) {
       if (watch.ends()) return end(Status::interrupted);
       if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
+      if (const Status status = stepper.cross(); status != Status::success) return end(status);
       if (monitored) monitor.watch(stepper.state(), stepper.joints());
       t = begin + (i + 1) * h;  // adding h 1e10 times would accumulate rounding
       if (i % kStepsBetweenLooks == kStepsBetweenLooks - 1 && !is_finite(stepper.state()))
@@ -213,6 +216,7 @@ Outcome run_adaptive(Stepper& stepper, const Plan& plan, const State& initial, c
         status = projection->start(initial);
       }
       if (status == Status::success) status = stepper.dense(t_eval[next], sample, outcome.counters, watch);
+      sample.frames.end_step();
       if (status == Status::success)
         status = projection->project(sample, Scales::of_motion(system, sample).length, outcome.counters);
       if (status == Status::success && !is_finite(sample)) status = Status::non_finite;

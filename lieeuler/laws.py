@@ -34,7 +34,8 @@ class Servo(Frozen):
     no_load_speed : float, optional
         rad/s or m/s: in the direction of motion the cut falls in a straight line to 0 at this speed.
     period : float, optional
-        s: the law is evaluated at phase, phase + period, ... and held between. Default: it is continuous.
+        s: the law is evaluated at phase, phase + period, ... and held from each of them on; at the instant itself the
+        new value acts. Default: it is continuous.
     delay : int
         Whole periods between evaluation and effect; before the first effect the servo gives 0.
     phase : float

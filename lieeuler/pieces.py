@@ -39,6 +39,8 @@ AHEAD = 64
 """Most intervals that are integrated before surfaces are looked at: an event makes the rest in vain."""
 NEAR = 1e-12
 """Times this near, as a part of the larger one of 1 and themselves, are one."""
+SHORT = 1e-6
+"""s of a run of which only the start counts."""
 SETTLED = 1e-12
 """A rate this small, as a part of the larger one of 1 and the rate before, is none."""
 LOWEST = 1e-15
@@ -138,7 +140,7 @@ class Pieces:
                         if isinstance(force, TorsionalSpring)}
         self.modes = [Mode(cut=[0] * len(law.servos), region=[0] * len(law.servos),
                            waiting=[list(s.earlier) or [0.0] * (s.delay + 1) for s in law.servos]) for law in self.laws]
-        self.grid, self.ticks, self.outputs = self._knots(step)
+        self.grid, self.ticks = self._knots(step)
         self.stats: list[Stats] = []
         self.rows: list[tuple[Solution, int]] = []
         weight = sum(body.mass for body in problem.bodies) * float(np.linalg.norm(problem.gravity))
@@ -154,8 +156,8 @@ class Pieces:
 
     # --- times
 
-    def _knots(self, step: float | None) -> tuple[list[np.ndarray], dict[float, list[tuple[int, int]]], set[float]]:
-        """Points of the intervals between output times, samples of servos and breaks of functions; ticks; outputs."""
+    def _knots(self, step: float | None) -> tuple[list[np.ndarray], dict[float, list[tuple[int, int]]]]:
+        """Points of the intervals between output times, samples of servos and breaks of functions; ticks."""
         first, last = float(self.t[0]), float(self.t[-1])
         ticks: dict[float, list[tuple[int, int]]] = {}
         for i, law in enumerate(self.laws):
@@ -170,7 +172,7 @@ class Pieces:
         counts = (np.full(len(knots) - 1, FINE) if step is None else
                   np.maximum(1, np.ceil(np.diff(knots) / step * (1 - 1e-12))).astype(int))
         grid = [np.linspace(a, b, count + 1)[1:] for a, b, count in zip(knots[:-1], knots[1:], counts, strict=True)]
-        return grid, ticks, set(self.t.tolist())
+        return grid, ticks
 
     @staticmethod
     def _near(when: float, times: np.ndarray) -> float:
@@ -282,7 +284,7 @@ class Pieces:
     def _index1(self, state: State, pushed: tuple[int, float] = (0, 0.0)) -> Stretch:
         """Accelerations and holding forces of the present modes in one state: the first row of a short run."""
         problem, rows = self._piece(state, pushed)
-        return self._stretch(self.start(problem, np.array([state.t, state.t + 1e-6])), state, rows)
+        return self._stretch(self.start(problem, np.array([state.t, state.t + SHORT])), state, rows)
 
     # --- surfaces
 
@@ -389,8 +391,8 @@ class Pieces:
         times = best[0].solution.t
         times[best[1]] = self._near(float(times[best[1]]), self.t)  # an output as near as this is at the event
         there = best[0].state(best[1])
-        if there.t > state.t and there.t in self.outputs:
-            self.rows.append((best[0].solution, best[1]))
+        if there.t > state.t:
+            self._keep(*best)
         return there, key
 
     # --- changes
@@ -689,7 +691,7 @@ class Pieces:
             s = self._run(state, times)
             crossed = self._first(s)
             last = len(s.solution.t) - 1 if crossed is None else crossed[0] - 1
-            self._keep(s, last)
+            self._keep(s, *range(last + 1))
             _took(s, last)
             if crossed is None and s.solution.status not in (Status.SUCCESS, Status.CONSTRAINTS_OPEN):
                 self._fail(s.solution.status)
@@ -708,6 +710,10 @@ class Pieces:
             if changes > CHATTER:
                 self._fail(Status.STEP_TOO_SMALL, "changes of friction and stops follow each other without end: "
                            "the motion has no unique continuation from here on")
+        if len(self.rows) < len(self.t):  # the last output is at a sample
+            s = self._run(state, np.array([state.t + SHORT * max(1.0, abs(state.t))]))
+            self._keep(s, 0)
+            _took(s, 0)
         return self._whole(Status.SUCCESS)
 
     def _ahead(self, here: int, most: int) -> int:
@@ -737,10 +743,12 @@ class Pieces:
             path = np.unwrap([spring.start_angle(R) for R in s.solution.R[:row + 1]])
             self.springs[k] = float(path[-1] + 2 * np.pi * round((angle - path[0]) / (2 * np.pi)))
 
-    def _keep(self, s: Stretch, last: int) -> None:
-        """Remember the rows of a stretch that are asked for."""
-        first = 1 if self.rows else 0
-        self.rows += [(s.solution, row) for row in range(first, last + 1) if float(s.solution.t[row]) in self.outputs]
+    def _keep(self, s: Stretch, *rows: int) -> None:
+        """Remember the rows of a stretch that are asked for; at a sample of a servo that from which its value acts."""
+        for row in rows:
+            t = float(s.solution.t[row])
+            if t in self.t[len(self.rows):len(self.rows) + 1] and (row == 0 or t not in self.ticks):
+                self.rows.append((s.solution, row))
 
     def _whole(self, status: Status) -> Solution:
         """The solution at the output times that were reached."""

@@ -59,7 +59,12 @@ def values_at(pieces: tuple[np.ndarray, ...], t: np.ndarray, derivative: int = 0
 
 def piece_of(starts: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Index of the piece of each time; at an event, of what follows it."""
-    return np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)
+    return np.clip(np.searchsorted(starts, t + rounding(t), side="right") - 1, 0, None)
+
+
+def rounding(t: Any) -> Any:
+    """Times (s) less than this apart are one: a sample of a servo is at the output time that it is meant for."""
+    return 1e-12 * np.maximum(1.0, t)
 
 
 def breaks(scene: Scene) -> list[float]:

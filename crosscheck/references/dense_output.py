@@ -32,7 +32,18 @@ from crosscheck.references.agreement import (
     difference,
     natural_coordinates,
 )
-from crosscheck.references.base import GROWN, ORDERS, Chaotic, End, Piece, Reference, TruthError, piece_of, values_at
+from crosscheck.references.base import (
+    GROWN,
+    ORDERS,
+    Chaotic,
+    End,
+    Piece,
+    Reference,
+    TruthError,
+    piece_of,
+    rounding,
+    values_at,
+)
 from crosscheck.references.conditioning import HORIZON_GROWTH, growth_over, sampled_growth
 from crosscheck.references.natural import Natural
 from crosscheck.references.pieces import disagreement
@@ -159,8 +170,8 @@ class Truth:
         TruthError
             A formulation ends early.
         """
-        if until <= self.reach and self.pieces:
-            return False
+        if self.pieces and (until <= self.reach if self._modes is None else until + rounding(until) < self.reach):
+            return False  # with modes, what acts from `until` on has to be known
         pieces, end = self.series.advance(self.end or self.series.begin, until)
         maxima = [self.series.derivative_maxima(pieces[k:k + CHUNK]) for k in range(0, len(pieces), CHUNK)]
         longer = Truth(self.scene, self.portable)

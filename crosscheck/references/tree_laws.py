@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crosscheck.errors import Unsupported
-from crosscheck.references.base import LONGEST, End, Piece, TruthError, values_at
+from crosscheck.references.base import LONGEST, End, Piece, TruthError, rounding, values_at
 from crosscheck.references.generic import ByBody, Matrix, Number, Vector
 from crosscheck.references.modes import Law, Machine, Mode, Part, Settled, laws_of
 from crosscheck.references.monitors import Monitors
@@ -38,8 +38,6 @@ AT_ONCE = 30
 """Most events at one instant."""
 INSTANT = 2.0**-52
 """Pieces shorter than this part of the time, or of one second, are no motion: the time has no more digits."""
-SHORT = 1e-12
-"""Of the time, 1 s at least: what is due within it of the end of a motion is due after it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -286,17 +284,18 @@ class LawfulTaylor(Taylor):
 
     def advance(self, end: End, until: float, changes: list[Change] | None = None, watched: bool = True
                 ) -> tuple[list[Piece], End]:
-        """The pieces from an end to `until` or beyond, cut at events, and their end; monitors count if `watched`.
+        """The pieces from an end on, cut at events, and their end; monitors count if `watched`.
 
-        With `changes`, to which those of modes are added, they end at `until`; what is due there has not happened then.
+        The last piece ends after `until`, so that what is due there has happened. With `changes`, to which those of
+        modes are added, it ends at `until`, and what is due there has not happened then.
         """
         exactly = changes is not None
-        due = until - SHORT * max(1.0, until) if exactly else math.inf
+        due = until - rounding(until) if exactly else math.inf
         integrator, pieces = self._integrator, list[Piece]()
         time, mode, events = (end.time, end.rest), end.mode, list(end.events)
         state, horizon, cause, fresh, stalled = end.state, end.horizon, end.cause, True, 0
         longest, last = LONGEST, max([event[0] for event in events], default=0.0)
-        while time[0] < until:
+        while time[0] < until or (not exactly and time[0] <= until + rounding(until)):
             instant = INSTANT * max(1.0, time[0])
             self.numbers = self.table(mode)
             self._set_pieces(time[0])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crosscheck.references.base import End, TruthError
+from crosscheck.references.base import End, TruthError, rounding
 from crosscheck.references.maximal import ATOL, DAMPING, DEPENDENT, Maximal, Rotor, gyroscopic
 from crosscheck.references.modes import Law, Machine, Mode, Number, Part, laws_of
 from crosscheck.references.pieces import Label, Values
@@ -275,6 +275,8 @@ class LawfulMaximal(Maximal):
                     reached, y, fired, step = self._smooth(t, y, until, step, fresh)
                     fresh = False
                 self.before = np.inf
+                if not fired and scheduled - reached <= rounding(reached):
+                    reached = scheduled
                 if fired or reached >= scheduled:
                     fresh = True
                     settled = self.machine.settle(reached, y, self.mode, fired)

@@ -77,8 +77,7 @@ def _limits(t: np.ndarray, q: np.ndarray, v: np.ndarray, limits: Limits) -> list
 def _saturation(t: np.ndarray, q: np.ndarray, v: np.ndarray, servo: Servo) -> list[tuple[float, str]]:
     """Where the cut begins and ends; of a sampled servo at its sample times, as far as there are states at them."""
     if servo.period is not None:
-        ticks = (t - servo.phase) / servo.period
-        at = np.flatnonzero((abs(ticks - np.round(ticks)) * servo.period < 1e-9) & (ticks > -0.5))
+        at = servo.samples(t)
         t, q, v = t[at], q[at], v[at]
     free = Servo(servo.target, servo.target_velocity, servo.feedforward, servo.proportional, servo.derivative)
     lower, upper = (np.broadcast_to(bound, t.shape) for bound in servo.bounds(v))

@@ -64,8 +64,9 @@ class Servo:
 
     It gives cut(proportional (target - q) + derivative (target_velocity - rate) + feedforward). With a period this is
     evaluated at the times phase, phase + period, ... and held; with a delay of d periods the value of sample k acts
-    from sample k + d on. A scene that begins in the middle of another's run has two keys that no file has: `phase`, and
-    `held`, the d + 1 values that act until sample d, the first of them before sample 0. By default they are 0.
+    from sample k + d on, at the instant of that sample too: accelerations and efforts there are those after it. A
+    scene that begins in the middle of another's run has two keys that no file has: `phase`, and `held`, the d + 1
+    values that act until sample d, the first of them before sample 0. By default they are 0.
     """
 
     target: Value = 0.0
@@ -93,6 +94,14 @@ class Servo:
         wanted = (self.proportional * (at(self.target, t) - q) + self.derivative * (at(self.target_velocity, t) - rate)
                   + at(self.feedforward, t))
         return np.clip(wanted, *self.bounds(rate))
+
+    def samples(self, t: np.ndarray) -> np.ndarray:
+        """(T,) whether it samples at these times, (T,)."""
+        if self.period is None:
+            return np.zeros(len(t), bool)
+        ticks = (t - self.phase) / self.period
+        due: np.ndarray = (abs(ticks - np.round(ticks)) * self.period < 1e-9) & (ticks > -0.5)
+        return due
 
 
 @dataclasses.dataclass(frozen=True)

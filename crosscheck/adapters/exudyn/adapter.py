@@ -179,6 +179,10 @@ class Exudyn(Engine):
             stats["newton_left"] = solved.tolerance * (1.0 + float(forces))
         else:
             _drop_unknown_accelerations(states, every)
+        if states.a is not None and states.alpha is not None:  # those after a step are those before the sample
+            for _, servo in scene.servos.values():
+                at = servo.samples(scene.t) & (scene.t > 0.0)
+                states.a[at] = states.alpha[at] = np.nan
         maxima, happened = None, tuple[Event, ...]()
         if spec.monitor:
             whole = model.convert(t, data)

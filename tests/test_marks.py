@@ -89,3 +89,13 @@ def test_a_quick_test_that_has_become_slow_is_reported(tmp_path, capsys):
     assert "1 tests that are not marked slow took over 1.75 s" in told
     assert "test_remembers" in told
     assert "test_alone" not in told
+
+
+def test_what_a_process_took_before_a_test_is_not_counted_for_it(tmp_path, capsys, monkeypatch):
+    """It is told only when the process ends."""
+    monkeypatch.setattr(marks, "ended", iter((0.0, 100.0)).__next__)
+    (tmp_path / "test_quick.py").write_text("def test_quick():\n    pass\n", "utf-8")
+    pytest.main(["-p", "tools.marks", "-p", "no:xdist", "-p", "no:cacheprovider", str(tmp_path / "test_quick.py")])
+    told = capsys.readouterr().out
+    assert "1 passed" in told or "[100%]" in told
+    assert "took over" not in told

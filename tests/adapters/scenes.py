@@ -1,9 +1,14 @@
-"""Scenes in code for tests of the adapters."""
+"""Scenes for tests of the adapters: those of the library, each read once, and some in code."""
+
+import functools
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+import crosscheck
 from crosscheck.scene.model import Body, Joint, Scene, rotation_from_quaternion
+
+library = functools.cache(crosscheck.load_scene)
 
 
 def _unit(vector: list[float]) -> np.ndarray:

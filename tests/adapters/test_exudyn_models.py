@@ -17,6 +17,7 @@ from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import States
 from tests.adapters.pairs import loaded_pair
+from tests.adapters.scenes import library
 from tests.adapters.test_lieeuler import exact
 from tests.scene_making import JOINT_TYPES, make_scene, random_body
 
@@ -75,10 +76,10 @@ def _check_springs(scene: Scene, objects: list[dict[str, Any]]) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in crosscheck.scenes()
-                                  if crosscheck.load_scene(name).beyond() is None])
+                                  if library(name).beyond() is None])
 @pytest.mark.parametrize("node", NODES)
 def test_maximal_model_is_the_scene_and_nothing_else(name: str, node: str) -> None:
-    scene = crosscheck.load_scene(name)
+    scene = library(name)
     system = models.maximal(scene, node).system
     objects = _objects(system)
     springs = [force.type for force in scene.forces if force.type in NO_LOADS]
@@ -102,9 +103,9 @@ def test_maximal_model_is_the_scene_and_nothing_else(name: str, node: str) -> No
 
 
 @pytest.mark.parametrize("name", [name for name in crosscheck.scenes()
-                                  if _reason(crosscheck.load_scene(name), "GeneralizedAlpha", "tree") is None])
+                                  if _reason(library(name), "GeneralizedAlpha", "tree") is None])
 def test_tree_model_is_the_scene_and_nothing_else(name: str) -> None:
-    scene = crosscheck.load_scene(name)
+    scene = library(name)
     system = kinematic_tree.kinematic_tree(scene, "XYZ").system
     tree, *others = _objects(system)
     _, closing = kinematic_tree.spanned(scene)
@@ -178,7 +179,7 @@ LOOPS = [("four_bar", "maximal", "lie"), ("four_bar", "maximal", "euler_paramete
 
 @pytest.mark.parametrize(("name", "form", "node"), LOOPS)
 def test_redundant_loops_converge_to_truth(name: str, form: str, node: str | None) -> None:
-    scene = crosscheck.load_scene(name).replace(duration=0.5, samples=3)
+    scene = library(name).replace(duration=0.5, samples=3)
     truth = crosscheck.truth(scene).states
     errors = []
     for step in (4e-3, 2e-3):
@@ -190,7 +191,7 @@ def test_redundant_loops_converge_to_truth(name: str, form: str, node: str | Non
 
 def test_index_2_on_a_redundant_spatial_loop_is_of_its_order() -> None:
     """With all rows Exudyn fails here: positions drift, and dependent velocity rows contradict each other."""
-    scene = crosscheck.load_scene("bricard").replace(duration=1.0, samples=3)
+    scene = library("bricard").replace(duration=1.0, samples=3)
     truth = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-12)
     coarse, fine = (np.abs(crosscheck.run(scene, "exudyn", "TrapezoidalIndex2", step=h).x - truth.x).max()
                     for h in (4e-3, 2e-3))
@@ -200,25 +201,25 @@ def test_index_2_on_a_redundant_spatial_loop_is_of_its_order() -> None:
 def test_linear_solvers() -> None:
     adapter = adapters.get("exudyn")
     spec = RunSpec("GeneralizedAlpha", step=1e-3)
-    found = {name: adapter.linear_solver(crosscheck.load_scene(name), spec, "maximal") for name in crosscheck.scenes()}
+    found = {name: adapter.linear_solver(library(name), spec, "maximal") for name in crosscheck.scenes()}
     assert {name for name, solver in found.items() if solver} == {"chain_8", "chain_64"}
     assert found["chain_8"] == "EigenSparse"
-    assert adapter.linear_solver(crosscheck.load_scene("chain_8"), RunSpec("RK44"), "tree") is None
+    assert adapter.linear_solver(library("chain_8"), RunSpec("RK44"), "tree") is None
 
 
 @pytest.mark.parametrize("name", REDUNDANT)
 def test_loops_have_independent_rows(name: str) -> None:
-    scene = crosscheck.load_scene(name)
+    scene = library(name)
     dropped = dropped_axes(scene, spanning_tree(scene)[1])
     assert sum(map(len, dropped.values())) == mechanics.redundant_rows(scene)
-    assert not dropped_axes(crosscheck.load_scene("slider_crank"), ())
+    assert not dropped_axes(library("slider_crank"), ())
 
 
 @pytest.mark.parametrize("form", ["maximal", "tree"])
 @pytest.mark.parametrize("method", ["GeneralizedAlpha", "TrapezoidalIndex2"])
 def test_the_squeezer_runs(method: str, form: str) -> None:
     """Nine of its fifty rows depend on others; with all of them Exudyn fails in its first step."""
-    scene = crosscheck.load_scene("squeezer").replace(duration=1e-3, samples=6)
+    scene = library("squeezer").replace(duration=1e-3, samples=6)
     run = crosscheck.run(scene, "exudyn", method, step=1e-5, form=form)
     assert np.abs(run.x - crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-12).x).max() < 2e-9
 
@@ -227,7 +228,7 @@ def test_the_squeezer_runs(method: str, form: str) -> None:
     ("GeneralizedAlpha", "maximal", "lie", 2e-3), ("TrapezoidalIndex2", "maximal", "euler_parameters", 2e-3),
     ("RK44", "tree", None, 1e-2)])
 def test_torsional_springs_count_full_turns(method: str, form: str, node: str | None, step: float) -> None:
-    scene = crosscheck.load_scene("torsion_wheel")
+    scene = library("torsion_wheel")
     truth = crosscheck.truth(scene)
     angle = mechanics.torsion_angles(scene, truth.states)["hinge"]
     assert np.ptp(angle) > 4 * np.pi
@@ -241,7 +242,7 @@ def test_torsional_springs_count_full_turns(method: str, form: str, node: str | 
                                               ("GeneralizedAlpha", "euler_parameters"), ("TrapezoidalIndex2", "lie")])
 def test_pivot_with_loads(method: str, node: str | None) -> None:
     name = "loaded_pendulum" if method == "RK44" else "damped_pendulum"
-    scene = crosscheck.load_scene(name).replace(duration=1.0, samples=3)
+    scene = library(name).replace(duration=1.0, samples=3)
     truth = crosscheck.truth(scene).states
     errors = [np.abs(crosscheck.run(scene, "exudyn", method, step=step, form="pivot", node=node, monitor=False).x
                      - truth.x).max() for step in (1e-2, 5e-3)]
@@ -260,16 +261,16 @@ def test_free_bodies_fly() -> None:
 
 
 def test_what_cannot_be_modelled_is_said() -> None:
-    weld = crosscheck.load_scene("hinge_pendulum")
+    weld = library("hinge_pendulum")
     weld = weld.replace(joints=(dataclasses.replace(weld.joints[0], type="fixed"),))
-    rod, bar = crosscheck.load_scene("rod_pendulum"), crosscheck.load_scene("four_bar")
-    spring, wheel = crosscheck.load_scene("spring_pendulum"), crosscheck.load_scene("torsion_wheel")
+    rod, bar = library("rod_pendulum"), library("four_bar")
+    spring, wheel = library("spring_pendulum"), library("torsion_wheel")
     cases = [
         (rod, "RK44", None, None, "explicit"), (weld, "RK44", None, None, "nothing moves"),
         (bar, "RK44", None, None, "explicit"), (bar, "RK44", "maximal", None, "explicit"),
         (spring, "RK44", "pivot", None, "sees it move"), (spring, "GeneralizedAlpha", "tree", "lie", "node='lie'"),
         (wheel, "RK44", "pivot", None, "one body on one spherical joint"),
-        (crosscheck.load_scene("heavy_top"), "RK44", "pivot", "euler_parameters", "Euler parameters"),
+        (library("heavy_top"), "RK44", "pivot", "euler_parameters", "Euler parameters"),
     ]
     for scene, method, form, node, words in cases:
         reason = _reason(scene, method, form, node)

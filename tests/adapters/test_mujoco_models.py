@@ -14,6 +14,7 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.model import Force, Scene
 from crosscheck.scene.states import States
 from tests.adapters.pairs import loaded_pair
+from tests.adapters.scenes import library
 from tests.scene_making import JOINT_TYPES, make_scene, random_body
 
 ROUNDING = 1e-12  # some thousand roundings of numbers of size 1: sums over a chain, relative
@@ -41,14 +42,14 @@ def _states(scene: Scene, form: str, steps: int = 4, method: str = "RK4") -> Sta
 
 
 MODELS = [(name, form) for name in crosscheck.scenes() for form in ("tree", "maximal")
-          if _reason(crosscheck.load_scene(name), form) is None]
+          if _reason(library(name), form) is None]
 
 
 @pytest.mark.parametrize(("name", "form"), MODELS)
 def test_model_is_the_scene_and_nothing_else(name: str, form: str) -> None:
     import mujoco
 
-    scene = crosscheck.load_scene(name)
+    scene = library(name)
     model = models.build(scene, "RK4", 1e-3, form)
     springs = [force for force in scene.forces if force.type == "linear_spring"]
     torsions = [force for force in scene.loads if force.is_spring and force.joint is not None]
@@ -82,7 +83,7 @@ def test_model_is_the_scene_and_nothing_else(name: str, form: str) -> None:
 def test_bodies_are_those_of_the_scene(name: str, form: str) -> None:
     import mujoco
 
-    scene = crosscheck.load_scene(name)
+    scene = library(name)
     model = models.build(scene, "RK4", 1e-3, form)
     data = mujoco.MjData(model)
     models.set_initial_state(scene, model, data)
@@ -97,11 +98,11 @@ def test_bodies_are_those_of_the_scene(name: str, form: str) -> None:
         assert _relative(inertia, scene.R0[index] @ scene.inertias[index] @ scene.R0[index].T) < ROUNDING
 
 
-@pytest.mark.parametrize("name", [name for name in OPEN if _reason(crosscheck.load_scene(name), "tree") is None
-                                  and not models.softened(crosscheck.load_scene(name), "tree")])
+@pytest.mark.parametrize("name", [name for name in OPEN if _reason(library(name), "tree") is None
+                                  and not models.softened(library(name), "tree")])
 def test_tree_accelerations_are_those_of_the_scene(name: str) -> None:
     """At every sample the engine's own accelerations solve the equations of motion at the engine's own state."""
-    scene = crosscheck.load_scene(name)
+    scene = library(name)
     states = _states(scene, "tree")
     a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w, t=states.t)
     assert _relative(states.v[0], scene.v0) < ROUNDING
@@ -153,7 +154,7 @@ ORDERS = [("double_pendulum", "maximal"), ("universal_pendulum", "maximal"), ("h
 @pytest.mark.parametrize("method", ["RK4", "discrete"])
 def test_tight_constraints_converge_to_truth(name: str, form: str, method: str) -> None:
     """Velocities with order 1, as documented by the adapter, and RK4's positions with order 2."""
-    scene = crosscheck.load_scene(name).replace(duration=0.5, samples=3)
+    scene = library(name).replace(duration=0.5, samples=3)
     truth = crosscheck.truth(scene).states
     assert adapters.get("mujoco").documented_order(scene, RunSpec(method, form=form)) == 1
     errors = []
@@ -168,7 +169,7 @@ def test_tight_constraints_converge_to_truth(name: str, form: str, method: str) 
 
 
 def test_softness_is_mujocos_own_or_its_stiffest() -> None:
-    scene = crosscheck.load_scene("double_pendulum")
+    scene = library("double_pendulum")
     own, tight = (models.build(scene, "RK4", 1e-3, "maximal", softness) for softness in ("default", "tight"))
     assert np.all(own.eq_solref == [0.02, 1.0])
     assert np.all(own.eq_solimp == [0.9, 0.95, 0.001, 0.5, 2.0])
@@ -182,14 +183,14 @@ def test_softness_is_mujocos_own_or_its_stiffest() -> None:
 
 
 def test_discrete_differs_from_euler_where_there_is_damping_or_stiffness() -> None:
-    scene = crosscheck.load_scene("damped_pendulum").replace(duration=0.5, samples=3)
+    scene = library("damped_pendulum").replace(duration=0.5, samples=3)
     first, second = (crosscheck.run(scene, "mujoco", method, step=1e-3, monitor=False)
                      for method in ("discrete", "Euler"))
     assert np.abs(first.x - second.x).max() > 1e-6
 
 
 def test_the_best_form_is_found() -> None:
-    forms = {name: adapters.get("mujoco").form(crosscheck.load_scene(name), RunSpec("RK4"))
+    forms = {name: adapters.get("mujoco").form(library(name), RunSpec("RK4"))
              for name in crosscheck.scenes()}
     assert {name for name, form in forms.items() if form == "maximal"} == set(RODS)
 
@@ -203,17 +204,17 @@ def test_maximal_has_no_slides(kind: str) -> None:
 
 
 def test_what_cannot_be_modelled_is_said() -> None:
-    spring = crosscheck.load_scene("torsion_wheel")
+    spring = library("torsion_wheel")
     assert "the spring of joint 'hinge'" in (_reason(spring, "maximal") or "")
-    rod = crosscheck.load_scene("rod_pendulum")
+    rod = library("rod_pendulum")
     assert "'rod'" in (_reason(rod, "tree") or "")
     assert "form pivot" in (_reason(rod, "pivot") or "")
-    crank = crosscheck.load_scene("slider_crank")
+    crank = library("slider_crank")
     guides = [dataclasses.replace(joint, type="prismatic", parent_axis=np.eye(3)[0], child_axis=np.eye(3)[0])
               for joint in crank.joints]
     assert "closes a loop" in (_reason(crank.replace(joints=tuple(guides)), "tree") or "")
     # both hinges of a loop's last body have springs, but one of them is no coordinate
-    bar = crosscheck.load_scene("four_bar")
+    bar = library("four_bar")
     sprung = tuple(Force("torsional_spring", None, None, joint.name,
                          {"stiffness": 1.0, "rest_angle": 0.0, "damping": 0.0}) for joint in bar.joints)
     assert "spring of joint" in (_reason(bar.replace(forces=sprung), "tree") or "")
@@ -224,6 +225,6 @@ def test_what_cannot_be_modelled_is_said() -> None:
 @pytest.mark.parametrize("monitor", [True, False])
 def test_divergence_under_constraints_is_an_engine_error(name: str, form: str, monitor: bool) -> None:
     """With a step of half a second every stage is far outside the region of stability; nothing is reset silently."""
-    scene = crosscheck.load_scene(name).replace(duration=200.0, samples=3)
+    scene = library(name).replace(duration=200.0, samples=3)
     with pytest.raises(EngineError, match=r"MuJoCo warned: .*Try a smaller step|diverged"):
         crosscheck.run(scene, "mujoco", "RK4", step=0.5, form=form, monitor=monitor)

@@ -36,7 +36,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "inspection": RUNS | {"compare"},
     "jointspace": RUNS | {"inspection"},
     "diagnosis": JUDGED | {"verification"},  # accuses nothing that the verdict accepts
-    "testing": JUDGED,
+    "testing": JUDGED | {"verification"},
     "verification": JUDGED,
     "recordings": REPORTED | {"diagnosis"},
     "report": BASE | {"document"},

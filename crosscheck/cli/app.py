@@ -84,11 +84,13 @@ class Commands(TyperGroup):
 
     def format_help(self, *given: Any) -> None:
         """Write what each function says of itself in its file."""
-        told = {file: {node.name: ast.get_docstring(node) for node in ast.parse(
+        told = {file: {node.name: ast.get_docstring(node) or "" for node in ast.parse(
             Path(__file__).with_name(f"{file}.py").read_text(encoding="utf-8")).body
             if isinstance(node, ast.FunctionDef)} for file in set(COMMANDS.values())}
-        self.commands = {name: TyperCommand(name, help=told[file][FUNCTIONS.get(name, name)])
-                         for name, file in COMMANDS.items()}
+        summaries = {name: told[file][FUNCTIONS.get(name, name)].partition("\n\n")[0]
+                     for name, file in COMMANDS.items()}
+        self.commands = {name: TyperCommand(name, short_help=" ".join(text.split()))
+                         for name, text in summaries.items()}
         super().format_help(*given)
         self.commands = _Commands()
 

@@ -7,7 +7,7 @@ import csv
 import math
 import shlex
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any
 
@@ -62,6 +62,7 @@ def run(
     from crosscheck.document.outcomes import EXIT_CODES
     from crosscheck.report.headline import ending
     from crosscheck.running.run import run as run_scene
+    from crosscheck.verification.cell import judge_alone
 
     if method is None:
         if engine == "lieeuler":
@@ -81,7 +82,7 @@ def run(
         write_csv(prepared, traj, csv_file)
     if csv_file != "-":
         with waiting(f"{engine} {method} has run, truth of {prepared.name}"):
-            judged = _judged(str(scene), traj, engine, step, rtol, given)
+            judged = judge_alone(str(scene), traj, engine, step=step, rtol=rtol, **given)
         say(_first_line(judged))
         _print_run(traj.scene, traj, csv_file, step)
         if judged is not None:
@@ -112,27 +113,6 @@ def _ending(engine: str) -> Iterator[None]:
         mark = outcomes.code(found)
         complain(f"{found}: {error}" + (f" ({mark})" if mark else ""))
         raise typer.Exit(EXIT_CODES[found]) from error
-
-
-def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: float | None,
-            given: Mapping[str, Any]) -> Record | None:
-    """The verdict; None if there is neither a step nor a tolerance by which to judge."""
-    from crosscheck import adapters
-    from crosscheck.adapters.base import RunSpec
-    from crosscheck.document import Record, Way, extended
-    from crosscheck.running.provenance import engine_version
-    from crosscheck.verification.cell import judge_run
-
-    adapter, used = adapters.get(engine), step or traj.stats.get("step")
-    spec = RunSpec(traj.method, step=used if rtol is None else None, rtol=rtol, form=given.get("form"))
-    order = adapter.documented_order(traj.scene, spec)
-    if rtol is None and (order is None or used is None):
-        return None
-    more = {key: value for key, value in given.items() if key not in ("samples", "duration")}
-    way = Way.of(engine, traj.method, used if rtol is None else None, rtol, **(more | {"form": traj.form}))
-    asked = extended(Record, way, scene=name, version=engine_version(engine),
-                     documented_order=order if rtol is None else None)
-    return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec))
 
 
 def _first_line(judged: Record | None) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from crosscheck import adapters, references
 from crosscheck.adapters.base import RunSpec
 from crosscheck.document import QUANTITIES, Way
+from crosscheck.document.outcomes import percent
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import differences, up_to
@@ -32,7 +33,7 @@ MOST_STEPS = 1e6
 
 
 def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequence[Entry], tol: object = None, *,
-                 step: float | None = None, rtol: float | None = None, run: Run | None = None,
+                 step: float | None = None, rtol: float | None = None, need: float = 1.0, run: Run | None = None,
                  truth: Callable[[Scene], Reference] | None = None) -> None:
     """Assert that every engine agrees with the independent truth of a scene, and every two with each other.
 
@@ -47,12 +48,14 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
         of `crosscheck.judge.tolerances` apply, A T h^p max|y^(p+1)| with the documented order p of each engine. Two
         engines may differ by the larger of their bounds: the error constants of two methods differ by less than one.
     step, rtol : for engines whose options give neither; by default a step is chosen with which the bounds can judge
+    need : share of the scene's time over which the comparison with truth has to reach
     run, truth : replace `crosscheck.run` and `crosscheck.truth`, for example by fixtures that run each engine only once
 
     Raises
     ------
     AssertionError
-        Names quantity, bound, reason, first time of violation and worst body.
+        Begins with the outcome: "fail" names quantity, bound, reason, first time of violation and worst body,
+        "unresolved" the share of the time that was compared.
     ArgumentError, SceneError, Unsupported, EngineError, TruthError
         As `crosscheck.run` and `crosscheck.truth`.
     """
@@ -69,7 +72,7 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
     trajectories = [(run or run_scene)(loaded, each.engine, each.method, **each.arguments) for each in contenders]
     bounds = [_documented_bounds(loaded, reference, each, traj) if tol is None else tol
               for each, traj in zip(contenders, trajectories, strict=True)]
-    keep = up_to(reference.t, reference.horizon)
+    keep, (share, why) = up_to(reference.t, reference.horizon), _compared(loaded, reference)
     for each, traj, allowed in zip(contenders, trajectories, bounds, strict=True):
         _compare(loaded, f"{named(each)} and truth", traj, reference.states, allowed, keep)
     for i in range(len(contenders)):
@@ -78,6 +81,16 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
             larger = {name: max(bounds[i][name], bounds[j][name], key=lambda tol: tol.value) for name in bounds[i]}
             _compare(loaded, f"{named(contenders[j])} and {named(contenders[i])}", trajectories[j], trajectories[i],
                      larger, keep)
+    if share < need:
+        raise AssertionError(f"unresolved: {loaded.name}: compared over {percent(share)} of its {loaded.duration:g} s, "
+                             f"since {why}")
+
+
+def _compared(scene: Scene, truth: Reference) -> tuple[float, str]:
+    """The share of a scene's time over which a comparison with truth says something, and why not all of it."""
+    if tolerances.at_rest(scene, truth):
+        return 0.0, "nothing moves, so that an engine which does nothing is right; give it a start that moves"
+    return min(1.0, truth.horizon / scene.duration), f"truth ends there: {truth.horizon_cause or 'errors grow too far'}"
 
 
 def named(way: Way) -> str:
@@ -186,6 +199,6 @@ def _compare(scene: Scene, who: str, one: Any, other: Any, bounds: Mapping[str, 
         first = one.t[beyond[0, 0]]
         sample, body = np.unravel_index(int(np.argmax(values)), values.shape)
         raise AssertionError(
-            f"{scene.name}: {who} disagree in {quantity} by {values[sample, body]:.3g} {unit}, allowed {tol.value:.3g} "
-            f"{unit} ({tol.why}); first beyond it at t = {first:.6g} s, worst in body {scene.bodies[body].name!r} at "
-            f"t = {one.t[sample]:.6g} s")
+            f"fail: {scene.name}: {who} disagree in {quantity} by {values[sample, body]:.3g} {unit}, allowed "
+            f"{tol.value:.3g} {unit} ({tol.why}); first beyond it at t = {first:.6g} s, worst in body "
+            f"{scene.bodies[body].name!r} at t = {one.t[sample]:.6g} s")

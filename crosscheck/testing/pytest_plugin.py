@@ -2,11 +2,14 @@
 
 A test gives the arguments of a run to `crosscheck_run`, or as keywords of the marker `crosscheck`, which are used for
 arguments that the call leaves out. A marked test without an engine runs once per engine. Imports happen on first use.
+
+Tests end by the outcomes of `crosscheck.document.outcomes`: "fail" and "unresolved" fail with the word, "known" passes
+with it, an engine that does not run is an error, and one that cannot model the scene skips a test that leaves it open.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -22,6 +25,9 @@ MARKER = ("crosscheck(scene=, engine=, method=, step=, rtol=, **options): defaul
 GIVEN: pytest.StashKey[dict[str, object] | None] = pytest.StashKey()
 """The keywords of the running test's marker, with its engine; None without a marker."""
 
+KNOWN: pytest.StashKey[str] = pytest.StashKey()
+"""Why the running test passes although what it checked is wrong."""
+
 OPEN: pytest.StashKey[str | None] = pytest.StashKey()
 """The engine chosen for the running test because the test does not name one."""
 
@@ -34,6 +40,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
                          "path/file.py:Class; may be repeated; default: all")
     group.addoption("--crosscheck-profile", default="default", metavar="PROFILE",
                     help="default, or smoke: only the first seconds of scenes whose duration a test does not give")
+    group.addoption("--crosscheck-need", type=float, default=1.0, metavar="SHARE",
+                    help="share of a run's time that crosscheck_check has to compare with truth; default: 1")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -66,6 +74,28 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     engine = call.params.get("crosscheck_engine") if call is not None else None
     item.config.stash[OPEN] = engine if marker is None or "engine" not in marker.kwargs else None
     item.config.stash[GIVEN] = None if marker is None else {"engine": engine, **marker.kwargs}
+    item.config.stash[KNOWN] = ""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]
+                              ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Note the outcome where pytest has no word for it: an engine that did not run, a known defect."""
+    report = yield
+    if call.when == "call" and report.failed and call.excinfo is not None and call.excinfo.errisinstance(EngineError):
+        report.user_properties.append(("crosscheck", "error"))
+    elif call.when == "call" and report.passed and (why := item.config.stash.get(KNOWN, "")):
+        report.user_properties.append(("crosscheck", f"known: {why}"))
+    return report
+
+
+def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport
+                             ) -> tuple[str, str, str | tuple[str, dict[str, bool]]] | None:
+    """Category, letter and word of a test with such an outcome."""
+    outcome = str(dict(getattr(report, "user_properties", ())).get("crosscheck", ""))
+    if report.when != "call" or not outcome:
+        return None
+    return ("error", "E", "ERROR") if outcome == "error" else ("passed", "k", (outcome, {"yellow": True}))
 
 
 @pytest.fixture
@@ -104,7 +134,7 @@ def crosscheck_run(_crosscheck_session: Session, request: pytest.FixtureRequest)
             absent = (isinstance(error.__cause__, ModuleNotFoundError)
                       and not request.config.getoption("--crosscheck-engine"))
             if chosen is not None and named in (None, chosen) and (absent or isinstance(error, Unsupported)):
-                pytest.skip(str(error))
+                pytest.skip(f"unsupported: {error}")
             raise
 
     return run
@@ -123,14 +153,18 @@ def crosscheck_truth(_crosscheck_session: Session) -> Callable[..., Any]:
 
 
 @pytest.fixture(scope="session")
-def crosscheck_check(_crosscheck_session: Session) -> Callable[..., None]:
-    """Assert that a trajectory of `crosscheck_run` agrees with truth: `crosscheck_check(traj, tol=None)`.
+def crosscheck_check(_crosscheck_session: Session, request: pytest.FixtureRequest) -> Callable[..., None]:
+    """Assert that a trajectory of `crosscheck_run` agrees with truth: `crosscheck_check(traj, tol=None, need=None)`.
 
-    The bounds and `tol` are those of `crosscheck.assert_agree`; its message names quantity, bound, reason, the first
-    time of violation and the worst body.
+    The bounds, `tol` and `need` are those of `crosscheck.assert_agree`, and so is the message; `need` is that of the
+    option --crosscheck-need by default. Without `tol`, an engine that is wrong only by its known defects passes.
     """
-    def check(*arguments: Any, **options: Any) -> None:
+    config = request.config
+
+    def check(traj: Any, tol: object = None, need: float | None = None) -> None:
         __tracebackhide__ = True
-        _crosscheck_session.check(*arguments, **options)
+        share = config.getoption("--crosscheck-need") if need is None else need
+        if why := _crosscheck_session.check(traj, tol, share):
+            config.stash[KNOWN] = why
 
     return check

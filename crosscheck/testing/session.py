@@ -11,6 +11,7 @@ import numpy as np
 from crosscheck.errors import ArgumentError
 from crosscheck.judge.plan import PLANS
 from crosscheck.judge.plan import profile as profile_called
+from crosscheck.judge.verdict import needing
 from crosscheck.references import truth as truth_of
 from crosscheck.references.base import Reference
 from crosscheck.running.run import run
@@ -19,6 +20,7 @@ from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 from crosscheck.testing.agreement import assert_agree, contender
+from crosscheck.verification.cell import judge_alone
 
 
 class Session:
@@ -35,7 +37,7 @@ class Session:
         self._whole, self._given = profile_called(profile).whole, given
         self._runs: dict[tuple[object, ...], Trajectory] = {}
         self._truths: dict[str, Reference] = {}
-        self._asked: dict[int, tuple[Trajectory, dict[str, object]]] = {}  # trajectory and options by its identity
+        self._asked: dict[int, tuple[Trajectory, dict[str, Any]]] = {}  # trajectory and options by its identity
 
     def run(self, scene: Any = None, engine: Any = None, method: Any = None, **options: Any) -> Trajectory:
         """A trajectory; see the fixture `crosscheck_run`."""
@@ -70,15 +72,23 @@ class Session:
             self._truths[loaded.hash] = reference
         return self._truths[loaded.hash]
 
-    def check(self, traj: Trajectory, tol: object = None) -> None:
-        """Assert that a run agrees with truth; see the fixture `crosscheck_check`."""
+    def check(self, traj: Trajectory, tol: object = None, need: float = 1.0) -> str:
+        """Assert that a run agrees with truth; see the fixture `crosscheck_check`. Returns why it is known, if it is.
+        """
         __tracebackhide__ = True
         if id(traj) not in self._asked:
             raise ArgumentError("crosscheck_check: a trajectory of crosscheck_run is wanted; for another one there is "
                                 "crosscheck.assert_agree")
         _, options = self._asked[id(traj)]
-        assert_agree(traj.scene, [(traj.engine, traj.method, options)], tol, run=lambda *_, **__: traj,
-                     truth=self.truth)
+        try:
+            assert_agree(traj.scene, [(traj.engine, traj.method, options)], tol, need=need, run=lambda *_, **__: traj,
+                         truth=self.truth)
+        except AssertionError:
+            judged = judge_alone(traj.scene.name, traj, traj.engine, **options) if tol is None else None
+            if judged is None or needing(judged, need).outcome != "known":
+                raise
+            return next(finding.detail for finding in judged.findings if finding.status == "known")
+        return ""
 
     def _kept(self, traj: Trajectory, options: dict[str, Any]) -> Trajectory:
         self._asked[id(traj)] = traj, options

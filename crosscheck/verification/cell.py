@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -12,7 +13,7 @@ from msgspec.structs import replace
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec, steps_per_sample
 from crosscheck.compare.sizes import sizes as sizes_of
-from crosscheck.document import LEVELS, QUANTITIES, Finding, Level, Record, extended
+from crosscheck.document import LEVELS, QUANTITIES, Finding, Level, Record, Way, extended
 from crosscheck.errors import Unsupported
 from crosscheck.judge import tolerances
 from crosscheck.judge.accelerations import judge_accelerations
@@ -112,6 +113,24 @@ def settled(run: Record, findings: list[Finding], message: str = "", judged: flo
     defects = adapters.get(run.engine).defects(run)
     return settle(run, findings, defects if planned else [dataclasses.replace(each, always=False) for each in defects],
                   message, judged, why, whole)
+
+
+def judge_alone(name: str, traj: Trajectory, engine: str, *, step: float | None = None, rtol: float | None = None,
+                **given: Any) -> Record | None:
+    """The verdict on a run of a scene called `name` by itself; `given` are further arguments of `crosscheck.run`.
+
+    None if there is neither a step (s) nor a relative tolerance by which to judge.
+    """
+    adapter, used = adapters.get(engine), step or traj.stats.get("step")
+    spec = RunSpec(traj.method, step=used if rtol is None else None, rtol=rtol, form=given.get("form"))
+    order = adapter.documented_order(traj.scene, spec)
+    if rtol is None and (order is None or used is None):
+        return None
+    more = {key: value for key, value in given.items() if key not in ("samples", "duration")}
+    way = Way.of(engine, traj.method, used if rtol is None else None, rtol, **(more | {"form": traj.form}))
+    asked = extended(Record, way, scene=name, version=engine_version(engine),
+                     documented_order=order if rtol is None else None)
+    return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec))
 
 
 def judge_run(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST,

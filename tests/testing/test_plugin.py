@@ -5,6 +5,8 @@ from tests import ROOT
 
 pytest_plugins = ["pytester"]
 
+EXAMPLE = ROOT / "examples" / "my_engine.py"
+
 
 def test_each_engine_run_and_truth_happens_once_a_session(pytester):
     pytester.makepyfile(
@@ -76,8 +78,7 @@ def test_close(crosscheck_run, crosscheck_truth, crosscheck_check):
 
 
 def test_a_marked_test_runs_once_per_engine_that_was_asked_for(pytester):
-    example = ROOT / "examples" / "my_engine.py"
-    pytester.makepyfile(test_marked=MARKED, mine=example.read_text(encoding="utf-8"))
+    pytester.makepyfile(test_marked=MARKED, mine=EXAMPLE.read_text(encoding="utf-8"))
     result = pytester.runpytest_subprocess("-v", "--crosscheck-engine", "mujoco", "--crosscheck-engine",
                                            "mine.py:PivotRK4")
     result.assert_outcomes(passed=2)
@@ -99,7 +100,7 @@ def test_an_engine_that_is_not_installed_skips_a_test_that_leaves_it_open(pytest
     result.assert_outcomes(skipped=1, deselected=len(crosscheck.engines()) - 1)
     result.stdout.fnmatch_lines(["*pinocchio cannot be imported*lieeuler-crosscheck[[]pinocchio[]]*"])
     asked = pytester.runpytest_subprocess("--crosscheck-engine", "pinocchio")
-    asked.assert_outcomes(failed=1)
+    asked.assert_outcomes(errors=1)
 
 
 def test_a_failed_check_says_what_by_how_much_why_when_and_where(pytester):
@@ -111,16 +112,22 @@ def test_a_failed_check_says_what_by_how_much_why_when_and_where(pytester):
         def test_tight(crosscheck_run, crosscheck_check):
             crosscheck_check(crosscheck_run(), tol={"attitude": 1e-12})
 
-        @pytest.mark.crosscheck(scene="single_pendulum", engine="pinocchio", method="RK4naive", step=1e-3, duration=1.0)
-        def test_second_order(crosscheck_run, crosscheck_check):
+        @pytest.mark.crosscheck(scene="single_pendulum", engine="mine.py:Heavier", method="RK4", step=1e-3,
+                                duration=1.0)
+        def test_documented_order(crosscheck_run, crosscheck_check):
             crosscheck_check(crosscheck_run())
-        """)
+        """, mine=f"""{EXAMPLE.read_text(encoding="utf-8")}
+
+class Heavier(PivotRK4):
+    def run(self, scene, spec):
+        return super().run(scene.replace(gravity=scene.gravity * (1 + 1e-6)), spec)
+""")
     result = pytester.runpytest_subprocess("--tb=short")
     result.assert_outcomes(failed=2)
     result.stdout.re_match_lines([
-        r"E +AssertionError: double_pendulum: mujoco RK4 \(.*\) and truth disagree in attitude by \S+ rad, allowed "
-        r"1e-12 rad \(given by the caller\); first beyond it at t = 0\.1 s, worst in body '\w+' at t = \S+ s",
-        r"E +AssertionError: single_pendulum: pinocchio RK4naive \(.*step=0.001\) and truth disagree in position by "
+        r"E +AssertionError: fail: double_pendulum: mujoco RK4 \(.*\) and truth disagree in attitude by \S+ rad, "
+        r"allowed 1e-12 rad \(given by the caller\); first beyond it at t = 0\.1 s, worst in body '\w+' at t = \S+ s",
+        r"E +AssertionError: fail: single_pendulum: \S+ RK4 \(.*step=0.001\) and truth disagree in position by "
         r"\S+ m, allowed \S+ m \(A T h\^4 max\|y\^\(5\)\| with A = .*; first beyond it at t = .*, worst in body "
         r"'pendulum' at t = \S+ s"])
     assert "agreement.py" not in result.stdout.str()  # the reader does not need the steps before it
@@ -179,4 +186,44 @@ def test_an_engine_that_cannot_run_an_open_test_skips_it(pytester):
         """)
     result = pytester.runpytest_subprocess("-rs", "--crosscheck-engine", "exudyn")
     result.assert_outcomes(skipped=2, failed=1)
-    result.stdout.fnmatch_lines(["SKIPPED*exudyn RK44 on scene*"])
+    result.stdout.fnmatch_lines(["SKIPPED*unsupported: exudyn RK44 on scene*"])
+
+
+OUTCOMES = """
+import pytest
+from crosscheck import load_scene
+
+@pytest.mark.crosscheck(scene="single_pendulum", engine="pinocchio", method="RK4naive", step=1e-3, duration=1.0)
+def test_known(crosscheck_run, crosscheck_check):
+    crosscheck_check(crosscheck_run())
+
+def test_beyond_truth(crosscheck_run, crosscheck_check):
+    chaotic = load_scene("double_pendulum").replace(duration=40.0, samples=401)
+    crosscheck_check(crosscheck_run(chaotic, "mujoco", "RK4", step=1e-3), tol=10.0)
+
+def test_at_rest(crosscheck_run, crosscheck_check):
+    hanging = load_scene("single_pendulum").replace(duration=1.0, samples=11)
+    hanging = hanging.replace(gravity=0.0 * hanging.gravity, v0=0.0 * hanging.v0, w0=0.0 * hanging.w0)
+    crosscheck_check(crosscheck_run(hanging, "mujoco", "RK4", step=1e-2), tol=10.0)
+
+def test_falls_over(crosscheck_run):
+    crosscheck_run("single_pendulum", "falling.py:Falling", "RK4", step=1e-2)
+"""
+
+
+def test_tests_end_by_the_outcomes_of_every_command(pytester):
+    pytester.makepyfile(test_outcomes=OUTCOMES, falling=f"""{EXAMPLE.read_text(encoding="utf-8")}
+
+class Falling(PivotRK4):
+    def run(self, scene, spec):
+        raise RuntimeError("it fell over")
+""")
+    result = pytester.runpytest_subprocess("-v", "--tb=short", "--junitxml=told.xml")
+    result.assert_outcomes(passed=1, failed=2, errors=1)
+    result.stdout.fnmatch_lines([
+        "*test_known known: *", "*test_falls_over ERROR*", "*ERROR at call of test_falls_over*",
+        "*unresolved: double_pendulum: compared over * % of its 40 s, since truth ends there*",
+        "*unresolved: single_pendulum: compared over 0 % of its 1 s, since nothing moves*"])
+    assert 'name="crosscheck" value="known: ' in (pytester.path / "told.xml").read_text(encoding="utf-8")
+    less = pytester.runpytest_subprocess("-v", "-k", "beyond_truth", "--crosscheck-need", "0.01")
+    less.assert_outcomes(passed=1, deselected=3)

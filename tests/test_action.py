@@ -18,12 +18,17 @@ SEEDS = ROOT / "tests" / "seeds"
 FEW = f"{SEEDS / 'few.py'}:Few"
 
 
-def step(folder, name, given, **more):
+PLACE = {"github.action_path": str(ROOT)}
+
+
+def step(folder, name, given, place=PLACE, **more):
     """The exit code of a step, what it printed, its outputs and its summary."""
     each = next(each for each in ACTION["runs"]["steps"] if each["name"] == name)
     inputs = {key: given.get(key, content["default"]) for key, content in ACTION["inputs"].items()}
-    filled = {key: re.sub(r"\$\{\{ inputs\.(\w+) \}\}", lambda found: inputs[found[1]], text)
-              for key, text in each["env"].items()}
+    known = {f"inputs.{key}": value for key, value in inputs.items()} | place
+    filled = {key: re.sub(r"\$\{\{ (.+?) \}\}", lambda found: known[found[1]] if found[1] in known else
+                          known.get("release", "") if found[1].startswith("github.action_repository &&") else found[0],
+                          text) for key, text in each["env"].items()}
     assert "${{" not in each["run"] + "".join(filled.values())
     output, summary = folder / "output", folder / "summary"
     for file in (output, summary):
@@ -40,6 +45,7 @@ def step(folder, name, given, **more):
     ({"command": "verify", "scenes": "single_pendulum", "engines": FEW}, 0),
     ({"command": "verify", "scenes": "no_such_scene"}, 2),
     ({"scenes": "$(touch owned) `touch owned`"}, 2),
+    ({"model": "$(touch owned)", "logs": "`touch owned`", "tolerance": "$(touch owned)", "need": "$(touch owned)"}, 2),
 ])
 def test_the_step_that_runs(given, code, tmp_path):
     ended, printed, output, summary = step(tmp_path, "Run", given)
@@ -50,10 +56,85 @@ def test_the_step_that_runs(given, code, tmp_path):
     assert not (tmp_path / "owned").exists()
 
 
-def test_a_command_that_there_is_not(tmp_path):
-    ended, printed, _, _ = step(tmp_path, "Run", {"command": "nightly; touch owned"})
-    assert (ended, printed) == (2, "::error title=crosscheck::command is nightly or verify, not nightly; touch owned\n")
+@pytest.mark.parametrize(("given", "said"), [
+    ({"command": "nightly; touch owned"}, "command is judge, verify or nightly, not nightly; touch owned"),
+    ({"need": "0.5"}, "model, tolerance and need go with judge and verify, not with nightly")])
+def test_a_command_or_an_input_that_there_is_not(tmp_path, given, said):
+    ended, printed, _, _ = step(tmp_path, "Run", given)
+    assert (ended, printed) == (2, f"::error title=crosscheck::{said}\n")
     assert not (tmp_path / "owned").exists()
+
+
+PYTHON = """\
+#!/bin/sh
+echo "$@" >> asked
+case "$*" in
+  *download*"$HAS"*) for word; do test "$before" = --dest && touch "$word/lieeuler_crosscheck-1-any.whl"; before=$word
+                     done; exit 0 ;;
+  *download*) exit 1 ;;
+esac
+"""
+
+
+@pytest.mark.parametrize(("release", "has", "installed"), [
+    ("https://example.org/a/b/releases/v1", "releases/v1", r"/tmp\S+/lieeuler_crosscheck-1-any\.whl"),
+    ("https://example.org/a/b/releases/main", "releases/v1", re.escape(str(ROOT))),
+    ("", "nothing", re.escape(str(ROOT)))])
+def test_a_wheel_of_the_release_is_installed_or_else_the_sources(release, has, installed, tmp_path):
+    python = tmp_path / "bin" / "python"
+    python.parent.mkdir()
+    python.write_text(PYTHON)
+    python.chmod(0o755)
+    ended, printed, _, _ = step(tmp_path, "Install", {"extras": "mujoco"}, PLACE | {"release": release}, HAS=has,
+                                PATH=f"{python.parent}:{os.environ['PATH']}")
+    assert ended == 0, printed
+    assert re.fullmatch(rf"-m pip install {installed}\[mujoco\]", (tmp_path / "asked").read_text().splitlines()[-1])
+    assert ("compiled, which takes minutes" in printed) == (str(ROOT) in (tmp_path / "asked").read_text())
+
+
+ROBOT = """<robot name="robot"><link name="base"/><link name="arm"><inertial><origin xyz=".5 0 0"/><mass value="1"/>
+<inertia ixx=".01" iyy=".02" izz=".02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="elbow" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint></robot>
+"""
+
+SIMULATE = """\
+import mujoco, os
+os.mkdir("logs")
+for name, gain in (("right", 1.0), ("wrong", 1.01)):
+    model = mujoco.MjModel.from_xml_path("robot.urdf")
+    model.opt.timestep, model.opt.integrator = 1e-3, mujoco.mjtIntegrator.mjINT_RK4
+    data = mujoco.MjData(model)
+    with open(f"logs/{name}.csv", "w") as log:
+        print("t,elbow.position [rad]", file=log)
+        for _ in range(1001):
+            print(f"{data.time:.3f},{gain * data.qpos[0]:.9f}", file=log)
+            mujoco.mj_step(model, data)
+"""
+
+
+def test_the_workflow_of_the_readme_from_an_empty_repository(tmp_path):
+    shown = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    job = next(yaml.safe_load(each) for each in shown if "uses: OWNER/REPOSITORY" in each)["jobs"]["judge"]
+    (tmp_path / "robot.urdf").write_text(ROBOT)
+    (tmp_path / "simulate.py").write_text(SIMULATE)
+    (tmp_path / "simulate.sh").write_text(f"#!/bin/sh\n{sys.executable} simulate.py\n")
+    (tmp_path / "simulate.sh").chmod(0o755)
+    _, _, simulate, own = job["steps"]
+    subprocess.run(["bash", "-e", "-c", simulate["run"]], cwd=tmp_path, check=True)
+    assert set(own["with"]) <= set(ACTION["inputs"])
+    ended, printed, output, summary = step(tmp_path, "Run", own["with"])
+    assert (ended, output) == (1, "code=1\n"), printed
+    errors = [line for line in printed.splitlines() if line.startswith("::error")]
+    assert len(errors) == 1
+    assert re.match(r"::error title=CC\d+ logs/wrong\.csv::", errors[0])
+    assert "::" not in summary
+    assert "pass: logs/right.csv: " in summary
+    assert [*(tmp_path / "crosscheck-report").glob("junit.xml")]
+    (tmp_path / "logs" / "wrong.csv").unlink()
+    ended, printed, _, summary = step(tmp_path, "Run", own["with"])
+    assert ended == 0, printed
+    assert "::error" not in printed
+    assert "pass: robot: " in summary
 
 
 NIGHT = """\

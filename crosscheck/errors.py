@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import warnings
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import PurePath
 
 LONGEST = 2000
 """Most characters of a message. Some engines put all that they have printed into theirs, and each report repeats it."""
@@ -88,6 +90,36 @@ EXTRAS = {
 PINNED = {"mjx": "3.17.0", "mjx-single": "3.17.0", "newton": "1.8.0", "pybullet": "3.2.7",
           "sapien": "3.0.3", "warp": "4.0.0"}
 """Versions of the engines that need an environment of their own."""
+
+
+class EngineWarning(UserWarning):
+    """A warning in another process, with its place, and how often it came."""
+
+    def __init__(self, text: str, count: int) -> None:
+        super().__init__(text)
+        self.count = count
+
+
+MOST_WARNINGS = 100
+"""Most different warnings that are counted apart; texts may hold numbers."""
+
+
+@contextlib.contextmanager
+def counting_warnings(counts: dict[str, int]) -> Iterator[None]:
+    """Count warnings by text and place, instead of printing them."""
+    def count(message: Warning | str, category: type[Warning], filename: str, lineno: int,
+              file: object = None, line: object = None) -> None:
+        own = isinstance(message, EngineWarning)
+        text = brief(str(message) if own else
+                     f"{category.__name__}: {message} ({PurePath(filename).name}, line {lineno})")
+        text = text if text in counts or len(counts) < MOST_WARNINGS else "others"
+        counts[text] = counts.get(text, 0) + (message.count if isinstance(message, EngineWarning) else 1)
+
+    with warnings.catch_warnings():
+        for kind in (RuntimeWarning, EngineWarning):
+            warnings.filterwarnings("always", category=kind, append=True)  # Python's default: once a place
+        warnings.showwarning = count
+        yield
 
 
 def install(name: str) -> str:

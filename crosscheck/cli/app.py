@@ -18,7 +18,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from crosscheck.cli.console import INTERRUPTED, at_work, complain, interrupted
+from crosscheck.cli.console import INTERRUPTED, at_work, complain, interrupted, warnings_in_one_line
 from crosscheck.errors import ArgumentError, CrosscheckError, missing, named
 
 COMMANDS = {
@@ -134,7 +134,7 @@ def main() -> None:
         complain("the current folder has been removed; change to another one")
         raise SystemExit(2) from None
     try:
-        with at_work(shlex.join(["crosscheck", *sys.argv[1:2]])):
+        with warnings_in_one_line(), at_work(shlex.join(["crosscheck", *sys.argv[1:2]])):
             app()
     except SystemExit as end:
         if isinstance(end.__context__, BrokenPipeError):

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from crosscheck.errors import FAILED, brief
+from crosscheck.errors import FAILED, brief, counted, counting_warnings
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -156,6 +156,21 @@ def annotate(outcome: str, title: str, message: str) -> None:
 def complain(message: str) -> None:
     """Print one line on stderr."""
     print(f"crosscheck: {' '.join(brief(message).split())}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Print at the end, in one line on stderr, how many warnings came and the three that came most often."""
+    counts: dict[str, int] = {}
+    try:
+        with counting_warnings(counts):
+            yield
+    finally:
+        most = sorted(counts, key=lambda text: -counts[text])
+        told = [f"{text}{f', {counts[text]} times' if counts[text] > 1 else ''}" for text in most[:3]]
+        more = f"; and {counted(len(most) - 3, 'other place')}" if len(most) > 3 else ""
+        if told:
+            complain(f"{counted(sum(counts.values()), 'warning')}: {'; '.join(told)}{more}")
 
 
 def interrupted() -> str:

@@ -18,9 +18,8 @@ import sys
 import threading
 import time
 import traceback
-import warnings
 
-from crosscheck.errors import LONGEST, brief
+from crosscheck.errors import LONGEST, brief, counting_warnings
 from crosscheck.jobs.workers import frames, output
 
 GRACE = 30.0
@@ -93,7 +92,7 @@ def main() -> None:
     faulthandler.enable()  # a crash inside an engine then prints where Python was
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     output.listen(lambda label: parent.send(frames.packed(frames.At(label))))
-    said: list[str] = []
+    warned: dict[str, int] = {}
     try:
         path = pickle.loads(parent.receive())
         if path is not None:
@@ -103,7 +102,7 @@ def main() -> None:
             # The parent's own time limit comes first. This one ends a worker without a parent in an endless C loop.
             if seconds is not None:
                 faulthandler.dump_traceback_later(min(seconds + GRACE, threading.TIMEOUT_MAX), exit=True)
-            answer = _answer(payload, said)
+            answer = _answer(payload, warned)
             faulthandler.cancel_dump_traceback_later()
             parent.send(answer)
     except (_Lost, BrokenPipeError):
@@ -144,22 +143,20 @@ def _descendants(pid: int) -> list[int]:
     return found
 
 
-def _answer(payload: bytes, said: list[str]) -> bytes:
+def _answer(payload: bytes, warned: dict[str, int]) -> bytes:
     """The answer to a pickled (function, arguments)."""
-    said.clear()
-    with warnings.catch_warnings():
-        # Warnings are collected apart from what engines print: the parent shows them to the user.
-        warnings.showwarning = lambda *shown: said.append(brief(warnings.formatwarning(*shown[:4])))
+    warned.clear()
+    with counting_warnings(warned):  # apart from what engines print: the parent tells the user
         try:
             function, arguments = pickle.loads(payload)
             content = frames.encode(function(*arguments))
-            answer: frames.Answer = frames.Done(content, tuple(said))
+            answer: frames.Answer = frames.Done(content, dict(warned))
             if len(content) > frames.MOST:
                 raise ValueError(f"the result takes {len(content) / 2**30:.3g} GB; at most {frames.MOST / 2**30:g} GB "
                                  "can be sent")
         except Exception as error:
             kinds = tuple(kind.__name__ for kind in type(error).__mro__)
             answer = frames.Raised(brief(f"{kinds[0]}: {error}"), brief(traceback.format_exc(), 10 * LONGEST), kinds,
-                                   brief(str(error)), tuple(said))
+                                   brief(str(error)), dict(warned))
     output.flush()
     return frames.packed(answer)

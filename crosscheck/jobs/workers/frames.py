@@ -56,7 +56,7 @@ class Done(msgspec.Struct, tag="done", frozen=True):
     """The result of a task, see `encode`, and the warnings meanwhile."""
 
     result: bytes
-    warnings: tuple[str, ...] = ()
+    warnings: dict[str, int] = {}  # how often each came
 
 
 class Raised(msgspec.Struct, tag="raised", frozen=True):
@@ -66,7 +66,7 @@ class Raised(msgspec.Struct, tag="raised", frozen=True):
     where: str  # the traceback
     kinds: tuple[str, ...]  # names of its class and of the bases
     message: str
-    warnings: tuple[str, ...] = ()
+    warnings: dict[str, int] = {}  # how often each came
 
     def error(self) -> Exception | None:
         """The error with its message; None if it is of no kind that the parent knows."""

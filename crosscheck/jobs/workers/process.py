@@ -14,10 +14,12 @@ import sys
 import tempfile
 import threading
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, TypeVar, TypeVarTuple
 
+from crosscheck.errors import EngineWarning
 from crosscheck.jobs import threads
 from crosscheck.jobs.workers import frames
 from crosscheck.jobs.workers.frames import BrokenFrame, framed
@@ -208,8 +210,8 @@ class Worker:
             over.set()
             watch.join()
         if answer is not None:
-            for text in answer.warnings:
-                sys.stderr.write(text)
+            for text, count in answer.warnings.items():
+                warnings.warn(EngineWarning(text, count), stacklevel=2)
             return self._result(function, answer)
         self._end_helpers()
         code = self._process.wait()

@@ -168,6 +168,12 @@ def scene_files(names: Iterable[str] | None, drop: bool, at: Start, control: Seq
     return files
 
 
+def model_words(drop: bool, at: Start, control: Sequence[str] | None, limits: str) -> list[str]:
+    """The options of a model file as they are written in a command."""
+    return [*(["--drop"] if drop else []), *at.words, *(word for each in control or () for word in ("--control", each)),
+            *(["--limits", limits] if limits != "monitor" else [])]
+
+
 def scenes(default: str) -> object:
     """The argument for scenes; `default` describes the default."""
     return typer.Argument(help=f"names or paths; default: {default}")

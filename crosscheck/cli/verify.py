@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import math
 import os
 import shlex
 import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -25,6 +25,7 @@ from crosscheck.cli.options import (
     Limits,
     SceneNames,
     Start,
+    model_words,
     scene_files,
     starting,
 )
@@ -59,6 +60,8 @@ def verify(
     out: Annotated[Path, typer.Option("--out", "-o", help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
     form: options.Format = "text",
+    budget: Annotated[float | None, typer.Option(help="s, after which what has ended is told and on the page, "
+                                                 "provisionally; cheap runs come first, and the rest goes on")] = None,
     need: Annotated[float, typer.Option(help="share of its time over which the motion of a run has to be judged for it "
                                         "to pass")] = 1.0,
     fresh: options.Fresh = "CI" in os.environ,
@@ -72,18 +75,23 @@ def verify(
     """Run every method and engine over the scenes, judge the runs, and write the report. Where there is none yet, its
     page comes after seconds and fills as runs end.
 
+    With --budget, a first line "provisional" is printed after that time. A kill from then on loses nothing: the same
+    command goes on from there.
+
     Results that were computed before, by this code and these versions, are taken from the table of rows, also after a
     kill; times are measured anew. Exit code 0: every run passes or shows only known defects; 1: one
     fails or did not run, or a scene lacks the truth that it should have; 3: nothing fails, and a run could not be
     judged over --need of its time.
     """
+    import msgspec
+
     from crosscheck import report as site
-    from crosscheck.document import Asked
+    from crosscheck.document import Asked, renamed
     from crosscheck.jobs.table import Table
     from crosscheck.judge import overrides
     from crosscheck.recordings import published
     from crosscheck.report import check_out, schema, write
-    from crosscheck.report.headline import ending, sentence
+    from crosscheck.report.headline import ending, headline, sentence
     from crosscheck.scene.file import as_scene, tagged
     from crosscheck.verification import job
     from crosscheck.verification.job import limits_of
@@ -94,24 +102,47 @@ def verify(
         raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
     scene = [*(scenes or ()), *(scene or ()), *tagged(*tag or ())] or None
     check_out(out)
-    scene = scene_files(scene, drop, at, control, limits)
+    asked_for, scene = scene, scene_files(scene, drop, at, control, limits)
+    models = {file: name for file, name in zip(scene or (), asked_for or (), strict=True) if file != name}
+    words = {file: shlex.join([name, *model_words(drop, at, control, limits)]) for file, name in models.items()}
     own = overrides.read(tolerance_file, tol or (), [sensor.name for each in (scene if tol or tolerance_file else None)
                                                      or () for sensor in as_scene(each).sensors])
     within = limits_of(time_limit, memory_limit)
     asked = Asked(coordinate_map=coordinate_map, step=step, duration=duration)
     identity = job.fingerprint(profile, scene, engine, dataclasses.astuple(within), own, method, asked.words)
     job.check_methods(method, job.select_engines(engine))
+    writing = threading.Lock()  # pages are written by two threads
+
+    def spoken(document: Document) -> Document:
+        """With the user's model files in place of those in the cache folder."""
+        replace = msgspec.structs.replace
+        told: Document = renamed(replace(document, meta=renamed(document.meta, words), records=[
+            replace(record, command=renamed(record.command, words)) for record in document.records]), models)
+        return told
+
+    def filled(document: Document) -> Path:
+        with writing:
+            return write(spoken(document), out)
+
     with contextlib.closing(Table.opened()) as table, table.session(
             identity, shlex.join(["crosscheck", *sys.argv[1:]]), job.ROW_TYPES, fresh) as session:
         if table.trouble:
             complain(table.trouble)
         if session.continued:
             typer.echo(f"going on with a run that was killed: {session.left} results are kept", err=True)
-        # An older report stays until this one is complete.
-        fills = None if site.is_complete(out) else functools.partial(write, out=out)
+        # An older report stays until this one is complete, or provisional.
+        fills = None if site.is_complete(out) and budget is None else filled
+
+        def provisional(document: Document) -> None:
+            done = f"{counted(document.meta.left, 'task')} left after {document.meta.seconds:.0f} s"
+            print(f"provisional: {document.outcome}: {headline(spoken(document))}; {done}; {filled(document)}",
+                  file=sys.stderr if as_json else sys.stdout, flush=True)
+
         with progress_bar("which runs there are") as progress:
             results = job.verify(profile, scene, engine, jobs, progress, session, within, own, methods=method,
-                                 asked=asked, scheduler=scheduler, shown=fills, need=need)
+                                 asked=asked, scheduler=scheduler, shown=fills, need=need, budget=budget,
+                                 told=provisional)
+        results = spoken(results)
         page = write(results, out)
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")

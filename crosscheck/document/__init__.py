@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
+
+from msgspec.structs import replace
 
 from crosscheck.document.curves import RunCurves, SceneCurves
 from crosscheck.document.outcomes import Outcome, worst
@@ -93,7 +95,7 @@ class Meta(Origin, frozen=True, kw_only=True):
     need: float = 1.0  # share of its time over which the motion of a run has to be judged for it to pass
     reused: int = 0  # number of results that were computed by earlier commands
     reused_since: str | None = None  # UTC, when the oldest of them was computed
-    left: int = 0  # tasks that have not ended: the report is written again as they do
+    left: int = 0  # tasks that have not ended: the document is provisional, and written again as they do
 
 
 # --- scenes
@@ -453,6 +455,18 @@ class Advice(Part, frozen=True, kw_only=True):
     breaks_at: float | None = None  # step (s) or rtol of the finest of the coarser runs that fail or cannot be judged
     command: str | None = None
     estimated: str = ""  # what the run is estimated from; empty: it was made
+
+
+def renamed(value: Any, names: Mapping[str, str]) -> Any:
+    """A part of a document in whose texts, lists and parts, curves aside, every key of `names` is its value."""
+    if isinstance(value, str):
+        for old, new in names.items():
+            value = value.replace(old, new)
+    elif isinstance(value, list | tuple):
+        return type(value)(renamed(each, names) for each in value)
+    elif isinstance(value, Part) and not isinstance(value, RunCurves | SceneCurves):
+        return replace(value, **{name: renamed(getattr(value, name), names) for name in value.__struct_fields__})
+    return value
 
 
 class Document(Part, frozen=True, kw_only=True):

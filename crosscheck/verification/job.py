@@ -6,8 +6,9 @@ import contextlib
 import dataclasses
 import functools
 import shlex
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -138,7 +139,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
            jobs: int = 2, progress: Progress | None = None, session: Session | None = None,
            limits: Limits | None = None, overrides: Overrides = (), walk: bool = False,
            methods: Sequence[str] | None = None, asked: Asked = AS_PLANNED, scheduler: str | None = None,
-           shown: Callable[[Document], object] | None = None, need: float = 1.0) -> Document:
+           shown: Callable[[Document], object] | None = None, need: float = 1.0, budget: float | None = None,
+           told: Callable[[Document], object] | None = None) -> Document:
     """Run the main job and return its document. Nothing is written except rows.
 
     Parameters
@@ -156,6 +158,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     scheduler : where truths and runs are computed, for `crosscheck.running.cluster.connect`; timings are made here
     shown : called now and then with the document of what has ended, see `PAUSE`
     need : the share of its time over which the motion of a run has to be judged for it to pass
+    budget : cheap runs come first, and after this time (s) `told` is called, from a thread, with the document of what
+        has ended by then, if anything is left: `meta.left` counts it. The job goes on
 
     Raises
     ------
@@ -164,6 +168,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     """
     if jobs < 1:
         raise ArgumentError(f"jobs has to be at least 1, not {jobs}")
+    if budget is not None and not budget > 0:
+        raise ArgumentError(f"budget: a positive number of seconds is wanted, not {budget:g}")
     if not 0 < need <= 1:
         raise ArgumentError(f"need: a share above 0 and up to 1 is wanted, not {need:g}")
     adapters.renew()
@@ -195,21 +201,22 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
                 "reused": session.reused if session is not None else 0,
                 "reused_since": session.since if session is not None else None} | more, Meta)
 
-        def partial(records: list[Record]) -> None:
-            if shown is not None:
-                shown(document(meta(left=left), truths, records))
+        truths: list[SceneTruth] = []
+        paced = Paced(lambda records: shown(document(meta(left=left), truths, records)) if shown is not None else None)
 
         stages = Stages(jobs, session, ended)
         far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
-        with (contextlib.nullcontext() if far is None else contextlib.closing(far),
+        with (contextlib.nullcontext() if budget is None or told is None else _after(
+                budget, lambda: left and told(document(meta(left=left), truths, paced.latest()))),
+              contextlib.nullcontext() if far is None else contextlib.closing(far),
               contextlib.nullcontext(near) if far is None else Place(far.workers, far.executor) as place):
             elsewhere = dataclasses.replace(stages, place=place)
             carried = Carried.of(scene_names, engine_names) if far is not None else Carried()
             keys = _keys(session is not None)
             truths = _truths(elsewhere, keys, scene_names, settings, asked, carried)
             cells = _planned(cells, truths, settings, overrides, asked)
-            partial([])
-            records = _records(elsewhere, keys, cells, truths, within, carried, Paced(partial))
+            paced.call([])
+            records = _records(elsewhere, keys, cells, truths, within, carried, paced, budget is not None)
         alone = dataclasses.replace(stages, jobs=1)
         if settings.timing:
             records = timed(cells, records, settings.timing, stages, within, near)
@@ -228,17 +235,31 @@ PAUSE, SHARE = 10.0, 0.05
 
 
 class Paced:
-    """Calls a function with the value of another one, if the last call is so long ago that it takes little time."""
+    """Calls a function with the `latest` value, if the last call is so long ago that it takes little time."""
 
     def __init__(self, call: Callable[[list[Record]], object]) -> None:
-        self._call, self._due = call, time.perf_counter() + PAUSE
+        self.call, self._due = call, time.perf_counter() + PAUSE
+        self.latest: Callable[[], list[Record]] = list
 
     def __call__(self, value: Callable[[], list[Record]]) -> None:
-        began = time.perf_counter()
+        self.latest, began = value, time.perf_counter()
         if began >= self._due:
-            self._call(value())
+            self.call(value())
             ended = time.perf_counter()
             self._due = ended + max(PAUSE, (ended - began) / SHARE)
+
+
+@contextlib.contextmanager
+def _after(seconds: float, call: Callable[[], object]) -> Iterator[None]:
+    """Call a function after so many seconds, unless the context has ended by then."""
+    timer = threading.Timer(seconds, call)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
 
 
 def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
@@ -325,19 +346,19 @@ def _failure(result: Record | Crash) -> str:
 
 
 def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths: list[SceneTruth], within: Limits,
-             carried: Carried, shown: Callable[[Callable[[], list[Record]]], None]) -> list[Record]:
+             carried: Carried, shown: Callable[[Callable[[], list[Record]]], None], cheap_first: bool) -> list[Record]:
     """The records of all cells, in their order, also if a worker crashed or a scene could not be prepared.
 
-    `shown` is called as cells end, with a function that returns the records of those that have.
+    `shown` is called as cells end, with a function that returns the records of those that have. The longest cells are
+    run first, so that all workers end at about the same time, or the cheap ones.
     """
     scenes = {scene.name: scene for scene in truths}
-    # The longest first, so that all workers end at about the same time.
     def cost(index: int) -> tuple[float, float]:
         cell = cells[index]
         return adapters.get(cell.way.engine).pace, len(scenes[cell.scene].bodies) * cell.plan.most_steps
 
     ready = sorted((index for index, cell in enumerate(cells) if not scenes[cell.scene].failure), key=cost,
-                   reverse=True)
+                   reverse=not cheap_first)
     chosen = [cells[index] for index in ready]
 
     def recorded(results: Sequence[Record | Crash | None]) -> list[Record]:

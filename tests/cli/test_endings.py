@@ -12,6 +12,9 @@ import pytest
 from crosscheck import errors
 from crosscheck.cli import console
 from crosscheck.cli.app import COMMANDS, main
+from crosscheck.files import cache_folder
+from tests import ROOT
+from tests.commands import crosscheck
 
 
 @pytest.mark.parametrize(("error", "code", "words"), [
@@ -76,3 +79,56 @@ def test_help_and_a_mistyped_option_import_neither_scenes_nor_engines():
         "crosscheck.errors", "crosscheck.files", "crosscheck.jobs", "crosscheck.jobs.threads"}
     assert not {"numpy", "scipy", "msgspec", "sqlalchemy", "psutil", "rich", "jinja2"} & {*imported}
     assert len(imported) < 500  # of which Typer's are the most
+
+
+NOISY = """import warnings
+import numpy as np
+from crosscheck.adapters.base import steps_per_sample
+from mine import PivotRK4
+
+class Noisy(PivotRK4):
+    def run(self, scene, spec):
+        for value in range(240):
+            np.float64(1.0) / np.float64(0.0)
+        for value in range(5):
+            warnings.warn(f"step {value} is coarse", UserWarning)
+        return super().run(scene, spec)
+"""
+
+
+def test_warnings_of_an_engine_are_counted_and_told_in_one_line(tmp_path):
+    (tmp_path / "mine.py").write_text((ROOT / "examples" / "my_engine.py").read_text("utf-8"), "utf-8")
+    (tmp_path / "noisy.py").write_text(NOISY, "utf-8")
+    done = subprocess.run([sys.executable, "-m", "crosscheck", "run", "single_pendulum", "--engine", "noisy.py:Noisy",
+                           "--method", "RK4", "--step", "1e-2", "--duration", ".1", "--csv", "-"], cwd=tmp_path,
+                          capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    line, = done.stderr.splitlines()
+    assert line.startswith("crosscheck: 245 warnings: RuntimeWarning: divide by zero encountered in scalar divide "
+                           "(noisy.py, line 9), 240 times; UserWarning: step 0 is coarse (noisy.py, line 11); ")
+    assert line.endswith("; and 3 other places")
+
+
+ARM = """<mujoco><worldbody><body name="arm"><joint name="elbow" axis="0 1 0" frictionloss=".01"/>
+<inertial pos=".5 0 0" mass="1" diaginertia=".01 .02 .02"/></body></worldbody></mujoco>
+"""
+
+
+@pytest.mark.parametrize("words", [
+    ("verify", "--engine", "mujoco", "--method", "Euler", "--profile", "smoke", "--drop", "--format", "github",
+     "--budget", "0.01"),
+    ("run", "--engine", "mujoco", "--method", "Euler", "--step", "1e-2", "--duration", "0.5"), ("inspect",)])
+def test_sentences_name_the_model_of_the_user_and_no_file_of_the_cache(tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my robots").mkdir()
+    (tmp_path / "my robots" / "arm.xml").write_text(ARM, "utf-8")
+    command, *options = words
+    done = crosscheck(command, "my robots/arm.xml", *options, *(["--out", "out"] if command == "verify" else []))
+    assert done.returncode in (0, 1, 3), done.stderr
+    texts = {"stdout": done.stdout, "stderr": done.stderr} | {
+        file.name: file.read_text("utf-8") for file in tmp_path.glob("out/*") if file.name != "plotly.min.js"}
+    assert not [name for name, text in texts.items() if str(cache_folder()) in text]
+    if command == "verify":
+        record, = json.loads(texts["results.json"])["records"]
+        assert record["scene"] == "my robots/arm.xml"
+        assert record["command"].startswith("crosscheck run 'my robots/arm.xml' --drop --engine mujoco --method Euler ")

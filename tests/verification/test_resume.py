@@ -2,11 +2,14 @@
 
 import os
 import random
+import re
+import signal
 import subprocess
 import sys
 
 import pytest
 
+from crosscheck.errors import ArgumentError
 from crosscheck.jobs import table
 from crosscheck.report import is_complete, write
 from crosscheck.verification import job
@@ -100,6 +103,37 @@ def test_the_page_fills_as_runs_end(tmp_path, monkeypatch):
         assert is_complete(tmp_path / "out") != bool(filling)
         text = page.read_text("utf-8")
         assert f"{filling} have not ended" in text if filling else "have not ended" not in text
+
+
+def test_a_budget_tells_what_has_ended_cheap_runs_first_and_the_rest_goes_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(job, "PAUSE", 0.0)
+    monkeypatch.setattr(job, "SHARE", 1e9)
+    scenes, parts, told = ["single_pendulum", "triple_pendulum"], {}, []
+    for budget in (None, 1e-3):
+        parts[budget] = []
+        whole = job.verify("smoke", scenes, ["lieeuler"], 1, methods=["rattle2"], shown=parts[budget].append,
+                           budget=budget, told=told.append)
+    assert [parts[budget][1].records[0].scene for budget in (None, 1e-3)] == ["triple_pendulum", "single_pendulum"]
+    assert [(part.meta.left > 0, len(part.records)) for part in told] == [(True, 0)]
+    assert (len(whole.records), whole.meta.left) == (2, 0)
+    with pytest.raises(ArgumentError, match=r"^budget: a positive number"):
+        job.verify("smoke", scenes, budget=0.0)
+
+
+def test_the_first_line_of_a_budget_is_provisional_and_a_kill_after_it_loses_nothing(undisturbed, tmp_path):
+    out = tmp_path / "out"
+    with subprocess.Popen(**command(out, *QUICK, "--budget", "0.001"), start_new_session=True) as process:
+        first = process.stdout.readline()
+        os.killpg(process.pid, signal.SIGKILL)
+    assert re.fullmatch(r"provisional: unresolved: Nothing was run; [1-9]\d* tasks left after \d+ s; "
+                        r"\S+/out/index.html\n",
+                        first)
+    assert "Provisional." in (out / "index.html").read_text("utf-8")
+    assert results(out)["meta"]["left"] > 0
+    done = here(out, *QUICK)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "provisional" not in done.stdout
+    assert document(results(out)) == document(undisturbed)
 
 
 def test_thirty_kills_at_random_moments(undisturbed, tmp_path):

@@ -82,10 +82,13 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]
                               ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Note the outcome where pytest has no word for it: an engine that did not run, a known defect."""
     report = yield
+    outcome = ""
     if call.when == "call" and report.failed and call.excinfo is not None and call.excinfo.errisinstance(EngineError):
-        report.user_properties.append(("crosscheck", "error"))
+        outcome = "error"
     elif call.when == "call" and report.passed and (why := item.config.stash.get(KNOWN, "")):
-        report.user_properties.append(("crosscheck", f"known: {why}"))
+        outcome = f"known: {why}"
+    for each in (report, item) if outcome else ():  # JUnit's file has those of the item
+        each.user_properties.append(("crosscheck", outcome))
     return report
 
 

@@ -59,7 +59,8 @@ def values_at(pieces: tuple[np.ndarray, ...], t: np.ndarray, derivative: int = 0
 
 def piece_of(starts: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Index of the piece of each time; at an event, of what follows it."""
-    return np.clip(np.searchsorted(starts, t + rounding(t), side="right") - 1, 0, None)
+    index: np.ndarray = np.clip(np.searchsorted(starts, t + rounding(t), side="right") - 1, 0, None)
+    return index
 
 
 def rounding(t: Any) -> Any:

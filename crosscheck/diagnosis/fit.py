@@ -148,6 +148,8 @@ class Data:
         for cause in causes:
             physics = cause.apply(physics, theta[at:at + cause.free])
             at += cause.free
+        if physics.pushes:
+            raise np.linalg.LinAlgError("damping that drives a motion")
         return physics
 
     def _judged(self, causes: tuple[Cause, ...], theta: np.ndarray) -> Fit:

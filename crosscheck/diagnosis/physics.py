@@ -64,6 +64,11 @@ class Physics:
         """A copy with some entries changed."""
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
+    @property
+    def pushes(self) -> bool:
+        """Whether damping, drag or friction that the scene does not have would drive its motion, as none does."""
+        return min(self.joint_damping, self.drag, self.spin_drag, self.quadratic, self.coulomb) < 0.0
+
 
 def of_scene(scene: Scene, copies: int = 1) -> Physics:
     """The parameters of a scene, for so many copies."""

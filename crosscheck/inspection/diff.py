@@ -7,6 +7,7 @@ type, place, axis, mass and what hangs on them.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import os
@@ -17,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from crosscheck.errors import SceneError
 from crosscheck.inspection import admissible
 from crosscheck.scene.coordinates import relative_pose
 from crosscheck.scene.file import as_scene
@@ -99,14 +101,15 @@ def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -
     SceneError, ArgumentError
         One of them cannot be read as a scene.
     """
-    one, other = _read(a), _read(b)
+    files = [not isinstance(each, Scene) and is_model(each) for each in (a, b)]
+    one, other = (_read(each, all(files)) for each in (a, b))
     best, second = sorted((_Comparison(_Tree(one, start), _Tree(other, start)) for start in (False, True)),
                           key=_Comparison.count)
     best.compare_motion()
     if best.differences and not second.differences:
         second.compare_motion()
         best = min(best, second, key=_Comparison.count)
-    if not isinstance(a, Scene) and is_model(a) and not isinstance(b, Scene) and is_model(b):
+    if not isinstance(a, Scene) and not isinstance(b, Scene) and all(files):
         best.differences += _dropped(joint_data(a), joint_data(b), best.joints)
     return Diff(_label(a), _label(b), tuple(best.differences), tuple(best.names()), tuple(sorted(best.joints.items())),
                 tuple(best.ambiguous), best.moves)
@@ -120,9 +123,14 @@ def _dropped(one: JointData, other: JointData, joints: dict[str, str]) -> list[D
             if not _alike(one[name].get(what, ()), other[match].get(what, ()))]
 
 
-def _read(model: Scene | str | os.PathLike[str]) -> Scene:
-    return _merged(as_scene(model) if isinstance(model, Scene) or not is_model(model) else
-                   import_model(model, drop=True, limits="drop", contacts="drop"))
+def _read(model: Scene | str | os.PathLike[str], files: bool) -> Scene:
+    """The scene of a model; beside another of two `files` without what is compared by its data, else as it is."""
+    if isinstance(model, Scene) or not is_model(model):
+        return _merged(as_scene(model))
+    if not files:
+        with contextlib.suppress(SceneError):
+            return _merged(import_model(model))
+    return _merged(import_model(model, drop=True, limits="drop", contacts="drop"))
 
 
 def _label(model: Scene | str | os.PathLike[str]) -> str:

@@ -490,7 +490,9 @@ def _cause(scene: Scene, begun: Callable[[Scene], Scene], seen: Differences, unt
     named, every = find_causes.find(begun(scene), seen, until, content,
                                     lambda changes: begun(changed(scene, changes)))
     if len(named) == 1:
-        return named[0].name, [f"cause: {named[0]} (explains {100 * (1 - named[0].left):.3g} % of the difference)"]
+        part = "" if named[0].left <= find_causes.CERTAIN else ", in part"
+        return named[0].name, [
+            f"cause{part}: {named[0]} (explains {100 * (1 - named[0].left):.3g} % of the difference)"]
     if named:
         alike = " or ".join(each.name for each in named) if len(named) <= MOST_ALIKE else None
         return alike, ["cause: one of these, which make the same motion here: " + "; or ".join(map(str, named[:6]))]

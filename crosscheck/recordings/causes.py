@@ -613,13 +613,15 @@ def _altered(scene: Scene, right: Physics, cause: Any, theta: np.ndarray) -> Sce
         made: Scene | None = cause.apply(scene, theta)
         return made
     p = cause.apply(right, theta)
+    if p.pushes:
+        return None
     beyond = [field.name for field in dataclasses.fields(Physics) if field.name not in SUPPORTED
               and not np.array_equal(getattr(p, field.name), getattr(right, field.name))]
     if beyond or (p.joint_damping and any(joint.type != "revolute" for joint in scene.joints)):
         return p if scene.n == 1 and not scene.has_laws and set(beyond) <= set(STEPPED) else None
     sizes = np.concatenate([p.masses / scene.masses, *np.linalg.eigvalsh(p.inertias[0]) / np.linalg.eigvalsh(
         scene.inertias)])
-    if sizes.min() < 1 / NONSENSE or sizes.max() > NONSENSE or min([p.joint_damping, *p.damping]) < 0:
+    if sizes.min() < 1 / NONSENSE or sizes.max() > NONSENSE or min([0.0, *p.damping]) < 0:
         return None
     loads = []
     for k, force in enumerate(scene.loads):

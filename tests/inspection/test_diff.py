@@ -243,3 +243,11 @@ def test_the_command_answers_by_its_exit_code(change, code, tmp_path):
     assert (2 if refused else told.exit_code) == code
     if code == 1:
         assert "torso: mass: 4 and 5" in told.output
+
+
+def test_a_model_differs_from_a_scene_that_has_dropped_its_friction(tmp_path):
+    """The scene that keeps all of it is the same."""
+    path = made(tmp_path, ROBOT.replace('<joint name="le"', '<joint name="le" frictionloss=".2"'), "a")
+    assert crosscheck.diff(path, crosscheck.import_model(path)).same
+    report = crosscheck.diff(path, crosscheck.import_model(path, drop=True))
+    assert "le: dry_friction: ((0.2, 0.2)) and ()" in report.lines

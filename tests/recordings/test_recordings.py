@@ -11,6 +11,10 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli.app import app
+from crosscheck.diagnosis.hypotheses import Context
+from crosscheck.diagnosis.hypotheses import causes as every_cause
+from crosscheck.diagnosis.physics import of_scene
+from crosscheck.recordings import causes as find_causes
 from crosscheck.recordings import suggest
 from tests.recordings.corpus import LAWS, RIGHT, WRONG, only, written
 from tests.recordings.motions import SCENES, TIMES, arm, lawful, solved, tumbler, two
@@ -278,3 +282,15 @@ def test_a_made_motion_is_that_of_its_equation():
     w = np.stack([tumbler()[f"brick.w{axis}"] for axis in "xyz"])
     assert np.ptp(np.array([0.03, 0.05, 0.07]) @ w**2) < 1e-12
     assert solved(lambda _, y: [y[0]], [1.0], np.array([1.0]))[0, 0] == pytest.approx(np.e, rel=1e-11)
+
+
+def test_damping_that_would_drive_a_motion_is_no_cause():
+    """An explicit Euler method gains energy as negative damping would, which no body has."""
+    scene = crosscheck.load_scene("single_pendulum")
+    right = of_scene(scene)
+    for family in ("extra damping", "quadratic drag", "Coulomb friction"):
+        slowed = [each for each in every_cause(Context(scene, (scene.R0[None],), right)) if each.family == family]
+        assert slowed
+        for each in slowed:
+            assert find_causes._altered(scene, right, each, np.array([0.1])) is not None
+            assert find_causes._altered(scene, right, each, np.array([-0.1])) is None

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 from xml.sax.saxutils import escape, quoteattr
 
-from crosscheck.errors import SceneError, unknown
+from crosscheck.errors import SceneError, install, unknown
 
 LARGEST = 64 * 2**20
 """Largest size of a model file, bytes; large robot descriptions have a hundredth of it."""
@@ -155,7 +155,8 @@ def read(path: Path, sdf: bool = False, within: str | os.PathLike[str] | None = 
     if root.tag == "robot" and macro is not None:
         raise SceneError(f"{path}: {place(macro)} is a xacro element; run xacro first and give the URDF that it writes")
     if root.tag == "sdf" and not sdf:
-        raise SceneError(f"{path}: an SDF file is only read by engines, for `crosscheck inspect`; convert it to URDF")
+        raise SceneError(f"{path}: an SDF file is read by engines alone, for `crosscheck inspect {path}` after "
+                         f"{install('drake')}; a scene is made of a URDF or MJCF")
     if root.tag not in ("mujoco", "robot", "sdf"):
         raise SceneError(f"{path}: the root element is <{root.tag}>; a model file begins with <mujoco> or <robot>")
     if root.tag == "robot" and (count := len(root.findall("link"))) > MOST_LINKS:

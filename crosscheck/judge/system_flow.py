@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -48,7 +49,8 @@ class Flowed:
     states: States  # at the times asked for, s since the start, with accelerations
     jumps: tuple[Jump, ...]
     error: float  # of it, over the sizes
-    growth: float  # factor by which an error of the start grows, 1 at least
+    growth: float  # factor by which an error of the start in a random direction, as rounding is, grows; 1 at least
+    worst: float  # the same in the worst direction
     linear: bool  # whether that is so for errors of any small size
 
 
@@ -93,7 +95,9 @@ class SystemFlow:
             growth.append(max(1.0, max(largest(rows[keep]) for rows in gaps.values()) / begun))
         # Where laws switch, growth is linear in pieces only.
         linear = not self.looped or max(growth) <= ALIKE * min(growth)
-        return Flowed(states, jumps, self.error * max(growth), max(growth), linear)
+        # A random direction has on average a share of the worst one, one over the root of the number of directions.
+        worst = max(growth) * math.sqrt(len(self.series.initial))  # type: ignore[union-attr]
+        return Flowed(states, jumps, self.error * max(growth), max(growth), worst, linear)
 
     def _moved(self, start: Scene, size: float) -> Scene | None:
         """The scene from a start near this one, with its joints closed; None if that fails."""

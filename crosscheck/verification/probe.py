@@ -25,6 +25,7 @@ class Answer:
     states: States
     pulled: Pulled | None  # sums of reactions on each body, as of `segments.reactions_of`
     sensors: dict[str, np.ndarray]  # (T - 1, 1, k) readings that it made less those of its states
+    steps: int
 
     def rows(self, segment: Segment) -> dict[str, np.ndarray]:
         """It less truth by quantity."""
@@ -49,7 +50,7 @@ class Probe:
                 self.steps += got.raw.steps
                 if got.raw.status != "success":
                     self.status = got.raw.status
-                return _brought_back(world, there, got.raw.states)
+                return _brought_back(world, there, got.raw.states, got.raw.steps)
             self.why = self.why or got.why
             if self.steps or len(self.worlds) == 1:
                 break
@@ -57,7 +58,7 @@ class Probe:
         return None
 
 
-def _brought_back(world: World, there: Scene, states: States) -> Answer:
+def _brought_back(world: World, there: Scene, states: States, steps: int) -> Answer:
     pulled, order = None, np.argsort(world.bodies)
     if states.lam is not None and not there.has_laws:
         force, torque = reactions_of(there, states, states.lam)
@@ -69,7 +70,7 @@ def _brought_back(world: World, there: Scene, states: States) -> Answer:
             if sensor.name in states.sensors and not (there.has_laws and SENSOR_TYPES[sensor.type].dynamic):
                 gap = np.nan_to_num(states.sensors[sensor.name] - derived[sensor.name])
                 own[f"sensor {sensor.name}"] = gap.reshape(len(gap), 1, -1)[1:]
-    return Answer(world.back(states), pulled, own)
+    return Answer(world.back(states), pulled, own, steps)
 
 
 def moved(scene: Scene, sizes: dict[str, float], eps: float, seed: int) -> Scene:

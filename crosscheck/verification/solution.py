@@ -105,24 +105,24 @@ class Solution:
         if name == "position":
             unit = max(unit, self.reach)
         least = self.grading * self.eps * max(1.0, steps) * unit * growth
-        if name not in OF_STATE and self.p is not None and ("position" in self.held or self.eps > EPS):
+        if name not in OF_STATE and self.p is not None:  # what holds positions, softly or not, divides by h^2
             reach = {"acceleration": max(self.length, self.reach), "angular acceleration": 1.0,
                      "reaction force": float(self.scene.masses.sum()) * self.length}.get(name, self.length)
             least += self.grading * self.eps * reach / size**2
         return least
 
-    def believed(self, segment: Segment) -> float:
-        """Steps that an adaptive method is believed to make in a segment."""
+    def believed(self, segment: Segment, answer: Answer | None = None) -> float:
+        """Steps that an adaptive method is believed to make in a segment: no more than an answer or the run states."""
         times = segment.last - segment.first
         rate = max(self.sizes["angular velocity"], fastest(self.scene))
         order = self.engine.orders.get(self.run.method, 3)
         most = times + rate * times * self.dt * math.pow(self.run.rtol or 1.0, -1.0 / (order + 1))
-        return min(self.traj.steps * times / (len(self.traj.t) - 1), most)
+        return min(self.traj.steps * times / (len(self.traj.t) - 1) if answer is None else answer.steps, most)
 
-    def tolerated(self, name: str, segment: Segment) -> float:
+    def tolerated(self, name: str, segment: Segment, answer: Answer) -> float:
         """What an adaptive method may miss by at its own tolerance: each step keeps it, and errors grow."""
-        growth = 1.0 if segment.flowed is None else segment.flowed.growth
-        return self.believed(segment) * self.own * self.sizes.get(name, 1.0) * growth
+        growth = 1.0 if segment.flowed is None else segment.flowed.worst
+        return self.believed(segment, answer) * self.own * self.sizes.get(name, 1.0) * growth
 
     def measure_noise(self) -> None:
         """Asks the same question again from starts that differ by a rounding, for noise and the spacing of numbers."""
@@ -212,9 +212,10 @@ class Solution:
         return made
 
     def limit_of(self, name: str, segment: Segment, h: Sequence[float], own: list[np.ndarray], smooth: bool,
-                 order: float) -> Limit:
-        """Where the answers of one row go."""
-        rounding, noise = self.roundings(name, segment, h), self.noise.get(name, 0.0)
+                 order: float, times: float = 1.0) -> Limit:
+        """Where the answers of one row go; `times`: how many roundings and noises each has."""
+        rounding = [times * each for each in self.roundings(name, segment, h)]
+        noise = times * self.noise.get(name, 0.0)
         if self.p is None:
             return spread_of_tolerances(own, rounding[0], noise)
         if smooth:
@@ -294,39 +295,52 @@ class Solution:
         if rounded:
             return
         self.notes.append("the run is not, to rounding, what the engine answers from states of it")
+        errors = [self.error_of(segment, seq) for segment, seq in zip(self.segments, sequences, strict=True)]
+        largest_error = {name: max(each.get(name, 0.0) for each in errors) for each in errors for name in each}
         for k, gaps in defects.items():
-            self.within_error(k, sequences[k], gaps)
+            self.within_error(k, sequences[k], gaps, largest_error)
         self.vanishing(defects)
 
-    def within_error(self, k: int, seq: Sequence3 | None, gaps: dict[str, np.ndarray]) -> None:
-        """|C| at the run's own step is at most three times the error of an answer, with its uncertainty."""
+    def error_of(self, segment: Segment, seq: Sequence3 | None) -> dict[str, float]:
+        """|D| by row of the answer at the run's own step."""
+        if seq is None or segment.flowed is None:
+            return {}
+        own = min(range(len(seq.steps)), key=lambda j: abs(seq.steps[j] - self.own))
+        return {name: largest(each[segment.kept(name, max(seq.steps) if self.p is not None else 0.0)])
+                for name, each in seq.answers[own].rows(segment).items()}
+
+    def within_error(self, k: int, seq: Sequence3 | None, gaps: dict[str, np.ndarray], error: dict[str, float]) -> None:
+        """|C| at the run's own step is at most three times the error of an answer, with its uncertainty.
+
+        `error` is the largest of all segments: that of one depends on how coordinates lie there.
+        """
         segment = self.segments[k]
         if seq is None or segment.flowed is None:
             return
         own = min(range(len(seq.steps)), key=lambda j: abs(seq.steps[j] - self.own))
-        rows = seq.answers[own].rows(segment)
         opened = apart(_start(segment.given), _start(segment.start))
         limits = {check.name: check for check in self.checks if check.rule == "limit" and check.segment == k}
         for name, each in gaps.items():
-            if name not in rows or name not in limits:
+            if name not in error or name not in limits:
                 continue
             keep = segment.kept(name, max(seq.steps) if self.p is not None else 0.0)
             closing = segment.flowed.growth * max(largest(opened[q]) / self.sizes[q] for q in STATE) * self.sizes[name]
-            kept = 0.0 if self.p is not None else self.tolerated(name, segment)
-            parts = {"error": SAFETY * largest(rows[name][keep]), "U": SAFETY * limits[name].uncertainty,
+            kept = 0.0 if self.p is not None else self.tolerated(name, segment, seq.answers[own])
+            parts = {"error": SAFETY * error[name], "U": SAFETY * limits[name].uncertainty,
                      "closing": SAFETY * closing, "tolerance": kept}
             self.checks.append(Check("run", name, k, largest(each[keep]), parts, math.inf, f"at {self.own:.6g}; "
-                                     f"the error of an answer there is {largest(rows[name][keep]):.3g}"))
+                                     f"the largest error of an answer there is {error[name]:.3g}"))
 
     def vanishing(self, finest: dict[int, dict[str, np.ndarray]]) -> None:
         """C at three steps of whole runs goes to zero."""
-        for fine in (False, True):
-            sized = [self.dt / n for n in counts(self.n, self.multiple, fine)] if self.p is not None else [
-                self.own * 10.0 ** (k - 2 * fine) for k in range(3)]
-            found = [finest if abs(size / self.own - 1) < 1e-9 else self.defects_at(size) for size in sized]
-            made = self.vanishing_checks(sized, found)
-            if made and not any(check.status == "fail" for check in made):
-                break
+        numbers = list(counts(self.n, self.multiple)) if self.p is not None else []
+        sized = [self.dt / n for n in numbers] or [self.own * 10.0**k for k in range(3)]
+        found = [finest if abs(size / self.own - 1) < 1e-9 else self.defects_at(size) for size in sized]
+        made = self.vanishing_checks(sized, found)
+        if any(check.status == "fail" for check in made):  # coarse whole runs need not be in the range of their order
+            size = self.dt / finer(numbers[0], self.multiple) if numbers else self.own / 10.0
+            sized, found = [size, *sized[:2]], [self.defects_at(size), *found[:2]]
+            made = self.vanishing_checks(sized, found) or made
         self.checks += made
 
     def defects_at(self, size: float) -> dict[int, dict[str, np.ndarray]]:
@@ -359,7 +373,7 @@ class Solution:
                 keep = segment.kept(name, max(sized) if self.p is not None else 0.0)
                 rows = [gaps[name][keep] for gaps in each]
                 if keep.any():
-                    limited = self.limit_of(name, segment, sized, rows, smooth, order)
+                    limited = self.limit_of(name, segment, sized, rows, smooth, order, 2.0)  # of two answers
                     made.append(limit_check("run limit", name, k, limited, {}, self.sizes[name], told(
                         self.scene, segment.t[1:][keep], sized, rows, limited, "rtol" if self.p is None else "h")))
         return made
@@ -374,7 +388,7 @@ class Solution:
             own = min(range(len(seq.steps)), key=lambda j: abs(seq.steps[j] - self.own))
             for name, each in seq.answers[own].rows(segment).items():
                 if name in STATE:
-                    parts = {"tolerance": self.tolerated(name, segment),
+                    parts = {"tolerance": self.tolerated(name, segment, seq.answers[own]),
                              "rounding": self.rounding(name, segment, self.own)}
                     self.checks.append(Check("tolerance", name, k, largest(each), parts, math.inf))
 

@@ -32,8 +32,8 @@ UNIT = re.compile(r"(?<=[\d)]) (?=(?:m|rad|s|us|ms)\b)")
 INTERRUPTED = 130
 """Exit code after Ctrl-C, the same as in shells: 128 plus the number of the signal."""
 
-PAUSE = 10.0
-"""Longest time between two lines of progress, s."""
+PAUSE = 8.0
+"""Time between two lines of progress, s. With what Python takes to start and a busy machine to wake, 10 s at most."""
 
 
 def console(width: int) -> Console:

@@ -126,7 +126,7 @@ class TreeSpace:
             state[tree.speeds[link.body]] = [*change[self.slots[link.body]]]
         frames = tree.frames(state)
         placed = tree.world(frames)
-        return [angle_rate(joint, frames, placed) for joint in self.equations.closing]
+        return [angle_rate(joint, frames, placed, k == 1) for joint, k in self.equations.closing]
 
     def state(self, change: np.ndarray, speeds: np.ndarray) -> list[Any]:
         """The state vector of the formulation."""

@@ -13,7 +13,6 @@ import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco.own_law import default
-from crosscheck.cli import runs
 from crosscheck.cli.app import app
 from crosscheck.diagnosis import explain, laws, of_laws
 from crosscheck.diagnosis.observe import Subject
@@ -75,7 +74,7 @@ def test_steps_that_cannot_tell_the_laws_apart_say_so(coulombs):
 def test_advise_gives_the_three_answers_in_words_and_in_json(coulombs, monkeypatch, tmp_path):
     advice = Advice(scene="pendulum", engine="mujoco", wanted=1e-2, until=4.0, least=1e-3, method="RK4", step=4e-3,
                     error=2e-3, cost=0.1)
-    monkeypatch.setattr(runs, "advice_for", lambda scene, engine, error: advice)
+    monkeypatch.setattr("crosscheck.verification.advice.advise", lambda scene, engine, error: advice)
     hanging(tmp_path, {"position": 1.2, "dry_friction": 0.5}, duration=4.0, samples=41)  # the same pendulum as a file
     asked = ["advise", str(tmp_path / "laws.json"), "--engine", "mujoco", "--error", "1e-2"]
     told = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
@@ -90,8 +89,9 @@ def test_advise_gives_the_three_answers_in_words_and_in_json(coulombs, monkeypat
 def test_advise_asks_every_engine_and_takes_a_model(monkeypatch, tmp_path):
     """An engine without a softness is asked, too; the command repeats the model and what was dropped of it."""
     asked = []
-    monkeypatch.setattr(runs, "which_law", lambda scene, engine, *given, **more: asked.append((engine, *given)) or "so")
-    monkeypatch.setattr(runs, "advice_for", lambda scene, engine, error: Advice(
+    monkeypatch.setattr("crosscheck.diagnosis.laws.which_law",
+                        lambda scene, engine, *given, **more: asked.append((engine, *given)) or "so")
+    monkeypatch.setattr("crosscheck.verification.advice.advise", lambda scene, engine, error: Advice(
         scene=scene.name, engine=engine, wanted=error, until=1.0, least=1e-6, method="RKMK4", step=1e-2, error=1e-6,
         cost=0.1, command=f"crosscheck run {scene.name} --engine {engine}"))
     (tmp_path / "arm.urdf").write_text(ARM_URDF.replace('damping="0.5"', 'damping="0.5" friction="0.5"'))

@@ -110,9 +110,10 @@ class Case:
                 for g, v, b, true in zip(self.groups, values, begin, self.values, strict=True)]
 
     def at_times(self, times: np.ndarray) -> Values:
-        """True values at any times, in any order."""
+        """True values at any times, in any order; after the horizon of truth its last ones."""
         grid, places = np.unique(np.maximum(times, 0.0), return_inverse=True)
-        values = [value[places] for value in self.shown.at(self.truth, grid)]
+        self.truth.at(grid[-1:])  # prolonged, so that its horizon is known
+        values = [value[places] for value in self.shown.at(self.truth, np.minimum(grid, self.truth.horizon))]
         return self.whole(values, self.shown.at(self.truth, self.t[:1]))
 
     def flat(self, values: Values) -> np.ndarray:

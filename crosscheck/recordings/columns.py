@@ -131,7 +131,7 @@ def meanings(scene: Scene) -> dict[str, Column]:
 def split_unit(header: str) -> tuple[str, str, bool]:
     """(name, unit or "", whether it says wrap) of a header such as "elbow.position [deg, wrap]"."""
     match = re.fullmatch(r"\s*(.*?)\s*(?:[\[(]([^\])]*)[\])])?\s*(wrap)?\s*", header)
-    if match is None or (match[2] or "").strip().isdigit():
+    if match is None or match[1] == "der" or (match[2] or "").strip().isdigit():  # "der(x)": Modelica's dx/dt
         return header.strip(), "", False
     unit, _, more = (match[2] or "").partition(",")
     return match[1], unit.strip(), "wrap" in (match[3] or "") or "wrap" in more
@@ -219,12 +219,15 @@ def recognised(scene: Scene, source: Source, known: Mapping[str, Column], column
     for column, (row, _) in says.items():
         if row.what in known:
             claims.setdefault(row.what, []).append(column)
+    for what, names in claims.items():  # a quantity that has a column of its own needs no derivative
+        claims[what] = [name for name in names if not name.startswith("der(")] or names
     made = {names[0]: says[names[0]] for what, names in claims.items() if len(names) == 1 or what == "t"}
     numbered: dict[bool, dict[int, tuple[str, Row]]] = {False: {}, True: {}}
     for column in columns:
         places, words = re.findall(r"\d+", split_unit(column)[0]), _words(column)[0]
         kinds = {what for what, spelled in WORDS.items() if {*words} & {*spelled}}
-        if column not in stated and places and says[column][0].what not in known and kinds & {"rate", "pose"}:
+        settled = column in stated or column.startswith("der(")
+        if not settled and places and says[column][0].what not in known and kinds & {"rate", "pose"}:
             rate = "rate" in kinds or words[-1].endswith("dot")
             numbered[rate].setdefault(int(places[-1]), (column, says[column][0]))
     for rate, places_of in numbered.items():  # q1, q2, ... qd1, qd2, ...: all coordinates in the order of the scene
@@ -263,13 +266,18 @@ def _words(column: str) -> tuple[list[str], str]:
     words = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
     per = len(words) > 2 and words[-1] in ("s", "sec") and words[-2 - (words[-2] == "per")] in UNIT_WORDS
     last = len(words) - 1 - (per and 1 + (words[-2] == "per"))
-    if last > 0 and words[last] in UNIT_WORDS:  # such as "elbow_vel_deg_s"
+    if last > 0 and words[last] in UNIT_WORDS and not name.endswith(".s"):  # such as "elbow_vel_deg_s"
         unit, words = unit or UNIT_WORDS[words[last]] + "/s" * per, words[:last]
     return words, "" if unit == "1" else unit
 
 
 def _said(scene: Scene, source: Source, known: Mapping[str, Column], column: str) -> tuple[Row, frozenset[str]]:
     """What the words in a foreign name say, and what they leave open."""
+    name, unit, _ = split_unit(column)
+    if name.startswith("der("):  # the rate of a position, or no coordinate
+        owner, _, what = _said(scene, source, known, name[4:-1])[0].what.rpartition(".")
+        row = Row(f"{owner}.velocity", unit) if what == "position" else Row(unit=unit)
+        return row, _leaves(scene, source, known[row.what], column, row) if row.what else frozenset()
     (words, unit), frame = _words(column), ""
     if {*words} & OTHERS:
         return Row(unit=unit), frozenset()
@@ -396,7 +404,11 @@ def _guess(scene: Scene, words: Sequence[str], says: set[str]) -> str:
     bodies = bodies or [body.name for body in scene.bodies if scene.n == 1 and not joints]
     axis = re.fullmatch(r"(q[wxyz]|[vw]?[xyz]|w)", words[-1])
     if joints and not (bodies and axis and not says & {"pose", "rate"}):
-        return f"{joints[-1]}.{'velocity' if 'rate' in says or words[-1].endswith('dot') else 'position'}"
+        joint, own = joints[-1], ""
+        if re.sub(r"[^a-z0-9]", "", joint.lower()) in "".join(words[:-1]):
+            own = words[-1]  # "s", "v" and "a", of Modelica
+        rate = "rate" in says or own == "v" or words[-1].endswith("dot")
+        return "" if own == "a" else f"{joint}.{'velocity' if rate else 'position'}"
     if not bodies or axis is None:
         return ""
     letter = "" if len(axis[1]) > 1 else "q" if "q" in says else "w" if "spin" in says else (

@@ -106,8 +106,10 @@ class Text(Source):
         if not rows:
             raise ArgumentError(f"{path}: a header, but no rows of numbers below it")
         most = max(map(len, rows))
-        if most < len(self.columns):
-            raise ArgumentError(f"{path}: the header has {len(self.columns)} names and its rows have {most} numbers; "
+        least = min(max((k for k, cell in enumerate(row, 1) if cell), default=0) for row in rows)
+        if most < len(self.columns) or least > len(self.columns):
+            raise ArgumentError(f"{path}: the header has {len(self.columns)} names and its rows have "
+                                f"{most if most < len(self.columns) else least} numbers; "
                                 f"name each column of numbers, and no other ({', '.join(self.columns[:20])})")
         self.skipped = self.preamble + (lines[0][0] + 1 if self.header else 0)
         self.units = {}

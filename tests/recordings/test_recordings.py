@@ -17,7 +17,7 @@ from crosscheck.diagnosis.physics import of_scene
 from crosscheck.recordings import causes as find_causes
 from crosscheck.recordings import suggest
 from tests.recordings.corpus import LAWS, RIGHT, WRONG, only, written
-from tests.recordings.motions import SCENES, TIMES, arm, lawful, solved, tumbler, two
+from tests.recordings.motions import SCENES, TIMES, arm, hinged, lawful, solved, toml, tumbler, two
 
 pd = pytest.importorskip("pandas")
 
@@ -95,6 +95,7 @@ def test_intervals_show_mistakes_on_either_side_of_an_event(scenes, scene, since
     ("t,pivot.position\n0,1\n0.1,abc\n", "row 2 (line 3), column 'pivot.position': 'abc'"),
     ("# x\nt;pivot.position\n0;\n# y\n0,1;\n", "columns pivot.position have no row of numbers"),
     ("t,q1,q2\n0,1\n0.1,1\n", "the header has 3 names and its rows have 2 numbers"),
+    ("t,pivot.position\n0,1,2,\n0.1,1,2,\n", "the header has 2 names and its rows have 3 numbers"),
     ("t,pivot.position\n0,1\n0,2\n0.1,1\n", "row 2 (line 3)"),
     ("t,pivot.position\n0,1\n0.1,inf\n", "infinite"), ("t,pivot.position\n0,1\n0.2,1\n0.1,1\n", "row 3 (line 4)"),
     ("t,pivot.position\n-1,1\n0.2,1\n", "before the scene's start"), ("pivot.position\n1\n2\n", "no column t"),
@@ -222,6 +223,17 @@ def test_unresolved_without_a_tolerance_without_its_quantity_and_beyond_truth(sc
     assert verdict.errors.keys() == {"joint_position"}
 
 
+@pytest.mark.parametrize("wrong", [{"g": 10.6}, {"damping": 0.0}])
+def test_causes_end_where_truth_ends(wrong, tmp_path):
+    """Times of samples are sought on the true motion, which is nothing after its horizon."""
+    text = toml("arm", *hinged(), ("monitors", {"type": "range", "joint": "pivot", "lower": -9.0, "upper": 1.2}),
+                schema=3)
+    (tmp_path / "arm.toml").write_text(text)
+    verdict = crosscheck.judge_recording(tmp_path / "arm.toml", arm(**wrong), tolerance={"joint_position": 1e-5})
+    assert verdict.outcome == "fail"
+    assert ("gravity" if "g" in wrong else "damper") in verdict.cause, str(verdict)
+
+
 def test_command_line(scenes, tmp_path):
     run = CliRunner().invoke
     pd.DataFrame(arm()).to_csv(tmp_path / "run.csv", index=False)
@@ -245,6 +257,19 @@ def test_suggest_recognises_names_and_units(scenes, tmp_path):
     assert '"Pivot Angle [deg]" = { is = "pivot.position", unit = "deg" }' in text
     assert '"pivotVel [deg/s]" = { is = "pivot.velocity", unit = "deg/s" }' in text
     assert '# "foo"' in text
+
+
+def test_derivatives_yield_to_columns_of_their_own(scenes, tmp_path):
+    """Modelica's names: s, v, a of slides, phi, w, a of hinges, and derivatives of states beside them."""
+    names = ["time", "pivot.phi", "der(pivot.phi)", "pivot.w", "pivot.a", "der(pivot.w)"]
+    for file, header in (("all.csv", names), ("states.csv", names[:3])):
+        pd.DataFrame(dict.fromkeys(header, TIMES)).to_csv(tmp_path / file, index=False)
+    text, of_states = (suggest(tmp_path / file, crosscheck.load_scene(scenes["arm"])) for file in (
+        "all.csv", "states.csv"))
+    assert '"pivot.phi" = { is = "pivot.position"' in text
+    assert '"pivot.w" = { is = "pivot.velocity"' in text
+    assert text.count(" is = ") == 3 + text.count('# "')
+    assert '"der(pivot.phi)" = { is = "pivot.velocity"' in of_states
 
 
 def test_suggestions_read_logs_as_others_write_them(scenes, tmp_path):

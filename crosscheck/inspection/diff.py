@@ -116,11 +116,12 @@ def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -
 
 
 def _dropped(one: JointData, other: JointData, joints: dict[str, str]) -> list[Difference]:
-    """What differs in the data of matched joints that a scene may drop."""
+    """What differs in the data of matched joints that a scene may drop; only a URDF has limits of velocities."""
     pairs = [(name, joints.get(name, name)) for name in one]
     return [Difference(name, what, one[name].get(what, ()), other[match].get(what, ()))
             for name, match in pairs if match in other for what in dict.fromkeys((*one[name], *other[match]))
-            if not _alike(one[name].get(what, ()), other[match].get(what, ()))]
+            if not _alike(one[name].get(what, ()), other[match].get(what, ()))
+            and (what != "velocity limits" or (what in one[name] and what in other[match]))]
 
 
 def _read(model: Scene | str | os.PathLike[str], files: bool) -> Scene:

@@ -191,6 +191,13 @@ def test_what_a_scene_cannot_hold_is_compared_by_value(old, new, what, values, t
     assert values is None or found[what] == values
 
 
+def test_limits_of_velocities_are_compared_between_urdfs(tmp_path):
+    one, other = (made(tmp_path, ARM_URDF.replace("</joint>", f'<limit effort="9" velocity="{speed}"/></joint>'), name)
+                  for speed, name in ((2.5, "a.urdf"), (3.5, "b.urdf")))
+    found = {(each.what, each.a, each.b) for each in crosscheck.diff(one, other).differences}
+    assert found == {("velocity limits", (2.5,), (3.5,))}
+
+
 def watched(**changes):
     """A box that falls to the floor on a round foot, which is watched."""
     size, attitude = changes.get("box", ([0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0]))

@@ -135,9 +135,10 @@ def body(name, mass=1.0, moments=(0.1, 0.1, 0.1), **keys):
 
 
 def joint(name, kind, child, axis=Z, parent="ground", place=(0.0, 0.0, 0.0), arm=(0.0, 0.0, 0.0), **keys):
-    axes = {"parent_axis": list(axis), "child_axis": list(axis)} if kind != "spherical" else {}
-    return {"name": name, "type": kind, "parent": parent, "child": child, "parent_anchor": list(place),
-            "child_anchor": list(arm), **axes, **keys}
+    axis, place, arm = ([float(part) for part in vector] for vector in (axis, place, arm))
+    axes = {"parent_axis": axis, "child_axis": axis} if kind != "spherical" else {}
+    return {"name": name, "type": kind, "parent": parent, "child": child, "parent_anchor": place, "child_anchor": arm,
+            **axes, **keys}
 
 
 def made(bodies, joints, duration=1.0, samples=11, gravity=0.0, axis=2, **tables):

@@ -199,9 +199,11 @@ def joint_data(model: Source) -> dict[str, dict[str, tuple[float, ...]]]:
         limit = joint.find("limit")
         if limit is not None and joint.get("name") in found and "velocity" in limit.attrib:
             try:
-                found[joint.get("name", "")]["velocity limits"] = (compiling.finite(limit, limit.get("velocity", "")),)
+                speed = compiling.finite(limit, limit.get("velocity", ""))
             except ValueError as error:
                 raise SceneError(f"{model.path}: {error}; correct it there") from None
+            if abs(speed) < laws.UNREACHABLE:
+                found[joint.get("name", "")]["velocity limits"] = (speed,)
     on_joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     for a in np.flatnonzero(np.isin(m.actuator_trntype, on_joints)):
         given = found[neutral.label(m, int(m.actuator_trnid[a, 0]))]

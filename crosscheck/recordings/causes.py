@@ -96,8 +96,11 @@ class Case:
         self.shown = Shown(scene, self.groups)
         self.floor = [float(floor[rows].max()) for floor in seen.floor]
         self.before = [np.nan_to_num(norms(gap[rows])) for gap in seen.gap]
-        self.size = [max(float(np.ptp(value, axis=0).max()), floor, 1e-300)
-                     for value, floor in zip(self.values, self.floor, strict=True)]
+        moved: dict[tuple[str, str], float] = {}  # of a quantity, since a joint that rests has no size of its own
+        for group, value, floor in zip(self.groups, self.values, self.floor, strict=True):
+            kind = group.key, group.unit
+            moved[kind] = max(moved.get(kind, 1e-300), float(np.ptp(value, axis=0).max()), floor)
+        self.size = [moved[group.key, group.unit] for group in self.groups]
         self.states = self.truth.at(self.t)
         self.step = TURN / max(float(np.linalg.norm(self.states.w, axis=-1).max()), fastest(scene), 1.0)
         worst = max(float(b.max()) / s for b, s in zip(self.before, self.size, strict=True))

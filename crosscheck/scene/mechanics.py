@@ -28,6 +28,10 @@ RANK_TOLERANCE = 1e-9
 """Singular values of G M^-1/2 below this fraction of the largest count as redundant rows. Rounding leaves those near
 1e-16; the singular values of independent rows in realistic mechanisms are far above."""
 
+MISSED, NEXT = 1e-13, 1e-4
+"""Share of the size of G M^-1 G^T by which vectors of its null space may miss it; share of its least eigenvalue that
+redundant rows may reach where joints are open, by which steps towards that space converge."""
+
 FEW_BODIES = 96
 """Up to here dense index-1 systems take less time than sparse ones, or no more than some milliseconds."""
 
@@ -345,15 +349,46 @@ def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Call
     redundant = np.empty((G.shape[1], 0)) if independent else _redundant(scaled[0])
     if not redundant.shape[1]:
         return lambda rhs: np.linalg.solve(S, rhs[:, :, None])[:, :, 0]
-    sizes, vectors = (part[..., redundant.shape[1]:] for part in np.linalg.eigh(S))
-    root = vectors / np.sqrt(sizes)[:, None]
+    A, bad, root = _pseudo_inverse(scaled, S, redundant)
 
     def solve(rhs: np.ndarray) -> np.ndarray:
-        lam = root @ (np.swapaxes(root, 1, 2) @ rhs[:, :, None])
-        lam += root @ (np.swapaxes(root, 1, 2) @ (rhs[:, :, None] - S @ lam))
+        lam = A @ rhs[:, :, None]
+        lam = lam + A @ (rhs[:, :, None] - S @ lam)
+        lam[bad] = root @ (np.swapaxes(root, 1, 2) @ rhs[bad][:, :, None])  # rounding stays along the weakest row
         return np.asarray(lam)[:, :, 0]
 
     return solve
+
+
+def _pseudo_inverse(scaled: np.ndarray, S: np.ndarray, redundant: np.ndarray
+                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The inverse (T, m, m) of S = `scaled` `scaled`^T without its k least eigenvalues, to half the digits at least.
+
+    Newton's method leads from their vectors at the first state, `redundant` (m, k), to those N of each, with
+    B = (S + s N0 N0^T)^-1, which acts as S^-1 across N. Singular values take longer: they are taken where it misses, or
+    where the null space has turned too far. Of these states, which the second array (T,) marks, the third is a root
+    (., m, m - k) of the inverse.
+    """
+    size = np.trace(S, axis1=1, axis2=2) / S.shape[1]
+    try:
+        B = np.linalg.inv(S + size[:, None, None] * (redundant @ redundant.T))
+    except np.linalg.LinAlgError:  # at one state
+        B = np.full_like(S, np.nan)
+    large = np.abs(B).max(axis=(1, 2))
+    N = np.linalg.qr(B @ redundant)[0]
+    for steps in range(3):
+        own = np.swapaxes(N, 1, 2) @ S @ N
+        missed = S @ N - N @ own
+        bad = ~((np.abs(missed).max(axis=(1, 2)) <= MISSED * size) & (large * size <= MISSED**-0.5)
+                & (np.abs(own).max(axis=(1, 2)) * large <= NEXT))
+        if steps == 2 or not bad.any():
+            break
+        N = np.linalg.qr(N - B @ missed)[0]
+    B -= N @ (np.swapaxes(N, 1, 2) @ B)
+    B -= (B @ N) @ np.swapaxes(N, 1, 2)
+    B[bad] = 0.0
+    U, sigma, _ = (part[..., :S.shape[1] - redundant.shape[1]] for part in np.linalg.svd(scaled[bad]))
+    return B, bad, U / sigma[:, None]
 
 
 def redundant_rows(scene: Scene) -> int:

@@ -40,7 +40,7 @@ def test_the_decision_answers_and_the_address_keeps_it(watched, document):
     assert page.input_value("#decide-engine") == "mujoco"
     assert page.inner_text("#decide-answer") == said
     page.select_option("#decide-engine", "pinocchio")
-    assert "No method of pinocchio reaches" in page.inner_text("#decide-answer")
+    assert "pinocchio: not within the budget of 30 s" in page.inner_text("#decide-answer")
     page.select_option("#decide-scene", "spring_pendulum")
     assert "cannot model this scene, or was not tried" in page.inner_text("#decide-answer")
     assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]

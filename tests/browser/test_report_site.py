@@ -65,7 +65,7 @@ def test_what_to_trust_needs_no_sideways_swipe_on_a_phone(watched):
         box = page.locator(".scroll", has=page.locator(table))
         assert box.evaluate("e => [e.scrollWidth - e.clientWidth, e.clientWidth > 300]") == [0, True], table
     shown = page.locator("table.trust tbody tr").first
-    assert "error, m" in shown.evaluate("e => getComputedStyle(e.cells[3], '::before').content")
+    assert "error, of size" in shown.evaluate("e => getComputedStyle(e.cells[3], '::before').content")
     assert shown.locator("th").bounding_box()["y"] < shown.locator("td").first.bounding_box()["y"]
 
 

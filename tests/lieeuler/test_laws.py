@@ -386,7 +386,7 @@ def test_a_million_steps_of_stick_and_slip_do_not_drift(kind, method):
     push = lieeuler.TimeFunction(terms=[(1.3, 2 * np.pi, 0.0)])
     problem = one(kind, 0.4, 0.0, servos=(Servo(feedforward=push),), sliding=0.8, static=1.0)
     solution = lieeuler.integrate(problem, method, 1 / 2000, np.linspace(0, 500, 2001))
-    assert solution.stats.steps > 1_000_000
+    assert solution.stats.steps >= 1_000_000
     assert [what for *_, what in solution.events[-4:]].count("slips") == 2
     assert len(solution.events) == pytest.approx(2000, abs=4)
     q, _ = coordinates(problem, solution)

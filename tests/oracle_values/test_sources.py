@@ -87,30 +87,75 @@ PLAIN = """
 """
 
 
-def test_sensors_of_a_plain_mujoco_model():
-    """The same arm as a scene; MuJoCo reads itself, at the state where it starts, three quarters of a turn on."""
-    mujoco = pytest.importorskip("mujoco")
-    model = mujoco.MjModel.from_xml_string(PLAIN)
-    state = mujoco.MjData(model)
-    state.qpos[:], state.qvel[:], state.ctrl[:] = (4.7, 0.25), (2.0, -0.8), 1.5
-    mujoco.mj_forward(model, state)
+def plain(q, rate, torque):
+    """The arm of PLAIN as a scene, by hand."""
     y, x = [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]
-    data = {"schema": 3, "name": "plain", "gravity": [0.0, 0.0, -9.81], "duration": 0.01, "samples": 2, "bodies": [
+    return {"schema": 3, "name": "plain", "gravity": [0.0, 0.0, -9.81], "duration": 0.01, "samples": 2, "bodies": [
         {"name": "arm", "mass": 1.2, "inertia": np.diag([0.1, 0.12, 0.05]).tolist()},
         {"name": "cart", "mass": 0.7, "inertia": np.diag([0.02, 0.03, 0.025]).tolist()}], "joints": [
         {"name": "pin", "type": "revolute", "parent": "ground", "child": "arm", "parent_anchor": [0.0, 0.0, 0.0],
-         "child_anchor": [0.0, 0.0, 0.4], "parent_axis": y, "child_axis": y, "position": 4.7, "velocity": 2.0,
+         "child_anchor": [0.0, 0.0, 0.4], "parent_axis": y, "child_axis": y, "position": q[0], "velocity": rate[0],
          "damping": 0.1, "armature": 0.2},
         {"name": "rail", "type": "prismatic", "parent": "arm", "child": "cart", "parent_anchor": [0.0, 0.0, -0.2],
-         "child_anchor": [-0.05, 0.0, 0.1], "parent_axis": x, "child_axis": x, "position": 0.25, "velocity": -0.8,
+         "child_anchor": [-0.05, 0.0, 0.1], "parent_axis": x, "child_axis": x, "position": q[1], "velocity": rate[1],
          "stiffness": 40.0, "rest_position": 0.1, "damping": 0.6}],
-        "forces": [{"type": "joint_torque", "joint": "pin", "torque": 1.5}],
+        "forces": [{"type": "joint_torque", "joint": "pin", "torque": torque}],
         "sites": [{"name": "cell", "body": "cart", "position": [-0.05, 0.0, 0.1]}],
         "sensors": [{"name": "pin", "type": "joint_position", "joint": "pin"},
                     {"name": "rail", "type": "joint_position", "joint": "rail"},
                     {"name": "drive", "type": "joint_effort", "joint": "pin"},
                     {"name": "force", "type": "force", "joint": "rail", "site": "cell"},
                     {"name": "torque", "type": "torque", "joint": "rail", "site": "cell"}]}
-    run = crosscheck.run(loaded(data), engine="lieeuler", method="rkmk853", rtol=1e-11)
+
+
+SERVED = """
+<mujoco><option gravity="0 0 -9.81" timestep="1e-3" integrator="RK4"><flag contact="disable"/></option>
+<worldbody><body name="arm" pos="0 0 0">
+  <joint name="pin" type="hinge" axis="0 0 1" stiffness="3" springref="20" armature="0.05"/>
+  <inertial pos="0.3 0 0" mass="1.5" diaginertia="0.03 0.1 0.11"/>
+  <body name="hand" pos="0.6 0 0">
+    <joint name="rail" type="hinge" axis="1 0 0" damping="0.2"/>
+    <inertial pos="0 0.1 -0.25" mass="0.6" diaginertia="0.02 0.015 0.01"/>
+    <site name="cell" pos="0 0 0"/></body></body></worldbody>
+<actuator><position name="drive" joint="pin" kp="30" kv="2"/></actuator>
+<sensor><jointpos joint="pin"/><jointpos joint="rail"/><actuatorfrc actuator="drive"/>
+  <force site="cell"/><torque site="cell"/></sensor>
+</mujoco>
+"""
+
+
+def served(q, rate, target):
+    """The arm of SERVED as a scene, by hand: two crossed hinges, a spring of one, and a servo that holds it."""
+    z, x = [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]
+    return {"schema": 3, "name": "served", "gravity": [0.0, 0.0, -9.81], "duration": 0.01, "samples": 2, "bodies": [
+        {"name": "arm", "mass": 1.5, "inertia": np.diag([0.03, 0.1, 0.11]).tolist()},
+        {"name": "hand", "mass": 0.6, "inertia": np.diag([0.02, 0.015, 0.01]).tolist()}], "joints": [
+        {"name": "pin", "type": "revolute", "parent": "ground", "child": "arm", "parent_anchor": [0.0, 0.0, 0.0],
+         "child_anchor": [-0.3, 0.0, 0.0], "parent_axis": z, "child_axis": z, "position": q[0], "velocity": rate[0],
+         "stiffness": 3.0, "rest_position": float(np.deg2rad(20)), "armature": 0.05},
+        {"name": "rail", "type": "revolute", "parent": "arm", "child": "hand", "parent_anchor": [0.3, 0.0, 0.0],
+         "child_anchor": [0.0, -0.1, 0.25], "parent_axis": x, "child_axis": x, "position": q[1], "velocity": rate[1],
+         "damping": 0.2}],
+        "forces": [{"type": "servo", "joint": "pin", "proportional": 30.0, "derivative": 2.0, "target": target}],
+        "sites": [{"name": "cell", "body": "hand", "position": [0.0, -0.1, 0.25]}],
+        "sensors": [{"name": "pin", "type": "joint_position", "joint": "pin"},
+                    {"name": "rail", "type": "joint_position", "joint": "rail"},
+                    {"name": "drive", "type": "joint_effort", "joint": "pin"},
+                    {"name": "force", "type": "force", "joint": "rail", "site": "cell"},
+                    {"name": "torque", "type": "torque", "joint": "rail", "site": "cell"}]}
+
+
+@pytest.mark.parametrize(("q", "rate", "control"), [
+    ((4.7, 0.25), (2.0, -0.8), 1.5), ((0.3, -0.1), (-5.0, 0.4), -3.0), ((-17.2, 0.6), (0.0, 2.5), 0.0),
+    ((31.0, -0.4), (12.0, 1.0), 6.0)])
+@pytest.mark.parametrize(("text", "scene"), [(PLAIN, plain), (SERVED, served)], ids=["slide", "servo"])
+def test_sensors_of_mujoco_itself(text, scene, q, rate, control):
+    """MuJoCo reads itself at the state where it starts, also many turns on: jointpos, actuatorfrc, force, torque."""
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(text)
+    state = mujoco.MjData(model)
+    state.qpos[:], state.qvel[:], state.ctrl[:] = q, rate, control
+    mujoco.mj_forward(model, state)
+    run = crosscheck.run(loaded(scene(q, rate, control)), engine="lieeuler", method="rkmk853", rtol=1e-11)
     ours = np.concatenate([np.atleast_1d(run.sensors[key][0]) for key in ("pin", "rail", "drive", "force", "torque")])
     close(ours, state.sensordata, "pin, rail, drive, force, torque")

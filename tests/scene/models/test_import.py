@@ -304,10 +304,11 @@ def test_the_command_writes_a_scene_that_is_the_model(tmp_path, monkeypatch):
     path = written(tmp_path, ARM_URDF, "arm.urdf")
     told = CliRunner().invoke(app, ["import", "arm.urdf", "-o", "arm.toml", "--drop"])
     assert told.exit_code == 0, told.output
-    assert "left out: limits of joint 'reach'" in told.output
+    assert "it holds until the first of 1 monitor: a joint leaves its range" in told.output
     scene = crosscheck.load_scene("arm.toml")
     assert scene.hash == crosscheck.import_model(path, drop=True).hash
-    assert scene.left_out == ("limits of joint 'reach'",)
+    assert not scene.left_out
+    assert [monitor.joint for monitor in scene.monitors] == ["reach"]  # its limits are watched
     assert CliRunner().invoke(app, ["run", "arm.urdf", "--drop", "--duration", "0.1"]).exit_code == 0
     refused = CliRunner().invoke(app, ["run", "single_pendulum", "--limits", "keep"])
     assert "--limits go with a model file" in " ".join(str(refused.exception or refused.output).split())

@@ -119,13 +119,10 @@ class SystemFlow:
             pieces, _ = series.advance(End(state, since), until)
         found = self._at(pieces, since + times)
         found.t = times
-        due = [t for t in self._breaks() if since < t < until and not changes]
+        due = [t for t in self.scene.knots if since < t < until and not changes]
         none = dict.fromkeys(STATE, 0.0)
         jumps = [Jump(t - since, True, none) for t in due] + [self._jump(change, since) for change in changes]
         return found, tuple(jumps)
-
-    def _breaks(self) -> list[float]:
-        return sorted({t for function in self.scene.functions for t in function.inner_breaks})
 
     def _at(self, pieces: list[Piece], t: np.ndarray) -> States:
         stacked = (np.array([piece.start for piece in pieces]), np.array([piece.rest for piece in pieces]),

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import CrosscheckError
-from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 ORDERS = 10
@@ -66,11 +65,6 @@ def piece_of(starts: np.ndarray, t: np.ndarray) -> np.ndarray:
 def rounding(t: Any) -> Any:
     """Times (s) less than this apart are one: a sample of a servo is at the output time that it is meant for."""
     return 1e-12 * np.maximum(1.0, t)
-
-
-def breaks(scene: Scene) -> list[float]:
-    """Times at which a derivative of a function of time jumps, also beyond the scene's duration."""
-    return sorted({t for function in scene.functions for t in function.inner_breaks if t > 0.0})
 
 
 @dataclasses.dataclass(frozen=True)

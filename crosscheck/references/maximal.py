@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crosscheck.references.base import End, TruthError, breaks
+from crosscheck.references.base import End, TruthError
 from crosscheck.references.world import Motion, cross, rotation, turned
 from crosscheck.references.world_loads import ConstantLoad, JointLoad, LinearSpring, SlideSpring, TorsionalSpring
 from crosscheck.references.world_rows import Coupled, Driven, Relations, kinds
@@ -387,7 +387,7 @@ class Maximal:
     def advance(self, end: End, times: np.ndarray) -> tuple[States, End]:
         """States at `times`, from an end that is at the first of them, and their end; its `rest` is a step to try."""
         y, rows, step = end.state, [], end.rest or None
-        stops = np.union1d(times, [t for t in breaks(self.scene) if times[0] < t < times[-1]])
+        stops = np.union1d(times, [t for t in self.scene.knots if times[0] < t < times[-1]])
         for start, stop in itertools.pairwise(stops.tolist()):
             if start in times:
                 rows.append(self._row(y, start))

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from crosscheck.errors import Unsupported
-from crosscheck.references.base import TruthError, breaks
+from crosscheck.references.base import TruthError
 from crosscheck.references.pieces import LATE, Event, Label, Values
 from crosscheck.scene.model import Joint, Scene
 
@@ -163,7 +163,7 @@ class Machine:
 
     def __init__(self, form: Formulation) -> None:
         self.form, self.laws = form, form.laws
-        self.breaks = breaks(form.scene)
+        self.breaks = form.scene.knots
         self.gains = np.zeros(len(self.laws))  # the largest accelerations by unit efforts at starts
 
     def next_time(self, t: float, mode: Mode) -> float:

@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from crosscheck.errors import Unsupported
-from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError, breaks
+from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError
 from crosscheck.references.natural_loads import LONG, OPPOSITE, JointLoad, LinearSpring, Load, Motion, TorsionalSpring
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.states import States
@@ -257,7 +257,7 @@ class Natural:
     def _steps(self, q: np.ndarray, rate: np.ndarray, angles: np.ndarray, now: np.longdouble
                ) -> Iterator[tuple[np.longdouble, np.longdouble, Motion]]:
         """Start, length and series of one step after the other, without end."""
-        stops = breaks(self.scene)
+        stops = self.scene.knots
         for count in itertools.count():
             if count > MOST_STEPS or not np.abs(self.rows.values(q)).max(initial=0.0) <= OPEN:
                 raise TruthError(f"{SOURCE}: {self.scene.name!r} at t = {float(now):.6g} s: no step leads on")

@@ -18,7 +18,7 @@ import numpy as np
 from crosscheck.errors import Unsupported
 from crosscheck.references import loops
 from crosscheck.references.articulated import accelerations, centripetal
-from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError, breaks
+from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError
 from crosscheck.references.generic import ByBody, Matrix, Number, Vector, add, apply, cross, scale
 from crosscheck.references.joint_motion import ZERO, Tree, joint_angles
 from crosscheck.references.series import Series, safe_step, shifted
@@ -263,7 +263,7 @@ class Taylor:
 
         They do not depend on `until`: a motion that is prolonged is that of one integration.
         """
-        integrator, stops, pieces = self._integrator, breaks(self.scene), list[Piece]()
+        integrator, stops, pieces = self._integrator, self.scene.knots, list[Piece]()
         integrator.dtime = end.time, end.rest
         integrator.state[:] = end.state
         self._set_pieces(end.time)
@@ -284,7 +284,7 @@ class Taylor:
         integrator.state[:] = self.initial if initial is None else initial
         states = np.empty((len(times), len(self.initial)))
         states[0] = integrator.state
-        stops = np.array([*(t for t in breaks(self.scene) if t < times[-1]), times[-1]])
+        stops = np.array([*(t for t in self.scene.knots if t < times[-1]), times[-1]])
         self._set_pieces(times[0])
         while integrator.time < times[-1]:
             reached = int(np.searchsorted(times, integrator.time, side="right"))

@@ -30,7 +30,7 @@ def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int, parts: i
     """
     end, nodes, fast = _integrated(scene, begin, tau, np.full(len(tau), np.inf), count, parts)
     until, now = begin.t + tau, begin
-    times = np.unique([t for function in scene.functions for t in function.inner_breaks])
+    times = np.array(scene.knots)
     first = np.searchsorted(times, begin.t, side="right")
     last = np.searchsorted(times, until, side="right")
     rounds = int((last - first).max(initial=0))

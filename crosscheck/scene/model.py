@@ -457,9 +457,13 @@ class Scene(_Record):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Times inside the run at which a derivative of a function of time jumps, in order."""
-        return tuple(sorted({t for function in self.functions for t in function.inner_breaks
-                             if 0 < t < self.duration}))
+        """Those of `knots` that are inside the run."""
+        return tuple(t for t in self.knots if t < self.duration)
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Times (s) after 0 at which a derivative of a function of time jumps, also beyond the duration, in order."""
+        return tuple(sorted({t for function in self.functions for t in function.inner_breaks if t > 0.0}))
 
     def lasting(self, duration: float) -> Scene:
         """The scene with another duration (s); raises `SceneError` if a spline is not known so long."""

@@ -359,10 +359,8 @@ def _delays(case: Case) -> np.ndarray:
         here, ahead, behind = (case.at_times(case.t + delays + by) for by in (0.0, width, -width))
         top, below = np.zeros(len(case.t)), np.zeros(len(case.t))
         for g, a, b, h, s, known in zip(case.groups, ahead, behind, here, case.size, case.known, strict=True):
-            slope, off = gaps(g, a, b, True) / (2 * width * s), gaps(g, g.values, h, True) / s
-            shows = known & np.isfinite(slope).all(axis=1) & np.isfinite(off).all(axis=1)  # truth may end before
-            slope, off = (np.where(shows[:, None], each, 0.0) for each in (slope, off))
-            top += np.einsum("tk,tk->t", off, slope)
+            slope = np.where(known[:, None], gaps(g, a, b, True) / (2 * width * s), 0.0)
+            top += np.einsum("tk,tk->t", gaps(g, g.values, h, True) / s, slope)
             below += np.einsum("tk,tk->t", slope, slope)
         still = below < 1e-4 * below.max()
         delays = delays + np.where(still, 0.0, top / np.where(still, 1.0, below))

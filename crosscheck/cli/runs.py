@@ -220,13 +220,11 @@ def truth(
 def write_csv(scene: Scene, states: Trajectory | States, target: str) -> None:
     """Write states as CSV, one line per output time, in full precision; `target` is a path, or - for the terminal."""
     from crosscheck.scene.sensors import columns, unit
+    from crosscheck.scene.states import COLUMNS
 
     header = ["t [s]"]
     for body in scene.bodies:
-        header += [f"{body.name} x_{axis} [m]" for axis in "xyz"]
-        header += [f"{body.name} R_{row}{column}" for row in "123" for column in "123"]
-        header += [f"{body.name} v_{axis} [m/s]" for axis in "xyz"]
-        header += [f"{body.name} w_{axis} [rad/s]" for axis in "xyz"]
+        header += [f"{body.name} {name}{f' [{of}]' if of else ''}" for names, of in COLUMNS.values() for name in names]
     extra = {"kinetic_energy": "kinetic energy [J]", "potential_energy": "potential energy [J]",
              "energy": "energy [J]", "constraint_position": "constraint position",
              "constraint_velocity": "constraint velocity", "constraint_acceleration": "constraint acceleration",
@@ -242,7 +240,7 @@ def write_csv(scene: Scene, states: Trajectory | States, target: str) -> None:
         for k, time in enumerate(states.t):
             row = [time]
             for i in range(scene.n):
-                row += [*states.x[k, i], *states.R[k, i].ravel(), *states.v[k, i], *states.w[k, i]]
+                row += [value for field in COLUMNS for value in getattr(states, field)[k, i].ravel()]
             writer.writerow([repr(float(value)) for value in [*row, *(values[k] for values in series.values())]])
 
 

@@ -8,6 +8,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+COLUMNS = {"x": (tuple(f"x_{axis}" for axis in "xyz"), "m"),
+           "R": (tuple(f"R_{row}{column}" for row in "123" for column in "123"), ""),
+           "v": (tuple(f"v_{axis}" for axis in "xyz"), "m/s"), "w": (tuple(f"w_{axis}" for axis in "xyz"), "rad/s")}
+"""What a table calls the numbers of a body after its name, and their unit, by the fields of `States`."""
+
 
 @dataclasses.dataclass
 class States:

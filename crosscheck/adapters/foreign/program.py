@@ -34,7 +34,7 @@ import numpy as np
 from crosscheck.adapters.base import RunSpec
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, brief
 from crosscheck.scene.model import ELEMENTS, Scene, rotation_from_quaternion
-from crosscheck.scene.states import States
+from crosscheck.scene.states import COLUMNS, States
 
 FORM = "[order=4] PROGRAM ... {scene} {step} {out}"
 REFUSED = 3
@@ -141,12 +141,12 @@ def _columns(scene: Scene, path: Path) -> dict[str, np.ndarray]:
         header, *rows = (row for row in csv.reader(stream) if row)
     titles = {title.partition(" [")[0].strip(): number for number, title in enumerate(header)}
     values = np.array(rows, dtype=float)
-    turns = [f"R_{i}{j}" for i in "123" for j in "123"]
-    if f"{scene.bodies[0].name} R_11" not in titles:
-        turns = [f"q_{axis}" for axis in "wxyz"]
+    wanted = {key: names for key, (names, _) in COLUMNS.items()}
+    if f"{scene.bodies[0].name} {wanted['R'][0]}" not in titles:
+        del wanted["R"]
+        wanted["q"] = tuple(f"q_{axis}" for axis in "wxyz")
     table = {"t": values[:, titles["t"]]}
-    for key, names in {"x": [f"x_{a}" for a in "xyz"], "v": [f"v_{a}" for a in "xyz"], "w": [f"w_{a}" for a in "xyz"],
-                       turns[0][0]: turns}.items():
+    for key, names in wanted.items():
         table[key] = np.stack([values[:, [titles[f"{body.name} {name}"] for name in names]] for body in scene.bodies],
                               axis=1)
     if "R" in table:

@@ -6,7 +6,7 @@ import numpy as np
 
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import GROUND, Scene
-from crosscheck.scene.states import States
+from crosscheck.scene.states import Motion, States
 
 AT_REST = 1e-20
 """Share of the kinetic energy of a fall through the scene's length below which a motion is rounding: (100 eps)^2 of
@@ -47,7 +47,7 @@ def sizes(scene: Scene, motion: States) -> dict[str, float]:
                     "reaction torque": weight * length + inertia * turned}
 
 
-def at_rest(scene: Scene, motion: States) -> bool:
+def at_rest(scene: Scene, motion: Motion) -> bool:
     """Whether nothing moves but rounding, so that an engine that does nothing is right."""
     falling = float(np.linalg.norm(scene.gravity)) * length_of(scene) or length_of(scene) ** 2
     kinetic = float(np.nanmax(mechanics.kinetic_energy(scene, motion), initial=0.0))

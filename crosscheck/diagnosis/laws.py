@@ -17,8 +17,8 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RunSpec
+from crosscheck.compare.sizes import at_rest
 from crosscheck.errors import ArgumentError, Unsupported
-from crosscheck.judge.tolerances import at_rest
 from crosscheck.references.base import TruthError
 from crosscheck.running.run import run, truth
 from crosscheck.scene.coordinates import histories
@@ -177,7 +177,7 @@ def _truth(scene: Scene) -> tuple[States | None, str]:
         exact = truth(scene)
     except (Unsupported, TruthError) as error:
         return None, f"no truth of the scene's law: {error}"
-    if at_rest(scene, exact):
+    if at_rest(scene, exact.states):
         raise Unsupported(f"{scene.name}: nothing moves in it, so that no law shows; let it start in motion, a model "
                           "file by crosscheck import FILE --start random -o SCENE.toml")
     return exact.states, ""

@@ -17,12 +17,13 @@ import tomllib
 
 import numpy as np
 
+from crosscheck.compare.sizes import at_rest, length_of
 from crosscheck.document import QUANTITIES, Scales
 from crosscheck.judge.metrics import Plateau
 from crosscheck.references.base import Reference
 from crosscheck.references.maximal import fastest
 from crosscheck.scene import mechanics
-from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.model import Scene
 from crosscheck.scene.states import Motion
 
 EPS = float(np.finfo(float).eps)
@@ -63,19 +64,6 @@ class Tol:
     why: str
 
 
-AT_REST = 1e-20
-"""Share of the kinetic energy of a fall through the scene's length below which a kinetic energy is rounding."""
-
-
-def at_rest(scene: Scene, truth: Reference) -> bool:
-    """Whether nothing moves in the true motion, so that every engine that does nothing is right."""
-    scale = scales(scene, truth)
-    falling = float(scene.masses.sum()) * (scale.length * scale.rate) ** 2
-    kinetic = 0.5 * (np.einsum("i,tik,tik->t", scene.masses, truth.states.v, truth.states.v)
-                     + np.einsum("tik,ikl,til->t", truth.states.w, scene.inertias, truth.states.w))
-    return bool(kinetic.max() <= AT_REST * falling)
-
-
 def scales(scene: Scene, truth: Reference) -> Scales:
     """Lengths, speeds, rates and energies of a scene along its true motion."""
     return scales_of(scene, truth.states)
@@ -83,11 +71,7 @@ def scales(scene: Scene, truth: Reference) -> Scales:
 
 def scales_of(scene: Scene, states: Motion) -> Scales:
     """Lengths, speeds, rates and energies of a scene along a motion, which is NaN where it is not known."""
-    levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
-    levers += [float(np.linalg.norm(joint.parent_anchor)) for joint in scene.joints if joint.parent != GROUND]
-    # A free body has no lever. Its length is its radius of gyration.
-    gyration = np.sqrt(np.trace(scene.inertias, axis1=1, axis2=2) / (2.0 * scene.masses))
-    length = float(max([*levers, 0.0]) or gyration.max())
+    length = length_of(scene)
     fall = float(np.sqrt(np.linalg.norm(scene.gravity) / length))
     rates = np.linalg.norm(states.w, axis=-1)
     kinetic = 0.5 * (np.einsum("i,tik,tik->t", scene.masses, states.v, states.v)
@@ -95,9 +79,9 @@ def scales_of(scene: Scene, states: Motion) -> Scales:
     speed, reach = (float(np.nanmax(np.linalg.norm(values, axis=-1))) for values in (states.v, states.x))
     inertia = float(np.linalg.norm(scene.inertias, ord=2, axis=(1, 2)).sum())
     rate, most = max(float(np.nanmax(rates)), fall), float(np.nanmax(kinetic))
-    falling = float(scene.masses.sum()) * (length * (rate or 1.0)) ** 2
-    if most <= AT_REST * falling:  # nothing moves: the sizes are those of a fall through the length
-        speed, most = length * (rate or 1.0), falling
+    if at_rest(scene, states):  # the sizes are those of a fall through the length
+        speed = length * (rate or 1.0)
+        most = float(scene.masses.sum()) * speed**2
     return Scales(length=length, speed=speed, rate=rate or 1.0,
                   unit_rate=max(float(rates[0].max()), fall) or 1.0, reach=reach, kinetic=most,
                   momentum=float(scene.masses.sum() * reach * speed + inertia * np.nanmax(rates)))

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from msgspec.structs import replace
 
+from crosscheck.compare.sizes import at_rest
 from crosscheck.document import (
     LEVELS,
     QUANTITIES,
@@ -120,7 +121,7 @@ def too_coarse(claim: Claim, budgeted: bool) -> Finding:
 
 def judge_rest(scene: Scene, truth: Reference) -> list[Finding]:
     """The finding on a scene in which nothing moves; none for any other."""
-    if not tolerances.at_rest(scene, truth):
+    if not at_rest(scene, truth.states):
         return []
     return [Finding("rest", "unresolved", None, None, "", "nothing moves in this scene, so that an engine which does "
                     "nothing is right: nothing was judged", "give it a start that moves")]

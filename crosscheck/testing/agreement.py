@@ -19,6 +19,7 @@ from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import differences, up_to
 from crosscheck.judge.plan import plan_from_truth
 from crosscheck.judge.tolerances import Tol
+from crosscheck.judge.verdict import judge_rest
 from crosscheck.references.base import Reference
 from crosscheck.running.arguments import best_method
 from crosscheck.running.run import run as run_scene
@@ -88,7 +89,7 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
 
 def _compared(scene: Scene, truth: Reference) -> tuple[float, str]:
     """The share of a scene's time over which a comparison with truth says something, and why not all of it."""
-    if tolerances.at_rest(scene, truth):
+    if judge_rest(scene, truth):
         return 0.0, "nothing moves, so that an engine which does nothing is right; give it a start that moves"
     return min(1.0, truth.horizon / scene.duration), f"truth ends there: {truth.horizon_cause or 'errors grow too far'}"
 

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from crosscheck import load_scene
 from crosscheck.cli.app import app
+from crosscheck.compare.sizes import AT_REST, at_rest
 from crosscheck.document import Finding, Plan, Record, Way
-from crosscheck.judge import tolerances
 from crosscheck.judge.overrides import override
 from crosscheck.judge.plan import halved
 from crosscheck.judge.verdict import judge_rest, settle
@@ -57,7 +57,7 @@ def test_a_scene_at_rest_judges_nothing(resting):
     assert (settled.outcome, settled.share) == ("unresolved", 0.0)
     moving = load_scene("single_pendulum").replace(duration=1.0, samples=26)
     assert not judge_rest(moving, truth(moving))
-    assert not tolerances.at_rest(moving, truth(moving))
+    assert not at_rest(moving, truth(moving).states)
 
 
 @pytest.mark.parametrize(("share", "rests"), [(0.9, True), (1.1, False)])
@@ -65,8 +65,8 @@ def test_rest_is_a_share_of_a_fall_through_the_length(resting, share, rests):
     scene = load_scene(resting)
     still = truth(scene)
     v = np.zeros_like(still.states.v)
-    v[3, 0, 0] = np.sqrt(2 * share * tolerances.AT_REST * 9.81)
-    assert tolerances.at_rest(scene, dataclasses.replace(still, states=dataclasses.replace(still.states, v=v))) == rests
+    v[3, 0, 0] = np.sqrt(2 * share * AT_REST * 9.81)
+    assert at_rest(scene, dataclasses.replace(still.states, v=v)) == rests
 
 
 def test_a_robot_at_rest_is_unresolved(resting, tmp_path):

@@ -87,6 +87,14 @@ PLAIN = """
 """
 
 
+READ = [{"name": "pin", "type": "joint_position", "joint": "pin"},
+        {"name": "rail", "type": "joint_position", "joint": "rail"},
+        {"name": "drive", "type": "joint_effort", "joint": "pin"},
+        {"name": "force", "type": "force", "joint": "rail", "site": "cell"},
+        {"name": "torque", "type": "torque", "joint": "rail", "site": "cell"}]
+"""What MuJoCo's sensors of both arms read, in their order."""
+
+
 def plain(q, rate, torque):
     """The arm of PLAIN as a scene, by hand."""
     y, x = [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]
@@ -101,11 +109,7 @@ def plain(q, rate, torque):
          "stiffness": 40.0, "rest_position": 0.1, "damping": 0.6}],
         "forces": [{"type": "joint_torque", "joint": "pin", "torque": torque}],
         "sites": [{"name": "cell", "body": "cart", "position": [-0.05, 0.0, 0.1]}],
-        "sensors": [{"name": "pin", "type": "joint_position", "joint": "pin"},
-                    {"name": "rail", "type": "joint_position", "joint": "rail"},
-                    {"name": "drive", "type": "joint_effort", "joint": "pin"},
-                    {"name": "force", "type": "force", "joint": "rail", "site": "cell"},
-                    {"name": "torque", "type": "torque", "joint": "rail", "site": "cell"}]}
+        "sensors": READ}
 
 
 SERVED = """
@@ -138,11 +142,7 @@ def served(q, rate, target):
          "damping": 0.2}],
         "forces": [{"type": "servo", "joint": "pin", "proportional": 30.0, "derivative": 2.0, "target": target}],
         "sites": [{"name": "cell", "body": "hand", "position": [0.0, -0.1, 0.25]}],
-        "sensors": [{"name": "pin", "type": "joint_position", "joint": "pin"},
-                    {"name": "rail", "type": "joint_position", "joint": "rail"},
-                    {"name": "drive", "type": "joint_effort", "joint": "pin"},
-                    {"name": "force", "type": "force", "joint": "rail", "site": "cell"},
-                    {"name": "torque", "type": "torque", "joint": "rail", "site": "cell"}]}
+        "sensors": READ}
 
 
 @pytest.mark.parametrize(("q", "rate", "control"), [

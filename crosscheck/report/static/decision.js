@@ -56,7 +56,7 @@
       const cells = row.method === null ? ["not found", "", short(row.least), "", ""]
         : [row.method, size(row), about(row) + short(row.error), short(1e3 * row.cost),
           row.estimated ? "not tried" : breaks(row)];
-      ["method", "step", "error", "cost, ms", "breaks at"].forEach((label, index) => {
+      ["method", "step", "error, of size", "cost, ms", "breaks at"].forEach((label, index) => {
         const cell = node("td", cells[index]);
         cell.dataset.label = label;
         if (index) cell.className = "n";

@@ -23,15 +23,17 @@ RESOLVED = 0.01
 
 UNITS = {**QUANTITIES, "orthogonality": "1", "energy": "J", "acceleration": "m/s^2", "angular acceleration": "rad/s^2",
          "reaction force": "N", "reaction torque": "N m"}
-Rule = Literal["limit", "run", "run limit", "order", "tolerance"]
+Rule = Literal["limit", "gap", "gap limit", "order", "promise"]
+"""What a check is about: the first word is a key of `crosscheck.document.outcomes.KINDS`."""
+
 WHY: dict[Rule, str] = {
     "limit": "answers from the run's own states, extrapolated to vanishing steps, less truth; U is 3 |T3 - T2| and "
              "what rounding, noise, iteration and truth leave",
-    "run": "the run less what the engine answers from the run's own states in another world; three times the error and "
+    "gap": "the run less what the engine answers from the run's own states in another world; three times the error and "
            "the uncertainty of such an answer are allowed",
-    "run limit": "the run less what the engine answers from its own states, extrapolated to vanishing steps",
+    "gap limit": "the run less what the engine answers from its own states, extrapolated to vanishing steps",
     "order": "the order at which answers at three steps approach each other, against the documented one less 1/2",
-    "tolerance": "the error at the run's own tolerance, against steps times tolerance times size times growth"}
+    "promise": "the error at the run's own tolerance, against steps times tolerance times size times growth"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,12 +103,19 @@ def findings(checks: Iterable[Check], spans: Sequence[tuple[float, float]]) -> l
     return made
 
 
-def share(checks: Sequence[Check], spans: Sequence[tuple[float, float]], blind: Iterable[int]) -> float:
-    """The part of the run's time over which x, R, v, w are resolved; `blind` are segments without a truth."""
-    dark = set(blind) | {check.segment for check in checks if check.name in STATE and check.status == "unresolved"
-                         and check.rule in ("limit", "run limit")}
-    whole = spans[-1][1] - spans[0][0] if spans else 0.0
-    return 1.0 - sum(spans[k][1] - spans[k][0] for k in dark) / whole if whole else 0.0
+def shares(checks: Sequence[Check], spans: Sequence[tuple[float, float]], blind: Iterable[int]) -> dict[str, float]:
+    """By row the part of the run's time over which it is resolved, and by "" that of x, R, v, w together.
+
+    `blind` are segments without a truth.
+    """
+    whole, blind = spans[-1][1] - spans[0][0] if spans else 0.0, set(blind)
+    dark = {name: set(blind) for name in ("", *STATE, *(check.name for check in checks if check.rule == "limit"))}
+    for check in checks:
+        if check.status == "unresolved" and check.rule in ("limit", "gap limit"):
+            dark[check.name].add(check.segment)
+    dark[""] = set[int]().union(*(dark[name] for name in STATE))
+    return {name: 1.0 - sum(spans[k][1] - spans[k][0] for k in each) / whole if whole else 0.0
+            for name, each in dark.items()}
 
 
 def visible(checks: Sequence[Check]) -> dict[str, float]:

@@ -30,7 +30,7 @@ from crosscheck.compare.sizes import at_rest, length_of, sizes
 from crosscheck.document import Finding, Record
 from crosscheck.errors import Unsupported
 from crosscheck.judge import tolerances
-from crosscheck.judge.rules import Check, findings, limit_check, share, told, visible
+from crosscheck.judge.rules import Check, findings, limit_check, shares, told, visible
 from crosscheck.judge.segments import Segment, fill, segments_of
 from crosscheck.judge.system_flow import SystemFlow
 from crosscheck.references import TruthError
@@ -43,6 +43,9 @@ from crosscheck.scene.states import Motion, States
 from crosscheck.verification.probe import Answer, Probe, answers, moved
 
 EPS = 2.0**-52
+Rung = tuple[float | None, float | None, dict[str, float]]
+"""Step (s) or relative tolerance, and the largest errors there by row."""
+
 HALVINGS = 2
 """Finer steps that are tried before a segment fails or stays unresolved (Roache: until the order shows)."""
 ASKED_AGAIN = 2
@@ -59,6 +62,7 @@ class Sequence3:
     counts: list[int]  # steps of one interval between outputs; none of tolerances
     answers: list[Answer]
     orders: list[float] = dataclasses.field(default_factory=list)  # as observed, one a refinement
+    order: float | None = None  # what follows from these; None where the motion is not smooth, or all is rounding
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,10 +71,22 @@ class Verdict:
 
     findings: list[Finding]
     checks: list[Check]
-    share: float  # of the run's time in which x, R, v, w are resolved
-    visible: dict[str, float]  # by row: an error of the model above this share of its size would have been seen
-    cost: float  # engine steps of all answers and the run, over those of the run
     why: str  # why not all of it is resolved
+    shares: dict[str, float]  # by row: of the run's time in which it is resolved; by "" of x, R, v, w together
+    visible: dict[str, float] = dataclasses.field(default_factory=dict)  # by row: a larger error would have been seen
+    cost: float = 1.0  # engine steps of all answers and the run, over those of the run
+    orders: dict[str, float] | None = None  # "documented", "lowest" and "median" observed, and in how many "segments"
+    ladder: list[Rung] = dataclasses.field(default_factory=list)
+
+    @property
+    def share(self) -> float:
+        """The part of the run's time in which x, R, v, w are resolved."""
+        return self.shares[""]
+
+
+def unjudged(kind: str, why: str, *findings: Finding) -> Verdict:
+    """The verdict on a run of which nothing is compared with truth."""
+    return Verdict([Finding(f"unresolved {kind}", "unresolved", None, None, "", why), *findings], [], why, {"": 0.0})
 
 
 class Solution:
@@ -204,6 +220,7 @@ class Solution:
                 made.append(limit_check("limit", name, k, found, self.of_truth(name, segment), self.size_of(name, seq),
                                         told(self.scene, segment.t[1:][keep], h, own, found, "rtol" if self.p is None
                                              else "h")))
+        seq.order = order if above else None
         if above and self.p is not None:
             lack = max(0.0, self.p - order)
             apart_by = ", ".join(f"{size:.6g}" for size in h)
@@ -328,7 +345,7 @@ class Solution:
             kept = 0.0 if self.p is not None else self.tolerated(name, segment, seq.answers[own])
             parts = {"error": SAFETY * error[name], "U": SAFETY * limits[name].uncertainty,
                      "closing": SAFETY * closing, "tolerance": kept}
-            self.checks.append(Check("run", name, k, largest(each[keep]), parts, math.inf, f"at {self.own:.6g}; "
+            self.checks.append(Check("gap", name, k, largest(each[keep]), parts, math.inf, f"at {self.own:.6g}; "
                                      f"the largest error of an answer there is {error[name]:.3g}"))
 
     def vanishing(self, finest: dict[int, dict[str, np.ndarray]]) -> None:
@@ -374,7 +391,7 @@ class Solution:
                 rows = [gaps[name][keep] for gaps in each]
                 if keep.any():
                     limited = self.limit_of(name, segment, sized, rows, smooth, order, 2.0)  # of two answers
-                    made.append(limit_check("run limit", name, k, limited, {}, self.sizes[name], told(
+                    made.append(limit_check("gap limit", name, k, limited, {}, self.sizes[name], told(
                         self.scene, segment.t[1:][keep], sized, rows, limited, "rtol" if self.p is None else "h")))
         return made
 
@@ -390,13 +407,12 @@ class Solution:
                 if name in STATE:
                     parts = {"tolerance": self.tolerated(name, segment, seq.answers[own]),
                              "rounding": self.rounding(name, segment, self.own)}
-                    self.checks.append(Check("tolerance", name, k, largest(each), parts, math.inf))
+                    self.checks.append(Check("promise", name, k, largest(each), parts, math.inf))
 
     def verdict(self) -> Verdict:
         """All rules."""
         if at_rest(self.scene, self.truth.states):
-            why = "nothing moves but rounding: give a start that moves"
-            return Verdict([Finding("rest", "unresolved", None, None, "", why)], [], 0.0, {}, 1.0, why)
+            return unjudged("rest", "nothing moves but rounding: give a start that moves")
         self.segments = segments_of(self.scene, self.traj, self.truth, self.open)
         fill(self.segments, SystemFlow(self.scene, self.sizes, self.truth), self.traj, self.truth)
         sequences = self.all_sequences()
@@ -407,12 +423,32 @@ class Solution:
         self.tolerance(sequences)
         blind = [k for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True))
                  if seq is None or segment.flowed is None]
-        reached = share(self.checks, spans, blind)
+        reached = shares(self.checks, spans, blind)
         cost = 1.0 + self.probe.steps / max(1, self.traj.steps)
         more = [] if self.probe.status == "success" else [
-            Finding("run", "fail", None, None, "", "a run has to reach its end", f"it says: {self.probe.status}")]
-        return Verdict([*more, *findings(self.checks, spans)], self.checks, reached, visible(self.checks), cost,
-                       self.reason(blind, reached))
+            Finding("asked end", "fail", None, None, "", "a run has to reach its end", f"it says: {self.probe.status}")]
+        return Verdict([*more, *findings(self.checks, spans)], self.checks, self.reason(blind, reached[""]), reached,
+                       visible(self.checks), cost, self.orders(sequences), self.ladder(sequences))
+
+    def orders(self, sequences: list[Sequence3 | None]) -> dict[str, float] | None:
+        """The documented order and those that smooth segments show; None if none does."""
+        shown = [each.order for each in sequences if each is not None and each.order is not None]
+        return None if self.p is None or not shown else {
+            "documented": self.p, "lowest": min(shown), "median": float(np.median(shown)), "segments": len(shown)}
+
+    def ladder(self, sequences: list[Sequence3 | None]) -> list[Rung]:
+        """The largest |D| by row over all segments at the steps or tolerances of all, the coarsest first."""
+        asked = [(segment, seq) for segment, seq in zip(self.segments, sequences, strict=True)
+                 if seq is not None and segment.flowed is not None]
+        made = []
+        for k in (-1, -2, -3) if asked else ():
+            most, size = dict[str, float](), asked[0][1].steps[k]
+            for segment, seq in asked:
+                for name, each in seq.answers[k].rows(segment).items():
+                    kept = each[segment.kept(name, size if self.p is not None else 0.0)]
+                    most[name] = max(most.get(name, 0.0), largest(kept))
+            made.append((*self.at(size), most))
+        return made
 
     def all_sequences(self) -> list[Sequence3 | None]:
         """Answers to every segment, at coarser steps where the engine has them in all."""
@@ -447,5 +483,4 @@ def judge(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], tru
     try:
         return Solution(run, scene, traj, held, truth).verdict()
     except (TruthError, Unsupported) as error:
-        why = f"no truth: {error}"
-        return Verdict([Finding("truth", "unresolved", None, None, "", why)], [], 0.0, {}, 1.0, why)
+        return unjudged("truth", f"no truth: {error}")

@@ -5,12 +5,14 @@ import re
 import numpy as np
 import pytest
 
+import crosscheck
 from crosscheck import adapters, load_scene
-from crosscheck.adapters.base import StandIn
+from crosscheck.adapters.base import RunSpec, StandIn
 from crosscheck.compare.order import cancelling
 from crosscheck.compare.sizes import sizes
-from crosscheck.document import Plan, Way
-from crosscheck.judge.rules import Check, findings, share
+from crosscheck.document import QUANTITIES, Plan, Record, Way
+from crosscheck.document.outcomes import KINDS
+from crosscheck.judge.rules import Check, findings, shares
 from crosscheck.judge.segments import marks
 from crosscheck.judge.system_flow import SystemFlow
 from crosscheck.judge.world import World
@@ -18,6 +20,7 @@ from crosscheck.references import truth
 from crosscheck.scene.model import Sensor, Site
 from crosscheck.scene.starts import restarted
 from crosscheck.verification.cell import run_cell
+from crosscheck.verification.solution import judge
 from crosscheck.verification.task import Cell
 
 STEPS = {"DAE1L_LSE": 1e-4, "rattle2": 1e-3, "rkmk4": 2e-3}
@@ -62,7 +65,7 @@ def test_a_small_error_of_gravity_fails(method, error):
 def test_a_run_that_is_not_what_the_engine_answers_elsewhere_fails():
     """It is wrong in the whole run alone, and right wherever it is started again."""
     run = judged(Altered(1.001, late=0.5), "rattle2")
-    assert any(each.kind.startswith("run limit") and each.status == "fail" for each in run.findings)
+    assert any(each.kind.startswith("gap limit") and each.status == "fail" for each in run.findings)
 
 
 def test_value_and_uncertainty_follow_by_hand_from_what_a_finding_prints():
@@ -78,6 +81,24 @@ def test_value_and_uncertainty_follow_by_hand_from_what_a_finding_prints():
     assert sum(float(part.split()[-1]) for part in parts.split(", ")) == pytest.approx(found.bound, rel=1e-2)
 
 
+@pytest.mark.parametrize("method", STEPS)
+def test_orders_and_errors_at_the_steps_asked_come_with_the_verdict(method):
+    scene = load_scene("double_pendulum").replace(duration=0.5, samples=41)
+    with adapters.lent(Altered()) as name:
+        traj = crosscheck.run(scene, engine=name, method=method, step=STEPS[method])
+        order = adapters.get(name).documented_order(scene, RunSpec(method, step=STEPS[method]))
+        run = Record(scene=scene.name, engine=name, version="1", method=method, step=STEPS[method],
+                     documented_order=order)
+        found = judge(run, scene, traj, frozenset(), truth(scene))
+    assert found.orders["documented"] == order
+    assert order - 0.5 <= found.orders["lowest"] <= found.orders["median"]
+    (coarse, _, most), _, (fine, _, least) = found.ladder
+    assert coarse > 2 * fine
+    assert set(QUANTITIES) <= set(least)
+    assert np.log(most["velocity"] / least["velocity"]) / np.log(coarse / fine) == pytest.approx(order, abs=0.5)
+    assert {each.kind.partition(" ")[0] for each in found.findings} <= set(KINDS)
+
+
 def test_a_value_beyond_its_uncertainty_fails_however_large_that_is():
     def status(value, bound):
         return Check("limit", "position", 0, value, {"extrapolation": bound}, 1.0).status
@@ -91,8 +112,9 @@ def test_a_value_beyond_its_uncertainty_fails_however_large_that_is():
 def test_the_share_counts_time():
     checks = [Check("limit", "position", k, 0.0, {"extrapolation": bound}, 1.0) for k, bound in enumerate([1e-3, 1.0])]
     spans = [(0.0, 3.0), (3.0, 4.0)]
-    assert share(checks, spans, []) == pytest.approx(0.75)
-    assert share(checks, spans, [0]) == pytest.approx(0.0)
+    assert shares(checks, spans, []) == pytest.approx(
+        {"": 0.75, "position": 0.75, "attitude": 1.0, "velocity": 1.0, "angular velocity": 1.0})
+    assert shares(checks, spans, [0])[""] == pytest.approx(0.0)
     assert findings(checks, spans)[0].status == "unresolved"
 
 
@@ -164,8 +186,6 @@ def test_the_judge_has_few_constants():
     """Named numbers of the rooms that judge by solution verification; each says its source."""
     import ast
     import pathlib
-
-    import crosscheck
 
     root, numbers = pathlib.Path(crosscheck.__file__).parent, (ast.Constant, ast.UnaryOp, ast.BinOp)
     files = [*(root / "compare").glob("*.py"), root / "verification/probe.py", root / "verification/solution.py",

@@ -39,14 +39,16 @@ def in_cell(engine: Any, method: str, scene: str, plan: Plan, **more: Any) -> Ca
     return judged
 
 
-def in_scene(made: Callable[[], Any], engine: Any, method: str, steps: dict[int, float]) -> Callable[[bool], Record]:
-    """An engine on a scene that no file holds."""
+def in_scene(made: Callable[[], Any], engine: Any, method: str, steps: dict[int, float], tolerance: float = 1e-9
+             ) -> Callable[[bool], Record]:
+    """An engine on a scene that no file holds, at the step of its order or at a tolerance."""
     def judged(by_solution: bool) -> Record:
         scene, own = made(), engine()
         with adapters.lent(own) as name:
             adaptive = method in own.adaptive_methods
-            order = own.documented_order(scene, RunSpec(method, **({"rtol": 1e-9} if adaptive else {"step": 1e-3})))
-            step, rtol = (None, 1e-9) if order is None else (steps[order], None)
+            order = own.documented_order(scene, RunSpec(method, **(
+                {"rtol": tolerance} if adaptive else {"step": 1e-3})))  # type: ignore[arg-type]
+            step, rtol = (None, tolerance) if order is None else (steps[order], None)
             traj = crosscheck.run(scene, engine=name, method=method, step=step, rtol=rtol)
             run = Record(scene=scene.name, engine=name, version="1", method=method, form=traj.form, step=step,
                          rtol=rtol, documented_order=order)
@@ -116,6 +118,37 @@ def right_laws() -> Iterator[Case]:
         yield f"Impulses, {name}", in_scene(lambda name=name: scene(name), law_engines.Impulses, "Plain", ORDERS)
 
 
+def gate(classes: tuple[Any, ...]) -> Iterator[Case]:
+    """Engines of `tests.gate` at the steps of its table, with enough outputs for segments."""
+    from tests.gate import measure
+
+    cases: Any = measure.CASES
+
+    for cls in classes:
+        name, size = cls.__name__, cases[cls.__name__][1]
+
+        def made(name: str = name) -> Any:
+            scene, _ = measure.case(name)
+            return scene.replace(samples=max(scene.samples, 21))
+
+        yield f"{name}, {cases[name][0]}", in_scene(
+            made, lambda cls=cls: completed(cls(), "two judges", "1"), name, dict.fromkeys(range(1, 16), size), size)
+
+
+def gate_right() -> Iterator[Case]:
+    """Right engines of `tests.gate`."""
+    from tests.gate.right import RIGHT
+
+    return gate(RIGHT)
+
+
+def gate_wrong() -> Iterator[Case]:
+    """Wrong engines of `tests.gate`."""
+    from tests.gate.wrong import WRONG
+
+    return gate(WRONG)
+
+
 def stock() -> Iterator[Case]:
     """Every method of every engine that is installed here, on all scenes, at the steps of the default plan."""
     from crosscheck.judge.plan import PROFILES
@@ -133,7 +166,8 @@ def stock() -> Iterator[Case]:
                 yield f"{scene}, {cell.label}", judged
 
 
-CORPORA = {each.__name__: each for each in (strangers, mistakes, laws, right, right_laws, stock)}
+CORPORA = {each.__name__: each for each in (strangers, mistakes, laws, right, right_laws, gate_right,
+                                               gate_wrong, stock)}
 
 
 def row(judged: Callable[[bool], Record], by_solution: bool) -> dict[str, Any]:
@@ -171,7 +205,7 @@ def table(file: pathlib.Path) -> None:
     for (corpus, outcome), count in sorted(counted.items()):
         print(f"{corpus:12} {outcome:12} {count}")
     for line in lines:
-        wrong = line["corpus"] in ("strangers", "mistakes", "laws")
+        wrong = line["corpus"] in ("strangers", "mistakes", "laws", "gate_wrong")
         before = line["old"]["outcome"] if "old" in line else "fail" if wrong else "pass"
         if line["new"]["outcome"] != before:
             share = 100 * (line["new"].get("share") or 0.0)

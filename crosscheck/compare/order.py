@@ -80,26 +80,35 @@ def limit(h: Sequence[float], answers: Sequence[np.ndarray], order: int, roundin
           observed: float = math.inf) -> Limit:
     """The limit of answers less truth, (T, n, k) each, at steps h1 < h2 < h3 of a method of documented `order`.
 
+    A fourth answer, from before a refinement, has no part in the value: what T3 was then shows how far it may be
+    trusted, as T2 does.
+
     Parameters
     ----------
     rounding : u_round of each answer
     noise : u_noise, by how much answers to one question scatter beyond rounding
     observed : the observed order of the sequence; below `order` - 1/2 nothing is extrapolated
     """
-    apart = spread(answers)
+    finest = answers[:3]
+    apart = spread(finest)
     if not math.isfinite(apart):
         return Limit(answers[0], {"extrapolation": math.inf}, "no order")
-    floor = {"rounding": floor_of(rounding, 0.0), "noise": SAFETY * noise}
-    if not differ(answers, rounding, noise):
+    floor = {"rounding": floor_of(rounding[:3], 0.0), "noise": SAFETY * noise}
+    if not differ(finest, rounding[:3], noise):
         return Limit(answers[0], {"extrapolation": SAFETY * apart, **floor}, "rounding")
     if observed < order - MARGIN:
         return Limit(answers[0], {"extrapolation": SAFETY * apart, **floor}, "no order")
     steps = np.array(h)
-    two, three = cancelling(steps[:2], order), cancelling(steps, order)
-    T2 = sum(w * each for w, each in zip(two, answers[:2], strict=True))
-    T3 = sum((w * each for w, each in zip(three, answers, strict=True)), np.zeros_like(answers[0]))
-    return Limit(T3, {"extrapolation": SAFETY * largest(T3 - T2), "rounding": floor_of(rounding, 0.0, three),
+    three = cancelling(steps[:3], order)
+    T3, T2 = _sum(three, finest), _sum(cancelling(steps[:2], order), answers)
+    before = [_sum(cancelling(steps[1:4], order), answers[1:4])] if len(h) > 3 else []
+    return Limit(T3, {"extrapolation": SAFETY * max(largest(T3 - each) for each in (T2, *before)),
+                      "rounding": floor_of(rounding[:3], 0.0, three),
                       "noise": float(np.abs(three).sum()) * SAFETY * noise}, "order")
+
+
+def _sum(weights: np.ndarray, answers: Sequence[np.ndarray]) -> np.ndarray:
+    return sum((w * each for w, each in zip(weights, answers, strict=False)), np.zeros_like(answers[0]))
 
 
 def index_of_order_one(h: Sequence[float], answers: Sequence[np.ndarray], rounding: float, noise: float = 0.0,

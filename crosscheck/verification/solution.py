@@ -198,16 +198,16 @@ class Solution:
     # R2
 
     def judge_segment(self, k: int, segment: Segment, seq: Sequence3) -> list[Check]:
-        """R2 in one segment, by the three finest answers."""
-        h = seq.steps[:3]
-        rows = [each.rows(segment) for each in seq.answers[:3]]
-        smooth = self.p is not None and segment.smooth(h)
+        """R2 in one segment, by the three finest answers, and by the one that a refinement replaced."""
+        h = seq.steps[:4]
+        rows = [each.rows(segment) for each in seq.answers[:4]]
+        smooth = self.p is not None and segment.smooth(h[:3])
         order, above = math.inf, False
         if smooth and self.p is not None:
-            seq.orders.append(observed_order(h, [scaled(each, self.sizes) for each in rows]))
+            seq.orders.append(observed_order(h[:3], [scaled(each, self.sizes) for each in rows[:3]]))
             order, *before = seq.orders[::-1]
             order = max(order, 2 * order - before[0]) if before else order
-            above = any(differ([each[name] for each in rows], self.roundings(name, segment, h),
+            above = any(differ([each[name] for each in rows[:3]], self.roundings(name, segment, h[:3]),
                                self.noise.get(name, 0.0)) for name in STATE)
         made = []
         for name in rows[0]:
@@ -223,7 +223,7 @@ class Solution:
         seq.order = order if above else None
         if above and self.p is not None:
             lack = max(0.0, self.p - order)
-            apart_by = ", ".join(f"{size:.6g}" for size in h)
+            apart_by = ", ".join(f"{size:.6g}" for size in h[:3])
             made.append(Check("order", "", k, lack, {"margin": MARGIN}, math.inf,
                               f"observed {order:.3g} of {self.p} at steps {apart_by} s"))
         return made
@@ -234,13 +234,13 @@ class Solution:
         rounding = [times * each for each in self.roundings(name, segment, h)]
         noise = times * self.noise.get(name, 0.0)
         if self.p is None:
-            return spread_of_tolerances(own, rounding[0], noise)
+            return spread_of_tolerances(own[:3], rounding[0], noise)
         if smooth:
             p = self.p if name in OF_STATE else 1
             return limit(h, own, p, rounding, noise, order if name in OF_STATE else math.inf)
         growth = 1.0 if segment.flowed is None else segment.flowed.growth
         jump = sum(each.rates.get(name, 0.0) for each in segment.flowed.jumps) if segment.flowed and self.p < 2 else 0.0
-        return index_of_order_one(h, own, rounding[0], noise, jump * h[0] * growth)
+        return index_of_order_one(h[:3], own[:3], rounding[0], noise, jump * h[0] * growth)
 
     def roundings(self, name: str, segment: Segment, h: Sequence[float]) -> list[float]:
         """u_round at each step."""
@@ -356,7 +356,7 @@ class Solution:
         made = self.vanishing_checks(sized, found)
         if any(check.status == "fail" for check in made):  # coarse whole runs need not be in the range of their order
             size = self.dt / finer(numbers[0], self.multiple) if numbers else self.own / 10.0
-            sized, found = [size, *sized[:2]], [self.defects_at(size), *found[:2]]
+            sized, found = [size, *sized], [self.defects_at(size), *found]
             made = self.vanishing_checks(sized, found) or made
         self.checks += made
 
@@ -380,12 +380,12 @@ class Solution:
         return found
 
     def vanishing_checks(self, sized: list[float], found: list[dict[int, dict[str, np.ndarray]]]) -> list[Check]:
-        """The limit of C in every segment in which all three are known."""
+        """The limit of C in every segment in which it is known at all steps."""
         made = []
         for k in sorted(set.intersection(*(set(each) for each in found))):
             segment, each = self.segments[k], [gaps[k] for gaps in found]
-            smooth = self.p is not None and segment.smooth(sized)
-            order = observed_order(sized, [scaled(gaps, self.sizes) for gaps in each]) if smooth else math.inf
+            smooth = self.p is not None and segment.smooth(sized[:3])
+            order = observed_order(sized[:3], [scaled(gaps, self.sizes) for gaps in each[:3]]) if smooth else math.inf
             for name in each[0]:
                 keep = segment.kept(name, max(sized) if self.p is not None else 0.0)
                 rows = [gaps[name][keep] for gaps in each]

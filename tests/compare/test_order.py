@@ -63,6 +63,28 @@ def test_an_error_of_the_model_stays_in_the_limit(order):
     assert found.size == pytest.approx(error * np.sqrt(3), rel=1e-6)
 
 
+def test_a_limit_is_trusted_no_further_than_it_moved_at_the_last_refinement():
+    """With random parts of steps, errors have no one constant: T3 is near T2 by chance and off nevertheless."""
+    h = (1 / 25, *H)
+    values = answers(2, more=0.0, h=h)
+    values[0] = values[0] + 1e-3
+    values[1] = values[1] + 1e-3 * h[1]**2 / h[0]**2
+    alone, beside = limit(h[:3], values[:3], 2, [0.0] * 3), limit(h, values, 2, [0.0] * 4)
+    assert np.array_equal(beside.value, alone.value)
+    before = limit(h[1:], values[1:], 2, [0.0] * 3)
+    moved = np.linalg.norm(alone.value - before.value, axis=-1).max()
+    assert beside.uncertainty == pytest.approx(max(3 * moved, alone.uncertainty))
+    assert beside.uncertainty > 2 * alone.uncertainty
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_an_error_of_the_model_stays_beside_a_coarser_answer(order):
+    h, error = (1 / 25, *H), 1e-3
+    found = limit(h, answers(order, error=error, h=h), order, [0.0] * 4)
+    assert found.size == pytest.approx(error * np.sqrt(3), rel=1e-6)
+    assert found.by == "order"
+
+
 def test_the_uncertainty_is_the_sum_of_its_parts():
     found = limit(H, answers(2), 2, [1e-9, 2e-9, 4e-9], noise=1e-8)
     weights = np.abs(cancelling(np.array(H), 2))

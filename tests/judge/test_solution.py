@@ -74,8 +74,8 @@ def test_value_and_uncertainty_follow_by_hand_from_what_a_finding_prints():
     rows = re.findall(r"h = ([\d.e+-]+): \(([^)]*)\)", found.detail)
     h = np.array([float(step) for step, _ in rows])
     D = np.array([[float(part) for part in vector.split(", ")] for _, vector in rows])
-    assert len(h) == 3
-    limit = cancelling(h, 2) @ D
+    assert len(h) == 4  # a step was halved once: the coarsest has no part in the value
+    limit = cancelling(h[:3], 2) @ D[:3]
     assert np.linalg.norm(limit) == pytest.approx(found.value, rel=1e-4)
     parts = re.search(r"U = ([^;]*);", found.detail)[1]
     assert sum(float(part.split()[-1]) for part in parts.split(", ")) == pytest.approx(found.bound, rel=1e-2)

@@ -180,6 +180,12 @@ class Engine:
         """Constraint levels ("position", "velocity", "acceleration") that hold to rounding by construction."""
         return frozenset()
 
+    def iteration(self, scene: Scene, spec: RunSpec) -> float:
+        """What an iteration leaves in positions in one step, m: its tolerance times a scale. The verdict allows so much
+        in every step, grown as errors grow, and states it as declared.
+        """
+        return 0.0
+
     def refused_map(self, spec: RunSpec) -> str | None:
         """Why a method does not work with `spec.coordinate_map`, or None if it does."""
         return None

@@ -23,7 +23,7 @@ RESOLVED = 0.01
 
 UNITS = {**QUANTITIES, "orthogonality": "1", "energy": "J", "acceleration": "m/s^2", "angular acceleration": "rad/s^2",
          "reaction force": "N", "reaction torque": "N m"}
-Rule = Literal["limit", "gap", "gap limit", "order", "promise"]
+Rule = Literal["limit", "gap", "gap limit", "order", "promise", "noise", "asked start"]
 """What a check is about: the first word is a key of `crosscheck.document.outcomes.KINDS`."""
 
 WHY: dict[Rule, str] = {
@@ -33,7 +33,10 @@ WHY: dict[Rule, str] = {
            "the uncertainty of such an answer are allowed",
     "gap limit": "the run less what the engine answers from its own states, extrapolated to vanishing steps",
     "order": "the order at which answers at three steps approach each other, against the documented one less 1/2",
-    "promise": "the error at the run's own tolerance, against steps times tolerance times size times growth"}
+    "promise": "the error at the run's own tolerance, against steps times tolerance times size times growth; sensors "
+               "and accelerations less those of the engine's own states, extrapolated to vanishing steps",
+    "noise": "the same question asked again; answers may differ by their error, or by what is declared of rounding",
+    "asked start": "the first output less the state that was asked for"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +72,7 @@ class Check:
 
 def limit_check(rule: Rule, name: str, segment: int, found: Limit, more: Mapping[str, float], size: float,
                 where: str) -> Check:
-    """The check of a limit; `more` are parts of the uncertainty beside its own."""
+    """The check of a limit; `more` are parts of the uncertainty beside its own, or instead of them."""
     return Check(rule, name, segment, found.size, {**found.parts, **more}, size, where)
 
 
@@ -109,9 +112,10 @@ def shares(checks: Sequence[Check], spans: Sequence[tuple[float, float]], blind:
     `blind` are segments without a truth.
     """
     whole, blind = spans[-1][1] - spans[0][0] if spans else 0.0, set(blind)
-    dark = {name: set(blind) for name in ("", *STATE, *(check.name for check in checks if check.rule == "limit"))}
-    for check in checks:
-        if check.status == "unresolved" and check.rule in ("limit", "gap limit"):
+    counted = [check for check in checks if check.rule in ("limit", "gap limit", "promise")]
+    dark = {name: set(blind) for name in ("", *STATE, *(check.name for check in counted))}
+    for check in counted:
+        if check.status == "unresolved":
             dark[check.name].add(check.segment)
     dark[""] = set[int]().union(*(dark[name] for name in STATE))
     return {name: 1.0 - sum(spans[k][1] - spans[k][0] for k in each) / whole if whole else 0.0

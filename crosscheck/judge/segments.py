@@ -13,7 +13,7 @@ from crosscheck.compare.apart import STATE, apart
 from crosscheck.judge.crossings import Crossed
 from crosscheck.judge.system_flow import Flowed, SystemFlow
 from crosscheck.judge.world import begun
-from crosscheck.references import TruthError
+from crosscheck.references import TruthError, dense
 from crosscheck.references.base import GROWN, Reference
 from crosscheck.references.modes import Mode
 from crosscheck.scene import mechanics
@@ -43,6 +43,7 @@ class Segment:
     flowed: Flowed | None = None  # the true motion from `start` at the segment's outputs, the first included
     why: str = ""  # why there is none
     reactions: Pulled | None = None
+    whole: bool = False  # whether answers are parts of whole runs, and not started at its beginning
 
     @property
     def t(self) -> np.ndarray:
@@ -94,16 +95,24 @@ def reactions_of(scene: Scene, states: States, lam: np.ndarray) -> Pulled:
     return pull[..., :3], pull[..., 3:]
 
 
-def marks(count: int, amplification: float, eventful: Sequence[int], seed: str) -> list[int]:
-    """Samples at which `count` intervals are cut, 0 and `count` included.
+def marks(grown: np.ndarray, eventful: Sequence[int], seed: str, claim: int | None = None) -> list[int]:
+    """Samples at which a run is cut into intervals, the first and the last included.
 
-    An error grows by about e in a segment. Intervals with events are segments of their own, up to `EVENTFUL` times the
-    segments; beyond, the nearest ones share one.
+    Intervals with events are segments of their own, up to `EVENTFUL` times the segments; beyond, the nearest ones share
+    one.
+
+    Parameters
+    ----------
+    grown : (T,) logarithm of the growth of errors from the start to each sample. An error grows by about e in a segment
+    claim : the last sample of which there is truth, where that ends before the run
     """
-    parts = min(count, max(SEGMENTS, math.ceil(math.log(max(1.0, min(amplification, 1e300))))))
+    count = len(grown) - 1
+    parts = min(count, max(SEGMENTS, math.ceil(grown[-1])))
     rng = np.random.default_rng([*seed.encode()])
-    inner = np.linspace(0, count, parts + 1)[1:-1] + rng.uniform(-0.25, 0.25, parts - 1) * count / parts
-    plain = {0, count, *np.round(inner).astype(int).tolist()}
+    drawn = np.arange(1, parts) + rng.uniform(-0.25, 0.25, parts - 1)
+    passed = grown + np.linspace(0.0, parts, count + 1)  # so that none is longer than twice the mean
+    inner = np.interp(drawn * passed[-1] / parts, passed, np.arange(count + 1))
+    plain = {0, count, *np.round(inner).astype(int).tolist()} | ({claim} if claim else set())
     groups = [[k, k + 1] for k in sorted(set(eventful))]
     while True:
         merged = list[list[int]]()
@@ -129,14 +138,30 @@ def eventful(scene: Scene, traj: Motion) -> tuple[list[int], Mapping[int, Mode]]
     return inside, {k: mode for k, mode in enumerate(crossed.modes) if mode is not None}
 
 
-def segments_of(scene: Scene, traj: Motion, truth: Reference, open_joints: bool, cut: Sequence[int] | None = None
-                ) -> list[Segment]:
+def growth(scene: Scene, truth: Reference | None, t: np.ndarray) -> np.ndarray:
+    """(T,) logarithm of the growth of errors from the start up to each time; past the horizon at its mean rate there.
+
+    Without a truth nothing is known of it, which is 0.
+    """
+    if truth is None:
+        return np.zeros(len(t))
+    known, until = dense(scene), max(min(truth.horizon, float(t[-1])), 1e-9)
+    most = np.log(np.maximum(1.0, np.maximum.accumulate(known.growth)))
+    return np.asarray(np.interp(np.minimum(t, until), known.times, most) * np.maximum(1.0, t / until))
+
+
+def claimed(truth: Reference | None) -> float:
+    """The time (s) at which truth ends by what acts there; by chaos none ends, as each segment has its own."""
+    return math.inf if truth is None or truth.horizon_cause in ("", GROWN) else truth.horizon
+
+
+def segments_of(scene: Scene, traj: Motion, truth: Reference | None, open_joints: bool,
+                cut: Sequence[int] | None = None) -> list[Segment]:
     """The segments of a run, between the samples `cut` or, by default, those of `marks`."""
     inside, modes = eventful(scene, traj)
-    count, until = len(traj.t) - 1, min(truth.horizon, float(traj.t[-1]))
-    grown = math.exp(min(math.log(max(1.0, truth.amplification)) * float(traj.t[-1]) / max(until, 1e-9), 600.0))
+    claim = int(np.searchsorted(traj.t, claimed(truth) * (1 + 1e-12), side="right")) - 1
     made = []
-    for first, last in itertools.pairwise(cut or marks(count, grown, inside, scene.key)):
+    for first, last in itertools.pairwise(cut or marks(growth(scene, truth, traj.t), inside, scene.key, claim)):
         given = begun(scene, traj, first, last, modes.get(first)).replace(
             name="elsewhere", description="", source="", tags=())
         start = (closed(given) or given) if open_joints else given
@@ -146,11 +171,11 @@ def segments_of(scene: Scene, traj: Motion, truth: Reference, open_joints: bool,
 
 def fill(segments: Sequence[Segment], flow: SystemFlow, traj: Motion, truth: Reference) -> None:
     """Sets the true motion of each segment, or why it has none."""
-    claimed = truth.horizon if truth.horizon_cause not in ("", GROWN) else math.inf
+    claim = claimed(truth)
     for segment in segments:
         since = float(traj.t[segment.first])
-        if float(traj.t[segment.last]) > claimed * (1 + 1e-12):
-            segment.why = f"truth ends at {claimed:g} s: {truth.horizon_cause}"
+        if float(traj.t[segment.last]) > claim * (1 + 1e-12):
+            segment.why = f"truth ends at {claim:g} s: {truth.horizon_cause}"
             continue
         try:
             flowed = flow.from_(segment.start, since, segment.t, segment.mode)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.compare.errors import Error, up_to
 from crosscheck.document import LEVELS, extended
 from crosscheck.document.curves import (
     PACKED_MISSING,
@@ -24,6 +23,7 @@ from crosscheck.document.curves import (
     RunCurves,
     SceneCurves,
 )
+from crosscheck.judge.metrics import Error, up_to
 from crosscheck.references.base import Reference
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene import mechanics

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 
 from crosscheck.document import Record
 from crosscheck.judge.segments import Pulled, Segment, reactions_of, rows
 from crosscheck.judge.world import World
-from crosscheck.running.attempt import Ran, attempt, lasting
-from crosscheck.scene.model import Scene, quaternion_from_rotation
+from crosscheck.running.attempt import Ran, Refused, attempt, lasting
+from crosscheck.scene import mechanics
+from crosscheck.scene.model import Scene
 from crosscheck.scene.sensors import SENSOR_TYPES, readings
-from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
-from crosscheck.scene.vectors import exponential
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,70 +22,92 @@ class Answer:
 
     states: States
     pulled: Pulled | None  # sums of reactions on each body, as of `segments.reactions_of`
-    sensors: dict[str, np.ndarray]  # (T - 1, 1, k) readings that it made less those of its states
+    own: dict[str, np.ndarray]  # (T, n, k) readings and accelerations that it made less those of its states
     steps: int
+    _rows: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def rows(self, segment: Segment) -> dict[str, np.ndarray]:
-        """It less truth by quantity."""
-        return rows(segment, self.states, self.pulled) | self.sensors
+        """It less truth by quantity, (T - 1, n, k), at the outputs after the first."""
+        if not self._rows:
+            self._rows.update(rows(segment, self.states, self.pulled))
+        return self._rows
+
+    def within(self, segment: Segment) -> Answer:
+        """The part of an answer to the whole run that is in a segment."""
+        part, count = slice(segment.first, segment.last + 1), len(self.states.t) - 1
+        cut = self.states.at(part)
+        return Answer(dataclasses.replace(cut, t=cut.t - cut.t[0]),
+                      None if self.pulled is None else (self.pulled[0][part], self.pulled[1][part]),
+                      {name: each[part] for name, each in self.own.items()}, self.steps * segment.last // count)
 
 
 class Probe:
     """How an engine is asked; `steps` counts what all its answers took, `why` the first refusal."""
 
     def __init__(self, run: Record, scene: Scene, length: float) -> None:
-        self.run = run
+        self.run, self.whole = run, scene
         self.worlds = [World.drawn(scene, length, turned) for turned in (True, False)]
         self.steps, self.why, self.status = 0, "", "success"
+        self.refused = False  # whether all that it said is that it cannot model the scene elsewhere
 
     def answer(self, scene: Scene, step: float | None, rtol: float | None) -> Answer | None:
         """The engine's answer to a scene at a step (s) or a tolerance; None where it does not run there."""
         while self.worlds:
             world = self.worlds[0]
-            there = world.scene(scene)
-            got = lasting(attempt(there, self.run, step=step, rtol=rtol, monitor=False, derived=False))
-            if isinstance(got, Ran):
-                self.steps += got.raw.steps
-                if got.raw.status != "success":
-                    self.status = got.raw.status
-                return _brought_back(world, there, got.raw.states, got.raw.steps)
-            self.why = self.why or got.why
+            got = self._asked(world.scene(scene), step, rtol)
+            if got is not None:
+                return _brought_back(world, *got)
             if self.steps or len(self.worlds) == 1:
                 break
             self.worlds.pop(0)  # it cannot be turned
         return None
 
+    def again(self, step: float | None, rtol: float | None) -> Answer | None:
+        """The whole run once more, at a step or a tolerance."""
+        got = self._asked(self.whole, step, rtol)
+        return None if got is None else answer_of(*got)
+
+    def _asked(self, scene: Scene, step: float | None, rtol: float | None) -> tuple[Scene, States, int] | None:
+        got = lasting(attempt(scene, self.run, step=step, rtol=rtol, monitor=False, derived=False))
+        if not isinstance(got, Ran):
+            self.refused = isinstance(got, Refused) and (self.refused or not self.why)
+            self.why = self.why or got.why
+            return None
+        self.steps += got.raw.steps
+        if got.raw.status != "success":
+            self.status = got.raw.status
+        return scene, got.raw.states, got.raw.steps
+
+
+def answer_of(scene: Scene, states: States, steps: int) -> Answer:
+    """The answer that states of a scene are; what it holds beyond states is compared with what follows from these."""
+    pulled, own = None, {}
+    if states.lam is not None and not scene.has_laws:
+        pulled = reactions_of(scene, states, states.lam)
+    if states.a is not None and states.alpha is not None and not scene.has_laws:
+        own = _accelerated(scene, states)
+    derived = readings(scene, dataclasses.replace(states, a=None, alpha=None, lam=None, sensors=None)) if (
+        states.sensors) else {}
+    for sensor in scene.sensors:
+        if sensor.name in (states.sensors or {}) and not (scene.has_laws and SENSOR_TYPES[sensor.type].dynamic):
+            gap = np.nan_to_num(states.sensors[sensor.name] - derived[sensor.name])  # type: ignore[index]
+            own[f"sensor {sensor.name}"] = gap.reshape(len(gap), 1, -1)
+    return Answer(states, pulled, own, steps)
+
+
+def _accelerated(scene: Scene, states: States) -> dict[str, np.ndarray]:
+    """Accelerations less those of the states, in the middle and at the end; to solve for all takes long; else 0."""
+    rows = [len(states.t) // 2, len(states.t) - 1]
+    at = states.at(rows)
+    a, alpha, _ = mechanics.index1(scene, at.x, at.R, at.v, at.w, mechanics.torsion_angles(scene, at), at.t)
+    found = {"acceleration": np.zeros_like(states.x), "angular acceleration": np.zeros_like(states.x)}
+    found["acceleration"][rows], found["angular acceleration"][rows] = at.a - a, at.alpha - alpha  # type: ignore[operator]
+    return found
+
 
 def _brought_back(world: World, there: Scene, states: States, steps: int) -> Answer:
-    pulled, order = None, np.argsort(world.bodies)
-    if states.lam is not None and not there.has_laws:
-        force, torque = reactions_of(there, states, states.lam)
-        pulled = force[:, order] @ world.Q, torque[:, order]
-    own = {}
-    if states.sensors:
-        derived = readings(there, dataclasses.replace(states, a=None, alpha=None, lam=None, sensors=None))
-        for sensor in there.sensors:
-            if sensor.name in states.sensors and not (there.has_laws and SENSOR_TYPES[sensor.type].dynamic):
-                gap = np.nan_to_num(states.sensors[sensor.name] - derived[sensor.name])
-                own[f"sensor {sensor.name}"] = gap.reshape(len(gap), 1, -1)[1:]
-    return Answer(world.back(states), pulled, own, steps)
-
-
-def moved(scene: Scene, sizes: dict[str, float], eps: float, seed: int) -> Scene:
-    """The scene from a start that differs by a rounding of its numbers."""
-    rng = np.random.default_rng([seed, scene.n])
-    x, turn, v, w = (eps * sizes[name] * rng.uniform(-1.0, 1.0, (scene.n, 3))
-                     for name in ("position", "attitude", "velocity", "angular velocity"))
-    return scene.replace(bodies=bodies_at(scene, Configuration(
-        scene.x0 + x, quaternion_from_rotation(scene.R0 @ exponential(turn)), scene.v0 + v, scene.w0 + w)))
-
-
-def answers(probe: Probe, scene: Scene, steps: Sequence[float], adaptive: bool) -> list[Answer] | None:
-    """The answers at steps or tolerances; None if one of them is missing."""
-    found = []
-    for size in steps:
-        each = probe.answer(scene, None if adaptive else size, size if adaptive else None)
-        if each is None:
-            return None
-        found.append(each)
-    return found
+    found, order = answer_of(there, states, steps), np.argsort(world.bodies)
+    turned = {"acceleration": world.Q, "angular acceleration": np.eye(3)}
+    pulled = None if found.pulled is None else (found.pulled[0][:, order] @ world.Q, found.pulled[1][:, order])
+    return Answer(world.back(states), pulled, {
+        name: each[:, order] @ turned[name] if name in turned else each for name, each in found.own.items()}, steps)

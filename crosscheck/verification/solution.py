@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from crosscheck import adapters
-from crosscheck.adapters.base import steps_per_sample
-from crosscheck.compare.apart import STATE, apart, largest, scaled, spread
+from crosscheck.adapters.base import RunSpec, steps_per_sample
+from crosscheck.compare.apart import STATE, Rows, apart, largest, scaled, spread
 from crosscheck.compare.ladder import counts, finer
 from crosscheck.compare.order import (
     MARGIN,
@@ -30,17 +30,17 @@ from crosscheck.compare.sizes import at_rest, length_of, sizes
 from crosscheck.document import Finding, Record
 from crosscheck.errors import Unsupported
 from crosscheck.judge import tolerances
-from crosscheck.judge.rules import Check, findings, limit_check, shares, told, visible
-from crosscheck.judge.segments import Segment, fill, segments_of
-from crosscheck.judge.system_flow import SystemFlow
+from crosscheck.judge.rules import RESOLVED, WHY, Check, Rule, findings, limit_check, shares, told, visible
+from crosscheck.judge.segments import Segment, fill, growth, segments_of
+from crosscheck.judge.system_flow import MOVED, Flowed, Jump, SystemFlow, grown, moved
 from crosscheck.references import TruthError
 from crosscheck.references.base import Reference
 from crosscheck.references.maximal import fastest
-from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.running.trajectory import Trajectory
+from crosscheck.scene.assembly import closed
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import Motion, States
-from crosscheck.verification.probe import Answer, Probe, answers, moved
+from crosscheck.scene.states import States
+from crosscheck.verification.probe import Answer, Probe, answer_of
 
 EPS = 2.0**-52
 Rung = tuple[float | None, float | None, dict[str, float]]
@@ -90,46 +90,70 @@ def unjudged(kind: str, why: str, *findings: Finding) -> Verdict:
 
 
 class Solution:
-    """The rules on one run."""
+    """The rules on one run; `truth` is None where there is none, for the reason `why`."""
 
-    def __init__(self, run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], truth: Reference) -> None:
+    def __init__(self, run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], truth: Reference | None,
+                 why: str = "") -> None:
         self.run, self.scene, self.traj, self.truth, self.held = run, scene, traj, truth, held
         self.engine, self.p = adapters.get(run.engine), run.documented_order
-        self.sizes = sizes(scene, truth.states)
-        self.reach = float(np.abs(traj.x).max(initial=0.0))
+        self.own_states = States(traj.t, traj.x, traj.R, traj.v, traj.w, traj.a, traj.alpha, traj.lam,
+                                 sensors=traj.own_sensors, hinges=traj.hinges)
+        self.sizes = sizes(scene, self.own_states if truth is None else truth.states)
+        self.flow, self.why = None, why
+        if truth is not None:
+            try:
+                self.flow = SystemFlow(scene, self.sizes, truth)
+            except (TruthError, Unsupported) as error:
+                self.why = f"no truth: {error}"
+        self.reach, self.length = float(np.abs(traj.x).max(initial=0.0)), length_of(scene)
         self.grading, self.eps, self.noise = tolerances.grading(scene), EPS, dict[str, float]()
+        self.left = self.engine.iteration(scene, RunSpec(run.method, step=run.step, rtol=run.rtol, form=run.form))
         self.dt = float(traj.t[1] - traj.t[0])
         self.n = 0 if run.step is None else steps_per_sample(scene, run.step)[0]
         self.multiple = 1 if run.step is None else steps_per_sample(scene, self.dt)[0]
-        self.length = length_of(scene)
-        self.probe = Probe(run, scene, self.length)
+        self.fine = False  # whether the engine has no coarser steps
+        self.probe, self.runs = Probe(run, scene, self.length), dict[float, Answer | None]()
         self.segments: list[Segment] = []
         self.checks: list[Check] = []
-        self.notes: list[str] = []
         opened = max(float(np.max(traj.constraint_position)) / self.sizes["position"],
                      float(np.max(traj.constraint_velocity)) / self.sizes["velocity"])
         self.open = opened > self.grading * max(EPS, min(self.engine.eps, 1e-6)) * max(1, traj.steps)
 
-    # What rounding leaves
+    # What rounding and iterations leave
+
+    def unit(self, name: str) -> float:
+        """The size of a row where positions are off by the scene's length, times a rate to the power of `rates`."""
+        mass = float(self.scene.masses.sum())
+        return {"attitude": 1.0, "angular velocity": 1.0, "angular acceleration": 1.0, "orthogonality": 1.0,
+                "reaction force": mass * self.length, "reaction torque": mass * self.length**2,
+                "energy": mass * self.length * self.sizes["velocity"]}.get(name, self.length)
+
+    def count(self, segment: Segment, size: float) -> float:
+        """Steps from where an answer began to the end of a segment."""
+        times = segment.last - (0 if segment.whole else segment.first)
+        return times * self.dt / size if self.p is not None else self.believed(segment)
 
     def rounding(self, name: str, segment: Segment, size: float) -> float:
         """u_round of a row at a step or tolerance `size`: every step rounds, and what it rounds grows as errors do."""
-        times = segment.last - segment.first
-        steps = times * self.dt / size if self.p is not None else self.believed(segment)
-        growth = 1.0 if segment.flowed is None else segment.flowed.growth
         unit = self.sizes.get(name, 1.0)
         if name == "position":
             unit = max(unit, self.reach)
-        least = self.grading * self.eps * max(1.0, steps) * unit * growth
+        least = self.grading * self.eps * max(1.0, self.count(segment, size)) * unit * _growth(segment)
         if name not in OF_STATE and self.p is not None:  # what holds positions, softly or not, divides by h^2
-            reach = {"acceleration": max(self.length, self.reach), "angular acceleration": 1.0,
-                     "reaction force": float(self.scene.masses.sum()) * self.length}.get(name, self.length)
+            reach = self.unit(name) * (max(1.0, self.reach / self.length) if name == "acceleration" else 1.0)
             least += self.grading * self.eps * reach / size**2
         return least
 
+    def iterated(self, name: str, segment: Segment, size: float) -> float:
+        """u_iter: what a step's iteration is declared to leave in positions, over the step for rates, grown."""
+        if not self.left or self.p is None:
+            return 0.0
+        power = 0 if name in ("position", "attitude", "orthogonality") else 1 if name in OF_STATE else 2
+        return self.left / self.length * self.unit(name) / size**power * self.count(segment, size) * _growth(segment)
+
     def believed(self, segment: Segment, answer: Answer | None = None) -> float:
-        """Steps that an adaptive method is believed to make in a segment: no more than an answer or the run states."""
-        times = segment.last - segment.first
+        """Steps that an adaptive method is believed to make up to the end of a segment: no more than it states."""
+        times = segment.last - (0 if segment.whole else segment.first)
         rate = max(self.sizes["angular velocity"], fastest(self.scene))
         order = self.engine.orders.get(self.run.method, 3)
         most = times + rate * times * self.dt * math.pow(self.run.rtol or 1.0, -1.0 / (order + 1))
@@ -140,28 +164,41 @@ class Solution:
         growth = 1.0 if segment.flowed is None else segment.flowed.worst
         return self.believed(segment, answer) * self.own * self.sizes.get(name, 1.0) * growth
 
-    def measure_noise(self) -> None:
+    def measure_noise(self, sequences: Sequence[Sequence3 | None]) -> None:
         """Asks the same question again from starts that differ by a rounding, for noise and the spacing of numbers."""
         given, ratios, scatter = max(EPS, self.engine.eps), list[float](), dict[str, list[tuple[float, float]]]()
-        chosen = [segment for segment in self.segments if segment.flowed is not None]
-        for segment in chosen[::max(1, len(chosen) // ASKED_AGAIN)][:ASKED_AGAIN]:
-            size = self.own
-            again = [self.probe.answer(moved(segment.start, self.sizes, given if k else 0.0, k) if k else segment.start,
-                                       *self.at(size)) for k in range(1 + ASKED_AGAIN)]
+        told, step = list[tuple[int, dict[str, float]]](), self.own if self.p is not None else 0.0
+        chosen = [k for k, segment in enumerate(self.segments) if segment.flowed is not None and sequences[k]]
+        for k in chosen[::max(1, len(chosen) // ASKED_AGAIN)][:ASKED_AGAIN]:
+            segment = self.segments[k]
+            again = [self.repeated(segment, given, j) for j in range(1 + ASKED_AGAIN)]
             if any(each is None for each in again):
                 continue
             rows = [each.rows(segment) for each in again if each is not None]
-            worst = 0.0
-            for name in rows[0]:
-                keep = segment.kept(name, size if self.p is not None else 0.0)
-                gap, least = spread([each[name][keep] for each in rows]), self.rounding(name, segment, size)
-                worst = max(worst, gap / least) if name in STATE else worst
-                scatter.setdefault(name, []).append((gap, least / self.eps))
-            ratios.append(worst)
+            gaps = {name: spread([each[name][segment.kept(name, step)] for each in rows]) for name in rows[0]}
+            for name, gap in gaps.items():
+                scatter.setdefault(name, []).append((gap, self.rounding(name, segment, self.own) / self.eps))
+            ratios.append(max(gaps[name] / self.rounding(name, segment, self.own) for name in STATE))
+            told.append((k, gaps))
         if given > EPS and ratios:
-            self.eps = min(given, max(EPS, SAFETY * float(np.median(ratios)) * EPS))
+            self.eps = given if self.segments[0].whole else min(
+                given, max(EPS, SAFETY * float(np.median(ratios)) * EPS))
         self.noise = {name: max(max(0.0, gap - 2 * least * self.eps) for gap, least in each)
                       for name, each in scatter.items()}
+        for k, gaps in told:
+            missed = self.error_of(self.segments[k], sequences[k])
+            for name in STATE:
+                rounded = 2 * self.roundings(name, self.segments[k], [self.own])[0] * max(1.0, given / self.eps)
+                part = {"error": missed[name]} if missed[name] > rounded else {"declared": rounded}
+                self.checks.append(Check("noise", name, k, gaps[name], part, math.inf))
+
+    def repeated(self, segment: Segment, eps: float, k: int) -> Answer | None:
+        """The answer to a segment once more, from a start that is moved by a rounding if k is not 0."""
+        if segment.whole:
+            got = self.probe.again(*self.at(self.own))
+            return None if got is None else got.within(segment)
+        start = moved(segment.start, self.sizes, eps, k, closing=False) if k else segment.start
+        return None if start is None else self.probe.answer(start, *self.at(self.own))
 
     # Asking
 
@@ -174,20 +211,36 @@ class Solution:
         """Step and tolerance of an answer."""
         return (size, None) if self.p is not None else (None, size)
 
-    def sequence(self, segment: Segment, fine: bool = False) -> Sequence3 | None:
+    def ask(self, segment: Segment, size: float) -> Answer | None:
+        """The answer to a segment at a step or tolerance; None where there is none."""
+        if not segment.whole:
+            return self.probe.answer(segment.start, *self.at(size))
+        whole = self.entire(size)
+        return None if whole is None else whole.within(segment)
+
+    def entire(self, size: float) -> Answer | None:
+        """The whole run at a step or tolerance, in its own world."""
+        if size not in self.runs:
+            self.runs[size] = self.probe.again(*self.at(size)) if abs(size / self.own - 1) > 1e-9 else answer_of(
+                self.scene, self.own_states, self.traj.steps)
+        return self.runs[size]
+
+    def sequence(self, segment: Segment) -> Sequence3 | None:
         """Answers to a segment at three steps or tolerances; None if one is missing."""
-        numbers = list(counts(self.n, self.multiple, fine)) if self.p is not None else []
-        sized = [self.dt / n for n in numbers] or [self.own * 10.0**(k - 2 * fine) for k in range(3)]
-        got = answers(self.probe, segment.start, sized, self.p is None)
-        return None if got is None else Sequence3(sized, numbers, got)
+        numbers = list(counts(self.n, self.multiple, self.fine)) if self.p is not None else []
+        sized, got = [self.dt / n for n in numbers] or [self.own * 10.0**(k - 2 * self.fine) for k in range(3)], []
+        for size in sized:
+            answer = self.ask(segment, size)
+            if answer is None:
+                return None
+            got.append(answer)
+        return Sequence3(sized, numbers, got)
 
     def refine(self, segment: Segment, seq: Sequence3) -> bool:
         """Puts an answer at a finer step before the others; whether there is one."""
         number = finer(seq.counts[0], self.multiple) if seq.counts else 0
         size = self.dt / number if number else seq.steps[0] / 10.0
-        if self.p is None and size < 10 * EPS:
-            return False
-        got = self.probe.answer(segment.start, *self.at(size))
+        got = None if self.p is None and size < 10 * EPS else self.ask(segment, size)
         if got is None:
             return False
         seq.steps.insert(0, size)
@@ -195,12 +248,12 @@ class Solution:
         seq.answers.insert(0, got)
         return True
 
-    # R2
+    # R2, and of R3 what each answer says of its own states
 
     def judge_segment(self, k: int, segment: Segment, seq: Sequence3) -> list[Check]:
         """R2 in one segment, by the three finest answers, and by the one that a refinement replaced."""
-        h = seq.steps[:4]
-        rows = [each.rows(segment) for each in seq.answers[:4]]
+        h, answers = seq.steps[:4], seq.answers[:4]
+        rows = [each.rows(segment) for each in answers]
         smooth = self.p is not None and segment.smooth(h[:3])
         order, above = math.inf, False
         if smooth and self.p is not None:
@@ -209,23 +262,35 @@ class Solution:
             order = max(order, 2 * order - before[0]) if before else order
             above = any(differ([each[name] for each in rows[:3]], self.roundings(name, segment, h[:3]),
                                self.noise.get(name, 0.0)) for name in STATE)
-        made = []
-        for name in rows[0]:
-            if not all(name in each for each in rows):
-                continue
-            keep = segment.kept(name, max(h) if self.p is not None else 0.0)
-            own = [each[name][keep] for each in rows]
-            if keep.any():
-                found = self.limit_of(name, segment, h, own, smooth, order)
-                made.append(limit_check("limit", name, k, found, self.of_truth(name, segment), self.size_of(name, seq),
-                                        told(self.scene, segment.t[1:][keep], h, own, found, "rtol" if self.p is None
-                                             else "h")))
-        seq.order = order if above else None
+            seq.order = order if above else None
+        made = self.limits_of("limit", k, h, rows, smooth, order)
+        made += self.limits_of("promise", k, h, [{name: part[1:] for name, part in each.own.items()}
+                                                 for each in answers], smooth, order)
         if above and self.p is not None:
             lack = max(0.0, self.p - order)
             apart_by = ", ".join(f"{size:.6g}" for size in h[:3])
             made.append(Check("order", "", k, lack, {"margin": MARGIN}, math.inf,
                               f"observed {order:.3g} of {self.p} at steps {apart_by} s"))
+        return made
+
+    def limits_of(self, rule: Rule, k: int, h: Sequence[float], rows: Sequence[Rows], smooth: bool, order: float
+                  ) -> list[Check]:
+        """The checks of where rows go, which are answers less truth, or what else has to vanish with the step."""
+        made, segment, step = [], self.segments[k], max(h) if self.p is not None else 0.0
+        for name in [name for name in rows[0] if all(name in each for each in rows)]:
+            keep = segment.kept(name, step)
+            own = [each[name][keep] for each in rows]
+            if not keep.any():
+                continue
+            times = 2.0 if rule == "gap limit" else 1.0  # of two answers
+            found = self.limit_of(name, segment, h, own, smooth, order, times)
+            part = self.iterated(name, segment, h[0]) / self.roundings(name, segment, h)[0]
+            more = {"rounding": (1.0 - part) * found.parts["rounding"],
+                    "iteration (declared)": part * found.parts["rounding"]} if "rounding" in found.parts else {}
+            if rule == "limit" and segment.flowed is not None:
+                more["truth"] = SAFETY * segment.flowed.error * self.sizes.get(name, 1.0)
+            made.append(limit_check(rule, name, k, found, more, self.size_of(name), told(
+                self.scene, segment.t[1:][keep], h, own, found, "rtol" if self.p is None else "h")))
         return made
 
     def limit_of(self, name: str, segment: Segment, h: Sequence[float], own: list[np.ndarray], smooth: bool,
@@ -238,85 +303,69 @@ class Solution:
         if smooth:
             p = self.p if name in OF_STATE else 1
             return limit(h, own, p, rounding, noise, order if name in OF_STATE else math.inf)
-        growth = 1.0 if segment.flowed is None else segment.flowed.growth
         jump = sum(each.rates.get(name, 0.0) for each in segment.flowed.jumps) if segment.flowed and self.p < 2 else 0.0
-        return index_of_order_one(h[:3], own[:3], rounding[0], noise, jump * h[0] * growth)
+        return index_of_order_one(h[:3], own[:3], rounding[0], noise, jump * h[0] * _growth(segment))
 
     def roundings(self, name: str, segment: Segment, h: Sequence[float]) -> list[float]:
-        """u_round at each step."""
-        return [self.rounding(name, segment, size) for size in h]
+        """u_round and u_iter at each step: what two answers at one step may differ by."""
+        return [self.rounding(name, segment, size) + self.iterated(name, segment, size) for size in h]
 
-    def of_truth(self, name: str, segment: Segment) -> dict[str, float]:
-        """What truth, and the engine's iteration, add to U."""
-        error = 0.0 if segment.flowed is None else segment.flowed.error
-        return {"truth": SAFETY * error * self.sizes.get(name, 1.0)}
-
-    def size_of(self, name: str, seq: Sequence3) -> float:
+    def size_of(self, name: str) -> float:
         """The size of a row; of a sensor that of what is measured."""
         if name in self.sizes:
             return self.sizes[name]
         return max(1.0, self.sizes["acceleration"]) if name.startswith("sensor ") else 1.0
 
-    def limits(self, sequences: list[Sequence3 | None]) -> None:
-        """R2 in every segment, with finer steps where it fails or stays unresolved."""
-        made = {k: self.judge_segment(k, segment, seq) for k, (segment, seq) in enumerate(
-            zip(self.segments, sequences, strict=True)) if seq is not None and segment.flowed is not None}
-        suspects = sorted((k for k, each in made.items() if any(check.status != "ok" for check in each)),
+    def limits(self, sequences: Sequence[Sequence3 | None]) -> list[Check]:
+        """R2 in every segment, with finer steps where it fails, or is unresolved and they would mend it."""
+        asked = {k: (segment, seq) for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True))
+                 if seq is not None and segment.flowed is not None}
+        made = {k: self.judge_segment(k, *each) for k, each in asked.items()}
+        suspects = sorted((k for k in made if _mendable(made[k])),
                           key=lambda k: max(check.severity for check in made[k]), reverse=True)
         for k in suspects:
-            seq = sequences[k]
-            assert seq is not None
             for _ in range(HALVINGS):
-                if all(check.status == "ok" for check in made[k]) or not self.refine(self.segments[k], seq):
+                if not _mendable(made[k]) or not self.refine(*asked[k]):
                     break
-                made[k] = self.judge_segment(k, self.segments[k], seq)
+                made[k] = self.judge_segment(k, *asked[k])
             if any(check.status == "fail" for check in made[k]):
                 break  # one is enough: the other segments stand as they were asked
         failed = {k for k in made if any(check.status == "fail" for check in made[k])}
-        refined = {k for k in made if sequences[k] is not None and len(sequences[k].steps) > 3}  # type: ignore[union-attr]
-        self.checks += [check for k, each in made.items() for check in each
-                        if check.status != "fail" or k in refined or not failed & refined]
+        refined = {k for k, (_, seq) in asked.items() if len(seq.steps) > 3}
+        return [check for k, each in made.items() for check in each
+                if check.status != "fail" or k in refined or not failed & refined]
 
     # R1
 
-    def slice_of(self, motion: Motion, segment: Segment) -> States:
-        """The run in a segment."""
-        cut = slice(segment.first, segment.last + 1)
-        a, alpha = getattr(motion, "a", None), getattr(motion, "alpha", None)
-        return States(motion.t[cut], motion.x[cut], motion.R[cut], motion.v[cut], motion.w[cut],
-                      None if a is None else a[cut], None if alpha is None else alpha[cut])
-
-    def gaps(self, traj: Trajectory, segment: Segment, answer: Answer) -> dict[str, np.ndarray]:
+    def gaps(self, own: States, segment: Segment, answer: Answer) -> dict[str, np.ndarray]:
         """C: a run less an answer, by quantity, at the outputs after the first of a segment."""
-        found = {name: each[1:] for name, each in apart(self.slice_of(traj, segment), answer.states).items()
-                 if name != "orthogonality"}
-        return found
+        part = own.at(slice(segment.first, segment.last + 1))
+        return {name: each[1:] for name, each in apart(part, answer.states).items() if name != "orthogonality"}
 
-    def judge_run(self, sequences: list[Sequence3 | None]) -> None:
-        """R1: the run is what the engine does from states of the run."""
-        sized, defects = self.own, dict[int, dict[str, np.ndarray]]()
-        rounded, answered = True, dict[int, Answer]()
+    def judge_run(self, sequences: Sequence[Sequence3 | None]) -> bool:
+        """R1: the run is what the engine does from states of the run; whether it is so to rounding."""
+        defects, rounded = dict[int, dict[str, np.ndarray]](), True
         for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True)):
-            if seq is None:
+            if seq is None or segment.flowed is None:
                 continue
-            place = next((j for j, size in enumerate(seq.steps) if abs(size / sized - 1) < 1e-9), None)
-            answer = self.probe.answer(segment.given, *self.at(sized)) if self.open or place is None else (
+            place = next((j for j, size in enumerate(seq.steps) if abs(size / self.own - 1) < 1e-9), None)
+            answer = self.probe.answer(segment.given, *self.at(self.own)) if self.open or place is None else (
                 seq.answers[place])
             if answer is None:
                 continue
-            answered[k], defects[k] = answer, self.gaps(self.traj, segment, answer)
+            defects[k] = self.gaps(self.own_states, segment, answer)
             for name, each in defects[k].items():
-                keep = segment.kept(name, sized if self.p is not None else 0.0)
-                least = self.rounding(name, segment, sized) + SAFETY * self.noise.get(name, 0.0)
-                rounded &= largest(each[keep]) <= 2 * least
+                keep = segment.kept(name, self.own if self.p is not None else 0.0)
+                least, = self.roundings(name, segment, [self.own])
+                rounded &= largest(each[keep]) <= 2 * (least + SAFETY * self.noise.get(name, 0.0))
         if rounded:
-            return
-        self.notes.append("the run is not, to rounding, what the engine answers from states of it")
+            return True
         errors = [self.error_of(segment, seq) for segment, seq in zip(self.segments, sequences, strict=True)]
         largest_error = {name: max(each.get(name, 0.0) for each in errors) for each in errors for name in each}
         for k, gaps in defects.items():
             self.within_error(k, sequences[k], gaps, largest_error)
         self.vanishing(defects)
+        return False
 
     def error_of(self, segment: Segment, seq: Sequence3 | None) -> dict[str, float]:
         """|D| by row of the answer at the run's own step."""
@@ -362,21 +411,17 @@ class Solution:
 
     def defects_at(self, size: float) -> dict[int, dict[str, np.ndarray]]:
         """C in every segment of a whole run at another step or tolerance."""
-        step, rtol = self.at(size)
-        got = lasting(attempt(self.scene, self.run, step=step, rtol=rtol, monitor=False))
-        if not isinstance(got, Ran):
-            return {}
-        self.probe.steps += got.raw.steps
+        got, found = self.entire(size), dict[int, dict[str, np.ndarray]]()
+        if got is None:
+            return found
         try:
-            cut = segments_of(self.scene, got.trajectory, self.truth, self.open, [
-                *(segment.first for segment in self.segments), self.segments[-1].last])
+            cut = segments_of(self.scene, got.states, self.truth, self.open, self.cut)
         except TruthError:
-            return {}
-        found = {}
+            return found
         for k, segment in enumerate(cut):
-            answer = self.probe.answer(segment.given, step, rtol)
+            answer = self.probe.answer(segment.given, *self.at(size))
             if answer is not None:
-                found[k] = self.gaps(got.trajectory, segment, answer)
+                found[k] = self.gaps(got.states, segment, answer)
         return found
 
     def vanishing_checks(self, sized: list[float], found: list[dict[int, dict[str, np.ndarray]]]) -> list[Check]:
@@ -386,18 +431,55 @@ class Solution:
             segment, each = self.segments[k], [gaps[k] for gaps in found]
             smooth = self.p is not None and segment.smooth(sized[:3])
             order = observed_order(sized[:3], [scaled(gaps, self.sizes) for gaps in each[:3]]) if smooth else math.inf
-            for name in each[0]:
-                keep = segment.kept(name, max(sized) if self.p is not None else 0.0)
-                rows = [gaps[name][keep] for gaps in each]
-                if keep.any():
-                    limited = self.limit_of(name, segment, sized, rows, smooth, order, 2.0)  # of two answers
-                    made.append(limit_check("gap limit", name, k, limited, {}, self.sizes[name], told(
-                        self.scene, segment.t[1:][keep], sized, rows, limited, "rtol" if self.p is None else "h")))
+            made += self.limits_of("gap limit", k, sized, each, smooth, order)
         return made
+
+    # Whole runs
+
+    def whole(self) -> list[Segment]:
+        """Segments of the true motion from the scene's start, with all its growth since then; none without a truth."""
+        if self.truth is None or self.flow is None:
+            return []
+        until = int(np.searchsorted(self.traj.t, self.truth.horizon * (1 + 1e-12), side="right")) - 1
+        motion, cut = self.truth.states.at(slice(0, until + 1)), [k for k in self.cut if k < until]
+        made = segments_of(self.scene, motion, self.truth, False, [*cut, until])
+        fill(made, self.flow, motion, self.truth)
+        grown_to = np.exp(growth(self.scene, self.truth, motion.t))
+        for each in made:
+            each.whole, most = True, float(grown_to[each.last])
+            if each.flowed is not None:
+                each.flowed = dataclasses.replace(each.flowed, error=self.truth.error, worst=most,
+                                                  growth=max(most, each.flowed.growth))
+        return made
+
+    def judge_whole(self) -> None:
+        """R2 of a run that is not what its engine answers from its states: the run itself has to come to the truth.
+
+        What growth since the start leaves unresolved the segments resolve: in the limit the run is their answers.
+        """
+        kept, self.segments = self.segments, self.whole()
+        self.checks += [dataclasses.replace(check, detail=f"of whole runs; {check.detail}", segment=next(
+            k for k, each in enumerate(kept) if each.last >= self.segments[check.segment].last))
+            for check in self.limits([self.sequence(each) for each in self.segments]) if check.status == "fail"]
+        self.segments = kept
+
+    def stand_in(self, segment: Segment, seq: Sequence3) -> None:
+        """Without a truth the finest answer stands for it: differences have an order, and U has no end.
+
+        Growth is that of the engine's own motion.
+        """
+        own, size = seq.answers[0].states, MOVED[0]
+        start = moved(segment.start, self.sizes, size)
+        beside = None if start is None else self.probe.answer(start, *self.at(seq.steps[0]))
+        if beside is not None:
+            most = grown(beside.states, own, self.sizes, size, np.ones(len(own.t), bool))
+            due = tuple(Jump(t, True, {}) for t in segment.start.knots if 0.0 < t < own.t[-1])
+            segment.flowed = Flowed(own, due, math.inf, most, most * math.sqrt(12 * self.scene.n), True)
+        segment.why = self.why
 
     # R3 and R4
 
-    def tolerance(self, sequences: list[Sequence3 | None]) -> None:
+    def tolerance(self, sequences: Sequence[Sequence3 | None]) -> None:
         """R3: the error of an adaptive method at its own tolerance."""
         for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True)):
             if self.p is not None or seq is None or segment.flowed is None:
@@ -409,37 +491,72 @@ class Solution:
                              "rounding": self.rounding(name, segment, self.own)}
                     self.checks.append(Check("promise", name, k, largest(each), parts, math.inf))
 
+    def started(self) -> None:
+        """R4: the run begins in the state that was asked for, or in the nearest one with closed joints."""
+        asked, eps = _start(self.scene), max(EPS, self.engine.eps)
+        gaps = apart(self.own_states.at(slice(0, 1)), asked)
+        for name in STATE:
+            unit = max(self.sizes[name], self.reach if name == "position" else 0.0)
+            parts, value = {"rounding": self.grading * eps * unit}, largest(gaps[name])
+            near = closed(self.scene) if value > parts["rounding"] else None
+            if near is not None:
+                parts["closing"] = SAFETY * largest(apart(_start(near), asked)[name])
+            self.checks.append(Check("asked start", name, 0, value, parts, math.inf))
+
     def verdict(self) -> Verdict:
         """All rules."""
-        if at_rest(self.scene, self.truth.states):
+        if at_rest(self.scene, self.own_states if self.truth is None else self.truth.states):
             return unjudged("rest", "nothing moves but rounding: give a start that moves")
-        self.segments = segments_of(self.scene, self.traj, self.truth, self.open)
-        fill(self.segments, SystemFlow(self.scene, self.sizes, self.truth), self.traj, self.truth)
-        sequences = self.all_sequences()
-        spans = [(float(self.traj.t[each.first]), float(self.traj.t[each.last])) for each in self.segments]
-        self.measure_noise()
-        self.limits(sequences)
-        self.judge_run(sequences)
+        self.started()
+        if self.flow is None and self.scene.has_laws:  # what acts between its states is not known
+            return unjudged("truth", self.why, *findings(self.checks, [(0.0, float(self.traj.t[-1]))]))
+        self.segments = segments_of(self.scene, self.own_states, self.truth, self.open)
+        self.cut = [*(segment.first for segment in self.segments), self.segments[-1].last]
+        if self.truth is not None and self.flow is not None:
+            fill(self.segments, self.flow, self.own_states, self.truth)
+        sequences, alone = self.all_sequences(), ""
+        if not any(sequences) and self.probe.refused:
+            alone = f"not started elsewhere: {self.probe.why}"
+            self.segments = self.whole() or self.segments
+            sequences = self.all_sequences() if self.segments[0].whole else sequences
+        for segment, seq in zip(self.segments, sequences, strict=True):
+            if seq is not None and self.flow is None:
+                self.stand_in(segment, seq)
+        self.measure_noise(sequences)
+        self.checks += self.limits(sequences)
+        if not alone and not self.judge_run(sequences):
+            self.judge_whole()
         self.tolerance(sequences)
+        return self.summed(sequences, alone)
+
+    def summed(self, sequences: list[Sequence3 | None], alone: str) -> Verdict:
+        """What all checks say together; `alone`: why the engine was not started elsewhere."""
+        spans = [(float(self.traj.t[each.first]), float(self.traj.t[each.last])) for each in self.segments]
         blind = [k for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True))
                  if seq is None or segment.flowed is None]
-        reached = shares(self.checks, spans, blind)
+        if spans[-1][1] < self.traj.t[-1]:
+            blind.append(len(spans))
+            spans.append((spans[-1][1], float(self.traj.t[-1])))
+        reached, told = shares(self.checks, spans, blind), findings(self.checks, spans)
+        if alone:
+            told.append(Finding("gap", "ok", None, None, "", WHY["gap"], f"{alone}; whole runs alone are judged"))
+        if self.probe.status != "success":
+            told.insert(0, Finding("asked end", "fail", None, None, "", "a run has to reach its end",
+                                   f"it says: {self.probe.status}"))
         cost = 1.0 + self.probe.steps / max(1, self.traj.steps)
-        more = [] if self.probe.status == "success" else [
-            Finding("asked end", "fail", None, None, "", "a run has to reach its end", f"it says: {self.probe.status}")]
-        return Verdict([*more, *findings(self.checks, spans)], self.checks, self.reason(blind, reached[""]), reached,
-                       visible(self.checks), cost, self.orders(sequences), self.ladder(sequences))
+        return Verdict(told, self.checks, alone or self.reason(blind, reached[""]), reached, visible(self.checks), cost,
+                       self.orders(sequences), self.ladder(sequences))
 
-    def orders(self, sequences: list[Sequence3 | None]) -> dict[str, float] | None:
+    def orders(self, sequences: Sequence[Sequence3 | None]) -> dict[str, float] | None:
         """The documented order and those that smooth segments show; None if none does."""
         shown = [each.order for each in sequences if each is not None and each.order is not None]
         return None if self.p is None or not shown else {
             "documented": self.p, "lowest": min(shown), "median": float(np.median(shown)), "segments": len(shown)}
 
-    def ladder(self, sequences: list[Sequence3 | None]) -> list[Rung]:
+    def ladder(self, sequences: Sequence[Sequence3 | None]) -> list[Rung]:
         """The largest |D| by row over all segments at the steps or tolerances of all, the coarsest first."""
         asked = [(segment, seq) for segment, seq in zip(self.segments, sequences, strict=True)
-                 if seq is not None and segment.flowed is not None]
+                 if seq is not None and segment.flowed is not None and self.flow is not None]
         made = []
         for k in (-1, -2, -3) if asked else ():
             most, size = dict[str, float](), asked[0][1].steps[k]
@@ -453,8 +570,8 @@ class Solution:
     def all_sequences(self) -> list[Sequence3 | None]:
         """Answers to every segment, at coarser steps where the engine has them in all."""
         sequences: list[Sequence3 | None] = []
-        for fine in (False, True):
-            sequences = [self.sequence(segment, fine) for segment in self.segments]
+        for self.fine in (False, True):
+            sequences = [self.sequence(segment) for segment in self.segments]
             if all(each is not None for each in sequences) or (self.p is not None and self.n < 6):
                 break
         return sequences
@@ -464,23 +581,33 @@ class Solution:
         if reached >= 1.0:
             return ""
         if blind:
-            return self.segments[blind[0]].why or f"not started elsewhere: {self.probe.why}"
+            known = self.segments[blind[0]].why if blind[0] < len(self.segments) else self.truth and (
+                f"truth ends at {self.truth.horizon:g} s: {self.truth.horizon_cause}")
+            return known or f"not started elsewhere: {self.probe.why}"
         open_ = [check for check in self.checks if check.status == "unresolved"]
-        if not open_:
-            return ""
+        if not open_ or self.flow is None:
+            return self.why
         worst = max(open_, key=lambda check: check.uncertainty / max(check.size, 1e-300))
         part = max(worst.parts, key=lambda name: worst.parts[name])
         return (f"{worst.name}: U = {worst.uncertainty:.3g} of a size of {worst.size:.3g}, by {part}; "
                 f"ask for a smaller step")
 
 
+def _growth(segment: Segment) -> float:
+    return 1.0 if segment.flowed is None else segment.flowed.growth
+
+
+def _mendable(checks: Sequence[Check]) -> bool:
+    """Whether a finer step has to be tried: one fails, or is unresolved by what a step leaves."""
+    return any(check.status == "fail" or (check.status == "unresolved" and check.uncertainty - check.parts.get(
+        "extrapolation", 0.0) <= RESOLVED * check.size) for check in checks)
+
+
 def _start(scene: Scene) -> States:
     return States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
 
 
-def judge(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], truth: Reference) -> Verdict:
-    """The verdict on one run; a scene whose flow cannot be started anywhere is unresolved."""
-    try:
-        return Solution(run, scene, traj, held, truth).verdict()
-    except (TruthError, Unsupported) as error:
-        return unjudged("truth", f"no truth: {error}")
+def judge(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], truth: Reference | None, why: str = ""
+          ) -> Verdict:
+    """The verdict on one run; without a truth, for the reason `why`, it is unresolved unless something fails."""
+    return Solution(run, scene, traj, held, truth, why and f"no truth: {why}").verdict()

@@ -119,14 +119,23 @@ def test_the_share_counts_time():
 
 
 def test_segments_cover_the_run_and_events_have_their_own():
-    assert marks(100, 1.0, [], "seed")[0] == 0
-    assert len(marks(100, 1.0, [], "seed")) == 9
-    assert len(marks(100, np.exp(20.0), [], "seed")) == 21
-    cut = marks(100, 1.0, [40, 41, 77], "seed")
+    calm, wild = np.zeros(101), np.linspace(0.0, 20.0, 101)
+    assert marks(calm, [], "seed")[0] == 0
+    assert len(marks(calm, [], "seed")) == 9
+    assert len(marks(wild, [], "seed")) == 21
+    cut = marks(calm, [40, 41, 77], "seed")
     assert {40, 42, 77, 78} <= set(cut)
     assert 41 not in cut
-    assert len(marks(100, 1.0, list(range(0, 100, 3)), "seed")) <= 17
-    assert marks(3, 1.0, [], "seed") == [0, 1, 2, 3]
+    assert len(marks(calm, list(range(0, 100, 3)), "seed")) <= 17
+    assert marks(np.zeros(4), [], "seed") == [0, 1, 2, 3]
+    assert 61 in marks(calm, [], "seed", 61)
+
+
+def test_segments_are_short_where_errors_grow():
+    grown = np.clip(np.arange(101) - 40.0, 0.0, 16.0)  # all of it between the samples 40 and 56
+    cut = marks(grown, [], "seed")
+    assert np.diff(grown[cut]).max() < 3.0
+    assert np.diff(cut).max() <= 2 * 100 / 16 * 1.5
 
 
 @pytest.mark.parametrize("name", ["double_pendulum", "four_bar", "heavy_top"])

@@ -30,7 +30,7 @@ class Limit:
 
     value: np.ndarray  # (T, n, k)
     parts: Mapping[str, float]  # of U, by what it comes from
-    by: str  # "order", "rounding", "no order", "order one", "tolerance": which rule gave it
+    by: str  # "order", "rounding", "no order", "index", "tolerance": which rule gave it
 
     @property
     def size(self) -> float:
@@ -111,17 +111,17 @@ def _sum(weights: np.ndarray, answers: Sequence[np.ndarray]) -> np.ndarray:
     return sum((w * each for w, each in zip(weights, answers, strict=False)), np.zeros_like(answers[0]))
 
 
-def index_of_order_one(h: Sequence[float], answers: Sequence[np.ndarray], rounding: float, noise: float = 0.0,
-                       jump: float = 0.0) -> Limit:
-    """The finest answer of a sequence without an expansion in h, with the two-grid index at order one (Eca, Hoekstra).
+def index(h: Sequence[float], answers: Sequence[np.ndarray], order: int, rounding: float, noise: float = 0.0,
+          jump: float = 0.0) -> Limit:
+    """The finest answer of a sequence without an expansion in h, with the grid index of an order (Eca, Hoekstra).
 
-    Every convergent method has errors up to C h; C is from the two answers that differ most for their steps. `jump`: by
-    how much an event that is a step late may change the row.
+    Every convergent method has errors up to C h, and one that finds events C h^order; C is from the two answers that
+    differ most for their steps. `jump`: by how much an event that is a step late may change the row.
     """
     pairs = itertools.combinations(range(len(answers)), 2)
-    most = max(largest(answers[i] - answers[j]) * h[0] / (h[j] - h[i]) for i, j in pairs)
+    most = max(largest(answers[i] - answers[j]) / ((h[j] / h[0])**order - (h[i] / h[0])**order) for i, j in pairs)
     return Limit(answers[0], {"extrapolation": max(SAFETY * most, jump), "rounding": rounding, "noise": SAFETY * noise},
-                 "order one")
+                 "index")
 
 
 def spread_of_tolerances(answers: Sequence[np.ndarray], rounding: float, noise: float = 0.0) -> Limit:

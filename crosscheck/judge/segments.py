@@ -65,7 +65,7 @@ class Segment:
         near = [jump.after for jump in jumps if jump.impact or jerky] if name not in ("position", "attitude") else []
         keep = np.ones(len(t), bool)
         for after in near:
-            keep &= np.abs(t - after) > step * (1 + 1e-9)
+            keep &= np.abs(t - after) > step + 1e-9 * max(step, t[0])
         return keep & (t > 2 * step * (1 - 1e-9)) if jerky and step else keep
 
 

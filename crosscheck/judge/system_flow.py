@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from crosscheck.compare.apart import STATE, apart, largest
 from crosscheck.references import dense
-from crosscheck.references.base import End, Piece, Reference, piece_of, values_at
+from crosscheck.references.base import End, Piece, Reference, piece_of, rounding, values_at
 from crosscheck.references.maximal import fastest
 from crosscheck.references.modes import Mode
 from crosscheck.references.taylor import Taylor
@@ -128,18 +128,19 @@ class SystemFlow:
     def _followed(self, start: Scene, since: float, times: np.ndarray, mode: Mode | None
                   ) -> tuple[States, tuple[Jump, ...]]:
         series, until, changes = self.series, since + float(times[-1]), list[Change]()
-        none = dict.fromkeys(STATE, 0.0)
-        due = tuple(Jump(t - since, True, none) for t in self.scene.knots if since < t < until)
+        due = [t for t in self.scene.knots if since < t <= until + rounding(until)]
         if not isinstance(series, Taylor):
-            return self._stepped(start, since, times), due
+            return self._stepped(start, since, times), _due(due, since)
         state = series.state_of(start)
         if isinstance(series, LawfulTaylor):
-            pieces, _ = series.advance(series.begun(state, since, mode), until, changes)
+            pieces, end = series.advance(series.begun(state, since, mode), until, changes)
+            last = series.machine.next_time(until - rounding(until), end.mode)
+            due = [last] if last <= until + rounding(until) else []  # has not happened yet
         else:
             pieces, _ = series.advance(End(state, since), until)
         found = self._at(pieces, since + times)
         found.t = times
-        return found, (() if changes else due) + tuple(self._jump(change, since) for change in changes)
+        return found, tuple(self._jump(change, since) for change in changes) + _due(due, since)
 
     def _stepped(self, start: Scene, since: float, times: np.ndarray, steps: int = 2) -> States:
         """The motion by a method of order 8, `steps` in a tenth of a radian, where heyoka is not installed."""
@@ -178,3 +179,8 @@ class SystemFlow:
         jumped = {name: largest(each) for name, each in rates.items()}
         return Jump(change.time - since, change.crossing is None,
                     {name: size if size > small.get(name, 0.0) else 0.0 for name, size in jumped.items()})
+
+
+def _due(times: Sequence[float], since: float) -> tuple[Jump, ...]:
+    """Jumps at known times (s), of accelerations alone."""
+    return tuple(Jump(t - since, True, dict.fromkeys(STATE, 0.0)) for t in times)

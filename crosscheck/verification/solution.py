@@ -21,7 +21,7 @@ from crosscheck.compare.order import (
     SAFETY,
     Limit,
     differ,
-    index_of_order_one,
+    index,
     limit,
     observed_order,
     spread_of_tolerances,
@@ -303,8 +303,11 @@ class Solution:
         if smooth:
             p = self.p if name in OF_STATE else 1
             return limit(h, own, p, rounding, noise, order if name in OF_STATE else math.inf)
-        jump = sum(each.rates.get(name, 0.0) for each in segment.flowed.jumps) if segment.flowed and self.p < 2 else 0.0
-        return index_of_order_one(h[:3], own[:3], rounding[0], noise, jump * h[0] * _growth(segment))
+        # A method that documents a higher order where a motion is not smooth finds the events, and others are late.
+        late = self.p < 2
+        jump = sum(each.rates.get(name, 0.0) for each in segment.flowed.jumps) if segment.flowed and late else 0.0
+        order = 1 if late or name not in OF_STATE else self.p
+        return index(h[:3], own[:3], order, rounding[0], noise, jump * h[0] * _growth(segment))
 
     def roundings(self, name: str, segment: Segment, h: Sequence[float]) -> list[float]:
         """u_round and u_iter at each step: what two answers at one step may differ by."""

@@ -6,7 +6,7 @@ import pytest
 from crosscheck.compare.order import (
     cancelling,
     differ,
-    index_of_order_one,
+    index,
     limit,
     observed_order,
     spread_of_tolerances,
@@ -125,13 +125,20 @@ def test_the_index_of_order_one_covers_a_sawtooth():
     for late in RNG.random((200, 3)):
         values = [np.full((1, 1, 3), share * step) for share, step in zip(late, H, strict=True)]
         jump = np.sqrt(3) * H[0]
-        found = index_of_order_one(H, values, 0.0, jump=jump)
+        found = index(H, values, 1, 0.0, jump=jump)
         assert found.size <= found.uncertainty
 
 
-def test_the_index_is_three_times_the_error_of_a_method_of_order_one():
-    found = index_of_order_one(H, answers(1, more=0.0), 0.0)
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_the_index_is_three_times_the_error_of_a_method_of_its_order(order):
+    found = index(H, answers(order, more=0.0), order, 0.0)
     assert found.uncertainty == pytest.approx(3 * found.size)
+
+
+def test_events_that_are_late_are_beyond_the_index_of_a_higher_order():
+    found = [index(H, [np.full((1, 1, 3), share * step) for share, step in zip(late, H, strict=True)], 4, 0.0)
+             for late in RNG.random((200, 3))]
+    assert np.mean([each.size > each.uncertainty for each in found]) > 0.5
 
 
 def test_the_spread_of_tolerances():

@@ -8,12 +8,13 @@ import pytest
 import crosscheck
 from crosscheck import adapters, load_scene
 from crosscheck.adapters.base import RunSpec, StandIn
+from crosscheck.adapters.foreign.own import completed
 from crosscheck.compare.order import cancelling
 from crosscheck.compare.sizes import sizes
 from crosscheck.document import QUANTITIES, Plan, Record, Way
 from crosscheck.document.outcomes import KINDS
 from crosscheck.judge.rules import Check, findings, shares
-from crosscheck.judge.segments import marks
+from crosscheck.judge.segments import Segment, marks
 from crosscheck.judge.system_flow import SystemFlow
 from crosscheck.judge.world import World
 from crosscheck.references import truth
@@ -22,6 +23,10 @@ from crosscheck.scene.starts import restarted
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.solution import judge
 from crosscheck.verification.task import Cell
+from tests.gate.measure import case
+from tests.gate.right import Braked
+from tests.gate.wrong import LateReversal
+from tests.references.law_scenes import pendulum, servo
 
 STEPS = {"DAE1L_LSE": 1e-4, "rattle2": 1e-3, "rkmk4": 2e-3}
 
@@ -161,6 +166,30 @@ def test_growth_is_that_of_the_motion():
     long = flow.from_(scene, 0.0, scene.t)
     assert long.growth > short.growth
     assert long.growth < 30 * reference.amplification
+
+
+def test_what_is_due_at_the_last_output_jumps_there(tmp_path):
+    """A sample of a servo has happened there for some engines and not for others: accelerations are two numbers."""
+    scene = pendulum(tmp_path, forces=[servo("h", period=0.1)], duration=0.3, samples=4)
+    reference = truth(scene)
+    flowed = SystemFlow(scene, sizes(scene, reference.states), reference).from_(scene, 0.0, scene.t)
+    assert [jump.after for jump in flowed.jumps] == pytest.approx([0.1, 0.2, 0.3])
+    assert all(jump.due for jump in flowed.jumps)
+    segment = Segment(0, 3, scene, scene, flowed=flowed)
+    assert not segment.kept("acceleration", 0.0).any()
+    assert segment.kept("velocity", 0.0).all()
+
+
+@pytest.mark.parametrize(("engine", "late"), [(Braked, False), (LateReversal, True)])
+def test_a_documented_order_holds_where_a_motion_is_not_smooth(engine, late):
+    """Friction that reverses at the end of a step converges to the truth, but at order one instead of four."""
+    scene, step = case("Braked")
+    with adapters.lent(completed(engine(), "braked", "1")) as name:
+        traj = crosscheck.run(scene, engine=name, method=engine.__name__, step=step)
+        run = Record(scene=scene.name, engine=name, version="1", method=engine.__name__, form=traj.form, step=step,
+                     documented_order=4)
+        found = judge(run, scene, traj, frozenset(), truth(scene)).findings
+    assert any(each.status == "fail" and each.kind.startswith("limit ") for each in found) == late
 
 
 def test_states_come_back_from_another_world_with_their_accelerations():

@@ -23,18 +23,25 @@ from lieeuler.joints import (
     universal_joint,
 )
 from lieeuler.laws import Law, Servo, Stops
-from lieeuler.methods import COORDINATE_MAPS, EULER_METHODS, METHODS, Method
+
+from lieeuler.methods import (  # isort: skip
+    BAUMGARTE_LE, COORDINATE_MAPS, EULER_METHODS, INDEX1_LE, METHODS, RKMK4, RKMK54, RKMK853, DAE1H_LSE, DAE1L_LSE,
+    DAE2H_LE, DAE2H_LSE, DAE2L_LE, DAE2L_LSE, DAE3H_LE, DAE3L_LE, GeneralizedAlpha, Method, Rattle2, Rattle4, Rattle6,
+    Rattle8, Seulex, Taylor,
+)
 from lieeuler.problem import Body, Problem, project
 from lieeuler.solution import Solution, Stats, Status
 
 __all__ = [
-    "COORDINATE_MAPS", "EULER_METHODS", "METHODS", "ArgumentError", "Body", "ConstantLoad", "Contact", "Coordinate",
-    "Dot", "Drive", "EnsembleSolution", "IntegrationError", "Interrupted", "Joint", "Law", "LieEulerError",
-    "LinearSpring", "Method", "Mimic", "PreparedRun", "Problem", "Rotor", "Servo", "SlideForce", "Solution", "Stats",
-    "Status", "Stops", "TimeFunction", "TorsionalSpring", "cylindrical_joint", "distance_joint", "fixed_joint",
-    "integrate", "integrate_ensemble", "knife_edge_joint", "planar_joint", "point_on_line_joint",
-    "point_on_plane_joint", "prepare", "prismatic_joint", "project", "revolute_joint", "rolling_disk_joint",
-    "rolling_sphere_joint", "spherical_joint", "universal_joint",
+    "BAUMGARTE_LE", "COORDINATE_MAPS", "DAE1H_LSE", "DAE1L_LSE", "DAE2H_LE", "DAE2H_LSE", "DAE2L_LE", "DAE2L_LSE",
+    "DAE3H_LE", "DAE3L_LE", "EULER_METHODS", "INDEX1_LE", "METHODS", "RKMK4", "RKMK54", "RKMK853", "ArgumentError",
+    "Body", "ConstantLoad", "Contact", "Coordinate", "Dot", "Drive", "EnsembleSolution", "GeneralizedAlpha",
+    "IntegrationError", "Interrupted", "Joint", "Law", "LieEulerError", "LinearSpring", "Method", "Mimic",
+    "PreparedRun", "Problem", "Rattle2", "Rattle4", "Rattle6", "Rattle8", "Rotor", "Servo", "Seulex", "SlideForce",
+    "Solution", "Stats", "Status", "Stops", "Taylor", "TimeFunction", "TorsionalSpring", "cylindrical_joint",
+    "distance_joint", "fixed_joint", "integrate", "integrate_ensemble", "knife_edge_joint", "planar_joint",
+    "point_on_line_joint", "point_on_plane_joint", "prepare", "prismatic_joint", "project", "revolute_joint",
+    "rolling_disk_joint", "rolling_sphere_joint", "spherical_joint", "universal_joint",
 ]  # fmt: skip
 
 

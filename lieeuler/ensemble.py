@@ -15,7 +15,8 @@ import numpy as np
 from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, real
 from lieeuler.errors import ArgumentError
-from lieeuler.integrate import Arguments, plan_run
+from lieeuler.integrate import chosen, output_times
+from lieeuler.methods import Method
 from lieeuler.paths import along, changed
 from lieeuler.problem import CLOSED, Problem
 from lieeuler.solution import Status
@@ -73,12 +74,10 @@ class EnsembleSolution:
                 f"{self.steps.sum()} steps, {self.wall_time:.3g} s of computing)")
 
 
-def integrate_ensemble(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
-                       rtol: float | None = None, x: ArrayLike | None = None, R: ArrayLike | None = None,
-                       v: ArrayLike | None = None, w: ArrayLike | None = None,
-                       parameters: Mapping[str, ArrayLike] | None = None, coordinate_map: str = "exp",
-                       alpha: float | None = None, beta: float | None = None, spectral_radius: float | None = None,
-                       spin_free: bool | None = None, threads: int = 0) -> EnsembleSolution:
+def integrate_ensemble(problem: Problem, method: Method | str, step: Any = None, t_eval: ArrayLike | None = None, *,
+                       x: ArrayLike | None = None, R: ArrayLike | None = None, v: ArrayLike | None = None,
+                       w: ArrayLike | None = None, parameters: Mapping[str, ArrayLike] | None = None,
+                       spin_free: bool | None = None, threads: int = 0, **options: Any) -> EnsembleSolution:
     """Integrate many members of one problem: each has its own state, parameters, steps and status.
 
     Each trajectory is that of `lieeuler.integrate` with reduce="off" to the last bit, whatever the other members,
@@ -88,7 +87,7 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     ----------
     problem : Problem
         What all members share; it also supplies whichever of x, R, v, w is not given.
-    method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, spin_free
+    method, step, t_eval, spin_free, options
         As `lieeuler.integrate` takes them.
     x, R, v, w : (N, n, 3), (N, n, 3, 3), (N, n, 3), (N, n, 3), optional
         Initial states in the conventions of `lieeuler.types`. Each must satisfy the joints to rounding level, those of
@@ -107,34 +106,36 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     KeyboardInterrupt
         Ctrl-C.
     """
-    plan = plan_run(problem, Arguments(method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius,
-                                       spin_free=spin_free, monitor=False))
+    method, t_eval = chosen(method, step, t_eval, options)
+    t, spins = output_times(t_eval), method.spin_free if spin_free is None else spin_free
+    run, _ = method.run(t, False)
+    run.begin = float(t[0])
     if problem.laws:
         raise ArgumentError("ensembles take no laws; integrate the members one by one, or leave laws out")
     if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 0 <= threads <= 1024:
         raise ArgumentError(f"threads must be a whole number from 0 (all processors) to 1024, not {threads!r}")
-    if plan.t[0] != problem.time:
-        problem = Problem.unchecked(problem, time=float(plan.t[0]))
+    if t[0] != problem.time:
+        problem = Problem.unchecked(problem, time=float(t[0]))
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     values = _parameters(problem, parameters or {})
     states, N = _states(problem, {"x": x, "R": R, "v": v, "w": w}, values)
-    members, frames = _members(problem, plan.spin_free, states, N, values)
+    members, frames = _members(problem, spins, states, N, values)
     systems = [(frame or member).kernel for member, frame in zip(members, frames, strict=True)]
-    result = _kernel.integrate_ensemble(systems, plan.run, states["x"], states["R"], states["v"], states["w"],
+    result = _kernel.integrate_ensemble(systems, run, states["x"], states["R"], states["v"], states["w"],
                                         min(int(threads) or allowed or 1, N))
     if result["interrupted"]:
         raise KeyboardInterrupt("interrupted during an ensemble")
     for k, each in enumerate(frames):
         if each is not None:
-            each.restore(plan.t, result["R"][k], result["w"][k])
+            each.restore(t, result["R"][k], result["w"][k])
     status = np.array([Status(name) for name in result["status"]], dtype=object)
     for k, member in enumerate(members):  # one of each, or one of all
         here = slice(k, k + 1) if len(members) > 1 else slice(None)
-        open_ = held.open_at(member, method, *(result[name][here, -1] for name in "xRvw"), float(plan.t[-1]),
-                             float(plan.t[-1] - plan.t[0]))
+        open_ = held.open_at(member, method.held, *(result[name][here, -1] for name in "xRvw"), float(t[-1]),
+                             float(t[-1] - t[0]))
         status[here][open_ & (status[here] == Status.SUCCESS)] = Status.CONSTRAINTS_OPEN
     counts = {name: np.array(result[name]) for name in ("steps", "rejected_steps")}
-    solution = EnsembleSolution(t=plan.t, t_end=plan.t[0] + result["time"], status=status, method=method, **counts,
+    solution = EnsembleSolution(t=t, t_end=t[0] + result["time"], status=status, method=method.name, **counts,
                                 **{name: result[name] for name in ("x", "R", "v", "w", "wall_time")})
     log.info("%r", solution)
     return solution

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.methods import METHODS
 from lieeuler.problem import CLOSED, Problem
 from lieeuler.solution import Solution
 
@@ -29,20 +28,13 @@ def opened(problem: Problem, solution: Solution) -> tuple[bool, bool, bool]:
     return not levels[0] <= CLOSED, not levels[1] <= CLOSED, False
 
 
-def open_levels(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """The levels that the method should hold but that are open; none without monitoring."""
-    held = METHODS[solution.method].held if solution.stats.maxima else ()
-    return tuple(level for level, left in zip(LEVELS, opened(problem, solution), strict=True)
-                 if left and level in held)
-
-
-def open_at(problem: Problem, method: str, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
+def open_at(problem: Problem, levels: tuple[str, ...], x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
             t: float, duration: float) -> np.ndarray:
-    """(N,) whether each of N states at time t, after a duration, violates the positions or velocities that the method
-    holds, by the measure and the bound that a problem's initial state must pass."""
-    held = [level in METHODS[method].held for level in LEVELS[:2]]
+    """(N,) whether each of N states at time t, after a duration, violates these levels of positions or velocities, by
+    the measure and the bound that a problem's initial state must pass."""
+    held = [level in levels for level in LEVELS[:2]]
     if not problem.joints or not any(held):
         return np.zeros(len(x), dtype=bool)
     x, R, v, w = (np.ascontiguousarray(array) for array in (x, R, v, w))
-    levels = _kernel.constraint_levels(problem.kernel, x, R, v, w, t, duration)
-    return np.asarray(~(levels[:, held] <= CLOSED).all(axis=1))
+    found = _kernel.constraint_levels(problem.kernel, x, R, v, w, t, duration)
+    return np.asarray(~(found[:, held] <= CLOSED).all(axis=1))

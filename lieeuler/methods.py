@@ -1,4 +1,4 @@
-"""The methods, as records.
+"""The methods: a class each, whose attributes are what is known of the method and whose fields are its options.
 
 Sources
 -------
@@ -16,7 +16,14 @@ Sources
 from __future__ import annotations
 
 import dataclasses
+import difflib
+from typing import Any, ClassVar
 
+import numpy as np
+
+from lieeuler import _kernel
+from lieeuler.checks import number, positive
+from lieeuler.errors import ArgumentError
 from lieeuler.tableaux import DORMAND_PRINCE_5, DORMAND_PRINCE_8, KUTTA_4, Tableau
 
 COORDINATE_MAPS = ("exp", "cayley", "ccsk")
@@ -25,15 +32,25 @@ COORDINATE_MAPS = ("exp", "cayley", "ccsk")
 CORRECTIONS = ("mass", "plain")
 """Weights of the correction that closes the positions of stabilised Lagrangian methods."""
 
+MOST_STEPS = 1e12
+"""A run of more steps than this is refused as a mistake: it would take weeks."""
+
+DEFAULT_RTOL = 1e-8
+"""Tolerance of an adaptive method that is given neither a step nor a tolerance. It is relative to the size of the
+system (m), to one radian, and to their rates. The error is proportional to it, but it is not a strict bound."""
+
+RTOL_RANGE = (1e-14, 0.1)
+"""Below the first value rounding would control the steps; above the second the motion is not resolved."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Method:
-    """A Lie group integrator.
+    """A Lie group integrator with its options, which are the fields of its class; None stands for a default.
 
     Attributes
     ----------
     name : str
-        What users type.
+        What users type; the class's own name where none is given.
     formulation : "lagrange" | "hamilton" | "index1"
         Implicit steps of the Lagrangian equations, symplectic Euler for the Hamiltonian ones, or accelerations solved
         from the index-1 system.
@@ -47,55 +64,186 @@ class Method:
     order : int or None
         None if the method chooses its order itself.
     source : str
-    gains : (alpha, beta) or None
-        Default Baumgarte gains, 1/s; None if the method takes none.
     composition : tuple of float
         Weights of the stages of a composition of RATTLE steps, equation (9.1) of docs/theory.md.
-    spectral_radius : float or None
-        Default spectral radius at infinite frequency of generalized-alpha; None for other methods.
     tableau : Tableau or None
         The coefficients of an explicit Runge-Kutta method.
+    maps : tuple of str
+        The coordinate maps with which the method has its order.
     controls : tuple of "step", "rtol"
         How the user sets the accuracy: a fixed step (s), a relative tolerance, or either.
-    conserves : bool
-        Whether steps that follow a tolerance can keep energy and angular momentum of free bodies in twice the digits.
     """
 
-    name: str
-    formulation: str
-    level: str
-    index1_output: bool
-    held: tuple[str, ...]
-    order: int | None
-    source: str
-    gains: tuple[float, float] | None = None
-    composition: tuple[float, ...] = ()
-    spectral_radius: float | None = None
-    tableau: Tableau | None = None
-    controls: tuple[str, ...] = ("step",)
-    conserves: bool = False
+    name: ClassVar[str]
+    formulation: ClassVar[str] = "index1"
+    level: ClassVar[str] = "stabilised"
+    index1_output: ClassVar[bool] = True
+    held: ClassVar[tuple[str, ...]] = ("position", "velocity", "acceleration")
+    order: ClassVar[int | None] = None
+    source: ClassVar[str] = ""
+    composition: ClassVar[tuple[float, ...]] = ()
+    tableau: ClassVar[Tableau | None] = None
+    maps: ClassVar[tuple[str, ...]] = ("exp",)
+    controls: ClassVar[tuple[str, ...]] = ("step",)
+
+    def __init_subclass__(cls, **facts: object) -> None:
+        super().__init_subclass__()
+        cls.name = cls.__name__
+        for name, value in facts.items():
+            setattr(cls, name, value)
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            if (value := getattr(self, field.name)) is not None or field.default is not None:
+                object.__setattr__(self, field.name, self._checked(field.name, value))
+
+    def _checked(self, name: str, value: Any) -> object:
+        """The value of an option.
+
+        Raises
+        ------
+        ArgumentError
+            It is none.
+        """
+        words = {"map": COORDINATE_MAPS, "correction": CORRECTIONS}.get(name)
+        if words:
+            if not isinstance(value, str) or value not in words:
+                raise ArgumentError(f"{name} must be one of {', '.join(words)}, not {value!r}")
+            if name == "map" and (refused := self.refused_map(value)):
+                raise ArgumentError(refused)
+        elif name in ("polish", "conserve"):
+            if not isinstance(value, bool):
+                raise ArgumentError(f"{name} must be True or False, not {value!r}")
+        elif name == "step":
+            return positive(name, value)
+        elif name == "rtol":
+            if not RTOL_RANGE[0] <= positive(name, value) <= RTOL_RANGE[1]:
+                raise ArgumentError(f"rtol must lie between {RTOL_RANGE[0]:g} and {RTOL_RANGE[1]:g}, not {value!r}")
+            return float(value)
+        elif name == "spectral_radius" and number(name, value, lowest=0.0) > 1:
+            raise ArgumentError(f"spectral_radius must lie between 0 and 1, not {value!r}")
+        else:
+            return number(name, value, lowest=0.0)
+        return value
+
+    @classmethod
+    def options(cls) -> tuple[str, ...]:
+        """The names of the options."""
+        return tuple(field.name for field in dataclasses.fields(cls))
+
+    @classmethod
+    def refused_map(cls, coordinate_map: str) -> str | None:
+        """Why the method does not work with this map of `COORDINATE_MAPS`, or None if it does."""
+        if coordinate_map in cls.maps:
+            return None
+        if cls.formulation == "index1":
+            return f"{cls.name} works with the exponential map; leave map out"
+        return f"{cls.name} would fall to order 1 with {coordinate_map}, which is not symmetric; use exp or cayley"
 
     @property
-    def corrects(self) -> bool:
-        """Whether the weight of the correction of xi is an option: in the stabilised Lagrangian methods."""
-        return self.formulation == "lagrange" and self.level == "stabilised"
+    def spin_free(self) -> bool:
+        """The default of this argument of `integrate`."""
+        return self.order != 1
 
-    def reduced(self, coordinate_map: str) -> tuple[str, ...]:
-        """What `integrate(reduce=None)` may leave out: for an Euler method only what changes no step and no multiplier.
+    @property
+    def reduced(self) -> tuple[str, ...]:
+        """What `integrate(reduce=None)` may leave out."""
+        return "welded", "planar", "axis", "joints"
 
-        In a plane all maps but ccsk turn by the same angle in any axes; multipliers have to be those of index 1.
+    def run(self, t: np.ndarray, monitor: bool) -> tuple[_kernel.Run, float | None]:
+        """What the kernel runs over output times (s), and the largest step (s), None if the method chooses its steps.
+
+        Raises
+        ------
+        ArgumentError
+            The run would take too many steps.
         """
-        if self.order != 1:
-            return "welded", "planar", "axis", "joints"
-        return ("planar", "axis") if self.index1_output and coordinate_map != "ccsk" else ()
+        if (step := getattr(self, "step", None)) is None:
+            return self._planned((t - t[0]).tolist(), getattr(self, "rtol"), monitor), None  # noqa: B009
+        steps, counts = output_steps(t, step)
+        return self._planned(steps, counts, monitor), max(steps)
 
-    def refused_map(self, coordinate_map: str) -> str | None:
-        """Why the method does not work with this map of `COORDINATE_MAPS`, or None if it does."""
-        if self.formulation != "index1" and self.order != 1 and coordinate_map == "ccsk":
-            return f"{self.name} would fall to order 1 with ccsk, which is not symmetric; use exp or cayley"
-        if self.formulation == "index1" and coordinate_map != "exp":
-            return f"{self.name} works with the exponential map; leave coordinate_map out"
-        return None
+    def _planned(self, *given: Any) -> _kernel.Run:
+        """The run by steps and their counts, or by output times from 0 and a tolerance; and whether it is monitored."""
+        raise NotImplementedError
+
+
+@dataclasses.dataclass(frozen=True)
+class Implicit(Method):
+    """Steps of fixed size (s), solved for by Newton's iteration, with a coordinate map.
+
+    A step that does not divide an output interval is shortened to the next one that does.
+    """
+
+    step: float
+    map: str = "exp"
+
+    def _planned(self, *given: Any) -> _kernel.Run:
+        known = {"alpha": 0.0, "beta": 0.0, "spectral_radius": None, "polish": True, "correction": "mass", **vars(self)}
+        rule = _kernel.Method(_kernel.Formulation[self.formulation], _kernel.Level[self.level], self.index1_output,
+                              known["alpha"], known["beta"], self.composition, known["spectral_radius"],
+                              known["polish"], _kernel.Correction[known["correction"]])
+        return _kernel.implicit(_kernel.CoordinateMap[self.map], rule, *given)
+
+
+@dataclasses.dataclass(frozen=True)
+class Euler(Implicit, order=1, index1_output=False, maps=COORDINATE_MAPS):
+    """Methods of order one. polish: make attitudes rotations again after every step (docs/theory.md, section 3)."""
+
+    polish: bool = True
+
+    @property
+    def reduced(self) -> tuple[str, ...]:
+        """Only what changes no step and no multiplier: in a plane all maps but ccsk turn by the same angle in any axes;
+        multipliers have to be those of index 1."""
+        return ("planar", "axis") if self.index1_output and self.map != "ccsk" else ()
+
+
+@dataclasses.dataclass(frozen=True)
+class CorrectedEuler(Euler, formulation="lagrange"):
+    """correction: the weight of G_n^T mu, which closes the positions: "mass" is M^-1, which costs the least kinetic
+    energy, "plain" is none (docs/theory.md, section 4)."""
+
+    correction: str = "mass"
+
+
+_P1 = "reconstructed from doi:10.1177/1687814019842406"
+_P2 = "doi:10.1177/1687814018764154"
+_BM = "doi:10.1007/s10208-008-9030-4"
+_MK = "doi:10.1016/S0168-9274(98)00030-0"
+_LE, _LE_BM, _LSE_BM = f"{_P1}, {_P2}", f"{_P1}, {_P2}, in the form of {_BM}", f"{_P1}, in the form of {_BM}"
+_POSITION, _VELOCITY = ("position",), ("velocity",)
+
+
+class DAE3L_LE(Euler, formulation="lagrange", level="position", held=_POSITION, source=_LE): ...
+class DAE2L_LE(Euler, formulation="lagrange", level="velocity", held=_VELOCITY, source=_LE): ...
+class DAE2L_LSE(CorrectedEuler, held=_POSITION + _VELOCITY, source=_P1): ...
+class DAE1L_LSE(CorrectedEuler, index1_output=True, source=_P1): ...
+class DAE3H_LE(Euler, formulation="hamilton", level="position", held=_POSITION, source=_LE_BM): ...
+class DAE2H_LE(Euler, formulation="hamilton", level="velocity", held=_VELOCITY, source=_LE_BM): ...
+class DAE2H_LSE(Euler, formulation="hamilton", held=_POSITION + _VELOCITY, source=_LSE_BM): ...
+class DAE1H_LSE(Euler, formulation="hamilton", index1_output=True, source=_LSE_BM): ...
+class INDEX1_LE(Euler, formulation="lagrange", level="acceleration", held=("acceleration",),
+                source=f"{_P2}, comparator"): ...
+
+
+@dataclasses.dataclass(frozen=True)
+class BAUMGARTE_LE(Euler, formulation="lagrange", level="acceleration", held=(),
+                   source=f"{_P1}, comparator; doi:10.1016/0045-7825(72)90018-7"):
+    """alpha, beta: Baumgarte gains, 1/s."""
+
+    alpha: float = 5.0
+    beta: float = 5.0
+
+
+@dataclasses.dataclass(frozen=True)
+class GeneralizedAlpha(Implicit, name="generalized_alpha", formulation="lagrange", order=2, maps=("exp", "cayley"),
+                       source="doi:10.1016/j.mechmachtheory.2011.07.017, doi:10.1007/s00211-014-0633-1"):
+    """spectral_radius: at infinite frequency; 0 damps motions much faster than the step away, 1 keeps them.
+    correction: as in `CorrectedEuler`."""
+
+    spectral_radius: float = 0.8
+    correction: str = "mass"
 
 
 def _symmetric(*half: float) -> tuple[float, ...]:
@@ -126,54 +274,124 @@ KAHAN_LI_8 = _symmetric(0.13020248308889008088, 0.56116298177510838456, -0.38947
                         0.25837438768632204729, 0.29501172360931029887)
 """Order 8, 17 stages; Kahan and Li, doi:10.1090/S0025-5718-97-00873-9."""
 
-_P1 = "reconstructed from doi:10.1177/1687814019842406"
-_P2 = "doi:10.1177/1687814018764154"
-_BM = "doi:10.1007/s10208-008-9030-4"
-_MK = "doi:10.1016/S0168-9274(98)00030-0"
-_BCA = "doi:10.1016/j.mechmachtheory.2011.07.017, doi:10.1007/s00211-014-0633-1"
-_ALL = ("position", "velocity", "acceleration")
+
+class Rattle(Implicit, formulation="hamilton", maps=("exp", "cayley")):
+    """Compositions of RATTLE steps."""
 
 
-def _rattle(name: str, order: int, weights: tuple[float, ...], source: str) -> Method:
-    return Method(name, "hamilton", "stabilised", True, _ALL, order, source, composition=weights)
+class Rattle2(Rattle, name="rattle2", order=2, composition=(1.0,), source=_BM): ...
+class Rattle4(Rattle, name="rattle4", order=4, composition=SUZUKI_4,
+              source=f"{_BM}, doi:10.1016/0375-9601(90)90962-N"): ...
+class Rattle6(Rattle, name="rattle6", order=6, composition=KAHAN_LI_6,
+              source=f"{_BM}, doi:10.1090/S0025-5718-97-00873-9"): ...
+class Rattle8(Rattle, name="rattle8", order=8, composition=SUZUKI_UMENO_8, source=f"{_BM}, doi:10.1137/0916010"): ...
 
 
-def _runge_kutta(name: str, tableau: Tableau, source: str) -> Method:
-    controls = ("step", "rtol") if tableau.errors else ("step",)
-    return Method(name, "index1", "stabilised", True, _ALL, tableau.order, f"{_MK}, {source}", tableau=tableau,
-                  controls=controls, conserves="rtol" in controls)
+@dataclasses.dataclass(frozen=True)
+class RungeKutta(Method):
+    """Explicit Munthe-Kaas Runge-Kutta with steps of fixed size, s."""
+
+    step: float
+
+    def _planned(self, *given: Any) -> _kernel.Run:
+        return _kernel.runge_kutta(self.tableau.kernel, *given)  # type: ignore[union-attr]
 
 
-METHODS: dict[str, Method] = {
-    method.name: method
-    for method in (
-        Method("DAE3L_LE", "lagrange", "position", False, ("position",), 1, f"{_P1}, {_P2}"),
-        Method("DAE2L_LE", "lagrange", "velocity", False, ("velocity",), 1, f"{_P1}, {_P2}"),
-        Method("DAE2L_LSE", "lagrange", "stabilised", False, ("position", "velocity"), 1, _P1),
-        Method("DAE1L_LSE", "lagrange", "stabilised", True, _ALL, 1, _P1),
-        Method("DAE3H_LE", "hamilton", "position", False, ("position",), 1, f"{_P1}, {_P2}, in the form of {_BM}"),
-        Method("DAE2H_LE", "hamilton", "velocity", False, ("velocity",), 1, f"{_P1}, {_P2}, in the form of {_BM}"),
-        Method("DAE2H_LSE", "hamilton", "stabilised", False, ("position", "velocity"), 1,
-               f"{_P1}, in the form of {_BM}"),
-        Method("DAE1H_LSE", "hamilton", "stabilised", True, _ALL, 1, f"{_P1}, in the form of {_BM}"),
-        Method("INDEX1_LE", "lagrange", "acceleration", False, ("acceleration",), 1, f"{_P2}, comparator"),
-        Method("BAUMGARTE_LE", "lagrange", "acceleration", False, (), 1,
-               f"{_P1}, comparator; doi:10.1016/0045-7825(72)90018-7", gains=(5.0, 5.0)),
-        Method("generalized_alpha", "lagrange", "stabilised", True, _ALL, 2, _BCA, spectral_radius=0.8),
-        _rattle("rattle2", 2, (1.0,), _BM),
-        _rattle("rattle4", 4, SUZUKI_4, f"{_BM}, doi:10.1016/0375-9601(90)90962-N"),
-        _rattle("rattle6", 6, KAHAN_LI_6, f"{_BM}, doi:10.1090/S0025-5718-97-00873-9"),
-        _rattle("rattle8", 8, SUZUKI_UMENO_8, f"{_BM}, doi:10.1137/0916010"),
-        _runge_kutta("rkmk4", KUTTA_4, "doi:10.1007/978-3-540-78862-1"),
-        _runge_kutta("rkmk54", DORMAND_PRINCE_5, "doi:10.1016/0771-050X(80)90013-3"),
-        _runge_kutta("rkmk853", DORMAND_PRINCE_8, "doi:10.1007/978-3-540-78862-1"),
-        Method("seulex", "index1", "stabilised", True, _ALL, None,
-               f"{_P1}; extrapolated, doi:10.1007/978-3-642-05221-7", controls=("rtol",)),
-        Method("taylor", "index1", "stabilised", True, _ALL, None, "doi:10.1080/10586458.2005.10128904",
-               controls=("rtol",), conserves=True),
-    )
-}  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class EmbeddedRungeKutta(Method, controls=("step", "rtol")):
+    """Explicit Munthe-Kaas Runge-Kutta with a step (s), or steps that follow a tolerance (see `DEFAULT_RTOL`).
+
+    conserve: with rtol, end every step with the energy and angular momentum that free bodies had at the start, in
+    twice the digits: a body that turns over about its middle axis then keeps three to five digits more.
+    """
+
+    step: float | None = None
+    rtol: float | None = None
+    conserve: bool = False
+
+    def __post_init__(self) -> None:
+        if self.step is not None and (self.rtol is not None or self.conserve is True):
+            raise ArgumentError("give step or rtol, not both; conserve=True is for runs with rtol")
+        if self.step is None and self.rtol is None:
+            object.__setattr__(self, "rtol", DEFAULT_RTOL)
+        super().__post_init__()
+
+    def _planned(self, *given: Any) -> _kernel.Run:
+        first, second, monitor = given
+        tableau = self.tableau.kernel  # type: ignore[union-attr]
+        return (_kernel.adaptive_runge_kutta(tableau, first, second, monitor, self.conserve) if self.step is None else
+                _kernel.runge_kutta(tableau, first, second, monitor))
+
+
+class RKMK4(RungeKutta, name="rkmk4", order=4, tableau=KUTTA_4, source=f"{_MK}, doi:10.1007/978-3-540-78862-1"): ...
+class RKMK54(EmbeddedRungeKutta, name="rkmk54", order=5, tableau=DORMAND_PRINCE_5,
+             source=f"{_MK}, doi:10.1016/0771-050X(80)90013-3"): ...
+class RKMK853(EmbeddedRungeKutta, name="rkmk853", order=8, tableau=DORMAND_PRINCE_8,
+              source=f"{_MK}, doi:10.1007/978-3-540-78862-1"): ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Seulex(Method, name="seulex", controls=("rtol",),
+             source=f"{_P1}; extrapolated, doi:10.1007/978-3-642-05221-7"):
+    """Extrapolated implicit Euler; rtol as in `DEFAULT_RTOL`."""
+
+    rtol: float = DEFAULT_RTOL
+
+    def _planned(self, *given: Any) -> _kernel.Run:
+        return _kernel.seulex(*given)
+
+
+@dataclasses.dataclass(frozen=True)
+class Taylor(Method, name="taylor", controls=("rtol",), source="doi:10.1080/10586458.2005.10128904"):
+    """Taylor series; rtol as in `DEFAULT_RTOL`, conserve as in `EmbeddedRungeKutta`."""
+
+    rtol: float = DEFAULT_RTOL
+    conserve: bool = False
+
+    def _planned(self, *given: Any) -> _kernel.Run:
+        times, rtol, monitor = given
+        return _kernel.taylor(times, rtol, monitor, self.conserve)
+
+
+METHODS: dict[str, type[Method]] = {method.name: method for method in (
+    DAE3L_LE, DAE2L_LE, DAE2L_LSE, DAE1L_LSE, DAE3H_LE, DAE2H_LE, DAE2H_LSE, DAE1H_LSE, INDEX1_LE, BAUMGARTE_LE,
+    GeneralizedAlpha, Rattle2, Rattle4, Rattle6, Rattle8, RKMK4, RKMK54, RKMK853, Seulex, Taylor)}
 """All methods by name, in the order in which tables list them."""
 
-EULER_METHODS = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
+EULER_METHODS = tuple(METHODS)[:8]
 """The eight methods of [P1], reconstructed: equations (4.1), (4.2) and (4.4) of docs/theory.md."""
+
+
+def named(name: str, options: dict[str, Any]) -> Method:
+    """The method of a name with these options; None is the default of each.
+
+    Raises
+    ------
+    ArgumentError
+        There is no such method, it does not have the option, or a value is wrong.
+    """
+    if not isinstance(name, str) or name not in METHODS:
+        near = difflib.get_close_matches(str(name), METHODS, n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise ArgumentError(f"method must be one of {', '.join(METHODS)}, not {name!r}{hint}")
+    method, given = METHODS[name], {option: value for option, value in options.items() if value is not None}
+    for option, value in given.items():
+        if option not in method.options():
+            able = ", ".join(other for other, each in METHODS.items() if option in each.options())
+            raise ArgumentError(f"{option}={value!r} is for {able or 'no method'}; leave it out with {name}, whose "
+                                f"options are {', '.join(method.options())}")
+    if "rtol" not in method.controls:
+        given.setdefault("step", None)
+    return method(**given)
+
+
+def output_steps(t: np.ndarray, step: float) -> tuple[list[float], list[int]]:
+    """Step size and number of steps of every output interval; intervals that differ by rounding share one step size."""
+    if (t[-1] - t[0]) / step > MOST_STEPS:
+        raise ArgumentError(f"step {step!r} s would take more than {MOST_STEPS:g} steps for {t[-1] - t[0]:g} s")
+    intervals = np.diff(t)
+    mean = (t[-1] - t[0]) / len(intervals)
+    if np.allclose(intervals, mean, rtol=1e-9, atol=0):
+        intervals = np.full(len(intervals), mean)
+    counts = np.maximum(1, np.ceil(intervals / step * (1 - 1e-12))).astype(int)
+    return (intervals / counts).tolist(), counts.tolist()

@@ -20,7 +20,7 @@ MOST_NODES = 2
 """Joint coordinates pay up to so many nodes a body: measured on bodies in a plane, which have three."""
 
 
-def reductions(problem: Problem, method: Method, wanted: str | None, coordinate_map: str) -> list[Welded | Plane]:
+def reductions(problem: Problem, method: Method, wanted: str | None) -> list[Welded | Plane]:
     """What a method leaves out of a problem, the first step first; by default what applies of `Method.reduced`.
 
     Raises
@@ -30,7 +30,7 @@ def reductions(problem: Problem, method: Method, wanted: str | None, coordinate_
     """
     if not (wanted is None or (isinstance(wanted, str) and wanted in WORDS)):
         raise ArgumentError(f"reduce must be one of {', '.join(WORDS)}, not {wanted!r}")
-    words = {wanted} if wanted else {*method.reduced(coordinate_map)}
+    words = {wanted} if wanted else {*method.reduced}
     steps: list[Welded | Plane] = []
     if words & {"welded", "joints"} and (welded := welded_for(problem)):
         steps.append(welded)

@@ -152,8 +152,8 @@ def _add_force(random: Random, problem: lieeuler.Problem, fields: dict, options:
 
 
 def _change_option(random: Random, problem: lieeuler.Problem, fields: dict, options: dict) -> None:
-    name = random.choice(("method", "step", "t_eval", "rtol", "coordinate_map", "alpha", "beta", "spin_free",
+    name = random.choice(("method", "step", "t_eval", "rtol", "map", "alpha", "beta", "spin_free",
                           "monitor"))
-    usual = {"method": METHODS, "coordinate_map": ("exp", "cayley", "ccsk"), "spin_free": (True, False, None),
+    usual = {"method": METHODS, "map": ("exp", "cayley", "ccsk"), "spin_free": (True, False, None),
               "monitor": (True, False), "t_eval": ([0, 1e-3], [0.0, number(random), number(random)])}
     options[name] = random.choice(ODD if random.random() < 0.1 else usual.get(name, (abs(number(random)),)))

@@ -31,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "references": BASE | {"scene"},
     "adapters": BASE | {"scene", "jobs", "document", "lieeuler"},
     "running": DATA | {"references", "adapters"},
-    "compare": {"scene"},
+    "compare": {"errors", "scene", "document"},
     "judge": BASE | {"scene", "document", "references", "compare"},
     "inspection": RUNS | {"compare"},
     "jointspace": RUNS | {"inspection"},

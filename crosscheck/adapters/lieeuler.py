@@ -213,7 +213,6 @@ class LieEuler(Engine):
     forms = ("maximal",)
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
     fixed_step_methods = tuple(name for name, method in lieeuler.METHODS.items() if "step" in method.controls)
-    correcting_methods = tuple(name for name, method in lieeuler.METHODS.items() if method.corrects)
     options = frozenset({"form", "coordinate_map", "events", "spin_free", "reduce", "polish", "alpha", "beta",
                          "spectral_radius", "correction", "conserve"})
     on_group = True
@@ -267,13 +266,14 @@ class LieEuler(Engine):
             with contextlib.suppress(ArgumentError):  # it finds the samples within steps, others have to meet them
                 step = steps_per_sample(scene, step)[1]
 
+        names = ("rtol", "alpha", "beta", "spectral_radius", "correction", "conserve", "polish")
+        options = {name: value for name in names if (value := getattr(spec, name)) is not None}
+        if "map" in lieeuler.METHODS[spec.method].options():
+            options["map"] = spec.coordinate_map
+
         def solved(t: np.ndarray, monitor: bool) -> lieeuler.Solution:
-            return lieeuler.integrate(
-                kept_problem(scene), spec.method, step, t, rtol=spec.rtol,
-                coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta,
-                spectral_radius=spec.spectral_radius, correction=spec.correction or "mass", spin_free=spec.spin_free,
-                reduce=spec.reduce, conserve=bool(spec.conserve), polish=spec.polish is not False,
-                monitor=monitor, events=spec.events)
+            return lieeuler.integrate(kept_problem(scene), spec.method, step, t, spin_free=spec.spin_free,
+                                      reduce=spec.reduce, monitor=monitor, events=spec.events, **options)
 
         try:
             solution = solved(scene.t, spec.monitor)

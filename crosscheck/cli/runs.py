@@ -184,7 +184,7 @@ def truth(
     """Print the independent truth of a scene: its sources, its error, the end state."""
     import numpy as np
 
-    from crosscheck.judge.metrics import up_to
+    from crosscheck.compare.errors import up_to
     from crosscheck.references import Chaotic, conditioning
     from crosscheck.running.run import truth as truth_of
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from crosscheck.scene.states import States
+from crosscheck.scene.states import Motion, States
 
 STATE = ("position", "attitude", "velocity", "angular velocity")
 """The quantities of a state."""
@@ -27,14 +27,16 @@ def turn(R: np.ndarray, S: np.ndarray) -> np.ndarray:
     return np.asarray(direction * angle[..., None])
 
 
-def apart(one: States, other: States) -> dict[str, np.ndarray]:
-    """`one` less `other` at the same times, by quantity (T, n, 3), world axes but for attitudes and w, alpha (body).
+def state_apart(one: Motion, other: Motion) -> dict[str, np.ndarray]:
+    """`one` less `other` at the same times, (T, n, 3) of each of `STATE`, world axes but for attitudes and w (body)."""
+    return {"position": one.x - other.x, "attitude": turn(other.R, one.R), "velocity": one.v - other.v,
+            "angular velocity": one.w - other.w}
 
-    "orthogonality", (T, n, 9), is R^T R - I of `one`. Accelerations are there if both have them.
-    """
+
+def apart(one: States, other: States) -> dict[str, np.ndarray]:
+    """As `state_apart`, and "orthogonality", (T, n, 9), R^T R - I of `one`; accelerations if both have them."""
     gram = np.swapaxes(one.R, -1, -2) @ one.R - np.eye(3)
-    rows = {"position": one.x - other.x, "attitude": turn(other.R, one.R), "velocity": one.v - other.v,
-            "angular velocity": one.w - other.w, "orthogonality": gram.reshape(*gram.shape[:2], 9)}
+    rows = state_apart(one, other) | {"orthogonality": gram.reshape(*gram.shape[:2], 9)}
     if one.a is not None and other.a is not None:
         rows["acceleration"] = one.a - other.a
     if one.alpha is not None and other.alpha is not None:

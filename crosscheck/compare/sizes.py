@@ -21,6 +21,13 @@ def length_of(scene: Scene) -> float:
     return float(max([*levers, 0.0]) or gyration.max())
 
 
+def natural_time(scene: Scene) -> float:
+    """Time (s) in which the scene falls or turns by about a radian, at most its duration."""
+    levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
+    fall = float(np.sqrt(np.linalg.norm(scene.gravity) / max([*levers, 0.1])))
+    return 1.0 / max(fall, float(np.linalg.norm(scene.w0, axis=-1).max()), 1.0 / scene.duration)
+
+
 def sizes(scene: Scene, motion: States) -> dict[str, float]:
     """By quantity, SI: the largest along the motion, NaN left out, and no less than a fall through the length gives.
 

@@ -24,7 +24,15 @@ from crosscheck.scene.coordinates import relative_pose
 from crosscheck.scene.file import as_scene
 from crosscheck.scene.laws import Shape
 from crosscheck.scene.mechanics import index1
-from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.model import (
+    GROUND,
+    Force,
+    Joint,
+    LeftOut,
+    Scene,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+)
 from crosscheck.scene.models import import_model, is_model, joint_data
 from crosscheck.scene.spanning import hung
 
@@ -93,8 +101,7 @@ class Diff:
 
 
 def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -> Diff:
-    """Compare two models or scenes; what a scene cannot hold of two models is compared by value where it is of a
-    joint, else as a list.
+    """Compare two models or scenes; what a scene cannot hold of two models is compared by value.
 
     Raises
     ------
@@ -103,7 +110,8 @@ def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -
     """
     files = [not isinstance(each, Scene) and is_model(each) for each in (a, b)]
     one, other = (_read(each, all(files)) for each in (a, b))
-    best, second = sorted((_Comparison(_Tree(one, start), _Tree(other, start)) for start in (False, True)),
+    apart = ("actuator",) if all(files) else ()  # see `joint_data`
+    best, second = sorted((_Comparison(_Tree(one, start), _Tree(other, start), apart) for start in (False, True)),
                           key=_Comparison.count)
     best.compare_motion()
     if best.differences and not second.differences:
@@ -116,7 +124,7 @@ def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -
 
 
 def _dropped(one: JointData, other: JointData, joints: dict[str, str]) -> list[Difference]:
-    """What differs in the data of matched joints that a scene may drop; only a URDF has limits of velocities."""
+    """What differs in the data of matched joints; only a URDF has limits of velocities."""
     pairs = [(name, joints.get(name, name)) for name in one]
     return [Difference(name, what, one[name].get(what, ()), other[match].get(what, ()))
             for name, match in pairs if match in other for what in dict.fromkeys((*one[name], *other[match]))
@@ -195,7 +203,7 @@ class _Tree:
 class _Comparison:
     """The matching of two trees, and what differs between them."""
 
-    def __init__(self, one: _Tree, other: _Tree) -> None:
+    def __init__(self, one: _Tree, other: _Tree, apart: tuple[str, ...]) -> None:
         self.one, self.other = one, other
         self.size = max(one.size, other.size)
         self.bodies: dict[int, int] = {GROUND: GROUND}
@@ -210,7 +218,7 @@ class _Comparison:
         self._loops()
         self._couplings()
         self._forces()
-        self._rest()
+        self._rest(apart)
         self._touches(self._shapes())
         self.moves: float | None = None
 
@@ -434,14 +442,17 @@ class _Comparison:
                 wrong.append(key)
         return wrong
 
-    def _rest(self) -> None:
-        """What ends the claim of a scene, and what an import left out, by the names of the first model."""
+    def _rest(self, apart: tuple[str, ...]) -> None:
+        """What ends the claim of a scene, and what an import left out, by the names of the first model.
+
+        `apart`: how the words begin of what is compared elsewhere.
+        """
         back = {b: a for a, b in [*self.joints.items(), *self.names()]}
 
-        def key(words: str, names: dict[str, str]) -> tuple[str, ...]:
-            """A sentence without line numbers, with its quoted names in any order."""
-            parts = re.sub(r" \(line \d+[^)]*\)", "", words).split("'")
-            return tuple(sorted(names.get(part, part) for part in parts))
+        def key(each: LeftOut, names: dict[str, str]) -> tuple[str, ...]:
+            """What it is without line numbers, and the names of what has it, in any order."""
+            parts = re.sub(r" \(line \d+[^)]*\)", "", each.what).split("'")
+            return tuple(sorted(names.get(part, part) for part in (*parts, *each.where.split(" - "))))
 
         def bounds(scene: Scene, names: dict[str, str]) -> dict[Any, Any]:
             return {(each.type, names.get(each.joint or "", each.joint)): (each.lower, each.upper)
@@ -452,12 +463,14 @@ class _Comparison:
             bound = mine.get((kind, joint)), theirs.get((kind, joint))
             if not _alike(*bound):
                 self._tell(str(joint), f"monitored {kind}", *bound)
-        here, there = ({key(words, names): words for words in tree.scene.left_out}
+        here, there = ({key(each, names): each for each in tree.scene.left_out if not each.what.startswith(apart)}
                        for tree, names in ((self.one, {}), (self.other, back)))
-        for words in here.keys() - there.keys():
-            self._tell("", "left out", here[words], "")
-        for words in there.keys() - here.keys():
-            self._tell("", "left out", "", there[words])
+        for each in dict.fromkeys((*here, *there)):
+            a, b = (("there" if side[each].value == "" else side[each].value) if each in side else "missing"
+                    for side in (here, there))
+            if not _alike(a, b):
+                where, what, _ = here.get(each) or there[each]
+                self._tell(where if each in here else back.get(where, where), what.removesuffix(" of joint"), a, b)
 
     def _shapes(self) -> dict[str, str]:
         """Compare the shapes of matched bodies; those of the second model by their names in the first."""

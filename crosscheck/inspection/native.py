@@ -232,7 +232,7 @@ def _absent(ending: str) -> list[str]:
 
 def _chains(scene: Scene | None) -> set[str]:
     """Names of light bodies and the joints on them, which stand for several joints on one body in other engines."""
-    if scene is None or not any(words.startswith("that nothing is between") for words in scene.left_out):
+    if scene is None or not any(each.what.startswith("that nothing is between") for each in scene.left_out):
         return set()
     names = ["", *(body.name for body in scene.bodies)]
     light = {name for name in names if " after " in name}

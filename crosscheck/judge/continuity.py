@@ -10,10 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from crosscheck.compare.apart import turn
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
 from crosscheck.judge.claim import Trace
-from crosscheck.judge.metrics import attitude_angle, up_to
+from crosscheck.judge.metrics import up_to
 from crosscheck.references.base import Reference
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
@@ -56,7 +57,7 @@ def _continuity(scene: Scene, traj: Trace, truth: Reference, eps: float) -> Find
     for moved, speeds, fastest, second, unit in (
             (np.linalg.norm(np.diff(x, axis=0), axis=-1), np.linalg.norm(v, axis=-1), scale.speed,
              float(truth.position_derivatives[2]), "m"),
-            (attitude_angle(R[:-1], R[1:]), np.linalg.norm(w, axis=-1), scale.rate,
+            (np.linalg.norm(turn(R[:-1], R[1:]), axis=-1), np.linalg.norm(w, axis=-1), scale.rate,
              float(truth.attitude_derivatives[2] / np.sqrt(2.0)), "rad")):
         speed = (1 + WOBBLE) * np.maximum(speeds[1:], speeds[:-1]) + CALM * fastest
         allowed = dt * (speed + 0.5 * dt * second * excess) + 1e3 * eps

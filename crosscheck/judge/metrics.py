@@ -1,21 +1,17 @@
-"""Errors against truth and observed orders, without any engine or tolerance.
-
-The error of a quantity is the norm of the difference of one body: positions (m) and velocities (m/s) in world axes,
-angular velocities (rad/s) in body axes, attitudes by the angle (rad) of the rotation that takes one to the other.
-"""
+"""Observed orders, without any engine or tolerance."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from crosscheck.document import QUANTITIES, Errors, Order
-from crosscheck.errors import ArgumentError
-from crosscheck.scene import mechanics
-from crosscheck.scene.model import Scene
-from crosscheck.scene.states import Motion
+from crosscheck.compare.errors import Error as Error
+from crosscheck.compare.errors import energy_gap as energy_gap
+from crosscheck.compare.errors import errors as errors
+from crosscheck.compare.errors import up_to as up_to
+from crosscheck.document import Order
 
 PLATEAU = 8.0
 """Times the rounding floor below which an error has too much noise for an order fit. At 8 floors, noise moves one
@@ -23,97 +19,6 @@ error by 1/8, and so the order fitted over three halvings by at most 0.05."""
 
 SETTLED = 0.05
 """Orders between neighbouring steps count as equal up to this difference, which noise alone may make."""
-
-
-def up_to(t: np.ndarray, end: float) -> np.ndarray:
-    """Which times (s) are no later than the end (s)."""
-    return t <= end * (1 + 1e-12)  # both are sums, with roundings of their own
-
-
-@dataclasses.dataclass(frozen=True)
-class Error:
-    """Error of one quantity against truth over a run, in the unit of the quantity."""
-
-    unit: str
-    times: np.ndarray  # (T,) s
-    series: np.ndarray  # (T,) the largest of all bodies; NaN where there is no truth
-    body: str  # the body with the largest error of all times
-
-    @property
-    def end(self) -> float:
-        """The error at the last time for which there is truth."""
-        return float(self.series[~np.isnan(self.series)][-1])
-
-    @property
-    def max(self) -> float:
-        """The largest error."""
-        return float(np.nanmax(self.series))
-
-    @property
-    def time(self) -> float:
-        """Time (s) of the largest error."""
-        return float(self.times[int(np.nanargmax(self.series))])
-
-    @property
-    def figures(self) -> Errors:
-        """These figures as a part of the document."""
-        return Errors(unit=self.unit, end=self.end, max=self.max, time=self.time, body=self.body)
-
-
-def attitude_angle(R: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Angle (rad, 0 to pi) of the rotation R^T S, for R and S of shape (..., 3, 3).
-
-    It follows from sine and cosine together. An arc cosine alone loses half of the digits of small angles.
-    """
-    D = np.swapaxes(R, -1, -2) @ S
-    twice_sine = np.sqrt((D[..., 2, 1] - D[..., 1, 2]) ** 2 + (D[..., 0, 2] - D[..., 2, 0]) ** 2
-                         + (D[..., 1, 0] - D[..., 0, 1]) ** 2)
-    return np.asarray(np.arctan2(twice_sine, np.trace(D, axis1=-2, axis2=-1) - 1.0))
-
-
-def differences(one: Motion, other: Motion) -> dict[str, np.ndarray]:
-    """Norm of the difference of two runs, (T, n) per quantity. Raises `ArgumentError` if their output times differ."""
-    if one.t.shape != other.t.shape or not np.allclose(one.t, other.t, rtol=0, atol=1e-9 * max(1.0, one.t[-1])):
-        raise ArgumentError(f"the runs have different output times ({len(one.t)} up to {one.t[-1]:g} s and "
-                            f"{len(other.t)} up to {other.t[-1]:g} s): give both the same samples= and duration=")
-    return {
-        "position": np.linalg.norm(one.x - other.x, axis=-1),
-        "attitude": attitude_angle(one.R, other.R),
-        "velocity": np.linalg.norm(one.v - other.v, axis=-1),
-        "angular velocity": np.linalg.norm(one.w - other.w, axis=-1),
-    }
-
-
-def errors(scene: Scene, run: Motion, truth: Motion, until: float = np.inf) -> dict[str, Error]:
-    """Errors of a run against truth, per quantity, over the samples up to the time `until` (s).
-
-    The error is infinite at times at which the run is not finite, NaN where truth is not.
-    """
-    keep = up_to(truth.t, until)
-    times, unknown = truth.t[keep], np.isnan(truth.x[keep, 0, 0])
-    result = {}
-    for quantity, values in differences(run, truth).items():
-        values = np.where(np.isfinite(values[keep]), values[keep], np.inf)
-        values[unknown] = np.nan
-        body = int(np.unravel_index(int(np.nanargmax(values)), values.shape)[1])
-        result[quantity] = Error(QUANTITIES[quantity], times, values.max(axis=1), scene.bodies[body].name)
-    return result
-
-
-def energy_gap(scene: Scene, run: Motion, truth: Motion | None, maxima: Mapping[str, float],
-               work: Callable[[], np.ndarray]) -> float:
-    """The largest |E(t) - E(0) - work| of a run, J: of every step, by the `maxima` over them, if nothing does work.
-
-    Otherwise it is that of the samples. If there is truth, the work is that of the true motion, as far as that reaches;
-    else that of the run, `work`, and NaN if that is not known.
-    """
-    energy = mechanics.energy(scene, run)
-    if scene.worked_on:
-        if truth is None:
-            return float(np.abs(energy - energy[0] - work()).max())
-        return float(np.nanmax(np.abs(energy - mechanics.energy(scene, truth))))
-    kinetic = maxima.get("kinetic_energy", float(mechanics.kinetic_energy(scene, run).max(initial=0.0)) or 1.0)
-    return max(float(np.abs(energy - energy[0]).max()), maxima.get("energy_error", 0.0) * kinetic)
 
 
 STALLED = 0.75

@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 
-import numpy as np
-
+from crosscheck.compare.sizes import natural_time
 from crosscheck.document import Plan
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import tolerances
 from crosscheck.references.base import Reference
-from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.model import Scene
 
 
 def halved(coarsest: float, rungs: int = 4) -> tuple[float, ...]:
@@ -76,13 +75,6 @@ def plan_without_truth(scene: Scene) -> Plan:
     unit = natural_time(scene)
     steps = {order: _readable(min(share * unit, scene.duration / FEWEST)) for order, share in ((1, 1e-3), (2, 1e-2))}
     return Plan(min(1.0, scene.duration), steps, {})
-
-
-def natural_time(scene: Scene) -> float:
-    """Time (s) in which the scene falls or turns by about a radian, at most its duration."""
-    levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
-    fall = float(np.sqrt(np.linalg.norm(scene.gravity) / max([*levers, 0.1])))
-    return 1.0 / max(fall, float(np.linalg.norm(scene.w0, axis=-1).max()), 1.0 / scene.duration)
 
 
 def _readable(step: float) -> float:

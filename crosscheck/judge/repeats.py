@@ -12,11 +12,11 @@ import itertools
 
 import numpy as np
 
+from crosscheck.compare.errors import differences
 from crosscheck.document import QUANTITIES, Finding
 from crosscheck.judge.claim import Trace
 from crosscheck.judge.defects import Defects
 from crosscheck.judge.flow import Answer
-from crosscheck.judge.metrics import differences
 from crosscheck.judge.tolerances import EPS
 from crosscheck.scene.states import States
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from crosscheck.compare.errors import errors
 from crosscheck.compare.order import cancelling
 from crosscheck.document import QUANTITIES, Finding, Order
 from crosscheck.judge import known, tolerances
 from crosscheck.judge.claim import Trace
 from crosscheck.judge.crossings import late
-from crosscheck.judge.metrics import errors
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
+from crosscheck.compare.errors import Error, up_to
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
 from crosscheck.judge.accelerations import SETTLED, WITHIN, by_equations, calm_ends, within_steps
 from crosscheck.judge.claim import Claim, Trace
 from crosscheck.judge.defects import RATES, Defects
-from crosscheck.judge.metrics import Error, up_to
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
 from crosscheck.scene.constraints import Constraints

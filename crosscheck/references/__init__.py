@@ -115,7 +115,7 @@ def _stamp(file: pathlib.Path) -> object:
 
 def _refuse(scene: Scene) -> None:
     """Raise `Unsupported` for elements that the references do not model."""
-    if acting := [words.removeprefix(ACTS) for words in scene.left_out if words.startswith(ACTS)]:
+    if acting := [str(each).removeprefix(ACTS) for each in scene.left_out if each.what.startswith(ACTS)]:
         raise Unsupported(f"truth of {scene.name!r}: it holds until something acts that was left out, which is at the "
                           f"start: {'; '.join(acting[:3])}{f' and {len(acting) - 3} more' if len(acting) > 3 else ''}")
     if reason := scene.beyond(ELEMENTS):

@@ -12,7 +12,7 @@ import hashlib
 import json
 import types
 from collections.abc import Container, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,10 +33,36 @@ ELEMENTS = (*SMOOTH, "dry_friction", "static_friction", "limits", "soft_limits",
 """All elements that an engine must declare. A servo may need four: effort_limit and no_load_speed cut it."""
 
 ACTS = "acts at the start: "
-"""How the words of `Scene.left_out` begin for what would act at once."""
+"""How `LeftOut.what` begins for what would act at once."""
 
 PLAIN_FORCES = ("linear_spring", "torsional_spring", "constant_force", "constant_torque")
 """Types of forces that an engine need not declare; a new type is an element of its own name."""
+
+
+class LeftOut(NamedTuple):
+    """Something of a model that its scene lacks or has otherwise, as "dry friction of joint", "elbow", .3.
+
+    `where` is the name of what has it, or ""; `value` is its number or numbers in the model's own units and axes, or
+    more about it in words.
+    """
+
+    where: str
+    what: str
+    value: float | str | tuple[float | str, ...] = ""
+
+    @property
+    def sentence(self) -> str:
+        """The same without numbers."""
+        words = [each for each in self._values if isinstance(each, str) and each]
+        return ", ".join((f"{self.what} {self.where!r}" if self.where else self.what, *words))
+
+    @property
+    def _values(self) -> tuple[float | str, ...]:
+        return self.value if isinstance(self.value, tuple) else (self.value,)
+
+    def __str__(self) -> str:
+        numbers = ", ".join(f"{each:g}" for each in self._values if not isinstance(each, str))
+        return f"{self.sentence}: {numbers}" if numbers else self.sentence
 
 
 COORDINATE_NAMES = {"turn": "angle", "slide": "slide", "slide n1": "x", "slide n2": "y", "turn parent": "first",
@@ -269,7 +295,7 @@ class Scene(_Record):
     description: str = ""
     source: str = ""
     tags: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()  # what an import dropped; not part of the hash
+    left_out: tuple[LeftOut, ...] = ()  # what an import dropped or read otherwise; not part of the hash
     shapes: tuple[Shape, ...] = ()
     monitors: tuple[Monitor, ...] = ()  # the scene describes the motion until the first of these
     sites: tuple[Site, ...] = ()

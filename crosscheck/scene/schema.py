@@ -313,7 +313,7 @@ class SceneEntry(msgspec.Struct, frozen=True):
     source: str = ""
     tags: list[str] = []
     assemble: bool = False
-    left_out: list[str] = []
+    left_out: list[tuple[str, str, float | str | tuple[float | str, ...]]] = []
     shapes: list[ShapeEntry] = []
     monitors: list[MonitorEntry] = []
     sites: list[SiteEntry] = []
@@ -347,7 +347,8 @@ _EXPECTED = {
     "joint": "the name of a joint",
     "reference_attitude": "a quaternion of four numbers w, x, y, z", "armature": "a number >= 0 in kg m^2 or kg",
     "rest_position": "a number of rad or m", "mimic": 'a table, { joint = "motor", ratio = 3.0 }',
-    "ratio": "a number", "offset": "a number of rad or m", "left_out": "a list of texts",
+    "ratio": "a number", "offset": "a number of rad or m",
+    "left_out": 'a list of [where, what, value], as ["elbow", "dry friction of joint", 0.3]',
     "frame": '"world" or "body"', "force": "three numbers or functions of time in N (one along a joint)",
     "torque": "three numbers or functions of time in N m (one about a joint)", "coefficients": "a list of numbers",
     "terms": "rows of amplitude, angular frequency, phase", "times": "a list of s", "values": "a list of numbers",

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
+from crosscheck.compare.errors import errors
+from crosscheck.compare.sizes import natural_time
 from crosscheck.document import Part, Way, extended, grouped
 from crosscheck.errors import CrosscheckError, Unsupported, foreign, said
-from crosscheck.judge.metrics import errors
-from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference, TruthError
 from crosscheck.references.taylor import Taylor
 from crosscheck.running.attempt import Ran, attempt

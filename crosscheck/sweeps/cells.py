@@ -14,11 +14,11 @@ from typing import Any
 from msgspec.structs import replace
 
 from crosscheck import references
+from crosscheck.compare.errors import energy_gap, errors
+from crosscheck.compare.sizes import sizes
 from crosscheck.document import Way, extended
 from crosscheck.errors import Unsupported, said
 from crosscheck.jobs.workers import output
-from crosscheck.judge.metrics import energy_gap, errors
-from crosscheck.judge.tolerances import energy_size
 from crosscheck.references.base import TruthError
 from crosscheck.references.members import Members
 from crosscheck.running import versions
@@ -192,7 +192,7 @@ def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: 
     if exact is not None:
         values |= {ERRORS[name]: error.max for name, error in errors(member.scene, raw.states, exact).items()}
     gap = energy_gap(member.scene, raw.states, exact, raw.maxima or {}, lambda: work(member.scene, raw.states))
-    values["energy_error"] = gap / energy_size(member.scene, raw.states, exact)
+    values["energy_error"] = gap / sizes(member.scene, raw.states if exact is None else exact)["energy"]
     return replace(row, status=raw.status, form=raw.form, steps=raw.steps,
                    wall_time=raw.wall_time if timing else math.nan, **values)
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from crosscheck import adapters, references
 from crosscheck.adapters.base import RunSpec
+from crosscheck.compare.errors import differences, up_to
 from crosscheck.document import QUANTITIES, Way
 from crosscheck.document.outcomes import percent
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import tolerances
-from crosscheck.judge.metrics import differences, up_to
 from crosscheck.judge.plan import plan_from_truth
 from crosscheck.judge.tolerances import Tol
 from crosscheck.judge.verdict import judge_rest

@@ -27,12 +27,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from crosscheck import adapters, references
+from crosscheck.compare.errors import errors, up_to
 from crosscheck.compare.sizes import sizes
 from crosscheck.document import QUANTITIES, Advice, Record, SceneTruth, Way, extended, largest
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said, unknown
 from crosscheck.files import digest
 from crosscheck.judge.crossings import near_impacts
-from crosscheck.judge.metrics import errors, up_to
 from crosscheck.references.base import Reference
 from crosscheck.running import provenance, versions
 from crosscheck.running.attempt import Outcome, Ran, attempt, lasting

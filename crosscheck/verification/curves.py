@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.compare.errors import Error, up_to
 from crosscheck.document import LEVELS, extended
 from crosscheck.document.curves import (
     PACKED_MISSING,
@@ -23,7 +24,6 @@ from crosscheck.document.curves import (
     RunCurves,
     SceneCurves,
 )
-from crosscheck.judge.metrics import Error, up_to
 from crosscheck.references.base import Reference
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene import mechanics

@@ -12,8 +12,8 @@ import numpy as np
 
 from crosscheck import adapters, references
 from crosscheck.adapters.base import RunSpec
+from crosscheck.compare.sizes import natural_time
 from crosscheck.document import Way
-from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States

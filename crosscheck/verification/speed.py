@@ -19,12 +19,12 @@ from msgspec.structs import replace
 from crosscheck import references
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import RawRun
+from crosscheck.compare.errors import errors
 from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way, extended, grouped
 from crosscheck.errors import CrosscheckError
 from crosscheck.files import digest
 from crosscheck.jobs.drive import Crash, Limits, Place, Stages, run_tasks
 from crosscheck.jobs.workers import output
-from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import RTOLS, profile
 from crosscheck.judge.verdict import beyond
 from crosscheck.running.attempt import Ran, attempt, lasting

@@ -9,12 +9,12 @@ import pytest
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
-from crosscheck.document import Way
-from crosscheck.judge.metrics import errors, observed_order
-from crosscheck.judge.plan import PLANS
+from crosscheck.compare.errors import errors
+from crosscheck.document import Plan, Way
 from crosscheck.references import truth
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
+from tests.lieeuler.accuracy import slopes
 
 MODULES = {"drake": "pydrake", "dart": "dartpy"}
 FIXED = [("drake", "explicit_euler"), ("drake", "semi_explicit_euler"), ("drake", "runge_kutta2"),
@@ -48,7 +48,7 @@ def test_fixed_steps_reach_truth_with_their_order(name, engine, method):
     for quantity in found[0]:
         values = [each[quantity] for each in found]
         if max(values) > 1e-12:  # a slider on a rail does not turn
-            assert observed_order(steps, values).observed == pytest.approx(order, abs=0.15), quantity
+            assert slopes(steps, values) == pytest.approx(order, abs=0.15), quantity
 
 
 @pytest.mark.parametrize("method", ["runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3"])
@@ -97,7 +97,7 @@ def test_free_bodies_springs_and_further_joints_reach_truth_with_their_order(nam
     for quantity in found[0]:
         values = [each[quantity] for each in found]
         if max(values) > 1e-10:
-            assert observed_order(steps, values).observed == pytest.approx(order, abs=0.15), quantity
+            assert slopes(steps, values) == pytest.approx(order, abs=0.15), quantity
 
 
 def test_a_ball_starts_clear_of_the_lock_of_roll_pitch_and_yaw():
@@ -134,7 +134,7 @@ def test_one_that_is_asked_for_and_not_installed_is_left_out_with_the_reason(mon
         raise importlib.metadata.PackageNotFoundError("drake")
 
     monkeypatch.setattr(type(adapters.get("drake")), "version", absent)
-    record = run_cell(Cell("hinge_pendulum", Way("drake", "runge_kutta2"), PLANS["single_pendulum"]))
+    record = run_cell(Cell("hinge_pendulum", Way("drake", "runge_kutta2"), Plan(1.0, {2: 1e-3}, {})))
     assert (record.outcome, record.message) == ("unsupported", "not installed")
 
 

@@ -19,12 +19,13 @@ from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.foreign import versions
 from crosscheck.adapters.mujoco.own_law import default
 from crosscheck.cli.app import app
-from crosscheck.judge.metrics import errors, observed_order
+from crosscheck.compare.errors import errors
 from crosscheck.judge.world import World
 from crosscheck.references import truth
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.verification.job import check_engines
 from tests.adapters.test_laws import pendulum
+from tests.lieeuler.accuracy import slopes
 
 ENGINES = ("mjx", "mjx-single", "newton", "pybullet", "sapien", "warp")
 SERVO = {"type": "servo", "joint": "hinge", "target": 0.4, "proportional": 6.0, "derivative": 0.5, "feedforward": 0.3}
@@ -221,6 +222,6 @@ def test_fixed_steps_reach_truth_with_their_order(engine, method, name, order, s
     exact = truth(scene).states
     found = [errors(scene, crosscheck.run(scene, engine, method, step=step), exact) for step in steps]
     for quantity in ("position", "attitude"):
-        assert observed_order(steps, [each[quantity].max for each in found]).observed == pytest.approx(order, abs=0.2)
+        assert slopes(steps, [each[quantity].max for each in found]) == pytest.approx(order, abs=0.2)
     start = crosscheck.run(scene, engine, method, step=steps[-1])
     np.testing.assert_allclose(start.x[0], scene.x0, rtol=0, atol=10 * adapters.get(engine).eps)

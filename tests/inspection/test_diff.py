@@ -131,8 +131,8 @@ ONE_CHANGE = [
     ("<freejoint/>", '<joint axis="0 1 0"/>', "", "joint type"),
     ('<body name="ball"', '<body name="extra" pos="3 0 0"><joint axis="1 0 0"/><inertial pos="0 0 .1" mass=".3" '
      'diaginertia=".01 .02 .015"/></body><body name="ball"', "extra", "body"),
-    ('<joint name="le"', '<joint name="le" range="-1 1"', "", "left out"),
-    ('<joint name="le"', '<joint name="le" frictionloss=".2"', "", "left out"),
+    ('<joint name="le"', '<joint name="le" range="-1 1"', "le", "limits"),
+    ('<joint name="le"', '<joint name="le" frictionloss=".2"', "le", "dry friction"),
 ]
 """What is replaced by what in the robot, the place (all of it if "") and the quantity that have to be named."""
 
@@ -176,8 +176,8 @@ HELD = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="elbow"
 
 
 @pytest.mark.parametrize(("old", "new", "what", "values"), [
-    ('frictionloss=".3"', 'frictionloss="3"', "dry friction", ((0.3,), (3.0,))),
-    ('frictionloss=".3"', "", "dry friction", ((0.3,), ())),
+    ('frictionloss=".3"', 'frictionloss="3"', "dry friction", (0.3, 3.0)),
+    ('frictionloss=".3"', "", "dry friction", (0.3, "missing")),
     ("-2.4 2.4", "-2.4 .5", "limits", ((-2.4, 2.4), (-2.4, 0.5))),
     ("-40 40", "-1 1", "effort limits", ((-40.0, 40.0), (-1.0, 1.0))),
     ('kp="20"', 'kp="2"', "gear, gain and bias of actuators", None)])

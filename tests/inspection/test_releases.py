@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import crosscheck
+from crosscheck.compare.errors import differences
 from crosscheck.errors import EngineError
 from crosscheck.inspection import bisect as releases
 from crosscheck.inspection.reproduce import Reproduction, reproduce
-from crosscheck.judge.metrics import differences
 from tests.scene.models.model_files import ARM_URDF
 
 ALIKE = 1e-3  # relative; both are errors of one method at one step, from starts that differ by rounding

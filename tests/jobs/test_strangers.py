@@ -20,7 +20,7 @@ HOSTILE = {
     "rounding mode": "ctypes.CDLL('libm.so.6').fesetround(0x400)",
     "resource limits": "resource.setrlimit(resource.RLIMIT_NOFILE, (20, 20))",
     "patched numpy": "np.abs = lambda *given, **more: 0.0 * np.asarray(given[0])",
-    "patched judge": "import crosscheck.judge.metrics as found; vars(found).clear()",
+    "patched judge": "import crosscheck.compare.errors as found; vars(found).clear()",
     "working folder": "os.chdir('/')",
     "scene altered": "object.__setattr__(scene, 'gravity', np.zeros(3)); scene.__dict__.clear()",
     "stdout closed": "sys.stdout.close(); os.close(1)",

@@ -43,11 +43,11 @@ def test_rattle_agrees_with_a_dense_step():
 def test_time_reversal(method, coordinate_map):
     """Symmetric methods run backwards along their own path: reverse the velocities and return to the start."""
     problem = SYSTEMS["double_pendulum"]()
-    there = lieeuler.integrate(problem, method, 1e-2, [0, 1.0], coordinate_map=coordinate_map)
+    there = lieeuler.integrate(problem, method, 1e-2, [0, 1.0], map=coordinate_map)
     R = Rotation.from_matrix(there.R[-1]).as_matrix()
     turned = lieeuler.Problem(problem.bodies, problem.joints, problem.gravity, there.x[-1], R, -there.v[-1],
                               -there.w[-1])
-    back = lieeuler.integrate(turned, method, 1e-2, [0, 1.0], coordinate_map=coordinate_map)
+    back = lieeuler.integrate(turned, method, 1e-2, [0, 1.0], map=coordinate_map)
     # rounding of 200 steps, magnified by the motion (at most tenfold a second here)
     assert np.abs(back.x[-1] - problem.x).max() < 1e-11
     assert np.abs(back.R[-1] - problem.R).max() < 1e-11
@@ -79,7 +79,7 @@ def test_damping_keeps_the_order():
 
 def test_ccsk_is_refused():
     with pytest.raises(lieeuler.ArgumentError, match="not symmetric"):
-        lieeuler.integrate(SYSTEMS["single_pendulum"](), "rattle4", 1e-2, [0, 1.0], coordinate_map="ccsk")
+        lieeuler.integrate(SYSTEMS["single_pendulum"](), "rattle4", 1e-2, [0, 1.0], map="ccsk")
 
 
 @pytest.mark.parametrize("steps", [20_000, 1_000_000])

@@ -45,7 +45,7 @@ def member(problem, states, k):
 
 
 WAYS = [("taylor", {"rtol": 1e-9}), ("rkmk853", {"rtol": 1e-8}), ("seulex", {"rtol": 1e-8}), ("rkmk4", {"step": 0.01}),
-        ("DAE1L_LSE", {"step": 0.01}), ("DAE2H_LSE", {"step": 0.01, "coordinate_map": "cayley"}),
+        ("DAE1L_LSE", {"step": 0.01}), ("DAE2H_LSE", {"step": 0.01, "map": "cayley"}),
         ("rattle4", {"step": 0.01})]
 
 

@@ -113,7 +113,7 @@ def test_rows_and_springs_are_checked(make):
 
 
 @pytest.mark.parametrize(("name", "value"), [
-    ("coordinate_map", ["exp"]), ("coordinate_map", np.array(["exp", "cayley"])),
+    ("map", ["exp"]), ("map", np.array(["exp", "cayley"])),
     ("reduce", ["planar"]), ("reduce", np.array(["planar", "off"])), ("monitor", None), ("monitor", "yes"),
     ("spin_free", "no"), ("t_eval", np.array([0, 1j])), ("t_eval", [-1e308, 1e308]), ("t_eval", ["0", "1"]),
     ("t_eval", [0, 10**400]), ("t_eval", [0, 5e-324]),
@@ -170,7 +170,7 @@ def test_numbers_of_any_size(numbers, method, t_end):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_any_call_is_refused_or_ends_with_a_name(seed, monkeypatch):
-    monkeypatch.setattr(importlib.import_module("lieeuler.integrate"), "MOST_STEPS", 1e4)
+    monkeypatch.setattr(importlib.import_module("lieeuler.methods"), "MOST_STEPS", 1e4)
     random = Random(seed)
     for _ in range(100):
         make, options = case(random)

@@ -36,4 +36,4 @@ def test_a_state_is_open_in_what_the_method_holds(method, opened):
     x, R, v, w = (np.repeat(getattr(problem, name)[None], 3, axis=0) for name in "xRvw")
     x[1] += 1e-3
     v[2] += 1e-3
-    assert held.open_at(problem, method, x, R, v, w, 0.0, 1.0).tolist() == opened
+    assert held.open_at(problem, lieeuler.METHODS[method].held, x, R, v, w, 0.0, 1.0).tolist() == opened

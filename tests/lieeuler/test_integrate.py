@@ -22,7 +22,7 @@ T = np.linspace(0, 1, 11)
         ({"t_eval": [0.0]}, "at least two"),
         ({"t_eval": [0.0, 1.0, 0.5]}, "increasing"),
         ({"t_eval": [0.0, np.inf]}, "finite"),
-        ({"coordinate_map": "euler"}, "exp, cayley, ccsk"),
+        ({"map": "euler"}, "exp, cayley, ccsk"),
         ({"alpha": 1.0}, "BAUMGARTE_LE"),
         ({"method": "BAUMGARTE_LE", "beta": -1.0}, "not below 0"),
         ({"method": "BAUMGARTE_LE", "alpha": "x"}, "alpha must be a number"),
@@ -122,7 +122,7 @@ def test_samples_do_not_change_the_motion():
 ])
 def test_failure_carries_status_advice_and_trajectory(method, coordinate_map, step, status):
     with pytest.raises(lieeuler.IntegrationError) as caught:
-        lieeuler.integrate(SYSTEMS["heavy_top"](), method, step, np.linspace(0, 1, 11), coordinate_map=coordinate_map)
+        lieeuler.integrate(SYSTEMS["heavy_top"](), method, step, np.linspace(0, 1, 11), map=coordinate_map)
     assert caught.value.status is status
     assert "smaller step" in caught.value.advice
     assert len(caught.value.solution.t) == len(caught.value.solution.x) >= 1

@@ -38,10 +38,10 @@ CASES += [("heavy_top", method, "exp", 1e-3) for method in lieeuler.EULER_METHOD
 @pytest.mark.parametrize(("system", "method", "coordinate_map", "h"), CASES)
 def test_kernel_agrees_with_dense_oracle(system, method, coordinate_map, h):
     problem, record, steps = SYSTEMS[system](), lieeuler.METHODS[method], 20
-    solution = lieeuler.integrate(problem, method, h, [0, steps * h], coordinate_map=coordinate_map)
+    solution = lieeuler.integrate(problem, method, h, [0, steps * h], map=coordinate_map)
     u0 = np.hstack([problem.v, problem.w]).ravel()
     q, u, a, lam = oracle.integrate(oracle_system(problem), record, (problem.x, problem.R), u0, h, steps,
-                                   coordinate_map, record.gains or (0.0, 0.0))
+                                   coordinate_map, (getattr(record, "alpha", 0.0), getattr(record, "beta", 0.0)))
     # Multipliers and accelerations carry the noise of u over h, and lam of index 3 that of Phi over h^2.
     noise = 1e3 * np.finfo(float).eps * max(1.0, np.abs(u).max()) / h**2
     assert_agrees(solution, q, u, lam, noise)

@@ -63,11 +63,11 @@ def test_an_additive_update_leaves_the_group(scene):
 
 @pytest.mark.parametrize("method", ["rattle2", "rkmk4", "seulex", "taylor"])
 def test_other_methods_refuse_to_leave_it_out(method):
-    with pytest.raises(lieeuler.ArgumentError, match="always polishes"):
+    with pytest.raises(lieeuler.ArgumentError, match=r"polish=False is for DAE3L_LE, .*DAE1H_LSE.*; leave it out"):
         lieeuler.integrate(SYSTEMS["single_pendulum"](), method, t_eval=[0, 1], polish=False,
                            **({"step": 1e-2} if method in ("rattle2", "rkmk4") else {}))
 
 
 def test_polish_is_a_switch():
-    with pytest.raises(lieeuler.ArgumentError, match="polish must be True or False"):
+    with pytest.raises(lieeuler.ArgumentError, match=r"polish must be True or False"):
         lieeuler.integrate(SYSTEMS["single_pendulum"](), "DAE1L_LSE", 1e-2, [0, 1], polish=1)

@@ -106,7 +106,7 @@ def test_rattle_moves_once_and_not_in_two_halves(name):
     for h in (0.1, 0.05):
         once = free_move(body, u, h, oracle.MAPS[name])
         halves = free_move(body, free_move(body, u, h / 2, oracle.MAPS[name]), h / 2, oracle.MAPS[name])
-        kernel = lieeuler.integrate(problem, "rattle2", h, [0, h], coordinate_map=name).w[-1, 0]
+        kernel = lieeuler.integrate(problem, "rattle2", h, [0, h], map=name).w[-1, 0]
         assert np.abs(kernel - once[3:]).max() < 1e-14  # some roundings of velocities of 1 rad/s
         differences.append(np.abs(once - halves).max())
     assert differences[0] / differences[1] == pytest.approx(8, abs=0.5)

@@ -110,7 +110,7 @@ def test_numpys_false_is_false(scene: Scene) -> None:
 
 
 def test_lieeulers_argument_errors_reach_the_user_as_ours(scene: Scene) -> None:
-    with pytest.raises(ArgumentError, match=r"^alpha and beta belong to BAUMGARTE_LE"):
+    with pytest.raises(ArgumentError, match=r"^alpha=5.0 is for BAUMGARTE_LE; leave it out with DAE1L_LSE"):
         crosscheck.run(scene, "lieeuler", "DAE1L_LSE", step=0.01, alpha=5.0)
     with pytest.raises(ArgumentError, match=r"^rattle4 would fall to order 1 with ccsk, which is not symmetric"):
         crosscheck.run(scene, "lieeuler", "rattle4", step=0.01, coordinate_map="ccsk")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import crosscheck
-from crosscheck.judge.metrics import energy_gap
+from crosscheck.compare.errors import energy_gap
 from crosscheck.running.work import work
 from crosscheck.scene.building import scene_from
 from crosscheck.scene.states import States

@@ -54,8 +54,8 @@ def test_the_frame(local):
 def test_errors_are_those_of_single_runs(local):
     _, frame = local
     asked = plan.read(SWEEP)
-    from crosscheck.judge.metrics import errors
-    from crosscheck.judge.tolerances import scales_of
+    from crosscheck.compare.errors import errors
+    from crosscheck.compare.sizes import sizes
     from crosscheck.sweeps import members
 
     start = next(members.starts(asked))
@@ -66,7 +66,7 @@ def test_errors_are_those_of_single_runs(local):
     row = frame.iloc[0]
     np.testing.assert_allclose(row["position_error"], found["position"].max, rtol=1e-6)  # two truths, 1e-12 apart
     gap = traj.stats["energy_error"] * traj.stats["kinetic_energy"]  # J
-    np.testing.assert_allclose(row["energy_error"], gap / scales_of(scene, exact).kinetic, rtol=1e-11)
+    np.testing.assert_allclose(row["energy_error"], gap / sizes(scene, exact)["energy"], rtol=1e-11)
 
 
 def test_nothing_is_computed_twice(local):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import crosscheck
 from crosscheck import references
-from crosscheck.judge.metrics import attitude_angle
+from crosscheck.compare.apart import turn
 from crosscheck.references.members import Members
 from crosscheck.scene.constraints import Constraints
 from crosscheck.sweeps import members, plan
@@ -49,7 +49,7 @@ def test_deviations_are_those_asked_for():
     np.testing.assert_allclose(w.mean(axis=0), 0.0, atol=1e-2 * 5 / 20)
     np.testing.assert_allclose(w.std(axis=0), 1e-2, rtol=5 / np.sqrt(800))
     start, found = made("double_pendulum", {"attitude": 1e-2, "count": 400, "seed": 3})
-    angles = np.array([attitude_angle(start.R0, member.R0) for member in found])
+    angles = np.array([np.linalg.norm(turn(start.R0, member.R0), axis=-1) for member in found])
     np.testing.assert_allclose((angles**2).mean(axis=0), 3e-4, rtol=5 * np.sqrt(2 / 1200))
 
 

@@ -10,10 +10,10 @@ import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.cli.app import app
+from crosscheck.compare.errors import differences
 from crosscheck.compare.sizes import sizes
 from crosscheck.document import Errors, Order, Record, Rung, Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
-from crosscheck.judge.metrics import differences
 from crosscheck.verification import advice as walks
 from crosscheck.verification.advice import MARGIN, Step, Walk, choose, from_records
 from crosscheck.verification.cell import run_cell

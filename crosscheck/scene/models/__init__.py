@@ -130,8 +130,8 @@ def _read(task: tuple[str, str, dict[str, Any]]) -> dict[str, Any]:
 
 
 def joint_data(path: str | os.PathLike[str]) -> dict[str, dict[str, tuple[float, ...]]]:
-    """What the joints of a model have that a scene may drop, by joint and name, in SI: dry friction, limits, limits
-    of effort and velocity, and the gear, gain and bias of actuators. Errors as `import_model`."""
+    """What the joints of a model have and `Scene.left_out` does not list, by joint and name, in SI: limits of effort
+    and velocity, and the gear, gain and bias of actuators. Errors as `import_model`."""
     return apart(_joint_data, (os.getcwd(), os.fsdecode(path)), os.fsdecode(path))
 
 

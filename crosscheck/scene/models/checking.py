@@ -9,7 +9,7 @@ import numpy as np
 
 from crosscheck.scene.coordinates import at_start, rates
 from crosscheck.scene.mechanics import index1
-from crosscheck.scene.model import Scene
+from crosscheck.scene.model import LeftOut, Scene
 from crosscheck.scene.models.features import closure_ends, turned_by
 from crosscheck.scene.models.neutral import Reading, off
 from crosscheck.scene.schema import Content
@@ -35,12 +35,12 @@ AT_END = 1e-8
 """How near (rad, m) a joint starts to an end of its range to be at it, and how slow (rad/s, m/s) to rest."""
 
 _CONSTRAINTS = ("limits of", "dry friction", "contacts of", "equality", "mimic of", "actuator", "range of the actuator")
-"""Beginnings of what is left out and is also missing in the smooth accelerations of MuJoCo without actuators."""
+"""Beginnings of `LeftOut.what` that is also missing in the smooth accelerations of MuJoCo without actuators."""
 
 
-def unlike(words: str) -> bool:
-    """Whether what is left out in these words changes the accelerations that `motion` compares."""
-    return not words.startswith(_CONSTRAINTS)
+def unlike(what: str) -> bool:
+    """Whether this (`LeftOut.what`) changes the accelerations that `motion` compares."""
+    return not what.startswith(_CONSTRAINTS)
 
 
 def away(reading: Reading, seed: int = SEEDS[0]) -> mujoco.MjData:
@@ -84,7 +84,7 @@ def motion(reading: Reading, d: mujoco.MjData, scene: Scene) -> tuple[float, flo
 
 def unactuated(reading: Reading) -> bool:
     """Whether an actuator is left out, so that accelerations are compared without any."""
-    return any(words.startswith("actuator") for words in (*reading.lost, *reading.noted))
+    return any(each.what.startswith("actuator") for each in (*reading.lost, *reading.noted))
 
 
 def watchable(content: Content, scene: Scene) -> Content:
@@ -106,11 +106,11 @@ def watchable(content: Content, scene: Scene) -> Content:
         q, monitor = float(start[joint.name][0][0]), near[joint.name]
         if pushed * (1 if abs(q - monitor.upper) < AT_END else -1) > -AT_END:
             gone.append(joint.name)
-    words = [f"limits of joint {name!r}: it starts at an end of them and does not turn inside; limits kept are stops"
-             for name in gone]
+    told = [[name, "limits of joint", "it starts at an end of them and does not turn inside; limits kept are stops"]
+            for name in gone]
     return content | {
         "monitors": [each for each in content["monitors"] if each.get("joint") not in gone],
-        "left_out": [*content.get("left_out", ()), *words]} if gone else content
+        "left_out": [*content.get("left_out", ()), *told]} if gone else content
 
 
 def loops(reading: Reading) -> None:
@@ -135,5 +135,5 @@ def loops(reading: Reading) -> None:
             gaps.append(abs(float(np.linalg.norm(theirs[3:])) / abs(m.eq_data[e, 10])
                             - abs(np.sin(turned_by(m, d, ends, turn) / 2))))
         if not max(gaps) < ALIKE * size:
-            reading.lost.append(f"equality {m.equality(e).name or f'equality {e}'!r}, which MuJoCo and the reader take "
-                                f"differently: by {max(gaps):.3g} m or rad")
+            reading.lost.append(LeftOut(m.equality(e).name or f"equality {e}", "equality", (
+                f"which MuJoCo and the reader take differently: by {max(gaps):.3g} m or rad")))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crosscheck.scene.model import rotation_from_quaternion
+from crosscheck.scene.model import LeftOut, rotation_from_quaternion
 from crosscheck.scene.models.neutral import Reading, body_label, joints_of, label, off
 from crosscheck.scene.schema import Content as Table
 
@@ -22,9 +22,9 @@ def collect(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Ta
     """(further joints, forces); adds what a scene cannot hold to `reading.lost`, and mimics to `joints`."""
     m = reading.model
     _nonlinear(reading)
-    media = (("the drag of the medium (option density or viscosity)", m.opt.density or m.opt.viscosity),
-             ("plugins", m.nplugin))
-    reading.lost += [words for words, there in media if there]
+    media = (("the drag of the medium (option density or viscosity)", (float(m.opt.density), float(m.opt.viscosity))),
+             ("plugins", (float(m.nplugin),)))
+    reading.lost += [LeftOut("", what, values) for what, values in media if any(values)]
     return _equalities(reading, joints), [*_tendons(reading), *_compensation(reading)]
 
 
@@ -34,7 +34,8 @@ def _nonlinear(reading: Reading) -> None:
                                        ("damping", "DAMPER", m.dof_dampingpoly, m.dof_jntid)):
         if not off(m, flag):
             bent = joints[np.any(values.reshape(len(joints), -1), axis=1)].tolist()
-            reading.lost += [f"nonlinear {kind} of joint {label(m, j)!r}" for j in dict.fromkeys(bent)]
+            reading.lost += [LeftOut(label(m, j), f"nonlinear {kind} of joint", tuple(
+                values[joints == j].ravel().tolist())) for j in dict.fromkeys(bent)]
 
 
 def _tendons(reading: Reading) -> list[Table]:
@@ -54,7 +55,8 @@ def _tendons(reading: Reading) -> list[Table]:
         sites = [int(m.wrap_objid[each]) for each in wraps if m.wrap_type[each] == mujoco.mjtWrap.mjWRAP_SITE]
         low, high = m.tendon_lengthspring[t]
         if hard or bent or len(sites) != 2 or len(wraps) != 2 or (k and low != high):
-            reading.lost.append(f"tendon {m.tendon(t).name or f'tendon {t}'!r}")
+            reading.lost.append(LeftOut(m.tendon(t).name or f"tendon {t}", "tendon", (
+                k, c, *map(float, (low, high, *m.tendon_range[t], m.tendon_frictionloss[t], m.tendon_armature[t])))))
             continue
         groups = [int(reading.groups[m.site_bodyid[site]]) for site in sites]
         if groups[1] == 0:
@@ -83,7 +85,8 @@ def _compensation(reading: Reading) -> list[Table]:
         if not group or (idle and carried == {True}):
             continue
         if True in carried and (idle or np.any(m.jnt_actfrclimited & m.jnt_actgravcomp)):
-            reading.lost.append(f"gravity compensation by actuators of body {body_label(m, int(body))!r}")
+            reading.lost.append(LeftOut(body_label(m, int(body)), "gravity compensation by actuators of body",
+                                        float(m.body_gravcomp[body])))
             continue
         name, point = reading.end(group, d.xipos[body])
         made.append({"type": "constant_force", "child": name, "child_point": point, "frame": "world",
@@ -128,12 +131,12 @@ def _equalities(reading: Reading, joints: list[Table]) -> list[Table]:
             known = {table["name"]: table for table in reversed(joints) if table["name"] and "position" in table}
             coupled = {each[:2]: each[2:] for each in coupled_joints(m)}
             if not known.keys() >= set(labels) or (follower, motor) not in coupled:
-                reading.lost.append(f"equality {name!r} of joint {labels[0]!r}")
+                reading.lost.append(LeftOut(name, "equality", f"of joint {labels[0]!r}"))
                 continue
             ratio, offset = coupled[follower, motor]
             known[labels[0]]["mimic"] = {"joint": labels[1], "ratio": ratio, "offset": offset}
         else:
-            reading.lost.append(f"equality {name!r}")
+            reading.lost.append(LeftOut(name, "equality", tuple(m.eq_data[e].tolist())))
     return made
 
 
@@ -149,10 +152,10 @@ def _closed(reading: Reading, e: int, name: str, kind: str) -> Table | None:
     gap, angle = float(np.linalg.norm(points[0] - points[1])), turned_by(m, d, ends, turn) if kind == "fixed" else 0.0
     if gap > MOST_OPEN * size or angle > MOST_OPEN:
         words = f"{gap:.3g} m" + (f" and {np.degrees(angle):.3g} degrees" if angle else "")
-        reading.lost.append(f"equality {name!r}, which is open by {words} at the start")
+        reading.lost.append(LeftOut(name, "equality", f"which is open by {words} at the start"))
         return None
     if gap > ROUNDED * size:
-        reading.noted.append(f"equality {name!r} is taken as closed where it is open by {gap:.3g} m")
+        reading.noted.append(LeftOut(name, "equality", f"which is taken as closed where it is open by {gap:.3g} m"))
     if groups[1] == 0:
         groups, points = groups[::-1], points[::-1]
     (parent, near), (child, far) = (reading.end(group, points[0]) for group in groups)

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Mapping
 from xml.etree.ElementTree import Element
 
+from crosscheck.scene.model import LeftOut
 from crosscheck.scene.models.source import Source, label
 
 PLACE = "pos quat axisangle euler xyaxes zaxis"
@@ -72,36 +73,44 @@ GAZEBO = frozenset(("material", "mu1", "mu2", "kp", "kd", "minDepth", "min_depth
 """Children of <gazebo>, from looks, sensors, contacts and how it integrates, that do not change the motion."""
 
 
-def unread(words: str) -> bool:
-    """Whether these words of `unknown` are about an attribute that no reader of URDF takes, such as K of <dynamics>."""
-    return re.match(r"the attribute [^:]+ of <(dynamics|limit|joint|link|mimic)>", words) is not None
+def unread(each: LeftOut) -> bool:
+    """Whether this one of `unknown` is an attribute that no reader of URDF takes, such as K of <dynamics>."""
+    return re.match(r"the attribute [^:]+ of <(dynamics|limit|joint|link|mimic)>", each.what) is not None
 
 
-def unknown(model: Source) -> Iterator[str]:
-    """What the file says and the reader does not know, in words."""
+def unknown(model: Source) -> Iterator[LeftOut]:
+    """What the file says and the reader does not know."""
     table, whole = (URDF if model.is_urdf else MJCF), WHOLE[model.root.tag]
 
-    def walk(element: Element, parent: str) -> Iterator[str]:
+    def walk(element: Element, parent: str) -> Iterator[LeftOut]:
         if element.tag in whole:
             return
         key = f"{parent} {element.tag}" if f"{parent} {element.tag}" in table else element.tag
         if key not in table:
-            yield f"the element {label(element)}"
+            yield LeftOut("", f"the element {label(element)}")
             return
         known = table[key]
         for attribute, value in element.items() if known is not None else ():
             if attribute not in str(known).split() and not attribute.startswith("xmlns") and _says(value) and not (
                     element.tag == "inertia" and value == element.get(f"i{attribute[:0:-1]}")):  # the other half
-                yield f"the attribute {attribute} of {label(element)}"
+                yield LeftOut("", f"the attribute {attribute} of {label(element)}", _numbers(value))
         for child in element:
             if element.tag == "gazebo":
                 rest = {"gravity": ("1", "true"), "turnGravityOff": ("0", "false")}.get(child.tag, ())
                 if child.tag not in GAZEBO and (child.text or "").strip().lower() not in rest:
-                    yield f"the element {child.tag} of {label(element)}"
+                    yield LeftOut("", f"the element {child.tag} of {label(element)}")
             else:
                 yield from walk(child, element.tag)
 
     yield from dict.fromkeys(walk(model.root, ""))
+
+
+def _numbers(text: str) -> str | tuple[float, ...]:
+    """The numbers of an attribute, or its text."""
+    try:
+        return tuple(map(float, text.split()))
+    except ValueError:
+        return text
 
 
 def _says(value: str) -> bool:

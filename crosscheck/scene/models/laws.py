@@ -12,7 +12,7 @@ import numpy as np
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.scene import touching
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import quaternion_from_rotation
+from crosscheck.scene.model import LeftOut, quaternion_from_rotation
 from crosscheck.scene.models.neutral import Reading, body_label, joints_of, label, off
 from crosscheck.scene.models.words import distinct
 from crosscheck.scene.schema import Content as Table
@@ -104,14 +104,15 @@ def _friction(reading: Reading, places: dict[int, tuple[Table, int, float]], wan
     if off(m, "FRICTIONLOSS", "CONSTRAINT"):
         return
     for j in sorted({int(m.dof_jntid[dof]) for dof in range(m.nv) if m.dof_frictionloss[dof]}):
-        words = f"dry friction of joint {label(m, j)!r}"
+        friction = float(m.dof_frictionloss[m.jnt_dofadr[j]])
+        mine = LeftOut(label(m, j), "dry friction of joint", friction)
         if wants.friction == "drop":
-            reading.noted.append(words)
+            reading.noted.append(mine)
         elif j not in places or "mimic" in places[j][0]:
-            reading.lost.append(words)
+            reading.lost.append(mine)
         else:
             table, k, _ = places[j]
-            _given(table, "dry_friction", k, float(m.dof_frictionloss[m.jnt_dofadr[j]]), 0.0)
+            _given(table, "dry_friction", k, friction, 0.0)
 
 
 def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants, laws: Laws) -> None:
@@ -121,18 +122,19 @@ def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants
     for j in range(m.njnt):
         if not m.jnt_limited[j] or np.abs(m.jnt_range[j]).min() >= UNREACHABLE:
             continue
-        words = f"limits of joint {label(m, j)!r}"
+        mine = LeftOut(label(m, j), "limits of joint", tuple(m.jnt_range[j].tolist()))
         if wants.limits == "drop":
-            reading.noted.append(words)
+            reading.noted.append(mine)
             continue
         table, k, sign = places.get(j, ({}, 0, 1.0))
         if not table or (wants.limits == "monitor" and not JOINT_TYPES[table["type"]].has_one):
-            reading.lost.append(words)
+            reading.lost.append(mine)
             continue
         lower, upper = sorted(sign * m.jnt_range[j])
         q = sign * float(d.qpos[m.jnt_qposadr[j]])
         if not lower - 1e-8 <= q <= upper + 1e-8:
-            reading.lost.append(f"{words}, which starts beyond them, at {q:.4g}, outside {lower:.4g} and {upper:.4g}")
+            reading.lost.append(mine._replace(
+                value=f"which starts beyond them, at {q:.4g}, outside {lower:.4g} and {upper:.4g}"))
             continue
         ends = {key: float(end) for key, end in (("lower", lower), ("upper", upper)) if abs(end) < UNREACHABLE}
         if wants.limits == "keep":
@@ -144,30 +146,36 @@ def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants
 def _actuators(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants, laws: Laws) -> None:
     """Actuators as servos. A motor with no control does nothing and is listed as such."""
     m = reading.model
-    on: dict[int, list[str]] = {}
+    on: dict[int, int] = {}
     for a in range(0 if off(m, "ACTUATION") else m.nactuator):
         if int(m.opt.disableactuator) >> int(m.actuator_group[a]) & 1:
             continue
         name, joint, control = str(m.actuator(a).name or ""), joint_of(m, a), wants.controls.get(a)
-        which = f"of joint {label(m, joint)!r}" if joint >= 0 and not name else repr(name or f"actuator {a}")
-        words = f"actuator {which}"
+        mine = LeftOut(name or f"actuator {a}", "actuator", drive(m, a))
+        if joint >= 0 and not name:
+            mine = LeftOut(label(m, joint), "actuator of joint", mine.value)
         if wants.actuators == "drop":
             if control is not None or acts(reading, a):
-                reading.noted.append(words)
+                reading.noted.append(mine)
             continue
         servo = _servo(reading, a, places.get(joint), control)
         if servo is None:
             if control is not None or acts(reading, a):
-                reading.lost.append(words)
+                reading.lost.append(mine)
         elif not servo.keys() - {"type", "joint", "effort_limit"} and not acts(reading, a):
-            laws.idle.append(which)
+            laws.idle.append(mine.sentence.removeprefix("actuator "))
         else:
-            on.setdefault(joint, []).append(words)
+            on[joint] = on.get(joint, 0) + 1
             laws.forces.append(servo)
     for j in range(m.njnt):
         if m.nactuator and m.jnt_actfrclimited[j] and (j in on or not m.jnt_actfrcrange[j, 0] <= 0 <= m.jnt_actfrcrange[
                 j, 1]):
-            _clamp(reading, j, places.get(j), laws, len(on.get(j, ())))
+            _clamp(reading, j, places.get(j), laws, on.get(j, 0))
+
+
+def drive(m: Any, a: int) -> tuple[float, ...]:
+    """Gear, three numbers of the gain and three of the bias of an actuator."""
+    return tuple(map(float, (*m.actuator_gear[a, :1], *m.actuator_gainprm[a, :3], *m.actuator_biasprm[a, :3])))
 
 
 def acts(reading: Reading, a: int) -> bool:
@@ -243,15 +251,16 @@ def _servo(reading: Reading, a: int, place: tuple[Table, int, float] | None, con
 def _clamp(reading: Reading, j: int, place: tuple[Table, int, float] | None, laws: Laws, count: int) -> None:
     """Cut what a single servo gives to the range of the actuator force on its joint; otherwise that is lost."""
     m = reading.model
+    mine = LeftOut(label(m, j), "range of the actuator force on joint", tuple(m.jnt_actfrcrange[j].tolist()))
     if count != 1 or place is None:
-        reading.lost.append(f"range of the actuator force on joint {label(m, j)!r}")
+        reading.lost.append(mine)
         return
     servo = next(force for force in laws.forces if force["joint"] == place[0]["name"])
     lower, upper = sorted(place[2] * m.jnt_actfrcrange[j])
     first, last = servo.get("effort_limit", [-np.inf, np.inf])
     ends = [float(np.clip(first, lower, upper)), float(np.clip(last, lower, upper))]
     if ends[0] >= ends[1]:
-        reading.lost.append(f"range of the actuator force on joint {label(m, j)!r}")
+        reading.lost.append(mine)
         return
     servo["effort_limit"] = ends
 
@@ -366,26 +375,26 @@ def _contacts(reading: Reading, wants: Wants, laws: Laws) -> None:
     """Shapes and monitors for the pairs that may collide; those that touch at the start are lost, of a URDF noted."""
     pairs, lost = colliding(reading), reading.noted if reading.urdf else reading.lost
     if wants.contacts == "monitor" and pairs and not touching.available():
-        lost.append("contacts of the shapes that may collide: coal, which watches them, comes with pin and is not "
-                    "installed (pip install pin)")
+        lost.append(LeftOut("", "contacts of the shapes that may collide",
+                            "coal, which watches them, comes with pin and is not installed (pip install pin)"))
         return
     if len(pairs) > MOST_PAIRS:
         (reading.noted if wants.contacts == "drop" else lost).append(
-            f"contacts of the {len(pairs)} pairs of shapes that may collide, more than {MOST_PAIRS}")
+            LeftOut("", f"contacts of the {len(pairs)} pairs of shapes that may collide", f"more than {MOST_PAIRS}"))
         return
     if wants.contacts == "drop":
-        reading.noted += list(dict.fromkeys(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}"
+        reading.noted += list(dict.fromkeys(LeftOut(_bodies(reading, a, b), "contacts of the colliding bodies")
                                             for a, b, _ in pairs))
         return
     if reading.urdf and len(set(reading.model.geom_bodyid.tolist())) > 1:
-        reading.noted.append("contacts of links that share a joint")
+        reading.noted.append(LeftOut("", "contacts of links that share a joint"))
     solids, watched = _Solids(reading), []
     for a, b, margin in pairs:
-        gap, words = solids.distance(a, b), f"contacts of the colliding bodies {_bodies(reading, a, b)!r}"
+        gap, mine = solids.distance(a, b), LeftOut(_bodies(reading, a, b), "contacts of the colliding bodies")
         if gap is None:
-            lost.append(words)
+            lost.append(mine)
         elif gap < margin:
-            lost.append(f"{words}, which touch at the start")
+            lost.append(mine._replace(value="which touch at the start"))
         else:
             watched.append((a, b, margin))
     shapes = {g: solids.tables[g] for a, b, _ in watched for g in (a, b)}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crosscheck.scene.coordinates import turned
-from crosscheck.scene.model import quaternion_from_rotation
+from crosscheck.scene.model import LeftOut, quaternion_from_rotation
 from crosscheck.scene.vectors import cross
 
 if TYPE_CHECKING:
@@ -51,9 +51,9 @@ class Reading:
     model: mujoco.MjModel
     data: mujoco.MjData
     bodies: dict[int, Rigid]
-    lost: list[str]  # can be left out, but would change the motion
+    lost: list[LeftOut]  # can be left out, but would change the motion
     impossible: list[str]  # cannot be left out
-    noted: list[str] = dataclasses.field(default_factory=list)  # read otherwise than it is written, which is told
+    noted: list[LeftOut] = dataclasses.field(default_factory=list)  # read otherwise than it is written, which is told
     light: list[Table] = dataclasses.field(default_factory=list)  # bodies between several joints of one body
     chained: dict[int, Table] = dataclasses.field(default_factory=dict)  # these joints by their number in the model
     urdf: bool = False  # whose shapes may overlap where links are joined, and no engine looks there
@@ -191,8 +191,8 @@ def _chain(reading: Reading, group: int, ids: list[int]) -> list[Table]:
             table |= _one(reading, parent if k == 0 else group, group, j)
             reading.chained[j] = table
         made.append(table)
-    reading.noted.append(f"that nothing is between the {len(ids)} joints of body {body.name!r}: light bodies of "
-                         f"{LIGHT:g} of its mass are")
+    reading.noted.append(LeftOut(body.name, f"that nothing is between the {len(ids)} joints of body",
+                                 f"light bodies of {LIGHT:g} of its mass are"))
     return made
 
 
@@ -317,7 +317,7 @@ def _plain(reading: Reading, ids: list[int], kind: str) -> None:
     m = reading.model
     for j in ids:
         dofs = range(int(m.jnt_dofadr[j]), int(m.jnt_dofadr[j]) + (6, 3, 1, 1)[int(m.jnt_type[j])])
-        present = {"armature": any(m.dof_armature[dof] for dof in dofs), "stiffness": _dof(reading, j)[2] != 0,
-                   "damping": not off(m, "DAMPER") and any(m.dof_damping[dof] for dof in dofs)}
-        name = label(m, j)
-        reading.lost += [f"{key} of joint {name!r}, which is part of {kind}" for key, has in present.items() if has]
+        values = {"armature": m.dof_armature[dofs], "stiffness": _dof(reading, j)[2:3],
+                  "damping": 0.0 * m.dof_damping[dofs] if off(m, "DAMPER") else m.dof_damping[dofs]}
+        reading.lost += [LeftOut(label(m, j), f"{key} of joint", (f"which is part of {kind}", *map(float, value)))
+                         for key, value in values.items() if np.any(value)]

@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, SceneError, unknown
 from crosscheck.scene.building import scene_from
-from crosscheck.scene.model import ACTS
+from crosscheck.scene.model import ACTS, LeftOut
 from crosscheck.scene.models import checking, compiling, features, known, laws, neutral, source, watched
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.source import Source
@@ -26,11 +26,11 @@ MOST_DRAWS = 200
 ROOM = 0.1
 """rad or m. Distance from its limit at which a joint starts whose reference is outside."""
 
-DROPPED = {"actuators": "actuator ", "friction": "dry friction of", "limits": "limits of", "contacts": "contacts of"}
-"""Options of an import that take "drop", and how the words begin in which their elements are lost."""
+DROPPED = {"actuators": "actuator", "friction": "dry friction of", "limits": "limits of", "contacts": "contacts of"}
+"""Options of an import that take "drop", and how `LeftOut.what` of their elements begins."""
 
 AT_START = ("which touch at the start", "which starts beyond them")
-"""In the words of contacts and limits that act at once, so that a scene without them claims no time."""
+"""How the value of contacts and limits begins that act at once, so that a scene without them claims no time."""
 
 MOST_ROOTS = 6
 """Largest number of names in a message."""
@@ -55,22 +55,24 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         most = max(tops, key=lambda top: len(source.hanging(model, top)))
         raise SceneError(f"{model.path}: has {len(tops)} roots, {', '.join(map(repr, tops[:MOST_ROOTS]))}; a URDF is "
                          f"one tree: join them by fixed joints, or give --root {most} for a part")
-    lost = [words for part in (model, *source.nested(model)) for words in known.unknown(part)]
+    lost = [each for part in (model, *source.nested(model)) for each in known.unknown(part)]
     held = _urdf_limits(model) if model.is_urdf else []
-    lost += [f"the inertial of link {link.get('name')!r}, which has no mass" for link in model.root.findall("link")
-             if link.find("inertial") is not None and link.find("inertial/mass") is None]
-    unread = [words for words in lost if model.is_urdf and known.unread(words)]
+    lost += [LeftOut(str(link.get("name")), "the inertial of link", "which has no mass")
+             for link in model.root.findall("link") if link.find("inertial") is not None
+             and link.find("inertial/mass") is None]
+    unread = [each for each in lost if model.is_urdf and known.unread(each)]
     m, gone, noted = _compiled(model, base, balance)  # raises with advice if MuJoCo is not installed
-    lost += gone
-    d = _start(model, m, keyframe, qpos, qvel, noted if wants.limits != "drop" else None)
+    lost += [LeftOut("", words) for words in gone]
+    told = [LeftOut("", words) for words in noted]
+    d = _start(model, m, keyframe, qpos, qvel, told if wants.limits != "drop" else None)
     if start != "model":
         if keyframe is not None or qpos is not None:
             raise ArgumentError("start: a keyframe or qpos says where it starts; leave one of the two out")
         _draw(model, m, d, start, wants)
     wants = laws.controlled(m, d, wants)
     reading = read(model, m, d, gone)
-    reading.lost += [words for words in lost if words not in unread] + (held if wants.limits != "drop" else [])
-    reading.noted += [*noted, *unread, *(held if wants.limits == "drop" else [])]
+    reading.lost += [each for each in lost if each not in unread] + (held if wants.limits != "drop" else [])
+    reading.noted += [*told, *unread, *(held if wants.limits == "drop" else [])]
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
     own = laws.find(reading, joints, wants)
@@ -84,32 +86,34 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
             if name in by_name and mimic["joint"] in by_name:
                 by_name[name]["mimic"] = mimic
             else:
-                reading.lost.append(f"mimic of joint {name!r}")
+                reading.lost.append(LeftOut(name, "mimic of joint", (mimic["joint"], mimic["ratio"], mimic["offset"])))
         _check_against_pinocchio(model, reading, base)
     checking.loops(reading)
     _check_motion(model, reading, wants)
     if reading.impossible:
         raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(map(model.located, reading.impossible))}")
     if reading.lost and not drop:
-        words = "; ".join(shortened(map(model.located, dict.fromkeys(reading.lost))))
+        words = "; ".join(shortened(dict.fromkeys(reading.lost), model.located))
         some = " ".join(f"--{name} drop" for name, begins in DROPPED.items()
-                        if any(each.startswith(begins) for each in reading.lost))
+                        if any(each.what.startswith(begins) for each in reading.lost))
         offer = "give --drop (drop=True) to leave all this out"
-        if all(each.startswith(tuple(DROPPED.values())) for each in reading.lost):
+        if all(each.what.startswith(tuple(DROPPED.values())) for each in reading.lost):
             offer = f"crosscheck import {some} leaves this out, --drop all actuators, friction, limits and contacts"
         raise SceneError(f"{model.path}: a scene cannot hold {words}; {offer}")
-    left_out = [*(ACTS + words if words.startswith(("contacts of", "limits of")) and any(
-        each in words for each in AT_START) else words for words in reading.lost), *reading.noted]
+    left_out = [*(each._replace(what=ACTS + each.what) if str(each.value).startswith(AT_START) else each
+                  for each in reading.lost), *reading.noted]
     third = own.forces or own.monitors or sites or sensors or any(
         {"dry_friction", "limits"} & joint.keys() for joint in joints)
     own.idle += [f"of transmission {each.get('name')!r}" for each in model.root.findall("transmission")]
     idle = [f"motors without a control: {', '.join(own.idle)}"] if own.idle else []
     content: Table = {
         "schema": 3 if third else 2, "name": _name(model),
-        "description": "; ".join([f"imported from {Path(path).name}", *(f"left out: {words}" for words in left_out),
+        "description": "; ".join([f"imported from {Path(path).name}", *(f"left out: {each}" for each in left_out),
                                   *idle]),
         "source": Path(path).name, "tags": ["imported"], "gravity": neutral.gravity(m).tolist(),
-        "duration": duration, "samples": samples, "left_out": left_out,
+        "duration": duration, "samples": samples,
+        "left_out": [[each.where, each.what, list(each.value) if isinstance(each.value, tuple) else each.value]
+                     for each in left_out],
         "bodies": [*map(neutral.body_table, reading.bodies.values()), *reading.light],
         "joints": distinct([*joints, *further]), "forces": [*forces, *own.forces], "shapes": own.shapes,
         "monitors": own.monitors, "sites": sites, "sensors": sensors}
@@ -139,10 +143,11 @@ def _draw(model: Source, m: Any, d: Any, start: str | int, wants: laws.Wants) ->
 def _check_motion(model: Source, reading: Reading, wants: laws.Wants) -> None:
     """List as lost that MuJoCo accelerates bodies otherwise than the scene does in seeded states away from the start,
     and as noted what may be rounding."""
-    if any(map(checking.unlike, reading.lost)):
+    if any(checking.unlike(each.what) for each in reading.lost):
         return
     if len(reading.bodies) + len(reading.light) > checking.MOST_BODIES:
-        reading.noted.append(f"a comparison of accelerations with MuJoCo's: more than {checking.MOST_BODIES} bodies")
+        reading.noted.append(LeftOut("", "a comparison of accelerations with MuJoCo's",
+                                     f"more than {checking.MOST_BODIES} bodies"))
         return
     gaps = []
     for seed in checking.SEEDS:
@@ -162,11 +167,11 @@ def _check_motion(model: Source, reading: Reading, wants: laws.Wants) -> None:
             model.path)))
     gap, relative, name = max(gaps, key=lambda each: (not each[1] <= checking.LOOSEST, each[1]))
     if not relative <= checking.LOOSEST:
-        reading.lost.append(f"something that moves body {name!r} in MuJoCo and that the reader does not know: "
-                            f"accelerations differ by {gap:.3g} m/s^2 or rad/s^2")
+        reading.lost.append(LeftOut(name, "something that moves in MuJoCo, and that the reader does not know, body",
+                                    f"accelerations differ by {gap:.3g} m/s^2 or rad/s^2"))
     elif relative > checking.TOLD and not reading.light:
-        reading.noted.append(f"that body {name!r} is ill-conditioned: its acceleration differs from MuJoCo's by "
-                             f"{relative:.1g} of the largest")
+        reading.noted.append(LeftOut(name, "that it is ill-conditioned: body", "its acceleration differs from MuJoCo's "
+                                     f"by {relative:.1g} of the largest"))
 
 
 def _compiled(model: Source, base: str, balance: bool) -> tuple[Any, list[str], list[str]]:
@@ -189,12 +194,8 @@ def joint_data(model: Source) -> dict[str, dict[str, tuple[float, ...]]]:
     found: dict[str, dict[str, tuple[float, ...]]] = {}
     for j in range(m.njnt):
         given = found.setdefault(neutral.label(m, j), {})
-        for what, limited, ends in (("limits", m.jnt_limited, m.jnt_range),
-                                    ("effort limits", m.jnt_actfrclimited, m.jnt_actfrcrange)):
-            if limited[j] and np.abs(ends[j]).min() < laws.UNREACHABLE:
-                given[what] = tuple(ends[j].tolist())
-        if friction := float(m.dof_frictionloss[m.jnt_dofadr[j]]):
-            given["dry friction"] = (friction,)
+        if m.jnt_actfrclimited[j] and np.abs(m.jnt_actfrcrange[j]).min() < laws.UNREACHABLE:
+            given["effort limits"] = tuple(m.jnt_actfrcrange[j].tolist())
     for joint in model.root.findall("joint"):  # of a URDF
         limit = joint.find("limit")
         if limit is not None and joint.get("name") in found and "velocity" in limit.attrib:
@@ -207,13 +208,12 @@ def joint_data(model: Source) -> dict[str, dict[str, tuple[float, ...]]]:
     on_joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     for a in np.flatnonzero(np.isin(m.actuator_trntype, on_joints)):
         given = found[neutral.label(m, int(m.actuator_trnid[a, 0]))]
-        drives = (*m.actuator_gear[a, :1], *m.actuator_gainprm[a, :3], *m.actuator_biasprm[a, :3])
         what = "gear, gain and bias of actuators"
-        given[what] = (*given.get(what, ()), *map(float, drives))
+        given[what] = (*given.get(what, ()), *laws.drive(m, int(a)))
     return found
 
 
-def _urdf_limits(model: Source) -> list[str]:
+def _urdf_limits(model: Source) -> list[LeftOut]:
     """Limits that are none: the same below and above, or the lower one above the upper; these are taken away."""
     held = []
     for joint in model.root.findall("joint"):
@@ -227,7 +227,7 @@ def _urdf_limits(model: Source) -> list[str]:
         if lower > upper or joint.get("type") == "spherical":  # MuJoCo refuses it
             limit.attrib.update(lower="0", upper="0")
         if lower >= upper or joint.get("type") == "spherical":
-            held.append(f"limits of joint {joint.get('name')!r}, {lower:g} and {upper:g}")
+            held.append(LeftOut(str(joint.get("name")), "limits of joint", (lower, upper)))
     return held
 
 
@@ -247,7 +247,7 @@ def read(model: Source, m: Any, d: Any, gone: Sequence[str] = ()) -> Reading:
 
 
 def _start(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[float] | None,
-           qvel: Sequence[float] | None, moved: list[str] | None) -> Any:
+           qvel: Sequence[float] | None, moved: list[LeftOut] | None) -> Any:
     """The `mujoco.MjData` of the keyframe or the reference, overridden by what is given.
 
     Where neither is, joints whose reference is outside their limits start inside, which is added to `moved` if given.
@@ -280,11 +280,11 @@ def _start(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[flo
     return d
 
 
-def _inside(m: Any, q: np.ndarray) -> list[str]:
-    """Put hinges and slides that are outside their limits a little inside, in place; which, in words."""
+def _inside(m: Any, q: np.ndarray) -> list[LeftOut]:
+    """Put hinges and slides that are outside their limits a little inside, in place; which."""
     import mujoco
 
-    told: list[str] = []
+    told: list[LeftOut] = []
     if neutral.off(m, "LIMIT", "CONSTRAINT"):
         return told
     for j in np.flatnonzero((m.jnt_limited != 0) & (m.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE))).tolist():
@@ -292,8 +292,8 @@ def _inside(m: Any, q: np.ndarray) -> list[str]:
         if not lower <= q[at] <= upper:
             reach = min(ROOM, (upper - lower) / 2)
             q[at] = np.clip(q[at], lower + reach, upper - reach)
-            told.append(f"the reference of joint {neutral.label(m, j)!r}, which its limits exclude: it "
-                        f"starts at {q[at]:.4g}")
+            told.append(LeftOut(neutral.label(m, j), "the reference, which its limits exclude, of joint",
+                                f"it starts at {q[at]:.4g}"))
     return told
 
 

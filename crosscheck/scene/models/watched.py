@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import quaternion_from_rotation
+from crosscheck.scene.model import LeftOut, quaternion_from_rotation
 from crosscheck.scene.models.compiling import finite
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.source import Source
@@ -37,7 +37,7 @@ def find(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Table
         kind = mujoco.mjtSensor(int(m.sensor_type[k])).name.removeprefix("mjSENS_")
         entry = _sensor(reading, sites, joints, k, kind)
         if entry is None or m.sensor_cutoff[k] or any(each["name"] == name for each in sensors):
-            reading.noted.append(f"sensor {name!r} ({kind.lower()})")
+            reading.noted.append(LeftOut(name, "sensor", kind.lower()))
         else:
             sensors.append({"name": name} | entry)
     return list(sites.values()), sensors
@@ -70,18 +70,18 @@ def of_gazebo(model: Source, reading: Reading, joints: list[Table]) -> tuple[lis
             if block.findtext("imu/initial_orientation_as_reference", "true").strip() in ("false", "0"):
                 sensors.append({"name": f"{name} attitude", "type": "attitude", "site": name})
             else:
-                reading.noted.append(f"orientation of sensor {name!r}, which counts from the start")
+                reading.noted.append(LeftOut(name, "orientation of sensor", "which counts from the start"))
             continue
         child = {joint["name"]: joint["child"] for joint in joints}.get(reference)
         frame = block.findtext("force_torque/frame", "child").strip()
         if kind != "force_torque" or child not in sites or frame != "child":
-            reading.noted.append(f"sensor {name!r} ({kind})")
+            reading.noted.append(LeftOut(name, "sensor", kind))
             continue
         sensors += [{"name": f"{name} {each}", "type": each, "joint": reference, "site": child}
                     for each in ("force", "torque")]
         if block.findtext("force_torque/measure_direction", "child_to_parent").strip() != "parent_to_child":
-            reading.noted.append(f"sign of sensor {name!r}, which reads the wrench on the parent: here it is that on "
-                                 "the child")
+            reading.noted.append(LeftOut(name, "sign of sensor",
+                                         "which reads the wrench on the parent: here it is that on the child"))
     return list(sites.values()), sensors
 
 

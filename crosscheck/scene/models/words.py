@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from typing import Any
+
+from crosscheck.scene.model import LeftOut
 
 MOST_ALIKE, MOST_NAMED = 3, 6
 """Largest number of like sentences written out, and of names in the one sentence that replaces more of them."""
@@ -26,14 +29,20 @@ def together(sentences: Iterable[tuple[str, str]]) -> list[str]:
     return lines
 
 
-def shortened(sentences: Iterable[str]) -> list[str]:
-    """Sentences of which many may differ only in the one name in quotes, or in the line of the file, that they have."""
+def shortened(things: Iterable[LeftOut | str], placed: Callable[[str], str] = str) -> list[str]:
+    """Sentences of which many may differ only in the one name in quotes, or in the line of the file, that they have.
+
+    Where there are many their numbers are left out. `placed` adds to a sentence where it is in the file.
+    """
     def named(sentence: str) -> str:
         parts = sentence.split("'")
         line = re.search(r"\(line \d+\)", sentence)
         return f"'{parts[1]}'" if len(parts) == 3 else line[0] if line and len(parts) == 1 else ""
 
-    return together((sentence, named(sentence)) for sentence in sentences)
+    told = [(placed(str(each)), placed(each.sentence if isinstance(each, LeftOut) else each)) for each in things]
+    alike = Counter(bare.replace(named(bare) or "\0", "\0") for _, bare in told)
+    return together((whole if alike[bare.replace(named(bare) or "\0", "\0")] <= MOST_ALIKE else bare, named(bare))
+                    for whole, bare in told)
 
 
 def distinct(tables: list[dict[str, Any]]) -> list[dict[str, Any]]:

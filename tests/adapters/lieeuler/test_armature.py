@@ -44,7 +44,8 @@ def compared(scene, method, h, steps, **options):
     elif record.formulation == "hamilton" or method == "rattle2":
         (x, R), u = geared_oracle.integrate(system, record, *start, **options)
     else:
-        (x, R), u, *_ = oracle.integrate(system, record, *start, gains=record.gains or (0.0, 0.0), **options)
+        gains = getattr(record, "alpha", 0.0), getattr(record, "beta", 0.0)
+        (x, R), u, *_ = oracle.integrate(system, record, *start, gains=gains, **options)
     for mine, other in zip(end_of(solution), (x, R, u.reshape(-1, 6)), strict=True):
         assert np.abs(mine - other).max() < AGREEMENT * max(1.0, np.abs(other).max())
 

@@ -58,7 +58,7 @@ def test_bodies_that_something_acts_on_are_left_alone():
                                                   ("rkmk54", {"step": 1e-3})])
 def test_other_methods_refuse_it(method, accuracy):
     problem = build_problem(crosscheck.load_scene("axis_flip"))
-    with pytest.raises(lieeuler.ArgumentError, match="conserve=True is for rkmk54, rkmk853, taylor with rtol"):
+    with pytest.raises(lieeuler.ArgumentError, match=r"conserve=True is for (rkmk54, .*|runs with rtol)"):
         lieeuler.integrate(problem, method, t_eval=[0.0, 1.0], conserve=True, **accuracy)
 
 
@@ -69,7 +69,7 @@ def test_crosscheck_passes_it_on():
                   for options in ({}, {"conserve": True}))
     assert np.abs(kept.R - exact.R).max() < 20 * np.finfo(float).eps
     assert np.abs(bare.R - exact.R).max() > 10 * np.abs(kept.R - exact.R).max()
-    with pytest.raises(crosscheck.ArgumentError, match="conserve=True is for rkmk54, rkmk853, taylor with rtol"):
+    with pytest.raises(crosscheck.ArgumentError, match="conserve=True is for rkmk54, rkmk853, taylor; leave it out"):
         crosscheck.run("axis_flip", "lieeuler", "rattle2", step=1e-2, conserve=True)
     with pytest.raises(crosscheck.ArgumentError, match="conserve"):
         crosscheck.run("axis_flip", "mujoco", "RK4", step=1e-2, conserve=True)

@@ -34,7 +34,7 @@ def test_order_one_in_every_quantity(system, method, coordinate_map):
     t, x, R, u, lam = truth(system)
     errors = {"position": [], "attitude": [], "velocity": [], "multiplier": []}
     for h in steps:
-        s = lieeuler.integrate(problem, method, h, t, coordinate_map=coordinate_map)
+        s = lieeuler.integrate(problem, method, h, t, map=coordinate_map)
         errors["position"].append(np.abs(s.x - x).max())
         errors["attitude"].append(np.abs(s.R - R).max())
         errors["velocity"].append(np.abs(np.concatenate([s.v, s.w], axis=2).reshape(u.shape) - u).max())

@@ -31,8 +31,8 @@ def test_a_plane_changes_nothing_but_the_cost(name, method):
 
 
 @pytest.mark.parametrize(("method", "options"), [
-    ("DAE1L_LSE", {"coordinate_map": "cayley"}), ("DAE1L_LSE", {"correction": "plain", "polish": False}),
-    ("DAE1H_LSE", {"coordinate_map": "cayley"})])
+    ("DAE1L_LSE", {"map": "cayley"}), ("DAE1L_LSE", {"correction": "plain", "polish": False}),
+    ("DAE1H_LSE", {"map": "cayley"})])
 @pytest.mark.parametrize("name", PLANAR)
 def test_euler_steps_are_those_of_the_whole_system(name, method, options):
     """To rounding, with every map that turns alike in any axes: so a plane is left out by default."""
@@ -135,7 +135,7 @@ def test_words():
         lieeuler.integrate(problem, "rattle2", 1e-3, [0.0, 0.01], reduce="axis")
     for method, chart, word in (("DAE1L_LSE", "exp", "planar"), ("DAE1H_LSE", "cayley", "planar"),
                                 ("DAE1L_LSE", "ccsk", "off"), ("DAE2L_LSE", "exp", "off"), ("INDEX1_LE", "exp", "off")):
-        assert lieeuler.integrate(problem, method, 1e-3, [0.0, 0.01], coordinate_map=chart).stats.reduce == word
+        assert lieeuler.integrate(problem, method, 1e-3, [0.0, 0.01], map=chart).stats.reduce == word
     assert lieeuler.integrate(pickle.loads(pickle.dumps(problem)), "rkmk4", 1e-3, [0.0, 0.01]).stats.reduce == "planar"
 
 

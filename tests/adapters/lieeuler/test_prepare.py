@@ -48,7 +48,7 @@ def test_from_another_state(name, method):
     here = run()
     other = lieeuler.integrate(dataclasses.replace(problem, **state), method, t_eval=T, **size_of(method))
     if (plane := run._plane) and plane.entered(0.0, *state.values()):  # planned anew, its axes are those of this state
-        same = {"rtol": 1e-6, "atol": 1e-6} if run._arguments.step is None else {"rtol": 1e-11, "atol": 1e-12}
+        same = {"rtol": 1e-6, "atol": 1e-6} if run._step is None else {"rtol": 1e-11, "atol": 1e-12}
         assert all(np.allclose(getattr(run(**state), each), getattr(other, each), **same) for each in FIELDS)
     else:
         assert_equal(run(**state), other)

@@ -73,7 +73,8 @@ def by_oracle(scene, method, h, steps):
             q, u, guess = oracle.rattle_step(system, q, u, h, guess)
     else:
         record = lieeuler.METHODS[method]
-        q, u, *_ = oracle.integrate(system, record, q, u, h, steps, "exp", record.gains or (0.0, 0.0))
+        gains = getattr(record, "alpha", 0.0), getattr(record, "beta", 0.0)
+        q, u, *_ = oracle.integrate(system, record, q, u, h, steps, "exp", gains)
     return q, u
 
 

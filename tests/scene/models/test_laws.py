@@ -9,7 +9,7 @@ import crosscheck
 from crosscheck.errors import ArgumentError, SceneError
 from crosscheck.scene import mechanics, touching
 from crosscheck.scene.coordinates import at_start
-from crosscheck.scene.models import laws, neutral
+from crosscheck.scene.models import import_file, laws, neutral
 from crosscheck.scene.models.neutral import Reading
 
 mujoco = pytest.importorskip("mujoco")
@@ -61,7 +61,7 @@ FINGER = """<mujoco><worldbody><body name="hand"><joint name="wrist" axis="0 1 0
 def test_a_joint_at_the_end_of_its_range_is_watched_only_if_it_turns_inside(tmp_path, axis, ends, friction, watched):
     scene = crosscheck.import_model(written(tmp_path, FINGER.format(axis=axis, range=ends, friction=friction)))
     assert [each.joint for each in scene.monitors] == ["grip"] * watched
-    assert [words.partition(":")[0] for words in scene.left_out] == ["limits of joint 'grip'"] * (not watched)
+    assert [each[:2] for each in scene.left_out] == [("grip", "limits of joint")] * (not watched)
 
 
 def test_a_robot_comes_in_whole_and_says_until_when_it_holds(tmp_path):
@@ -76,12 +76,18 @@ def test_a_robot_comes_in_whole_and_says_until_when_it_holds(tmp_path):
     assert [joint.limits[0].upper if joint.limits else None for joint in kept.joints] == pytest.approx(
         [np.radians(100), 0.3, None])
     assert kept.monitors == ()
-    assert any("contacts of" in words for words in kept.left_out)
+    assert any("contacts of" in each.what for each in kept.left_out)
     bare = crosscheck.import_model(robot(tmp_path, ACTUATORS["position"][0]), drop=True)
     assert not bare.has_laws
     assert bare.monitors == scene.monitors  # what is dropped is watched still
-    for words in ("dry friction of joint 'one'", "actuator 'p'"):
-        assert any(words in each for each in bare.left_out)
+    assert {("one", "dry friction of joint", 0.2), ("two", "dry friction of joint", 0.3),
+            ("p", "actuator", (-3.0, 20.0, 0.0, 0.0, 0.0, -20.0, -2.0))} <= set(bare.left_out)
+    path = tmp_path / "bare.toml"
+    import_file(robot(tmp_path, ACTUATORS["position"][0]), path, drop=True)
+    assert crosscheck.load_scene(path).left_out == bare.left_out
+    path.write_text(path.read_text().replace("left_out = [", 'left_out = ["friction", '))
+    with pytest.raises(SceneError, match=r'left_out.*\["elbow", "dry friction of joint", 0.3\]'):
+        crosscheck.load_scene(path)
 
 
 @pytest.mark.parametrize("case", ACTUATORS)
@@ -164,8 +170,8 @@ def test_what_touches_or_is_beyond_its_range_at_the_start_is_refused_by_name(tmp
     with pytest.raises(SceneError, match=r"limits of joint 'two', which starts beyond them, at 0\.5"):
         crosscheck.import_model(robot(tmp_path), qpos=[0.0, 0.5, 0.0])
     path = robot(tmp_path, change=('pos="0 0 -3"', 'pos="0 0 -.7"'))
-    assert any(words.startswith("acts at the start: contacts of the colliding bodies 'ground - b'")
-               for words in crosscheck.import_model(path, drop=True).left_out)
+    assert any(str(each).startswith("acts at the start: contacts of the colliding bodies 'ground - b'")
+               for each in crosscheck.import_model(path, drop=True).left_out)
 
 
 @pytest.mark.parametrize(("limits", "start"), [("1 2", 1.1), ("-3 -2.9", -2.95), ("-1 1", 0.0)])
@@ -175,16 +181,14 @@ def test_a_joint_whose_limits_exclude_its_reference_starts_inside_which_is_told(
             '<inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>')
     scene = crosscheck.import_model(written(tmp_path, text))
     assert scene.joints[0].start == pytest.approx((start,), abs=1e-12)
-    told = " ".join(scene.left_out)
-    assert ("the reference of joint 'knee', which its limits exclude" in told) == (start != 0.0)
+    told = " ".join(map(str, scene.left_out))
+    assert ("the reference, which its limits exclude, of joint 'knee', it starts at" in told) == (start != 0.0)
     dropped = crosscheck.import_model(written(tmp_path, text), drop=True)
     assert dropped.joints[0].start == pytest.approx((start,), abs=1e-12)
 
 
 def test_a_scene_file_whose_shapes_touch_at_the_start_is_refused(tmp_path):
     target = tmp_path / "robot.toml"
-    from crosscheck.scene.models import import_file
-
     assert import_file(robot(tmp_path), target).hash == crosscheck.load_scene(target).hash
     target.write_text(target.read_text().replace("-3.0", "-0.7"))
     with pytest.raises(SceneError, match=r"monitors\[3\] \(touch\): at the start floor and box are .* apart"):

@@ -39,7 +39,7 @@ def test_links_without_mass_between_two_joints_carry_the_next_one(tmp_path):
     """A universal joint written as two hinges, as MuJoCo has it on one body."""
     scene = imported(tmp_path, robot(link("x"), joint("x", "base", "1 0 0"), link("y", BODY),
                                      joint("y", "of x", "0 1 0")), qpos=[0.3, 0.5], qvel=[1.0, -2.0])
-    assert "link 'of x' has no mass: 1e-07 of what it carries is added" in scene.left_out
+    assert ("", "link 'of x' has no mass: 1e-07 of what it carries is added", "") in scene.left_out
     exact = imported(tmp_path, '<mujoco><compiler angle="radian"/><worldbody><body><joint axis="1 0 0"/><joint '
                      'axis="0 1 0"/><inertial pos=".1 0 -.4" mass="2" fullinertia=".1 .12 .05 .01 0 0"/></body>'
                      "</worldbody></mujoco>", qpos=[0.3, 0.5], qvel=[1.0, -2.0])
@@ -50,7 +50,8 @@ def test_links_without_mass_between_two_joints_carry_the_next_one(tmp_path):
 def test_a_point_on_a_rod_is_a_pendulum(tmp_path):
     point = '<inertial><origin xyz="0 0 -0.5"/><mass value="3"/></inertial>'
     scene = imported(tmp_path, robot(link("hinge", point), joint("hinge", "base", "0 1 0")), qpos=[0.7])
-    assert scene.left_out == ("link 'of hinge' has no inertia about an axis: 1e-07 of what it carries is added",)
+    assert scene.left_out == (
+        ("", "link 'of hinge' has no inertia about an axis: 1e-07 of what it carries is added", ""),)
     assert accelerations(scene)[1][0, 1] == pytest.approx(-GRAVITY / 0.5 * np.sin(0.7), rel=LIGHT)
 
 
@@ -59,7 +60,7 @@ def test_a_point_on_a_rod_is_a_pendulum(tmp_path):
     (link("tip", '<inertial><mass value="1"/></inertial>'), joint("tip", "of hinge", "1 0 0", at="0 0 -.5"))])
 def test_a_joint_that_moves_nothing_is_fixed(tmp_path, end):
     scene = imported(tmp_path, robot(link("hinge", BODY), joint("hinge", "base", "0 1 0"), *end))
-    assert "joint 'tip', which moves no mass: it is fixed" in scene.left_out
+    assert ("", "joint 'tip', which moves no mass: it is fixed", "") in scene.left_out
     fixed = imported(tmp_path, robot(link("hinge", BODY), joint("hinge", "base", "0 1 0"), *(
         part.replace('"continuous"', '"fixed"').replace('"revolute"', '"fixed"') if "tip" in part else part
         for part in (*end[:1], end[1]))))
@@ -82,7 +83,7 @@ def test_inertias_that_no_body_has_are_balanced_on_request_and_both_readers_agre
     scene = imported(tmp_path, text, balance=True)
     np.testing.assert_allclose(scene.inertias[0], 0.15 / 3 * np.eye(3) if "-" not in moments else 0.06 * np.eye(3),
                                atol=1e-12)
-    assert "each is replaced by their mean" in scene.left_out[0]
+    assert "each is replaced by their mean" in scene.left_out[0].what
 
 
 @pytest.mark.parametrize(("before", "after"), [
@@ -155,7 +156,8 @@ def test_a_mesh_that_a_mass_needs_is_taken_from_beside_the_model_and_named(tmp_p
     (tmp_path / "parts" / "m.obj").write_text(obj)
     right, moved = (imported(tmp_path, text.format(folder)) for folder in ("parts", "no/such"))
     assert right.hash == moved.hash
-    assert moved.left_out == ("the mesh no/such/m.obj, which is not at its path: taken from parts/m.obj",)
+    assert moved.left_out == (
+        ("", "the mesh no/such/m.obj, which is not at its path: taken from parts/m.obj", ""),)
     (tmp_path / "m.obj").write_text(obj)
     with pytest.raises(crosscheck.SceneError, match=r"from the mesh no/such/m\.obj, which is missing"):
         imported(tmp_path, text.format("no/such"))
@@ -167,7 +169,7 @@ def test_a_mesh_that_cannot_be_read_is_named_where_no_mass_is_of_it(tmp_path):
             '{}</body></worldbody></mujoco>')
     inertial = '<inertial pos="0 0 -1" mass="1" diaginertia=".1 .1 .1"/>'
     left_out = imported(tmp_path, text.format(inertial), drop=True).left_out
-    assert "<mesh> 'm' (line 1), which MuJoCo refuses" in left_out[0]
+    assert "<mesh> 'm' (line 1), which MuJoCo refuses" in left_out[0].what
     with pytest.raises(crosscheck.SceneError, match="which MuJoCo refuses; put it beside"):
         imported(tmp_path, text.format(""))
 

@@ -35,7 +35,7 @@ def test_an_imported_scene_reads_what_mujoco_reads(tmp_path):
     qpos[1:] /= np.linalg.norm(qpos[1:])
     scene = crosscheck.import_model(path, qpos=qpos, qvel=qvel)
     assert [site.name for site in scene.sites[:2]] == ["post", "imu"]
-    assert set(scene.left_out) == {"sensor 'far' (rangefinder)", "sensor 'capped' (jointpos)"}
+    assert set(scene.left_out) == {("far", "sensor", "rangefinder"), ("capped", "sensor", "jointpos")}
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = qpos, qvel
     mujoco.mj_forward(model, data)
@@ -54,7 +54,7 @@ def test_an_imported_scene_reads_what_mujoco_reads(tmp_path):
 def test_sensors_without_a_counterpart_are_left_out_by_name(line, said, tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(ARM.replace("<sensor>", f"<sensor>{line}"))
-    assert f"sensor 'x' ({said})" in crosscheck.import_model(path).left_out
+    assert ("x", "sensor", said) in crosscheck.import_model(path).left_out
 
 
 URDF = """<robot name="arm"><link name="base"/>
@@ -89,8 +89,9 @@ def test_gazebo_blocks_of_a_urdf(tmp_path):
         "wrist torque": ("torque", "upper", "shoulder"), "other force": ("force", "upper", "shoulder"),
         "other torque": ("torque", "upper", "shoulder")}
     assert set(scene.left_out) == {
-        "sensor 'eye' (camera)", "sensor 'held' (force_torque)", "orientation of sensor 'still', which counts from the "
-        "start", "sign of sensor 'other', which reads the wrench on the parent: here it is that on the child"}
+        ("eye", "sensor", "camera"), ("held", "sensor", "force_torque"),
+        ("still", "orientation of sensor", "which counts from the start"),
+        ("other", "sign of sensor", "which reads the wrench on the parent: here it is that on the child")}
     read = readings(scene, States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]))
     upper = Rotation.from_euler("x", 0.2) * Rotation.from_rotvec([0.0, 0.7, 0.0])
     tool = upper * Rotation.from_euler("y", 0.5)

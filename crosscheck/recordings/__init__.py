@@ -150,6 +150,8 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
         raise ArgumentError(f"need: a share from 0 to 1 is wanted, not {need!r}")
     given = [read(each, loaded, columns, progress, period) for each in (
         recording if isinstance(recording, list | tuple) else [recording])]
+    if progress is not None:
+        progress(0, None, f"judging {given[0].name}: truth, errors, causes")
     if start not in ("scene", "recorded"):
         raise ArgumentError(f"start: {unknown('start', start, ('scene', 'recorded'))}")
     allowed = _tolerances(loaded, tolerance)

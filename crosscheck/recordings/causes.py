@@ -28,6 +28,7 @@ from crosscheck.recordings.comparing import POSES, RATES, Differences, Shown, ga
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.batch import State, integrate
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import histories
 from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Force, Joint, Scene, quaternion_from_rotation
@@ -35,6 +36,7 @@ from crosscheck.scene.schema import Content
 from crosscheck.scene.sensors import Reader, read
 from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
+from crosscheck.scene.touching import Touching
 from crosscheck.scene.vectors import exponential
 
 LEFT = (0.1, 0.05, 0.005)
@@ -158,7 +160,7 @@ class Case:
 def find(scene: Scene, seen: Differences, until: float, content: Content, change: Change
          ) -> tuple[list[Cause], list[Cause]]:
     """(causes that explain and are equally simple, all others from the best on); `content` is that of the file."""
-    judged = np.flatnonzero(seen.recording.t <= until)
+    judged = _unhindered(scene, seen, np.flatnonzero(seen.recording.t <= until))
     near = Case(scene, seen, judged[:NEIGHBOURS])
     far = Case(scene, seen, judged[np.unique(np.linspace(0, len(judged) - 1, ROWS).astype(int))])
     every = [*_reports(far), *_times(near, far), *_samples(near), *_euler(near)]
@@ -175,6 +177,28 @@ def find(scene: Scene, seen: Differences, until: float, content: Content, change
     simplest = min(cause.free for cause in fit)
     named = {cause.name: cause for cause in reversed(fit) if cause.free == simplest}
     return sorted(named.values(), key=lambda cause: cause.left), every
+
+
+def _unhindered(scene: Scene, seen: Differences, rows: np.ndarray) -> np.ndarray:
+    """The rows before the recorded motion itself touches or leaves a range, after which more acts than the scene has.
+
+    That is sought in `ROWS` rows, where the recording determines the poses.
+    """
+    complete = rows[seen.recording.complete[rows]]
+    if not scene.monitors or len(complete) < 2:
+        return rows
+    looked = complete[np.unique(np.linspace(0, len(complete) - 1, ROWS).astype(int))]
+    states = restored(scene, part_of(seen.recording, looked), seen.truth.at(seen.t[looked]))
+    if states is None:
+        return rows
+    joints = histories(scene, states)
+    room = [np.minimum(q - each.lower, each.upper - q) for each in scene.monitors if each.type == "range" and each.joint
+            for q in (joints[each.joint].position,)]
+    if any(each.joint is None for each in scene.monitors):
+        touching = Touching(scene)
+        room.append(np.array([touching.gaps(*pose).min() for pose in zip(states.x, states.R, strict=True)]))
+    acts = np.flatnonzero(np.min(room, axis=0) <= 0.0) if room else np.zeros(0, int)
+    return rows[rows < looked[acts[0]]] if len(acts) and acts[0] > 1 else rows
 
 
 # --- what is reported -------------------------------------------------------------------------------------------------

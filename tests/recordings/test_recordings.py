@@ -234,6 +234,21 @@ def test_causes_end_where_truth_ends(wrong, tmp_path):
     assert ("gravity" if "g" in wrong else "damper") in verdict.cause, str(verdict)
 
 
+def test_causes_end_where_the_recording_itself_meets_its_stop(tmp_path):
+    """Without its damper it is there sooner than truth, and rests against it in the last row that is judged."""
+    text = toml("arm", *hinged(), ("monitors", {"type": "range", "joint": "pivot", "lower": -9.0, "upper": 1.2}),
+                schema=3)
+    (tmp_path / "arm.toml").write_text(text)
+    free = arm(damping=0.0)
+    stopped = np.maximum.accumulate(free["pivot.position"] > 1.2)
+    first = int(np.argmax(stopped))
+    log = {"t": free["t"], "pivot.position": np.where(stopped, free["pivot.position"][first], free["pivot.position"]),
+           "pivot.velocity": np.where(stopped, 0.0, free["pivot.velocity"])}
+    verdict = crosscheck.judge_recording(tmp_path / "arm.toml", log, tolerance={"joint_position": 1e-5})
+    assert verdict.outcome == "fail"
+    assert verdict.cause == "missing damper", str(verdict)
+
+
 def test_command_line(scenes, tmp_path):
     run = CliRunner().invoke
     pd.DataFrame(arm()).to_csv(tmp_path / "run.csv", index=False)

@@ -43,9 +43,9 @@ class Limit:
         return float(sum(self.parts.values()))
 
 
-def cancelling(h: np.ndarray, order: int) -> np.ndarray:
+def cancelling(h: np.ndarray, order: float) -> np.ndarray:
     """Weights, of sum one, of the values at steps h whose sum is without h^order, h^(order + 1), ...: one fewer."""
-    powers = np.array([0, *range(order, order + len(h) - 1)])
+    powers = np.array([0, *(order + np.arange(len(h) - 1))])
     return np.asarray(np.linalg.solve((h[None] / h[0]) ** powers[:, None], np.eye(len(h))[0]))
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from crosscheck.diagnosis import misreadings
 from crosscheck.diagnosis.physics import Physics, Points, Terms
-from crosscheck.judge.substeps import TABLEAUX, Stepper, exponential_step, semi_implicit
+from crosscheck.diagnosis.stepping import munthe_kaas, semi_implicit
 from crosscheck.scene import mechanics
 from crosscheck.scene.batch import State
 from crosscheck.scene.constraints import Constraints
@@ -46,7 +44,7 @@ class Model:
         return rates
 
     def flow(self, t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
-        """Rates of x, R, v, w at one state (1, n, ...) at a time (1,), as the steps of `judge.substeps` take them."""
+        """Rates of x, R, v, w at one state (1, n, ...) at a time (1,), as the steps of `stepping` take them."""
         a = self.rates(x[0], R[0], v[0], w[0], float(t[0]))[None]
         return [v, R, a[..., :3], a[..., 3:]]
 
@@ -134,8 +132,7 @@ def stepped(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order:
     first = (0.0 * x, *joints.start(R, w)) if of_joints else (x, R, w)
     state: State = [first[0][None], first[1][None], 0.0 * v[None] if of_joints else v[None], first[2][None]]
     h = np.array([scene.duration / steps])
-    stages, weights = TABLEAUX[4][0]
-    step: Stepper = semi_implicit if order == 1 else partial(exponential_step, stages=stages, weights=weights)
+    step = semi_implicit if order == 1 else munthe_kaas
     for k in range(steps):
         state = step(of_coordinates if of_joints else model.flow, k * h, state, h)
     x, R, v, w = joints.state(state[1][0], state[3][0]) if of_joints else (part[0] for part in state)

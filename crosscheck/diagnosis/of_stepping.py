@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.compare.order import observed_order
 from crosscheck.diagnosis import altered, fit, misreadings, of_output, of_run
 from crosscheck.diagnosis.observe import (
     REACH,
@@ -32,7 +33,6 @@ from crosscheck.diagnosis.observe import (
 from crosscheck.diagnosis.physics import Physics
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.diagnosis.variants import close
-from crosscheck.judge.metrics import PLATEAU, Plateau, observed_order
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -170,7 +170,9 @@ def _ordered(subject: Subject, scene: Scene, scale: Scale, order: int) -> Order 
         errors = [float(np.abs(run - limit).max()) for run in runs[:-1]]
         whole = _whole(steps, errors)
         if result is None or whole is not None:
-            result = Order(observed_order(steps, errors, Plateau(FLOOR / PLATEAU)).observed,
+            above = [k for k, error in enumerate(errors) if error > FLOOR][:-4:-1]  # the three finest
+            result = Order(observed_order([steps[k] for k in above], [runs[k] for k in above])
+                           if len(above) == 3 else None,
                            whole if whole is not None and whole < order else None)
         if errors[-1] < REFINED or (whole is not None and (whole >= order or whole == before)):
             break

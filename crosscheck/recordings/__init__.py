@@ -10,15 +10,16 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 
+from crosscheck.compare.apart import largest, spread
+from crosscheck.compare.order import MARGIN, SAFETY, Limit, cancelling, differ, floor_of, limit, observed_order
 from crosscheck.document.outcomes import EXIT_CODES, KINDS, Outcome
 from crosscheck.errors import ArgumentError, CrosscheckError, unknown
 from crosscheck.files import finite
-from crosscheck.judge.tolerances import CONSTANTS, order_margin
 from crosscheck.recordings import causes as find_causes
 from crosscheck.recordings import comparing
 from crosscheck.recordings.columns import Row, assigned, clock
@@ -58,14 +59,14 @@ SAME_START = 1e-8
 MOST_ALIKE = 4
 """Causes that explain equally well and are still named together."""
 
-ALIKE, LEAST = 0.35, 0.5
-"""Errors at two steps vanish with them if they are alike up to this part, and fall with this order or more."""
+PARALLEL = 0.35
+"""Errors at two steps tell an order if they are parallel up to this part."""
 
 ASYMPTOTIC, FEWEST = 0.1, 8
 """Part of a quantity's range up to which errors show their order, and the fewest rows that do."""
 
 EXACT = 10.0
-"""Times what printed digits leave open below which an error has no order."""
+"""Times what printed digits leave open below which an error has no cause."""
 
 BEYOND = 20.0
 """Times the scene's duration up to which truth is prolonged for a recording."""
@@ -415,23 +416,21 @@ def _orders(runs: list[Differences], steps: list[float], order: int | None, verd
     for key in fine.keys:
         which = [k for k, each in enumerate(layout) if each[0] == key]
         floor = max(float(run.floor[k][at].max()) for k in which for run, at in zip(runs, rows, strict=True))
-        tends = _vanishing([np.concatenate([end[k].ravel() for k in which]) for end in ends], steps, floor, order)
-        for k in which:
-            limits[k] = ends[0][k] - (ends[1][k] - ends[0][k]) * tends.gain
-            unsure[k] = tends.unsure
-        left = max(float(norms(limits[k]).max()) for k in which)
-        verdict.order[key], verdict.limit_error[key], verdict.limit_unsure[key] = tends.order, left, tends.unsure
+        seen, tends = _tends([_stacked([end[k] for k in which]) for end in ends[:3]], steps[:3], floor, order)
+        for place, k in enumerate(which):
+            limits[k] = tends.value[:, place, :limits[k].shape[1]]
+            unsure[k] = tends.uncertainty / SAFETY  # causes have a factor of their own
+        verdict.order[key], verdict.limit_error[key], verdict.limit_unsure[key] = seen, tends.size, tends.uncertainty
         name, unit = key.replace("_", " "), fine.groups[which[0]].unit
-        seen = (f"{tends.order:.2f}" if tends.order is not None else "none, exact" if tends.converges else
-                "not told by two files")
-        lines.append(f"{name}: observed order {seen}; the limit for vanishing steps is {left:.2g} {unit} from truth, "
-                     f"known to {tends.unsure:.1g}")
-        if not tends.converges and left > 3 * tends.unsure + EXACT * floor:
-            failed.append(f"wrong limit: {name} converges to another motion, {left:.3g} {unit} from the scene's, "
+        told = (f"{seen:.2f}" if seen is not None else "none, exact" if tends.by == "rounding" else
+                "not told by these files")
+        lines.append(f"{name}: observed order {told}; the limit for vanishing steps is {tends.size:.2g} {unit} from "
+                     f"truth, known to {tends.uncertainty:.1g}")
+        if tends.size > tends.uncertainty:
+            failed.append(f"wrong limit: {name} converges to another motion, {tends.size:.3g} {unit} from the scene's, "
                           "whatever the step")
-        elif order is not None and tends.order is not None and tends.order < order - (
-                order_margin(order) if len(runs) > 2 else CONSTANTS["order_margin_coarse"]):
-            failed.append(f"order: {name} falls with order {tends.order:.2f}, and {order} is claimed")
+        elif order is not None and seen is not None and seen < order - MARGIN:
+            failed.append(f"order: {name} falls with order {seen:.2f}, and {order} is claimed")
     if not any(each.startswith("wrong limit") for each in failed):
         return None, failed
     kept, exact = part_of(fine, rows[0]), [value[rows[0]] for value in runs[0].values]
@@ -441,44 +440,36 @@ def _orders(runs: list[Differences], steps: list[float], order: int | None, verd
     return Differences(runs[0].shown, kept, runs[0].truth, runs[0].t[rows[0]], exact, limits, floors), failed
 
 
-class _Limit(NamedTuple):
-    """What runs at several steps tell of the limit for vanishing ones."""
-
-    order: float | None
-    gain: float  # of the difference of the two finest runs, subtracted from the finest
-    unsure: float
-    converges: bool  # whether the errors against truth fall as one power of the step
+def _stacked(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """(T, G, k) of G groups (T, up to k)."""
+    most = max(part.shape[1] for part in parts)
+    return np.stack([np.pad(part, ((0, 0), (0, most - part.shape[1]))) for part in parts], axis=1)
 
 
-def _vanishing(errors: list[np.ndarray], steps: list[float], floor: float, claimed: int | None) -> _Limit:
-    """Errors of runs against truth, the finest first: their order if they vanish, or what they tend to."""
-    sizes = [float(np.abs(each).max()) for each in errors]
-    ratio = steps[1] / steps[0]
-    change = errors[1] - errors[0]
-    most = float(np.abs(change).max())
-    if max(sizes) <= EXACT * floor + 1e-300:
-        return _Limit(None, 0.0, floor, True)
-    factor = float(errors[1] @ errors[0] / max(float(errors[0] @ errors[0]), 1e-300))
-    parallel = float(np.linalg.norm(errors[1] - factor * errors[0])) <= ALIKE * float(np.linalg.norm(errors[1]))
-    if sizes[0] <= EXACT * floor and sizes[1] > 4 * sizes[0]:  # the finest is exact: what is seen is a lower bound
-        return _Limit(math.log(sizes[1] / sizes[0]) / math.log(ratio), 0.0, EXACT * floor, True)
-    against = math.log(factor) / math.log(ratio) if factor > 0 else 0.0
-    if parallel and against > LEAST:
-        if len(sizes) > 2:
-            against = float(np.polyfit(np.log(steps), np.log(sizes), 1)[0])
-        gain = 1.0 / (factor - 1.0)
-        return _Limit(against, gain, float(np.abs(errors[0] - gain * change).max()) + floor, True)
-    order = None
-    if len(errors) > 2:  # the differences of three runs show the order whatever the limit is
-        grown = float(np.linalg.norm(errors[2] - errors[1])) / max(float(np.linalg.norm(change)), 1e-300)
-        powers = np.linspace(0.3, 9.0, 400)
-        h = [step / steps[0] for step in steps[:3]]
-        off = np.abs(np.log((h[2]**powers - h[1]**powers) / (h[1]**powers - 1) / grown))
-        order = float(powers[int(np.argmin(off))])
-    used = order or float(claimed or 1)
-    gain = 1.0 / (ratio**used - 1.0)
-    spread = max(abs(1.0 / (ratio**power - 1.0) - gain) for power in ((used - 0.3, used + 0.3) if order else (1, 2)))
-    return _Limit(order, gain, spread * most + (1 + 2 * gain) * floor, False)
+def _tends(errors: list[np.ndarray], h: Sequence[float], floor: float, claimed: int | None
+           ) -> tuple[float | None, Limit]:
+    """(observed order, where runs less truth go), of two or three, the finest first.
+
+    There is no order where printed digits hide it, or where two errors are not parallel.
+    """
+    rounding, seen = [floor] * len(errors), None
+    if not differ(errors, rounding, 0.0):
+        return None, Limit(errors[0], {"spread": SAFETY * spread(errors), "digits": floor}, "rounding")
+    near, far = errors[0].ravel(), errors[1].ravel()
+    if len(errors) > 2:
+        seen = observed_order(h, errors) if largest(errors[1] - errors[0]) > 2 * floor else None
+    elif largest(errors[0]) > 2 * floor and np.linalg.norm(
+            far - (far @ near) / (near @ near) * near) <= PARALLEL * np.linalg.norm(far):
+        seen = math.log(np.linalg.norm(far) / np.linalg.norm(near)) / math.log(h[1] / h[0])
+    meant = seen is None or claimed is None or seen >= claimed - MARGIN
+    p = claimed if claimed is not None and meant else max(1, round(seen or 1.0))
+    if len(errors) > 2:
+        return seen, limit(h, errors, p, rounding)
+    weights = cancelling(np.array(h), p)
+    value, *others = (np.tensordot(each, errors, 1) for each in (weights, *(
+        cancelling(np.array(h), p + change) for change in (MARGIN, -MARGIN))))
+    return seen, Limit(value, {"order": SAFETY * max(largest(value - other) for other in others),
+                               "digits": floor_of(rounding, 0.0, weights)}, "order")
 
 
 def _cause(scene: Scene, begun: Callable[[Scene], Scene], seen: Differences, until: float, limit: bool

@@ -21,9 +21,9 @@ from crosscheck.diagnosis.hypotheses import Context, causes
 from crosscheck.diagnosis.misreadings import placed, rolled
 from crosscheck.diagnosis.of_sensors import filtered, mistakes
 from crosscheck.diagnosis.physics import Physics, levers, of_scene
+from crosscheck.diagnosis.stepping import munthe_kaas
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import ArgumentError, CrosscheckError
-from crosscheck.judge.substeps import TABLEAUX, exponential_step
 from crosscheck.recordings.comparing import POSES, RATES, Differences, Shown, gaps, norms, part_of, restored
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.batch import State, integrate
@@ -545,13 +545,13 @@ def _run(case: Case, made: Scene | Physics | None, rows: int | None = None) -> V
 
 def _stepped(case: Case, physics: Physics, times: np.ndarray) -> States:
     """States at `times`; steps are fixed, since friction in nonsensical magnitudes would make those of others tiny."""
-    model, scene, (stages, weights) = Model(case.scene, physics), case.scene, TABLEAUX[4][0]
+    model, scene = Model(case.scene, physics), case.scene
     rows: list[State] = [[part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)]]
     for begin, end in itertools.pairwise(times):
         count, state = int(np.ceil((end - begin) / (0.7 * case.step))), rows[-1]
         h = np.array([(end - begin) / count])
         for k in range(count):
-            state = exponential_step(model.flow, begin + k * h, state, h, stages, weights)
+            state = munthe_kaas(model.flow, begin + k * h, state, h)
         rows.append(state)
     return States(times, *(np.concatenate(part) for part in zip(*rows, strict=True)))
 

@@ -16,7 +16,6 @@ from scipy.interpolate import CubicSpline
 
 from crosscheck.compare.apart import turn
 from crosscheck.judge.crossings import Crossed, across
-from crosscheck.judge.sensors import moved
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.scene import mechanics
 from crosscheck.scene.batch import integrate
@@ -27,7 +26,7 @@ from crosscheck.scene.monitor import level_norms
 from crosscheck.scene.sensors import readings
 from crosscheck.scene.starts import anchor_length
 from crosscheck.scene.states import Motion, States
-from crosscheck.scene.vectors import cross
+from crosscheck.scene.vectors import cross, exponential
 
 CHUNK = 50_000
 """Instants of truth that are in memory at a time."""
@@ -268,6 +267,13 @@ def restored(scene: Scene, recording: Recording, base: Motion) -> States | None:
     now = dataclasses.replace(states, v=both[..., :3], w=both[..., 3:])
     change, _ = _step(Shown(scene, rates), now, "rate", constraints.velocity(now.x, now.R, now.v, now.w, now.t), 1.0)
     return moved(now, "rate", change.reshape(both.shape))
+
+
+def moved(at: States, what: str, change: np.ndarray) -> States:
+    """The states with all poses, or rates, changed, (T, n, 6)."""
+    if what == "pose":
+        return dataclasses.replace(at, x=at.x + change[..., :3], R=at.R @ exponential(change[..., 3:]))
+    return dataclasses.replace(at, v=at.v + change[..., :3], w=at.w + change[..., 3:])
 
 
 def _turned(scene: Scene, recording: Recording, base: Motion) -> np.ndarray:

@@ -14,8 +14,8 @@ from crosscheck.cli.app import app
 from crosscheck.diagnosis.hypotheses import Context
 from crosscheck.diagnosis.hypotheses import causes as every_cause
 from crosscheck.diagnosis.physics import of_scene
+from crosscheck.recordings import _tends, suggest
 from crosscheck.recordings import causes as find_causes
-from crosscheck.recordings import suggest
 from tests.recordings.corpus import LAWS, RIGHT, WRONG, only, written
 from tests.recordings.motions import SCENES, TIMES, arm, hinged, lawful, solved, toml, tumbler, two
 
@@ -177,12 +177,26 @@ def test_order_and_limit_of_files_at_several_steps(scenes, make, steps, order, c
     verdict = crosscheck.judge_recording(scenes["arm"], [make(h) for h in steps], steps=list(steps), order=order)
     if cause is None:
         assert verdict.outcome == "pass", str(verdict)
-        assert verdict.limit_error["joint_position"] <= 3 * verdict.limit_unsure["joint_position"]
+        assert verdict.limit_error["joint_position"] <= verdict.limit_unsure["joint_position"]
     else:
         assert verdict.outcome == "fail", str(verdict)
         assert cause in verdict.cause, str(verdict)
     if observed is not None:
         assert verdict.order["joint_position"] == pytest.approx(observed, abs=0.1)
+
+
+@pytest.mark.parametrize(("powers", "steps", "seen", "resolved"), [
+    ((2, 2), (1e-3, 2e-3), 2.0, True), ((2, 2), (1e-3, 2e-3, 4e-3), 2.0, True), ((2, 3), (1e-3, 2e-3), 2.03, True),
+    ((1, 8), (1.0, 4.0), None, False)])  # the last ones are not parallel
+def test_two_files_tell_an_order_where_their_errors_are_parallel(powers, steps, seen, resolved):
+    def error(h):
+        return np.array([[[h ** powers[0], 0.05 * h ** powers[1]]]])
+
+    order, limit = _tends([error(h) for h in steps], steps, 1e-12, None)
+    assert order == (None if seen is None else pytest.approx(seen, abs=0.03))
+    assert limit.size <= limit.uncertainty
+    _, off = _tends([error(h) + 1.0 for h in steps], steps, 1e-12, 2)
+    assert (off.size > off.uncertainty) == resolved
 
 
 def test_printed_digits_are_a_floor_which_passes_nothing(scenes, tmp_path):

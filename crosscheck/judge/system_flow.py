@@ -109,7 +109,7 @@ class SystemFlow:
             if other is None:
                 growth.append(np.inf)
                 continue
-            beside, _ = self._followed(other, since, times, mode)
+            beside, _ = self._followed(other, since, times, mode, near=start)
             growth.append(grown(beside, states, self.sizes, size, keep))
         # Where laws switch, growth is linear in pieces only.
         linear = not self.looped or max(growth) <= ALIKE * min(growth)
@@ -125,14 +125,17 @@ class SystemFlow:
         gaps = apart(self._stepped(start, since, times, 1), states)
         return max(largest(gaps[name]) / self.sizes[name] for name in STATE)
 
-    def _followed(self, start: Scene, since: float, times: np.ndarray, mode: Mode | None
+    def _followed(self, start: Scene, since: float, times: np.ndarray, mode: Mode | None, near: Scene | None = None
                   ) -> tuple[States, tuple[Jump, ...]]:
+        """The motion, and where it jumps; what rests at the start `near` this one rests here, too."""
         series, until, changes = self.series, since + float(times[-1]), list[Change]()
         due = [t for t in self.scene.knots if since < t <= until + rounding(until)]
         if not isinstance(series, Taylor):
             return self._stepped(start, since, times), _due(due, since)
         state = series.state_of(start)
         if isinstance(series, LawfulTaylor):
+            if near is not None:
+                state = series.kept(state, series.begun(series.state_of(near), since, mode))
             pieces, end = series.advance(series.begun(state, since, mode), until, changes)
             last = series.machine.next_time(until - rounding(until), end.mode)
             due = [last] if last <= until + rounding(until) else []  # has not happened yet

@@ -269,13 +269,13 @@ class LawfulTaylor(Taylor):
         start = self.machine.begin(initial, t, before)
         return End(start.state, t, mode=start.mode, horizon=t if start.cause else math.inf, cause=start.cause)
 
-    def _kept(self, initial: np.ndarray) -> np.ndarray:
-        """An initial state near the scene's in which what friction or a stop finds at rest is at rest, too.
+    def kept(self, initial: np.ndarray, start: End) -> np.ndarray:
+        """An initial state near that of a start in which what friction or a stop finds at rest is at rest, too.
 
         Rounding moves nothing that is at rest, and with static friction such a motion would go on.
         """
-        rate = self.moving(np.zeros(1), self.initial[None])[1][:, 0]
-        for i, part in enumerate(self.begin.mode):
+        rate = self.moving(np.zeros(1), start.state[None])[1][:, 0]
+        for i, part in enumerate(start.mode):
             if part.held or (self.laws[i].friction and rate[i] == 0.0):
                 limits = self.laws[i].limits
                 end = None if not part.side else limits.lower if part.side < 0 else limits.upper
@@ -360,7 +360,7 @@ class LawfulTaylor(Taylor):
     def run(self, initial: np.ndarray | None = None, times: np.ndarray | None = None) -> np.ndarray:
         """State vectors (T, dimension) at `times`, by default the scene's output times, from `initial` at t = 0."""
         times = self.scene.t if times is None else times
-        start = self.begin if initial is None else self.begun(self._kept(initial))
+        start = self.begin if initial is None else self.begun(self.kept(initial, self.begin))
         pieces, _ = self.advance(start, float(times[-1]), watched=False)
         stacked = (np.array([piece.start for piece in pieces]), np.array([piece.rest for piece in pieces]),
                    np.array([piece.coefficients for piece in pieces]))

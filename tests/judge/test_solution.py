@@ -16,7 +16,7 @@ from crosscheck.document.outcomes import KINDS
 from crosscheck.judge.rules import Check, findings, shares
 from crosscheck.judge.segments import Segment, marks
 from crosscheck.judge.system_flow import SystemFlow
-from crosscheck.judge.world import World
+from crosscheck.judge.world import World, begun
 from crosscheck.references import truth
 from crosscheck.scene.model import Sensor, Site
 from crosscheck.scene.starts import restarted
@@ -26,6 +26,7 @@ from crosscheck.verification.task import Cell
 from tests.gate.measure import case
 from tests.gate.right import Braked
 from tests.gate.wrong import LateReversal
+from tests.law_mistakes import SCENES
 from tests.references.law_scenes import pendulum, servo
 
 STEPS = {"DAE1L_LSE": 1e-4, "rattle2": 1e-3, "rkmk4": 2e-3}
@@ -155,6 +156,16 @@ def test_the_flow_started_at_any_of_its_states_is_the_same_motion(name):
     assert found.states.x == pytest.approx(reference.states.x[5:], abs=1e-9)
     assert found.states.a == pytest.approx(reference.states.a[5:], abs=1e-6)
     assert found.error < 1e-9
+
+
+def test_what_static_friction_holds_is_held_where_errors_grow(tmp_path):
+    """Moved by anything it would slip at once, long before it is torn loose."""
+    scene = SCENES["lifted"](tmp_path)
+    reference = truth(scene)
+    start = begun(scene, reference.states, 2, 3)
+    flowed = SystemFlow(scene, sizes(scene, reference.states), reference).from_(start, float(scene.t[2]), start.t)
+    assert len(flowed.jumps) == 1
+    assert flowed.growth < 10
 
 
 def test_growth_is_that_of_the_motion():

@@ -168,9 +168,9 @@ class Solution:
         """Asks the same question again from starts that differ by a rounding, for noise and the spacing of numbers."""
         given, ratios, scatter = max(EPS, self.engine.eps), list[float](), dict[str, list[tuple[float, float]]]()
         told, step = list[tuple[int, dict[str, float]]](), self.own if self.p is not None else 0.0
-        chosen = [k for k, segment in enumerate(self.segments) if segment.flowed is not None and sequences[k]]
-        for k in chosen[::max(1, len(chosen) // ASKED_AGAIN)][:ASKED_AGAIN]:
-            segment = self.segments[k]
+        chosen = [(k, segment, seq) for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True))
+                  if segment.flowed is not None and seq is not None]
+        for k, segment, seq in chosen[::max(1, len(chosen) // ASKED_AGAIN)][:ASKED_AGAIN]:
             again = [self.repeated(segment, given, j) for j in range(1 + ASKED_AGAIN)]
             if any(each is None for each in again):
                 continue
@@ -179,7 +179,8 @@ class Solution:
             for name, gap in gaps.items():
                 scatter.setdefault(name, []).append((gap, self.rounding(name, segment, self.own) / self.eps))
             ratios.append(max(gaps[name] / self.rounding(name, segment, self.own) for name in STATE))
-            told.append((k, gaps))
+            same = [rows[0], seq.answers[self.nearest(seq)].rows(segment)]  # a start that is moved may have another way
+            told.append((k, {name: spread([each[name][segment.kept(name, step)] for each in same]) for name in STATE}))
         if given > EPS and ratios:
             self.eps = given if self.segments[0].whole else min(
                 given, max(EPS, SAFETY * float(np.median(ratios)) * EPS))
@@ -370,11 +371,15 @@ class Solution:
         self.vanishing(defects)
         return False
 
+    def nearest(self, seq: Sequence3) -> int:
+        """Which answer is that at the run's own step or tolerance."""
+        return min(range(len(seq.steps)), key=lambda j: abs(seq.steps[j] - self.own))
+
     def error_of(self, segment: Segment, seq: Sequence3 | None) -> dict[str, float]:
         """|D| by row of the answer at the run's own step."""
         if seq is None or segment.flowed is None:
             return {}
-        own = min(range(len(seq.steps)), key=lambda j: abs(seq.steps[j] - self.own))
+        own = self.nearest(seq)
         return {name: largest(each[segment.kept(name, max(seq.steps) if self.p is not None else 0.0)])
                 for name, each in seq.answers[own].rows(segment).items()}
 
@@ -386,7 +391,7 @@ class Solution:
         segment = self.segments[k]
         if seq is None or segment.flowed is None:
             return
-        own = min(range(len(seq.steps)), key=lambda j: abs(seq.steps[j] - self.own))
+        own = self.nearest(seq)
         opened = apart(_start(segment.given), _start(segment.start))
         limits = {check.name: check for check in self.checks if check.rule == "limit" and check.segment == k}
         for name, each in gaps.items():
@@ -487,7 +492,7 @@ class Solution:
         for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True)):
             if self.p is not None or seq is None or segment.flowed is None:
                 continue
-            own = min(range(len(seq.steps)), key=lambda j: abs(seq.steps[j] - self.own))
+            own = self.nearest(seq)
             for name, each in seq.answers[own].rows(segment).items():
                 if name in STATE:
                     parts = {"tolerance": self.tolerated(name, segment, seq.answers[own]),

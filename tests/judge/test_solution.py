@@ -203,6 +203,16 @@ def test_a_documented_order_holds_where_a_motion_is_not_smooth(engine, late):
     assert any(each.status == "fail" and each.kind.startswith("limit ") for each in found) == late
 
 
+def test_another_way_from_a_start_that_is_moved_by_a_rounding_is_no_noise(tmp_path):
+    """Joints that are open by a rounding are closed first, which changes the error of an answer, not its truth."""
+    scene = SCENES["stop"](tmp_path)
+    traj = crosscheck.run(scene, engine="lieeuler", method="rkmk4", step=5e-3)
+    run = Record(scene=scene.name, engine="lieeuler", version="1", method="rkmk4", form=traj.form, step=5e-3,
+                 documented_order=4)
+    found = judge(run, scene, traj, frozenset(), truth(scene)).findings
+    assert not [each.kind for each in found if each.status == "fail"]
+
+
 def test_states_come_back_from_another_world_with_their_accelerations():
     scene = load_scene("double_pendulum").replace(duration=0.2, samples=5)
     world = World.drawn(scene, 1.0)

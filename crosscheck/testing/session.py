@@ -80,9 +80,13 @@ class Session:
             raise ArgumentError("crosscheck_check: a trajectory of crosscheck_run is wanted; for another one there is "
                                 "crosscheck.assert_agree")
         _, options = self._asked[id(traj)]
+
+        def again(*given: Any, **more: Any) -> Trajectory:
+            return traj if all(more.get(key) == options.get(key) for key in ("step", "rtol")) else self.run(
+                *given, **more)
+
         try:
-            assert_agree(traj.scene, [(traj.engine, traj.method, options)], tol, need=need, run=lambda *_, **__: traj,
-                         truth=self.truth)
+            assert_agree(traj.scene, [(traj.engine, traj.method, options)], tol, need=need, run=again, truth=self.truth)
         except AssertionError:
             judged = judge_alone(traj.scene.name, traj, traj.engine, **options) if tol is None else None
             if judged is None or needing(judged, need).outcome != "known":

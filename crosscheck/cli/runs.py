@@ -358,7 +358,7 @@ def explain(
 def _print_cause(answer: Any) -> None:
     """Print the verdict, the measured difference, the evidence, and what to change."""
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[answer.outcome]
-    say(f"{mark} {answer.sentence}")
+    say(f"{mark} {answer.sentence}" + (f" ({answer.code})" if answer.code else ""))
     say(f"difference from truth as steps vanish: {answer.deviation:.1e}, which is known to {answer.noise:.1e} (the "
         f"largest of |dx|/L, |dR|, |dv|/(L W) and |dw|/W in the first {answer.window:.3g} s, where L is the longest "
         "lever and W the fastest rate of the scene)")
@@ -375,6 +375,10 @@ def _print_cause(answer: Any) -> None:
         say(f"{'✓' if each.holds else '·'} {each.hypothesis}; {'; '.join(filter(None, told))}", indent=2)
     for cause in answer.causes:
         say(f"what to change: {cause.mend} ({cause.name})")
+    if answer.outcome == "fail":
+        print(f"reproduce: {shlex.join(['crosscheck', *sys.argv[1:]])}")
+    elif answer.ending:
+        say(answer.ending)
 
 
 @options.starting

@@ -139,7 +139,12 @@ def verify(
                   file=sys.stderr if as_json else sys.stdout, flush=True)
 
         with progress_bar("which runs there are") as progress:
-            results = job.verify(profile, scene, engine, jobs, progress, session, within, own, methods=method,
+            def going(done: int, total: int, label: str) -> None:
+                for file, name in models.items():
+                    label = label.replace(Path(file).name, Path(name).name)
+                progress(done, total, label)
+
+            results = job.verify(profile, scene, engine, jobs, going, session, within, own, methods=method,
                                  asked=asked, scheduler=scheduler, shown=fills, need=need, budget=budget,
                                  told=provisional)
         results = spoken(results)

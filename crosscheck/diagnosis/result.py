@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-from crosscheck.document.outcomes import EXIT_CODES, Outcome
+from crosscheck.document.outcomes import EXIT_CODES, Outcome, code
 
 
 @dataclasses.dataclass
@@ -79,10 +79,24 @@ class Explanation:
         return EXIT_CODES[self.outcome]
 
     @property
+    def code(self) -> str:
+        """That of the verdict; a limit that is the truth leaves what is wrong to the order."""
+        at_truth = self.deviation is not None and self.noise is not None and self.deviation <= self.noise
+        return code(self.outcome, "order" if at_truth else "limit")
+
+    @property
+    def ending(self) -> str:
+        """The one change that would mend what is open; "" where nothing is."""
+        if self.outcome != "unresolved":
+            return ""
+        return "what would mend it: " + (f"a start or a scene in which these differ: {', '.join(self.candidates)}" if (
+            self.candidates) else "another --step or start, at which another part of the difference is seen")
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the causes, sorted."""
         return tuple(sorted({cause.name for cause in self.causes}))
 
     def plain(self) -> dict[str, object]:
         """As values that JSON knows."""
-        return dataclasses.asdict(self) | {"exit_code": self.exit_code}
+        return dataclasses.asdict(self) | {"exit_code": self.exit_code, "code": self.code}

@@ -40,6 +40,8 @@ def headline(document: Document) -> str:
 
     The first page, summary.md and the summary of a nightly run begin with this sentence.
     """
+    if not document.records and document.meta.left:
+        return "no run has ended yet" + ("" if document.scenes else ": truth is being computed, which every run needs")
     if not document.records:
         return "Nothing was run"
     clauses = (_passing(document), _worse(document.changes), _not_judged(document.scenes), _ended(document.scenes))

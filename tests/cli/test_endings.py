@@ -1,11 +1,13 @@
 """How commands end, by mistakes of the user and of ours, and the lines while they work."""
 
+import contextlib
 import io
 import json
 import subprocess
 import sys
 import time
 from contextlib import redirect_stderr
+from pathlib import Path
 
 import pytest
 
@@ -132,3 +134,21 @@ def test_sentences_name_the_model_of_the_user_and_no_file_of_the_cache(tmp_path,
         record, = json.loads(texts["results.json"])["records"]
         assert record["scene"] == "my robots/arm.xml"
         assert record["command"].startswith("crosscheck run 'my robots/arm.xml' --drop --engine mujoco --method Euler ")
+
+
+def test_progress_names_the_file_of_the_user(tmp_path, monkeypatch):
+    """A model is read from its scene file in the cache folder."""
+    told = []
+
+    def job(profile, scenes, engines, jobs, progress, *_, **__):
+        progress(0, 2, f"truth of {Path(scenes[0]).name}")
+        raise errors.EngineError("enough")
+
+    monkeypatch.setattr("crosscheck.verification.job.verify", job)
+    monkeypatch.setattr("crosscheck.cli.verify.progress_bar", lambda _: contextlib.nullcontext(
+        lambda done, total, label: told.append(label)))
+    (tmp_path / "rod.xml").write_text(ARM, encoding="utf-8")
+    file, out = (str(tmp_path / name) for name in ("rod.xml", "out"))
+    done = crosscheck("verify", file, "--drop", "--engine", "lieeuler", "-o", out)
+    assert "enough" in done.stderr
+    assert told == ["truth of rod.xml"]

@@ -185,11 +185,11 @@ def test_the_command_prints_verdict_evidence_and_mend():
     asked = ["explain", "single_pendulum", "--engine", "pinocchio", "--method", "RK4naive"]
     page = CliRunner().invoke(app, asked)
     assert page.exit_code == 1
-    for words in ("group update", "order 2.0", "what to change", "hypotheses tried"):
+    for words in ("group update", "order 2.0", "what to change", "hypotheses tried", "(CC103)\n", "\nreproduce: "):
         assert words in page.output
     document = json.loads(CliRunner().invoke(app, [*asked, "--json"]).output)
     assert document["causes"][0]["name"] == "group update"
-    assert document["exit_code"] == 1
+    assert (document["exit_code"], document["code"]) == (1, "CC103")
 
 
 def test_the_command_explains_a_method_with_the_options_of_run():

@@ -52,6 +52,10 @@ def test_the_headline_claims_no_more_than_was_found(results):
     said = headline.headline(made(results.scenes[:1], [passing, known]))
     assert said == "1 run passes, 1 shows only known defects, none fails"
     assert headline.headline(made(results.scenes[:1], [])) == "Nothing was run"
+    going = made(results.scenes[:1], [])
+    going = replace(going, meta=replace(going.meta, left=3))
+    assert headline.headline(going) == "no run has ended yet"
+    assert headline.headline(replace(going, scenes=[])).startswith("no run has ended yet: truth is being computed")
     short = made(results.scenes[:1], [replace(passing, share=0.1)]).records[0]
     assert (short.word, passing.word) == ("unresolved, judged over 10 %", "pass")
 

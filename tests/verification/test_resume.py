@@ -125,7 +125,8 @@ def test_the_first_line_of_a_budget_is_provisional_and_a_kill_after_it_loses_not
     with subprocess.Popen(**command(out, *QUICK, "--budget", "0.001"), start_new_session=True) as process:
         first = process.stdout.readline()
         os.killpg(process.pid, signal.SIGKILL)
-    assert re.fullmatch(r"provisional: unresolved: Nothing was run; [1-9]\d* tasks left after \d+ s; "
+    assert re.fullmatch(r"provisional: unresolved: no run has ended yet: truth is being computed, which every run "
+                        r"needs; [1-9]\d* tasks left after \d+ s; "
                         r"\S+/out/index.html\n",
                         first)
     assert "Provisional." in (out / "index.html").read_text("utf-8")

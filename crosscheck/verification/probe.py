@@ -90,8 +90,10 @@ def answer_of(scene: Scene, states: States, steps: int) -> Answer:
         states.sensors) else {}
     for sensor in scene.sensors:
         if sensor.name in (states.sensors or {}) and not (scene.has_laws and SENSOR_TYPES[sensor.type].dynamic):
-            gap = np.nan_to_num(states.sensors[sensor.name] - derived[sensor.name])  # type: ignore[index]
-            own[f"sensor {sensor.name}"] = gap.reshape(len(gap), 1, -1)
+            given, true = states.sensors[sensor.name], derived[sensor.name]  # type: ignore[index]
+            if true.shape[1:] == (4,):  # a quaternion and its negative are the same attitude
+                given = given * np.where(np.einsum("tk,tk->t", given, true) < 0.0, -1.0, 1.0)[:, None]
+            own[f"sensor {sensor.name}"] = np.nan_to_num(given - true).reshape(len(true), 1, -1)
     return Answer(states, pulled, own, steps)
 
 

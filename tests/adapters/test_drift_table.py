@@ -8,10 +8,11 @@ import pytest
 
 import crosscheck
 from crosscheck.adapters.exudyn import solving
-from crosscheck.judge import tolerances
 
 LEVELS = ("position", "velocity", "acceleration")
 FACTOR = 3.0
+ROUNDING = (1e-12, 1e-11, 1e-9)
+"""Of solved constraints over 1e4 steps of a pendulum: 1 m, 10 m/s, 100 m/s^2 by a solve that loses two digits."""
 
 
 def _levels(engine: str, method: str, step: float, form: str | None = "maximal", **options: str) -> np.ndarray:
@@ -63,7 +64,7 @@ def test_ours_hold_all_three_levels_at_rounding(method: str) -> None:
     """No run above holds all levels: at least one level of each is millions of roundings off."""
     levels = _levels("lieeuler", method, 1e-3, form=None)
     print(f"lieeuler {method}:", levels)
-    assert (levels < [tolerances.HELD[level] for level in LEVELS]).all()
+    assert (levels < ROUNDING).all()
 
 
 def test_default_softness_is_off_by_millimetres_at_every_step_size() -> None:

@@ -213,7 +213,6 @@ def test_the_documented_adapter_works(tmp_path):
     path = tmp_path / "scipy_engine.py"
     path.write_text(text.partition("scipy_engine.py -->\n```python\n")[2].partition("```")[0], encoding="utf-8")
     brief = crosscheck.load_scene("double_pendulum").replace(duration=1.0, samples=11)
-    # Bounds from rtol and the scene's own growth of errors, see `crosscheck.judge.tolerances.adaptive`.
     crosscheck.assert_agree(brief, [(f"{path}:SciPy", "DOP853", {"rtol": 1e-8})])
     with pytest.raises(crosscheck.Unsupported, match="DOP853 is adaptive here"):
         crosscheck.run(brief, f"{path}:SciPy", "DOP853", step=1e-3)

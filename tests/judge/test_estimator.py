@@ -183,3 +183,32 @@ def test_what_jumps_at_the_last_output_is_left_out_there():
     for step in (0.0, period / 100):
         assert not segment.kept("acceleration", step)[-1]
         assert segment.kept("position", step).all()
+
+
+# --- the whole run against truth
+
+
+def drifting(more):
+    """An error of order 2 without one constant, since the run began; whole runs drift, too."""
+    def raw(engine, scene, found):
+        t, h = found.states.t[:, None], found.step
+        size = h**2 * (1.0 + 0.3 * np.sin(1e7 * h))
+        found.states.x[:, :, 0] += size * (1.0 - np.cos(17.0 * t))
+        found.states.v[:, :, 0] += size * 17.0 * np.sin(17.0 * t)
+        if scene.name != "elsewhere":
+            found.states.x[:, :, 1] += more * t**2 / 2
+            found.states.v[:, :, 1] += more * t
+        return found
+    return raw
+
+
+def test_a_run_that_drifts_within_what_its_restarts_leave_open_fails_in_the_whole():
+    found = verdict(Changed(raw=drifting(1e-5), order=2), scene="nesc_brick")
+    assert failing(found) == {"limit position"}
+    assert any("of whole runs" in each.detail for each in found.findings if each.status == "fail")
+
+
+def test_a_run_whose_error_falls_with_the_step_passes_though_it_is_not_what_its_restarts_do():
+    found = verdict(Changed(raw=drifting(0.0), order=2), scene="nesc_brick")
+    assert not failing(found)
+    assert found.share == 1.0

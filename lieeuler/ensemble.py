@@ -107,7 +107,7 @@ def integrate_ensemble(problem: Problem, method: Method | str, step: Any = None,
         Ctrl-C.
     """
     method, t_eval = chosen(method, step, t_eval, options)
-    t, spins = output_times(t_eval), method.spin_free if spin_free is None else spin_free
+    t, spins = output_times(t_eval), not problem.custom and (method.spin_free if spin_free is None else spin_free)
     run, _ = method.run(t, False)
     run.begin = float(t[0])
     if problem.laws:

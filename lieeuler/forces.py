@@ -5,13 +5,16 @@ With a damper the Hamiltonian methods are no longer symplectic, but keep their o
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import Frozen, body_index, normals, number, unit, vector
+from lieeuler.checks import Frozen, body_index, normals, number, real, unit, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.functions import TimeFunction, value
 from lieeuler.types import GROUND
@@ -99,7 +102,7 @@ class TorsionalSpring(Frozen):
     @property
     def pointer(self) -> np.ndarray:
         """(3,) the direction, in the child's frame, that lies on the first normal of parent_axis when theta is 0."""
-        pointer: np.ndarray = _shortest_rotation(self.child_axis, self.parent_axis).T @ normals(self.parent_axis)[0]
+        pointer: np.ndarray = shortest_rotation(self.child_axis, self.parent_axis).T @ normals(self.parent_axis)[0]
         return pointer
 
     def start_angle(self, R: np.ndarray) -> float:
@@ -222,6 +225,77 @@ class SlideForce(Frozen):
                                size.kernel, self.stiffness, self.rest_position, self.damping)
 
 
+_FUNCTION = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_int, *[ctypes.c_void_p] * 6)
+
+
+@dataclasses.dataclass(frozen=True)
+class CustomForce(Frozen):
+    """A force of one's own on all bodies, a function of time and state.
+
+    Every method but taylor takes it, without reductions and spin-free frames. Where a step needs its derivative, that
+    is by central differences. Its energy is not known, so that no error of the energy is given.
+
+    Parameters
+    ----------
+    function : callable (t, x, R, v, w) -> (n, 6), or int
+        Force (N, world axes) and torque about the centre of mass (N m, body axes) on each body, at a time (s), for the
+        arrays of a state in the conventions of `lieeuler.types`. Or the address of a compiled function
+        ``void f(double t, int n, const double* x, const double* R, const double* v, const double* w, double* out,
+        void* user)``, which writes out (n, 6), and which several threads may call.
+    user : int
+        The last argument of a compiled function.
+    """
+
+    function: Callable[..., Any] | int
+    user: int = 0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.function, bool) or not (callable(self.function) or (
+                isinstance(self.function, int) and self.function > 0)):
+            raise ArgumentError(f"function must be callable, or the address of a compiled function, not "
+                                f"{self.function!r}")
+        self._take(body_index, "user")
+
+    @functools.cached_property
+    def raised(self) -> list[BaseException]:
+        """What the function raised in a run."""
+        return []
+
+    @functools.cached_property
+    def _callback(self) -> Any:
+        def call(t: float, n: int, x: int, R: int, v: int, w: int, out: int, _: int) -> None:
+            to = np.ctypeslib.as_array((ctypes.c_double * (6 * n)).from_address(out))
+            try:
+                given = (np.ctypeslib.as_array((ctypes.c_double * (n * size)).from_address(at)).reshape(n, *shape)
+                         for at, size, shape in ((x, 3, (3,)), (R, 9, (3, 3)), (v, 3, (3,)), (w, 3, (3,))))
+                to[:] = self.value(t, *(each.copy() for each in given)).ravel()
+            except BaseException as error:  # it cannot pass through the kernel: the run ends at what is no number
+                self.raised.append(error)
+                to[:] = np.nan
+
+        return _FUNCTION(call)
+
+    def value(self, t: float, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """(n, 6) the forces and torques of a callable.
+
+        Raises
+        ------
+        ArgumentError
+            They have another shape, or are no numbers.
+        """
+        assert callable(self.function)
+        found = real(self.function(t, x, R, v, w))
+        if found is None or found.shape != (len(x), 6):
+            raise ArgumentError(f"the function of a CustomForce must return numbers of shape ({len(x)}, 6): force and "
+                                "torque on each body")
+        return found
+
+    def add_to(self, system: _kernel.System) -> None:
+        """Add this force to the compiled system, which must not outlive it."""
+        address = ctypes.cast(self._callback, ctypes.c_void_p).value if callable(self.function) else self.function
+        system.add_own_force(address or 0, self.user)
+
+
 Force = LinearSpring | TorsionalSpring | ConstantLoad | SlideForce
 
 
@@ -230,7 +304,7 @@ def start_angles(forces: Sequence[Force], R: np.ndarray) -> np.ndarray:
     return np.array([force.start_angle(R) if isinstance(force, TorsionalSpring) else 0.0 for force in forces])
 
 
-def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """The rotation by the smallest angle that takes the unit vector `start` to `end`."""
     cosine = start @ end
     if cosine < -1 + 1e-12:  # the cross product below would be rounding; half a turn about any normal is shortest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import logging
 import operator
 from typing import Any
@@ -11,14 +12,14 @@ import numpy as np
 
 from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, SMALLEST, real
-from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
+from lieeuler.errors import ArgumentError
 from lieeuler.laws import Law
-from lieeuler.methods import INDEX1_LE, Method, named
+from lieeuler.methods import Method, Taylor, named
 from lieeuler.pieces import Pieces
 from lieeuler.planar import Plane
-from lieeuler.problem import Problem
+from lieeuler.problem import Problem, raise_own
 from lieeuler.reduction import nodes, reductions, take_multipliers
-from lieeuler.solution import STATUSES, Solution, Stats, Status
+from lieeuler.solution import STATUSES, IntegrationError, Interrupted, Solution, Stats, Status
 from lieeuler.spin_free import spin_free_frames, symmetric_bodies
 from lieeuler.types import ArrayLike, State
 
@@ -91,12 +92,9 @@ def _by_pieces(run: PreparedRun, laws: tuple[Law, ...], events: bool | None) -> 
         sized = method if step is None else dataclasses.replace(method, **{"step": float(np.diff(times).max())})
         return PreparedRun(piece, sized, times, **options).unjudged()
 
-    def start(piece: Problem, times: np.ndarray) -> Solution:
-        return PreparedRun(piece, INDEX1_LE(float(times[1] - times[0])), times, reduce="off", monitor=False).unjudged()
-
     located = method.order != 1 if events is None else events
     problem = Problem.unchecked(run.problem, laws=laws)
-    return run.ended(run.closed(Pieces(problem, solve, start, run.t, step, located).integrate()))
+    return run.ended(run.closed(Pieces(problem, solve, run.t, step, located).integrate()))
 
 
 def prepare(problem: Problem, method: Method | str, step: Any = None, t_eval: ArrayLike | None = None, *,
@@ -165,6 +163,12 @@ class PreparedRun:
             raise ArgumentError("runs of problems with laws are not prepared; call integrate")
         self.problem, self.method, self.t = problem, method, output_times(t_eval)
         self.options: dict[str, Any] = {"spin_free": spin_free, "reduce": reduce, "monitor": monitor}
+        if problem.custom:
+            if isinstance(method, Taylor) or spin_free or reduce not in (None, "off"):
+                raise ArgumentError("a CustomForce has no series and no symmetry that is known: taylor, reductions and "
+                                    "spin-free frames do not go with it; take rkmk853, and leave out reduce and "
+                                    "spin_free")
+            spin_free, reduce = False, "off"
         self._run, self._step = method.run(self.t, monitor)
         self._run.begin = self._begin = float(self.t[0])
         if any(joint.drive for joint in problem.joints) and self._begin != problem.time:
@@ -224,6 +228,7 @@ class PreparedRun:
         of_vectors, of_R, of_lam, of_angles = self._shapes
         vectors, R, lam, angles = np.empty(of_vectors), np.empty(of_R), np.empty(of_lam), np.empty(of_angles)
         result = _kernel.integrate(self._kernel, self._run, *start, checks, vectors, R, lam, angles)
+        raise_own(self.problem)
         if result is None:
             return None
         status, count, reached, wall_time, counters, maxima, opened = result
@@ -239,10 +244,23 @@ class PreparedRun:
             stats.spin_free = self._frames.bodies
         for step in reversed(self._steps):
             angles = step.restore(solution, angles)
+        if self.problem.custom:
+            stats.maxima.pop("energy_error", None)
         if self._word != "off":
             take_multipliers(self.problem, solution, angles)
             stats.reduce = self._word
+        if self._step is None:
+            solution.again = functools.partial(self._between, start)
         return self.closed(solution, None if self._restored else opened)
+
+    def _between(self, start: State, times: np.ndarray) -> Solution:
+        """The run from a start of the kernel at other times."""
+        t = np.unique(np.concatenate([self.t[:1], times, self.t[-1:]]))
+        found = PreparedRun(self.problem, self.method, t, **self.options)._solved(start, False)
+        assert found is not None  # only a start that is checked may be refused
+        rows = np.searchsorted(t, times)
+        return dataclasses.replace(found, **{name: getattr(found, name)[rows] for name in (
+            "t", "x", "R", "v", "w", "a", "alpha", "lam")})
 
     def closed(self, solution: Solution, opened: tuple[bool, bool, bool] | None = None) -> Solution:
         """The solution, whose status says whether a level that the method holds is open, which may be known."""

@@ -16,14 +16,15 @@ from typing import Any
 
 import numpy as np
 
+from lieeuler import _kernel
 from lieeuler.checks import normals
-from lieeuler.errors import ArgumentError, IntegrationError
+from lieeuler.errors import ArgumentError
 from lieeuler.forces import Force, SlideForce, TorsionalSpring
 from lieeuler.functions import TimeFunction
 from lieeuler.joint_parts import Dot
 from lieeuler.laws import Law, Servo, Stops, measured
-from lieeuler.problem import Problem
-from lieeuler.solution import Solution, Stats, Status
+from lieeuler.problem import Problem, raise_own
+from lieeuler.solution import IntegrationError, Solution, Stats, Status
 from lieeuler.types import GROUND
 
 Solve = Callable[[Problem, np.ndarray], Solution]
@@ -33,6 +34,7 @@ Key = tuple[str, int, int]
 Surface = tuple[Key, np.ndarray, np.ndarray | None]
 """What stays at or above 0 within a piece, (T,), and its slope where that is known."""
 
+NO_STEPS = Stats(0, 0, 0, 0, 0, 0, 0, None, 0.0, {})
 FINE = 8
 """Points of an interval between output times at which surfaces are looked at, for methods that choose their steps; and
 of the time in which the fastest body turns by a radian as it does at the start."""
@@ -120,17 +122,16 @@ class Pieces:
     Parameters
     ----------
     problem : Problem
-    solve, start : Solve
-        The method, and any method whose first row has the accelerations of the index-1 system.
+    solve : Solve
+        The method.
     t : (T,) output times, s
     step : s, of methods with a fixed step; None for others
     located : whether crossings are solved for; otherwise they are taken at ends of steps (those of stops always are)
     """
 
-    def __init__(self, problem: Problem, solve: Solve, start: Solve, t: np.ndarray, step: float | None,
-                 located: bool) -> None:
+    def __init__(self, problem: Problem, solve: Solve, t: np.ndarray, step: float | None, located: bool) -> None:
         self.begun = time.perf_counter()
-        self.problem, self.solve, self.start, self.located = problem, solve, start, located
+        self.problem, self.solve, self.located = problem, solve, located
         self.laws, self.t = problem.laws, t
         self.events: list[tuple[float, int, str]] = []
         self.freed: dict[int, float] = {}  # by law, when it was let go last
@@ -284,9 +285,14 @@ class Pieces:
         return stretch
 
     def _index1(self, state: State, pushed: tuple[int, float] = (0, 0.0)) -> Stretch:
-        """Accelerations and holding forces of the present modes in one state: the first row of a short run."""
+        """Accelerations and holding forces of the present modes in one state."""
         problem, rows = self._piece(state, pushed)
-        return self._stretch(self.start(problem, np.array([state.t, state.t + SHORT])), state, rows)
+        t, angles = np.array([state.t]), np.zeros((1, problem.kernel.angles))
+        a, alpha, lam, *_, end = _kernel.index1(problem.kernel, t, state.x, state.R, state.v, state.w, angles)
+        raise_own(problem)
+        solution = Solution(t[:end], state.x[None], state.R[None], state.v[None], state.w[None], a, alpha, lam,
+                            Status.SUCCESS if end else Status.SINGULAR_MATRIX, NO_STEPS, "index1", state.t)
+        return self._stretch(solution, state, rows)
 
     # --- surfaces
 

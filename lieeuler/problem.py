@@ -12,7 +12,7 @@ import numpy as np
 from lieeuler import _kernel
 from lieeuler.checks import SMALLEST, Frozen, array, number, positive, vector
 from lieeuler.errors import ArgumentError
-from lieeuler.forces import Force
+from lieeuler.forces import CustomForce, Force
 from lieeuler.joints import Joint
 from lieeuler.laws import Law
 from lieeuler.solution import Status
@@ -78,6 +78,8 @@ class Problem(Frozen):
         That of the initial state, s. With drives `integrate` must start there.
     laws : sequence of Law, optional
         Servos, dry friction and stops, see `lieeuler.laws`.
+    custom : sequence of CustomForce, optional
+        Forces of one's own.
 
     Raises
     ------
@@ -96,9 +98,11 @@ class Problem(Frozen):
     forces: tuple[Force, ...] = ()
     time: float = 0.0
     laws: tuple[Law, ...] = ()
+    custom: tuple[CustomForce, ...] = ()
 
     def __post_init__(self) -> None:
-        for group, kind in (("bodies", Body), ("joints", Joint), ("forces", Force), ("laws", Law)):
+        for group, kind in (("bodies", Body), ("joints", Joint), ("forces", Force), ("laws", Law),
+                            ("custom", CustomForce)):
             try:
                 items = tuple(getattr(self, group))
             except TypeError:
@@ -122,6 +126,9 @@ class Problem(Frozen):
         for k, joint in enumerate(self.joints):
             if joint.mimic is not None and not 0 <= joint.mimic.joint < len(self.joints):
                 raise ArgumentError(f"joints[{k}]: there is no joint {joint.mimic.joint} to follow")
+        for force in self.custom:
+            if callable(force.function):
+                force.value(self.time, self.x, self.R, self.v, self.w)
         if self.joints:
             self.check_closed(self.time)
 
@@ -176,7 +183,7 @@ class Problem(Frozen):
         """A compiled system that can still be changed."""
         system = _kernel.System([body.mass for body in self.bodies], [body.inertia for body in self.bodies],
                                 self.gravity)
-        for item in (*self.joints, *self.forces):
+        for item in (*self.joints, *self.forces, *self.custom):
             item.add_to(system)
         # Multipliers of leaders and rotors come after those of all constraints.
         mimics = [joint.mimic for joint in self.joints if joint.mimic is not None]
@@ -210,11 +217,7 @@ def project(problem: Problem, state: Sequence[ArrayLike]) -> State:
     ArgumentError
         The state has other shapes or no rotations, or no closed state was found from there.
     """
-    if not isinstance(problem, Problem):
-        raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
-    if not isinstance(state, Sequence) or len(state) != 4:
-        raise ArgumentError(f"state must be four arrays, x, R, v and w, not {state!r}")
-    x, R, v, w = _state(problem.n, state)
+    x, R, v, w = _arrays(problem, state)
     closed = 0
     for _ in range(MOST_PASSES):  # each with a matrix from where it begins
         status, x, R, v, w = _kernel.project(problem.kernel, problem.time, problem.x, problem.R, x, R, v, w)
@@ -224,6 +227,77 @@ def project(problem: Problem, state: Sequence[ArrayLike]) -> State:
         if closed == 2:  # the first ends near the joints, the second to rounding
             return x, R, v, w
     raise ArgumentError(f"no closed joints are found from this state ({status}); give a closer one")
+
+
+@dataclasses.dataclass(frozen=True)
+class Accelerations:
+    """What the equations of motion give at one state, in the conventions of `lieeuler.types`.
+
+    Attributes
+    ----------
+    a, alpha : (n, 3)
+        m/s^2, world axes; rad/s^2, body axes.
+    lam : (m,)
+        Multipliers, those of least norm if rows are redundant.
+    force, torque : (joints, 3)
+        What each joint exerts on its child at the child's anchor, N and N m, world axes; its rotors included.
+    redundant_rows : int
+    """
+
+    a: np.ndarray
+    alpha: np.ndarray
+    lam: np.ndarray
+    force: np.ndarray
+    torque: np.ndarray
+    redundant_rows: int
+
+
+def accelerations(problem: Problem, state: Sequence[ArrayLike] | None = None) -> Accelerations:
+    """Accelerations, multipliers and reactions of the index-1 system, equation (4.3) of docs/theory.md.
+
+    Laws of joint coordinates do not act. Angles of springs lie in (-pi, pi], a rotation counts as none.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its `time` is that of drives and loads.
+    state : x, R, v, w, optional
+        (n, 3), (n, 3, 3), (n, 3), (n, 3); by default the problem's own. Nothing closes joints that are open there.
+
+    Raises
+    ------
+    ArgumentError
+        The state has other shapes or no rotations, or the constraints are dependent at a singular position.
+    """
+    x, R, v, w = _arrays(problem, (problem.x, problem.R, problem.v, problem.w) if state is None else state)
+    a, alpha, lam, exerted, redundant, end = _kernel.index1(
+        problem.kernel, np.array([problem.time]), x, R, v, w, np.zeros((1, problem.kernel.angles)))
+    raise_own(problem)
+    if end == 0:
+        raise ArgumentError(f"no accelerations at this state: {Status.SINGULAR_MATRIX.advice}")
+    force, torque = np.zeros((2, len(problem.joints), 3))
+    for k, joint in enumerate(problem.joints):
+        attitude = R[joint.child]
+        force[k] = exerted[0, k, :3]
+        torque[k] = attitude @ exerted[0, k, 3:] - np.cross(attitude @ joint.child_anchor, force[k])
+    return Accelerations(a[0], alpha[0], lam[0], force, torque, redundant)
+
+
+def raise_own(problem: Problem) -> None:
+    """Raise what a force of one's own raised."""
+    for force in problem.custom:
+        if force.raised:
+            error = force.raised[0]
+            force.raised.clear()
+            raise error
+
+
+def _arrays(problem: Problem, state: Sequence[ArrayLike]) -> State:
+    if not isinstance(problem, Problem):
+        raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
+    if not isinstance(state, Sequence) or len(state) != 4:
+        raise ArgumentError(f"state must be four arrays, x, R, v and w, not {state!r}")
+    return _state(problem.n, state)
 
 
 def _state(n: int, state: Sequence[ArrayLike]) -> State:

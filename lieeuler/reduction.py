@@ -71,8 +71,8 @@ def take_multipliers(problem: Problem, solution: Solution, angles: np.ndarray) -
     springs are unwrapped, rad.
     """
     x, R, v, w = (np.ascontiguousarray(array) for array in (solution.x, solution.R, solution.v, solution.w))
-    solution.lam, solution.stats.redundant_rows, end = _kernel.multipliers(problem.kernel, solution.t, x, R, v, w,
-                                                                           angles)
+    *_, solution.lam, _, solution.stats.redundant_rows, end = _kernel.index1(problem.kernel, solution.t, x, R, v, w,
+                                                                             angles)
     if end < len(solution.t):
         solution.status, solution.t_end = Status.SINGULAR_MATRIX, float(solution.t[end])
         for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam"):

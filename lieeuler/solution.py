@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+
+from lieeuler.errors import ArgumentError, LieEulerError
+from lieeuler.types import ArrayLike
 
 
 class Status(enum.StrEnum):
@@ -115,6 +120,29 @@ class Solution:
     method: str
     t_end: float
     events: tuple[tuple[float, int, str], ...] = ()
+    again: Callable[[np.ndarray], Solution] | None = dataclasses.field(default=None, repr=False, compare=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "again": None}
+
+    def at(self, times: ArrayLike) -> Solution:
+        """The solution at any times (K,) within the run, s: dense output of methods that choose their steps.
+
+        The steps are those of the run, whatever times are asked for; between their ends the values are those of the
+        method's continuous extension. They are computed anew, in the time of the run, for all these times at once.
+
+        Raises
+        ------
+        ArgumentError
+            A time lies outside of the run, or the run has fixed steps or laws, or is a copy from another process.
+        """
+        if self.again is None:
+            raise ArgumentError("states between samples are those of methods that choose their steps (rtol), of runs "
+                                "without laws in this process; otherwise give more output times")
+        t = np.atleast_1d(np.asarray(times, dtype=float))
+        if not (len(t) and t[0] >= self.t[0] and t[-1] <= self.t[-1] and (np.diff(t) > 0).all()):
+            raise ArgumentError(f"times must increase between {self.t[0]:g} and {self.t[-1]:g} s, not {times!r}")
+        return self.again(t)
 
     @property
     def success(self) -> bool:
@@ -134,3 +162,27 @@ class Solution:
         if stats.redundant_rows:
             words.append(f"{stats.redundant_rows} of {self.lam.shape[1]} constraint rows redundant")
         return ", ".join([*words, f"{stats.wall_time:.3g} s of computing"])
+
+
+class IntegrationError(LieEulerError, RuntimeError):
+    """An integration ended early. Carries `status`, `advice` and the trajectory so far in `solution`."""
+
+    def __init__(self, status: Status, advice: str, solution: Solution) -> None:
+        super().__init__(f"{status.value} at t = {solution.t_end:.6g} s: {advice}")
+        self.status, self.advice, self.solution = status, advice, solution
+
+    def __reduce__(self) -> tuple[type, tuple[Status, str, Solution]]:
+        """Copies and pickles are made from the arguments of `__init__`; `args` holds only the message."""
+        return type(self), (self.status, self.advice, self.solution)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during an integration; `solution` holds the trajectory so far."""
+
+    def __init__(self, solution: Solution) -> None:
+        super().__init__(f"interrupted at t = {solution.t_end:.6g} s")
+        self.solution = solution
+
+    def __reduce__(self) -> tuple[type, tuple[Solution]]:
+        """As for `IntegrationError`."""
+        return type(self), (self.solution,)

@@ -194,10 +194,14 @@ class HamiltonEquations {
     const Force& force = at.system.forces[k];
     if (force.damping == 0) return;
     const ForceState here(force, at.start.frames, at.xi, at.start.angles[k]);
+    const bool own = force.kind == Force::Kind::own;  // what couples a body with itself comes with the ground
     for (Side row : kSides)
       for (Side column : kSides) {
         const PairBlocks& blocks = at.force_blocks[4 * k + 2 * row + column];
-        if (blocks.ww) blocks.add(-impulse_time(), here.by_velocity(row, column), Mat3::Identity());
+        if (!blocks.ww || (own && row == column && force.parent != at.system.n())) continue;
+        const int to = row == kChild ? force.child : force.parent, from = column == kChild ? force.child : force.parent;
+        const Stiffness K = own ? own_.by_velocity(to, from) : here.by_velocity(row, column);
+        blocks.add(-impulse_time(), K, Mat3::Identity());
       }
   }
 
@@ -223,6 +227,7 @@ class HamiltonEquations {
       put_diagonal(at.bodies[b].v, at.system.bodies[b].mass);
       put(at.bodies[b].w, slopes_[b]);
     }
+    if (!at.system.own.empty()) own_.find(at.system, at.start.frames, at.xi, false);
     for (size_t k = 0; k < at.system.forces.size(); ++k) add_damper_blocks(k);
     for (int k = 0; k < at.nodes.parts(); ++k) {
       at.pad(k);
@@ -312,6 +317,7 @@ class HamiltonEquations {
   }
 
   const bool rattle_;
+  OwnSlopes own_;
   std::vector<Mat3> rotations_, slopes_, tangents_, velocity_slopes_;  // E, d(D* L)/dxi, T, dw/dxi
   // p is kept from step to step: M (M^-1 p) would make the same rounding error every time, a drift that grows with n.
   std::vector<Twist> momentum_, impulse_, change_;

@@ -473,6 +473,7 @@ class LagrangeEquations {
   bool fill_matrix() {
     at.lu.set_zero();
     for (int b = 0; b < at.system.n(); ++b) body_blocks(b);
+    if (!at.system.own.empty()) own_.find(at.system, at.state.frames, at.state.u, true);
     for (size_t k = 0; k < at.system.forces.size(); ++k) add_force_blocks(k);
     for (int k = 0; k < at.nodes.parts(); ++k) {
       at.pad(k);
@@ -527,10 +528,23 @@ class LagrangeEquations {
         const PairBlocks& by_position = springs_[4 * k + 2 * row + column];
         if (!by_position.ww) continue;  // the ground
         const Mat3& T = tangents_[column == kChild ? force.child : force.parent];
+        if (force.kind == Force::Kind::own) {
+          add_own_blocks(k, row, column, T);
+          continue;
+        }
         by_position.add(-force_time() * slope_time(), here.by_position(row, column), T);
         if (force.damping == 0) continue;
         at.force_blocks[4 * k + 2 * row + column].add(-force_time(), here.by_velocity(row, column), Mat3::Identity());
       }
+  }
+
+  // Those of the user's forces; what couples a body with itself comes with its pair with the ground.
+  void add_own_blocks(size_t k, Side row, Side column, const Mat3& T) {
+    const Force& force = at.system.forces[k];
+    if (row == column && force.parent != at.system.n()) return;
+    const int to = row == kChild ? force.child : force.parent, from = column == kChild ? force.child : force.parent;
+    springs_[4 * k + 2 * row + column].add(-force_time() * slope_time(), own_.by_position(to, from), T);
+    at.force_blocks[4 * k + 2 * row + column].add(-force_time(), own_.by_velocity(to, from), Mat3::Identity());
   }
 
   void constraint_blocks(int k, Side side) {
@@ -567,6 +581,7 @@ class LagrangeEquations {
   bool knows_left_out_ = true;                 // subtract_left_out() has all of it
   Increments increments_;                      // if kept, z holds u and xi minus their values at the start
   std::optional<StabilisedSolve> split_;
+  OwnSlopes own_;
   std::vector<Twist> turned_;  // T xi
   std::vector<Mat3> tangents_, stiffness_of_;
   std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu

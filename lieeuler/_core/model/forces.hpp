@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "model/joints.hpp"
+#include "model/own_force.hpp"
 
 namespace lieeuler {
 
@@ -199,6 +200,7 @@ inline void add_forces(const System& system, const Configuration& frames, const 
     const Force& force = system.forces[k];
     ForceState(force, frames, u, last_angles[k]).add_to(f[force.parent], f[force.child]);
   }
+  if (!system.own.empty()) add_own_forces(system, frames, u, f);
 }
 
 // Force and torque on every body without -w x J w: what the Hamiltonian methods use.

@@ -152,7 +152,13 @@ struct PlacedPart {
 
 // A spring-damper or a load. parent == number of bodies: the ground.
 struct Force {
-  enum class Kind { linear_spring, torsional_spring, load, slide_force };
+  enum class Kind {
+    linear_spring,
+    torsional_spring,
+    load,
+    slide_force,
+    own
+  };  // own: couples two bodies of an OwnForce
   Kind kind;
   int parent, child;
   // Linear spring, slide force, load: from the centres of mass.
@@ -167,12 +173,22 @@ struct Force {
   std::optional<TimeFunction> drive = {};
 };
 
+// A force of the user's own on all n bodies: writes force (world) and torque (body axes) of each, (n, 6), for their
+// x (n, 3), R (n, 3, 3) by rows, v (n, 3) and w (n, 3) at a time, s.
+struct OwnForce {
+  using Function = void (*)(double t, int n, const double* x, const double* R, const double* v, const double* w,
+                            double* out, void* user);
+  Function function;
+  void* user;
+};
+
 struct System {
   std::vector<Body> bodies;
   std::vector<Joint> joints;
   std::vector<Force> forces;
   Vec3 gravity;
   std::vector<Mimic> mimics = {};
+  std::vector<OwnForce> own = {};
   // Sizes, computed by `measure` from bodies, joints and forces.
   double length = 0;                                  // m
   double acceleration = 0, angular_acceleration = 0;  // by loads
@@ -362,11 +378,11 @@ struct Scales {
     return scales;
   }
   // From the present motion alone.
-  static Scales of_motion(const System& system, const State& state) {
+  static Scales of_motion(const System& system, const State& state) { return of_motion(system, state.frames, state.u); }
+  static Scales of_motion(const System& system, const Configuration& frames, const std::vector<Twist>& u) {
     Scales scales{system.length, 0};
-    for (int b = 0; b < system.n(); ++b)
-      scales.length = std::max(scales.length, state.frames[b].x.cwiseAbs().maxCoeff());
-    for (int b = 0; b < system.n(); ++b) scales.rate = std::max(scales.rate, scales.rate_of(state.u[b]));
+    for (int b = 0; b < system.n(); ++b) scales.length = std::max(scales.length, frames[b].x.cwiseAbs().maxCoeff());
+    for (int b = 0; b < system.n(); ++b) scales.rate = std::max(scales.rate, scales.rate_of(u[b]));
     return scales;
   }
   // The rate of a system that does not move yet, 1/s: that of a fall over `length`, or a small part of the springs'

@@ -92,7 +92,8 @@ NB_MODULE(_kernel, m) {
       .def("add_torsional_spring", &add_torsional_spring, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),
            nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none())
       .def("add_load", &add_load, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none())
-      .def("add_slide_force", &add_slide_force);
+      .def("add_slide_force", &add_slide_force)
+      .def("add_own_force", &add_own_force);
   nb::class_<Plan>(m, "Plan")
       .def(nb::init<System>())
       .def_rw("turns_about_pins", &Plan::turns_about_pins)

@@ -155,4 +155,17 @@ inline void add_load(System& system, int child, const Vec3& point, const Vec3& v
   add_force(system, force);
 }
 
+// A function of the user's own by its address; it may couple all bodies, and depend on their velocities.
+inline void add_own_force(System& system, std::uintptr_t address, std::uintptr_t user) {
+  require(address != 0, "a force needs the address of its function");
+  system.own.push_back({reinterpret_cast<OwnForce::Function>(address), reinterpret_cast<void*>(user)});
+  if (system.own.size() > 1) return;
+  for (int parent = 0; parent <= system.n(); ++parent)
+    for (int child = 0; child < (parent == system.n() ? system.n() : parent); ++child) {
+      Force pair{Force::Kind::own, parent, child};
+      pair.damping = 1;
+      system.forces.push_back(pair);
+    }
+}
+
 }  // namespace lieeuler

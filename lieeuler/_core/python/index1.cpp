@@ -71,7 +71,7 @@ void bind_index1(nb::module_& module) {
   module.def("constraints", &constraints);
   module.def("constraint_levels", &levels_of_states);
   module.def("open_levels", &open_levels_of);
-  module.def("multipliers", &multipliers);
+  module.def("index1", &index1);
   module.def("leave_plane", &leave_plane);
   module.def("forces", &forces);
   module.def("map_values", [](CoordinateMap map, const Vec3& xi, const Mat3& J, double h) {

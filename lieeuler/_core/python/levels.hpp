@@ -128,17 +128,20 @@ inline std::tuple<bool, bool, bool> open_levels_of(const Plan& plan, const Array
   return {open[0], open[1], open[2]};
 }
 
-// Multipliers (N, m) of the index-1 system at N states, with least norm if rows are redundant, the number of redundant
-// rows at the first state, and the first state without multipliers, else N. `angles` (N, forces) are those of torsional
-// springs, unwrapped.
-inline std::tuple<Made, int, size_t> multipliers(const Plan& plan, const Array& times, const Array& x, const Array& R,
-                                                 const Array& v, const Array& w, const Array& angles) {
+// The index-1 system at N states: accelerations a and alpha (N, n, 3), multipliers (N, m), of least norm if rows are
+// redundant, what each joint exerts on its child (N, joints, 6), force in the world and torque about the centre of mass
+// in body axes; the number of redundant rows at the first state, and the first state without a solution, else N.
+// `angles` (N, forces) are those of torsional springs, unwrapped.
+inline std::tuple<Made, Made, Made, Made, int, size_t> index1(const Plan& plan, const Array& times, const Array& x,
+                                                              const Array& R, const Array& v, const Array& w,
+                                                              const Array& angles) {
   const System& system = plan.system;
   const size_t n = system.n(), N = x.size() / (3 * n), m = system.rows(), springs = system.forces.size();
+  const size_t joints = system.joints.size();
   require(times.size() == N && angles.size() == N * springs, "every state needs a time and an angle a force");
-  std::vector<double> lam;
+  const double nothing = std::numeric_limits<double>::quiet_NaN();
+  std::vector<double> as(3 * N * n, nothing), alphas(as), lam(N * m, nothing), exerted(6 * N * joints, nothing);
   size_t unknown = N;
-  lam.reserve(N * m);
   const auto solve = [](Projection& by, State& state, bool first) {
     if (first && by.start(state) != Status::success) return false;
     if (by.accelerate(state) != Status::success) return false;
@@ -146,6 +149,8 @@ inline std::tuple<Made, int, size_t> multipliers(const Plan& plan, const Array& 
     return true;
   };
   Projection projection(plan);
+  Constraints rows(system);
+  std::vector<Twist> f(n + 1);
   for (size_t k = 0; k < N; ++k) {
     State state = make_state(system, x, R, v, w, k);
     state.frames.time = times.data()[k];
@@ -153,14 +158,28 @@ inline std::tuple<Made, int, size_t> multipliers(const Plan& plan, const Array& 
     if (!solve(projection, state, k == 0)) {
       Projection there(plan);  // at a singular position more rows depend on others: count them again
       if (!solve(there, state, true)) {
-        std::fill(state.lam.begin(), state.lam.end(), std::numeric_limits<double>::quiet_NaN());
         unknown = std::min(unknown, k);
+        continue;
       }
     }
-    lam.insert(lam.end(), state.lam.begin(),
-               state.lam.begin() + static_cast<long>(m));  // not those of rotors and leaders
+    for (size_t b = 0; b < n; ++b) put(as, 3 * (k * n + b), state.a[b].v), put(alphas, 3 * (k * n + b), state.a[b].w);
+    std::copy_n(state.lam.begin(), m, &lam[k * m]);  // not those of rotors and leaders
+    rows.update(state.frames);
+    for (size_t j = 0; j < joints; ++j) {
+      const int child = system.joints[j].child;
+      f[child] = {};
+      for (const PlacedPart& placed : plan.parts) {
+        if (placed.joint != static_cast<int>(j)) continue;
+        Vec3 own = Vec3::Zero();
+        std::copy_n(&state.lam[placed.part->row], placed.part->rows(), own.data());
+        rows.subtract_reaction(placed, own, f);
+      }
+      store(f[child], &exerted[6 * (k * joints + j)]);
+    }
   }
-  return {make_array(std::move(lam), {N, m}), projection.redundant_rows(), unknown};
+  return {make_array(std::move(as), {N, n, 3}), make_array(std::move(alphas), {N, n, 3}),
+          make_array(std::move(lam), {N, m}),   make_array(std::move(exerted), {N, joints, 6}),
+          projection.redundant_rows(),          unknown};
 }
 
 // A state projected onto Phi = 0 and G u = 0 at a time, with a matrix of its own and the number of redundant rows at

@@ -53,9 +53,10 @@ class StabilisedSolve {
         guessed_(plan.count()),
         excess_(plan.count(), Vec3::Zero()) {}
 
-  // Whether the sweeps converge by construction: without loops unless dependent rows are dropped.
+  // Whether the sweeps converge by construction: without loops unless dependent rows are dropped, and without forces of
+  // whose sizes nothing is known.
   static bool suits(const Plan& plan) {
-    return plan.plain() && plan.slips.empty() && (plan.forest || plan.independent);
+    return plan.system.own.empty() && plan.plain() && plan.slips.empty() && (plan.forest || plan.independent);
   }
 
   // Sets the rows at the guess with u and T there, and the multipliers' columns at q_n.

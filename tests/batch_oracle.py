@@ -1,7 +1,7 @@
 """The step of DAE2H_LE on ball joints, for many trial solutions at once: dense Newton and continuation on long chains.
 
-The same equation (4.4) as `tests.oracle.hamilton_step`, whose solutions solve it, as a test asserts. Like that one it
-shares nothing with the kernel; its exponential and its D* are closed forms over arrays (K, n, 3).
+The same equation (4.4) as `lieeuler.reference.hamilton_step`, whose solutions solve it, as a test asserts. Like that
+one it shares nothing with the kernel; its exponential and its D* are closed forms over arrays (K, n, 3).
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ def residual(system, q0, u0, h):
     """The function of trial solutions (K, 9 n): the xi of all bodies, then the lam of all joints."""
     n, G0, free = system.n, system.G(q0), system.M @ u0 + h * system.applied()
     mass, J = np.array(system.masses)[:, None], np.array(system.inertias)
-    parents, children, above, below = (np.array(each) for each in zip(*system.joints, strict=True))
+    parents, children, above, below = (np.array([getattr(joint, name) for joint in system.joints]) for name in (
+        "parent", "child", "parent_anchor", "child_anchor"))
     inner = parents >= 0
 
     def rows(z):

@@ -1,4 +1,4 @@
-"""Bodies with rotor inertia for the steps of tests/oracle.py, and the Hamiltonian ones with their momenta, dense.
+"""Bodies with rotor inertia for the steps of lieeuler.reference, and the Hamiltonian ones with their momenta, dense.
 
 Here the rate of a rotor is no row: M + s^T I s takes the place of M, and the methods that carry momenta carry those of
 the rotors beside the bodies'. G, gamma, s and ds/dt u are those of `crosscheck.scene`. Equations (17.1) of
@@ -13,7 +13,7 @@ from crosscheck.scene.armature import rotors
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.states import States
-from tests.oracle import MAPS, Bodies, newton
+from lieeuler.reference import MAPS, Bodies, newton
 
 
 class Geared(Bodies):
@@ -111,14 +111,14 @@ def projected(system, q, p, r):
     return u, system.M @ u, system.I * (system.s(q) @ u)
 
 
-def integrate(system, method, q, u, h, steps, coordinate_map="exp"):
+def integrate(system, method, q, u, h, steps, map="exp"):
     """(q, u) after `steps` steps of a Hamiltonian `lieeuler.Method` of order one, or of rattle2."""
     _, lam = system.index1(q, u)
     p, r, rattle = system.M @ u, system.I * system.rotor_rates(q, u), method.name == "rattle2"
     guess = np.r_[u, lam]
     for _ in range(steps):
         share = 0.5 if rattle else 1.0
-        q, p, r, lam, guess = hamilton_step(system, method.level, q, p, r, h, share, MAPS[coordinate_map], guess)
+        q, p, r, lam, guess = hamilton_step(system, method.level, q, p, r, h, share, MAPS[map], guess)
         if rattle:
             p = p + 0.5 * h * system.applied()
         u = np.linalg.solve(system.M, p)

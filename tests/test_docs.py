@@ -100,7 +100,7 @@ def test_what_is_missing_is_found(tmp_path):
     """A seeded document: missing things are named, existing ones are not."""
     (tmp_path / "there.md").write_text("# What `it` is\n", "utf-8")
     document = tmp_path / "wrong.md"
-    document.write_text("`tests/nowhere.py` `tests/oracle.py` `nowhere.hpp` `model/joints.hpp` [a](gone.md)\n"
+    document.write_text("`tests/nowhere.py` `tests/mutants.py` `nowhere.hpp` `model/joints.hpp` [a](gone.md)\n"
                         "`lieeuler.not_there` `lieeuler.integrate` `crosscheck.judge.not_there` [b](there.md)\n"
                         "[c](there.md#what-it-is) [d](there.md#what-it-was) [e](#nowhere)\n"
                         "`GoneStepper` `EulerStepper` `gone_hook(z)` `residual(z, r)` `reports/latest/index.html`\n"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import lieeuler
+from lieeuler import reference
 from tests.lieeuler.systems import SYSTEMS
-from tests.lieeuler.test_oracle import oracle_system
 
 PENDULUMS = ("single_pendulum", "double_pendulum")
 # Rounding level over 10 s as the project defines it: SI units, 1e3 to 1e5 steps, terms of size 1 to 100.
@@ -45,7 +45,7 @@ def test_index_3_acceleration_after_the_first_step(method):
     first, after = [], []
     for h in (1e-3, 1e-4):
         solution = lieeuler.integrate(problem, method, h, np.r_[0, np.arange(1, 6) * 2 * h])
-        system = oracle_system(problem)
+        system = reference.System(problem)
         residuals = []
         for k in range(1, len(solution.t)):
             q, u = (solution.x[k], solution.R[k]), np.hstack([solution.v[k], solution.w[k]]).ravel()

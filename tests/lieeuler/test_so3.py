@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lieeuler import COORDINATE_MAPS, _kernel
-from tests.oracle import hat
+from lieeuler.reference import hat
 
 ANGLES = np.r_[np.logspace(-12, np.log10(3.1), 60), 0.499, 0.5, 0.501]  # 0.5: where closed forms replace the series
 INERTIA = np.array([[0.3, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.4]])

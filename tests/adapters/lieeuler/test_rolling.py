@@ -15,8 +15,7 @@ import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene.constraints import Constraints
-from lieeuler import _kernel
-from tests import oracle
+from lieeuler import _kernel, reference
 from tests.adapters.lieeuler.against_truth import observed_orders
 from tests.lieeuler.accuracy import agrees_with_order
 from tests.lieeuler.test_oracle import assert_agrees
@@ -26,7 +25,7 @@ FIXED = [name for name, method in lieeuler.METHODS.items() if "step" in method.c
 ADAPTIVE = [name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls]
 
 
-class Rolling(oracle.Bodies):
+class Rolling(reference.Bodies):
     """A scene with rows of slip, by the rows of `crosscheck.scene`."""
 
     def __init__(self, scene):
@@ -43,8 +42,6 @@ class Rolling(oracle.Bodies):
     def gamma(self, q, u):
         u = u.reshape(1, -1, 6)
         return self.rows.gamma(q[0][None], q[1][None], u[..., :3], u[..., 3:])[0]
-
-    index1 = oracle.Chain.index1
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -63,19 +60,9 @@ def test_rows_are_those_of_the_scene(name):
 
 
 def by_oracle(scene, method, h, steps):
-    system, u = Rolling(scene), np.hstack([scene.v0, scene.w0]).ravel()
-    q = scene.x0, scene.R0
-    if method == "generalized_alpha":
-        *_, (q, u, *_) = oracle.integrate_alpha(system, 0.8, q, u, h, steps)
-    elif method == "rattle2":
-        guess = np.r_[u, system.index1(q, u)[1]]
-        for _ in range(steps):
-            q, u, guess = oracle.rattle_step(system, q, u, h, guess)
-    else:
-        record = lieeuler.METHODS[method]
-        gains = getattr(record, "alpha", 0.0), getattr(record, "beta", 0.0)
-        q, u, *_ = oracle.integrate(system, record, q, u, h, steps, "exp", gains)
-    return q, u
+    own = reference.steps(Rolling(scene), lieeuler.METHODS[method](step=h), (scene.x0, scene.R0),
+                          np.hstack([scene.v0, scene.w0]).ravel())
+    return next(itertools.islice(own, steps - 1, None))[:2]
 
 
 DENSE = [name for name, method in lieeuler.METHODS.items() if method.formulation != "index1" and method.order == 1]

@@ -263,15 +263,15 @@ class Solution:
             order = max(order, 2 * order - before[0]) if before else order
             above = any(differ([each[name] for each in rows[:3]], self.roundings(name, segment, h[:3]),
                                self.noise.get(name, 0.0)) for name in STATE)
-            seq.order = order if above else None
+            # An order that has shown stays: still finer steps come down to what the iteration leaves.
+            seq.order = max(order, -math.inf if seq.order is None else seq.order) if above else None
         made = self.limits_of("limit", k, h, rows, smooth, order)
         made += self.limits_of("promise", k, h, [{name: part[1:] for name, part in each.own.items()}
                                                  for each in answers], smooth, order)
-        if above and self.p is not None:
-            lack = max(0.0, self.p - order)
-            apart_by = ", ".join(f"{size:.6g}" for size in h[:3])
-            made.append(Check("order", "", k, lack, {"margin": MARGIN}, math.inf,
-                              f"observed {order:.3g} of {self.p} at steps {apart_by} s"))
+        if self.p is not None and seq.order is not None:
+            apart_by = ", ".join(f"{size:.6g}" for size in seq.steps)
+            made.append(Check("order", "", k, max(0.0, self.p - seq.order), {"margin": MARGIN}, math.inf,
+                              f"observed {seq.order:.3g} of {self.p} at steps {apart_by} s"))
         return made
 
     def limits_of(self, rule: Rule, k: int, h: Sequence[float], rows: Sequence[Rows], smooth: bool, order: float
@@ -331,7 +331,7 @@ class Solution:
             for _ in range(HALVINGS):
                 if not _mendable(made[k]) or not self.refine(*asked[k]):
                     break
-                made[k] = self.judge_segment(k, *asked[k])
+                made[k] = _refined(made[k], self.judge_segment(k, *asked[k]))
             if any(check.status == "fail" for check in made[k]):
                 break  # one is enough: the other segments stand as they were asked
         failed = {k for k in made if any(check.status == "fail" for check in made[k])}
@@ -609,6 +609,14 @@ def _mendable(checks: Sequence[Check]) -> bool:
     """Whether a finer step has to be tried: one fails, or is unresolved by what a step leaves."""
     return any(check.status == "fail" or (check.status == "unresolved" and check.uncertainty - check.parts.get(
         "extrapolation", 0.0) <= RESOLVED * check.size) for check in checks)
+
+
+def _refined(before: Sequence[Check], after: Sequence[Check]) -> list[Check]:
+    """The checks of finer answers; where these say less of a row than coarser ones did, those stand."""
+    old = {(check.rule, check.name): check for check in before}
+    return [old[check.rule, check.name] if check.status == "unresolved" and (check.rule, check.name) in old
+            and old[check.rule, check.name].status != "fail"
+            and old[check.rule, check.name].severity < check.severity else check for check in after]
 
 
 def _start(scene: Scene) -> States:

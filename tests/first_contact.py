@@ -192,6 +192,7 @@ def scene_file(random: Random) -> str:
     many = random.randint(1, 3)
     lines = [
         "schema = 3",
+        'name = "arm"',
         'description = "an arm"',
         f"duration = {random.choice((0.1, 0.5, 2.0))}",
         f"samples = {random.choice((2, 11, 101))}",
@@ -403,8 +404,7 @@ BEFORE = (
     f'raise SystemExit("{TROUBLED}")',
 )
 OTHERS = (
-    "",
-    "",
+    *[""] * 40,
     'orders = {"Go": 1}',
     'orders = {"Go": 0}',
     "orders = {}",
@@ -417,14 +417,14 @@ OTHERS = (
     'orders = {"Stop": 2}',
     'controls = {"Go": "rtol"}',
 )
-METHODS = (*['("Go",)'] * 9, '["Go", "Stop"]', "()", '"Go"', "(1, 2)", '("a b", "<i>")')
-REASONS = ("None", "None", "None", "None", "'not this one'", "''", "True", "scene.joints[9].name")
+METHODS = (*['("Go",)'] * 40, '["Go", "Stop"]', "()", '"Go"', "(1, 2)", '("a b", "<i>")')
+REASONS = (*["None"] * 40, "'not this one'", "''", "True", "scene.joints[9].name")
 
 
 def engine(random: Random, folder: Path) -> str:
     """A built-in engine, or a class of the user's own: bodies that fly on through their joints, or worse."""
     if random.random() < 0.5:
-        return random.choice(("lieeuler", "lieeuler", "mujoco", "pinocchio", "exudyn", "lieuler"))
+        return random.choice((*["lieeuler", "mujoco", "mujoco", "pinocchio", "exudyn"] * 4, "lieuler"))
     name = random.choice(("Own", "Own", "own_engine"))
     (folder / "own.py").write_text(
         f"""
@@ -433,7 +433,7 @@ from crosscheck.adapters.base import RawRun
 from crosscheck.scene.states import States
 
 class {name}:
-    name = {random.choice(('"own"', '"own"', '"mujoco"', '"my engine"', '""', "7"))}
+    name = {random.choice((*['"own"'] * 20, '"mujoco"', '"my engine"', '""', "7"))}
     methods = {random.choice(METHODS)}
     {random.choice(OTHERS)}
 
@@ -477,6 +477,7 @@ def method_of(random: Random, name: str) -> list[str]:
     words = maybe(random, (0.9, ("--method", random.choice(methods.get(name, ("Go",))))))
     return words + random.choice(
         (
+            *[["--step", "1e-2"]] * 6,
             ["--step", random.choice(("1e-3", "1e-2", ".1", "3", "1e-4"))],
             ["--rtol", random.choice(("1e-6", "1e-9", "1"))],
             [],
@@ -530,8 +531,8 @@ def run(random: Random, path: Path, folder: Path) -> list[str]:
         *maybe(
             random,
             (0.2, ("--duration", random.choice(("1e-6", ".1", "3")))),
-            (0.2, ("--samples", random.choice(("0", "1", "2", "11")))),
-            (0.2, ("--form", random.choice(("tree", "maximal", "pivot", "x")))),
+            (0.2, ("--samples", random.choice(("0", "1", *["2", "11", "33"] * 5)))),
+            (0.1, ("--form", random.choice(("tree", "maximal", "pivot", "x")))),
             (0.1, ("--csv", "-")),
             (0.1 if path.suffix != ".toml" else 0, ("--limits", "keep")),
             (0.1, ("--reduce", random.choice(("off", "planar", "joints")))),
@@ -545,7 +546,7 @@ def advise(random: Random, path: Path, folder: Path) -> list[str]:
         "--engine",
         engine(random, folder),
         "--error",
-        random.choice(("1e-3", "1e-6", "0", "-1", "1", "nan", "position=1e-4")),
+        random.choice((*["1e-3", "1e-6", "position=1e-4"] * 5, "0", "-1", "1", "nan")),
         *model_options(random, path),
         *maybe(random, (0.2, ("--json",))),
     ]

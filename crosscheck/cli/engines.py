@@ -124,10 +124,12 @@ def inspect(
         printed(native, say)
         if rows := native.laws:
             columns = (*(["file"] if native.said else []), *(each.engine for each in native.native))
-            print_table(console(200), [key("what differs"), *figures(*columns)], rows)
-            say("-: it has no such number; of joints, in N m, N, rad, m and their rates")
-        for name, command in native.absent.items():
-            say(f"{name}, which reads such files, is not installed; {command}")
+            print_table(console(200), [key("what differs"), *map(words, columns)], rows)
+            say("-: it has no such number, or was not asked; in N m, N, rad, m and their rates; sizes and centre of "
+                "shapes in m")
+        if native.absent:
+            print_table(console(200), [key("reads such files, not installed"), words("what installs it")],
+                        [list(each) for each in native.absent.items()])
         raise typer.Exit(0 if native.agree else 1)
     with waiting(f"every engine's model of {scene}"):
         result = examine(load_scene(scene), engine or None, form, states, seed)

@@ -49,7 +49,7 @@ _PLACES = frozenset({"name", "type", "parent", "child", "parent_anchor", "child_
 """Fields of a joint that are compared by themselves; any other is compared as it is."""
 
 
-JointData = dict[str, dict[str, tuple[float, ...]]]
+JointData = dict[str, dict[str, tuple[float | str, ...]]]
 """By joint and name, see `crosscheck.scene.models.joint_data`."""
 
 
@@ -124,12 +124,12 @@ def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -
 
 
 def _dropped(one: JointData, other: JointData, joints: dict[str, str]) -> list[Difference]:
-    """What differs in the data of matched joints; only a URDF has limits of velocities."""
+    """What differs in the data of matched joints; some formats have no limits of velocities, and no shapes."""
     pairs = [(name, joints.get(name, name)) for name in one]
     return [Difference(name, what, one[name].get(what, ()), other[match].get(what, ()))
             for name, match in pairs if match in other for what in dict.fromkeys((*one[name], *other[match]))
             if not _alike(one[name].get(what, ()), other[match].get(what, ()))
-            and (what != "velocity limits" or (what in one[name] and what in other[match]))]
+            and (what not in ("velocity limits", "collision shapes") or (what in one[name] and what in other[match]))]
 
 
 def _read(model: Scene | str | os.PathLike[str], files: bool) -> Scene:

@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters import built_in
-from crosscheck.adapters.common.native import LAWS, TOLERANCE, Hinge, JointStates, Link, Native
+from crosscheck.adapters.common.native import LAWS, TOLERANCE, Hinge, JointStates, Link, Native, solids
 from crosscheck.errors import CrosscheckError, SceneError, install
 from crosscheck.scene import assembly
 from crosscheck.scene.armature import rotors
@@ -22,9 +22,8 @@ from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import zero_attitude
 from crosscheck.scene.mechanics import index1, inverse_mass
 from crosscheck.scene.model import Scene, quaternion_from_rotation
-from crosscheck.scene.models import apart, import_model
+from crosscheck.scene.models import apart, collisions, compiling, import_model
 from crosscheck.scene.models import source as sources
-from crosscheck.scene.models.compiling import finite
 from crosscheck.scene.models.words import shortened, together
 
 DYNAMICS = ("mass matrix", "bias forces", "accelerations")
@@ -67,6 +66,7 @@ class NativeInspection:
     no_scene: str = ""
     said: Mapping[str, Mapping[str, float | str]] = dataclasses.field(default_factory=dict)  # by the file
     absent: Mapping[str, str] = dataclasses.field(default_factory=dict)  # readers not installed, and what installs each
+    outlined: Mapping[str, str] | None = None  # collision shapes by the file, see `solids`
 
     @property
     def laws(self) -> list[list[str]]:
@@ -85,6 +85,11 @@ class NativeInspection:
                     cells = ("-" if each is None else f"{each:.6g}" if isinstance(each, float) else str(each)
                              for each in values)
                     groups.setdefault((quantity, *cells), []).append(name)
+        shapes = [*([self.outlined] if self.said else []), *(native.shapes for native in self.native)]
+        for link in dict.fromkeys(name for column in shapes for name in column or ()):
+            told = ["-" if column is None else column.get(link, "none") for column in shapes]
+            if len(set(told) - {"-"}) > 1:
+                groups.setdefault(("collision shapes", *told), []).append(link)
         return [[f"{quantity} of {', '.join(names)}", *cells] for (quantity, *cells), names in groups.items()]
 
     @property
@@ -147,8 +152,37 @@ def _said(model: sources.Source) -> dict[str, dict[str, float | str]]:
             for quantity, (tag, key) in places.items():
                 for word in (each.get(key) for each in joint.findall(tag)):
                     if word is not None and not (joint.get("type") == "continuous" and key in ("lower", "upper")):
-                        mine[quantity] = word if quantity == "mimic" else finite(joint, word)
+                        mine[quantity] = word if quantity == "mimic" else compiling.finite(joint, word)
     return told
+
+
+def _outlined(model: sources.Source) -> dict[str, str] | None:
+    """The collision shapes of a URDF on its moving links, each with those that are fixed to it; None if one is none."""
+    try:
+        return _shapes(model)
+    except ValueError:  # the import says where
+        return None
+
+
+def _shapes(model: sources.Source) -> dict[str, str]:
+    on = {}
+    for joint in model.root.findall("joint") if model.is_urdf else ():
+        parent, child = joint.find("parent"), joint.find("child")
+        if joint.get("type") == "fixed" and parent is not None and child is not None:
+            on[child.get("link", "")] = parent.get("link", ""), compiling.pose(joint.find("origin"))
+    moving = {child.get("link") for joint in model.root.findall("joint") if joint.get("type") != "fixed"
+              for child in joint.findall("child")}
+    told = []
+    for shape in collisions.read(model, compiling.pose, compiling.finite)[0] if model.is_urdf else ():
+        link, place = shape.link, np.append(shape.position, 1.0)
+        for _ in range(len(on)):
+            if link in on:
+                link, X = on[link][0], on[link][1]
+                place = X @ place
+        sizes = shape.size if shape.kind == "sphere" else [shape.size[0], 2 * shape.size[1]] if (
+            shape.kind in ("cylinder", "capsule")) else [2 * each for each in shape.size]
+        told.append((link if link in moving else "ground", shape.kind, sizes, place[:3]))
+    return solids(told)
 
 
 def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, count: int = 3, seed: int = 0
@@ -221,7 +255,7 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
              for native in natives if native.engine.startswith("mujoco") and still > TOLERANCE * whole]
     absent = {} if engines is not None else {name: install(name) for name in _absent(ending)}
     return NativeInspection(source, scene, tuple(natives), tuple(told), refused, str(no_scene or ""), _said(model),
-                            absent)
+                            absent, _outlined(model))
 
 
 def _absent(ending: str) -> list[str]:

@@ -191,6 +191,16 @@ def test_what_a_scene_cannot_hold_is_compared_by_value(old, new, what, values, t
     assert values is None or found[what] == values
 
 
+@pytest.mark.parametrize(("shape", "same"), [("box size='.2 .1 .1'", True), ("box size='.2 .1 .3'", False),
+                                             ("sphere radius='.1'", False)])
+def test_collision_shapes_are_compared_by_value(shape, same, tmp_path):
+    form = "<collision><geometry><{}/></geometry></collision></link>"
+    one, other = (made(tmp_path, ARM_URDF.replace("</link>", form.format(each)), name)
+                  for each, name in (("box size='.2 .1 .1'", "a.urdf"), (shape, "b.urdf")))
+    report = crosscheck.diff(one, other)
+    assert {each.what for each in report.differences} == (set() if same else {"collision shapes"}), report.lines
+
+
 def test_limits_of_velocities_are_compared_between_urdfs(tmp_path):
     one, other = (made(tmp_path, ARM_URDF.replace("</joint>", f'<limit effort="9" velocity="{speed}"/></joint>'), name)
                   for speed, name in ((2.5, "a.urdf"), (3.5, "b.urdf")))

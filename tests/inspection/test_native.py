@@ -500,6 +500,21 @@ def test_what_each_engine_holds_of_a_joint_is_a_table_of_what_differs(tmp_path):
     assert found.said["shoulder"]["friction"] == 0.3
 
 
+@pytest.mark.parametrize(("shape", "lost"), [
+    ('<box size=".1 .2 .3"/>', False), ('<cylinder radius=".03" length=".2"/>', False),
+    ('<sphere radius=".05"/>', False), ('<capsule radius=".03" length=".2"/>', True)])
+def test_collision_shapes_of_each_engine_are_compared(shape, lost, tmp_path):
+    """Pinocchio leaves capsules out without a word."""
+    form = f'<collision><origin xyz=".14 0 0" rpy="0 1 0"/><geometry>{shape}</geometry></collision></link>'
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM_URDF.replace("</link>", form), encoding="utf-8")
+    found = crosscheck.inspect(path, ["mujoco", "pinocchio"])
+    assert len(found.outlined) >= 2
+    rows = [cells for name, *cells in found.laws if name.startswith("collision shapes of ")]
+    assert bool(rows) == lost
+    assert all("capsule 0.03, 0.2 at " in row[0] and row[1:] == [row[0], "none"] for row in rows)
+
+
 def test_what_is_not_installed_is_named_with_its_command(tmp_path, monkeypatch):
     path = tmp_path / "arm.sdf"
     path.write_text('<sdf version="1.9"><model name="a"/></sdf>', encoding="utf-8")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
@@ -60,6 +60,19 @@ class Native:
     solver: str = ""  # the engine's function for the accelerations
     refusal: str = ""  # the engine's error for the file itself, if it could be read only without its meshes
     tolerance: float = TOLERANCE  # relative, of a difference that counts
+    shapes: Mapping[str, str] | None = None  # by link, as `solids` has them; None: not asked
+
+
+def solids(shapes: Iterable[tuple[str, str, Iterable[float], np.ndarray]]) -> dict[str, str]:
+    """Collision shapes in words, by link, from (link, kind, sizes, centre in the axes of the link), all in m.
+
+    Of a mesh its kind alone: engines put its centre elsewhere.
+    """
+    told: dict[str, list[str]] = {}
+    for link, kind, sizes, centre in shapes:
+        size, place = (", ".join(f"{round(each, 9) + 0.0:.6g}" for each in part) for part in (sizes, centre))
+        told.setdefault(link, []).append(kind if kind == "mesh" else f"{kind} {size} at {place}")
+    return {link: "; ".join(sorted(words)) for link, words in told.items()}
 
 
 @dataclasses.dataclass(frozen=True)

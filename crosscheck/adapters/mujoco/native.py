@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
+from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native, solids
 from crosscheck.errors import EngineError, foreign
 from crosscheck.scene.model import rotation_from_quaternion
 from crosscheck.scene.models import neutral, source
@@ -54,6 +55,21 @@ def _laws(model: mujoco.MjModel, name: str) -> dict[str, float | str]:
             "effort": float(np.abs(model.jnt_actfrcrange[j]).max()) if model.jnt_actfrclimited[j] else np.inf}
 
 
+def _shapes(reading: neutral.Reading) -> dict[str, str]:
+    """The geometries that may collide, in the frame of the first body of each link."""
+    import mujoco
+
+    m, d, told = reading.model, reading.data, []
+    for g in np.flatnonzero((m.geom_contype != 0) | (m.geom_conaffinity != 0)).tolist():
+        group, kind = int(reading.groups[m.geom_bodyid[g]]), mujoco.mjtGeom(m.geom_type[g]).name
+        kind, size = kind.removeprefix("mjGEOM_").lower(), m.geom_size[g].tolist()
+        sizes = {"sphere": size[:1], "plane": [], "box": [2 * each for each in size]}.get(kind, size)
+        sizes = [size[0], 2 * size[1]] if kind in ("capsule", "cylinder") else sizes
+        link = reading.bodies[group].name if group in reading.bodies else "ground"
+        told.append((link, kind, sizes, d.xmat[group].reshape(3, 3).T @ (d.geom_xpos[g] - d.xpos[group])))
+    return solids(told)
+
+
 def load(path: str, states: JointStates) -> Native:
     """The file read by MuJoCo; limits, friction, contacts and controls are switched off for the accelerations."""
     import mujoco
@@ -83,7 +99,8 @@ def load(path: str, states: JointStates) -> Native:
             table["type"], table.get("damping", 0.0), table.get("armature", 0.0), table.get("stiffness", 0.0),
             table.get("rest_position", 0.0), follows.get(table["name"], ""), laws=_laws(model, table["name"]))
             for table in tables if "position" in table}
-        native = Native("mujoco", links, joints, gravity, solver="mj_forward", refusal=refusal)
+        native = Native("mujoco", links, joints, gravity, solver="mj_forward", refusal=refusal,
+                        shapes=_shapes(reading))
         order = tuple(name for name in states.names if name in joints)
         if len(order) != model.nv:
             return native
@@ -103,4 +120,4 @@ def load(path: str, states: JointStates) -> Native:
                 mujoco.mj_fullM(model, M, data.qM)
             values.append((M[np.ix_(v, v)], data.qfrc_bias[v].copy(), data.qacc[v].copy()))
     mass, bias, acceleration = (np.array(each) for each in zip(*values, strict=True))
-    return Native("mujoco", links, joints, gravity, order, mass, bias, acceleration, "mj_forward", refusal)
+    return dataclasses.replace(native, order=order, mass_matrix=mass, bias=bias, acceleration=acceleration)

@@ -2,12 +2,38 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
+from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native, solids
 from crosscheck.errors import EngineError
 from crosscheck.scene.models.second import explained
 from crosscheck.scene.models.second import links as first_links
+
+if TYPE_CHECKING:
+    import pinocchio
+
+
+def _shapes(path: str, model: pinocchio.Model, names: dict[int, str]) -> dict[str, str] | None:
+    """The collision shapes of a URDF, in the frames of joints; None where it cannot read one, such as a mesh."""
+    import pinocchio
+
+    if not path.endswith(".urdf"):
+        return None
+    try:
+        made = explained(lambda: pinocchio.buildGeomFromUrdf(model, path, pinocchio.COLLISION))
+    except ValueError:
+        return None
+    told = []
+    for solid in made.geometryObjects:
+        shape, kind = solid.geometry, type(solid.geometry).__name__.lower()
+        sizes = [2 * each for each in shape.halfSide] if kind == "box" else [shape.radius] if kind == "sphere" else (
+            [shape.radius, 2 * shape.halfLength] if kind in ("cylinder", "capsule") else [])
+        told.append((names.get(solid.parentJoint, "ground"), kind if sizes else "mesh", sizes,
+                     solid.placement.translation))
+    return solids(told)
 
 
 def load(path: str, states: JointStates) -> Native:
@@ -45,7 +71,8 @@ def load(path: str, states: JointStates) -> Native:
                 float(model.lowerPositionLimit[at_q]), float(model.upperPositionLimit[at_q])),
             laws={"friction": float(model.upperDryFrictionLimit[v]), "effort": float(model.upperEffortLimit[v]),
                   "velocity limit": float(model.upperVelocityLimit[v])})
-    native = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba")
+    native = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba",
+                    shapes=_shapes(path, model, names))
     order = tuple(name for name in states.names if name in joints)
     if len(order) != model.nv:
         return native
@@ -66,4 +93,4 @@ def load(path: str, states: JointStates) -> Native:
         acceleration = pinocchio.aba(model, data, q, rates, np.zeros(model.nv)).copy()
         values.append((M[np.ix_(places, places)], bias[places], acceleration[places]))
     mass, biases, accelerations = (np.array(each) for each in zip(*values, strict=True))
-    return Native("pinocchio", links, joints, model.gravity.linear.copy(), order, mass, biases, accelerations, "aba")
+    return dataclasses.replace(native, order=order, mass_matrix=mass, bias=biases, acceleration=accelerations)

@@ -129,13 +129,14 @@ def _read(task: tuple[str, str, dict[str, Any]]) -> dict[str, Any]:
     return checking.watchable(content, scene_from(content, path))
 
 
-def joint_data(path: str | os.PathLike[str]) -> dict[str, dict[str, tuple[float, ...]]]:
+def joint_data(path: str | os.PathLike[str]) -> dict[str, dict[str, tuple[float | str, ...]]]:
     """What the joints of a model have and `Scene.left_out` does not list, by joint and name, in SI: limits of effort
-    and velocity, and the gear, gain and bias of actuators. Errors as `import_model`."""
+    and velocity, the gear, gain and bias of actuators, and kind and half sizes of the shapes that may collide of what
+    the joint carries. Errors as `import_model`."""
     return apart(_joint_data, (os.getcwd(), os.fsdecode(path)), os.fsdecode(path))
 
 
-def _joint_data(task: tuple[str, str]) -> dict[str, dict[str, tuple[float, ...]]]:
+def _joint_data(task: tuple[str, str]) -> dict[str, dict[str, tuple[float | str, ...]]]:
     """`joint_data` of (working folder, path)."""
     from crosscheck.scene.models import reading, source
 

@@ -162,7 +162,7 @@ def _prepare_urdf(model: Source, base: str, balance: bool) -> tuple[list[collisi
     Moving links get their masses, and the options that MuJoCo has are taken.
     """
     try:
-        shapes, unwatched = collisions.read(model, _pose, finite)
+        shapes, unwatched = collisions.read(model, pose, finite)
     except ValueError as error:
         raise SceneError(f"{model.path}: {error}; correct it there") from None
     for link in model.root.iter("link"):
@@ -293,7 +293,7 @@ def _merge(root: Element, drop_root: bool, balance: bool) -> list[str]:
         carried[name] = carried[name] + (0.0 if own is None else own)
         if joint is None or parent not in inertials:
             continue
-        X = _pose(joint.find("origin"))
+        X = pose(joint.find("origin"))
         if joint.get("type") != "fixed" and name not in moving and _idle(joint, carried[name]):
             joint.set("type", "fixed")
             noted.append(f"joint {joint.get('name')!r}, which moves no mass: it is fixed")
@@ -366,7 +366,7 @@ def finite(element: Element, word: str) -> float:
     return value
 
 
-def _pose(origin: Element | None) -> np.ndarray:
+def pose(origin: Element | None) -> np.ndarray:
     """(4, 4) homogeneous matrix of an origin."""
     from scipy.spatial.transform import Rotation
 
@@ -385,7 +385,7 @@ def _read(link: Element) -> np.ndarray | None:
     mass, values = inertial.find("mass"), inertial.find("inertia")
     if mass is None:
         return None  # as urdfdom has it
-    X, P = _pose(inertial.find("origin")), np.zeros((4, 4))
+    X, P = pose(inertial.find("origin")), np.zeros((4, 4))
     if values is not None:
         J = np.array([[finite(values, values.get(f"i{min(a, b)}{max(a, b)}", "0")) for b in "xyz"] for a in "xyz"])
         P[:3, :3] = np.trace(J) / 2 * np.eye(3) - J

@@ -186,12 +186,12 @@ def _compiled(model: Source, base: str, balance: bool) -> tuple[Any, list[str], 
         return m, gone, noted if model.is_urdf else [f"inertias replaced by their mean, {words}"]
 
 
-def joint_data(model: Source) -> dict[str, dict[str, tuple[float, ...]]]:
+def joint_data(model: Source) -> dict[str, dict[str, tuple[float | str, ...]]]:
     """See `crosscheck.scene.models.joint_data`. A range that nothing reaches is none."""
     import mujoco
 
     m, _, _ = _compiled(model, "fixed", balance=True)
-    found: dict[str, dict[str, tuple[float, ...]]] = {}
+    found: dict[str, dict[str, tuple[float | str, ...]]] = {}
     for j in range(m.njnt):
         given = found.setdefault(neutral.label(m, j), {})
         if m.jnt_actfrclimited[j] and np.abs(m.jnt_actfrcrange[j]).min() < laws.UNREACHABLE:
@@ -205,12 +205,28 @@ def joint_data(model: Source) -> dict[str, dict[str, tuple[float, ...]]]:
                 raise SceneError(f"{model.path}: {error}; correct it there") from None
             if abs(speed) < laws.UNREACHABLE:
                 found[joint.get("name", "")]["velocity limits"] = (speed,)
+    for j in range(m.njnt):
+        on = m.body_weldid[m.geom_bodyid] == m.body_weldid[m.jnt_bodyid[j]]
+        shapes = sorted((mujoco.mjtGeom(m.geom_type[g]).name.removeprefix("mjGEOM_").lower(), *_sizes(m, g))
+                        for g in np.flatnonzero(on & ((m.geom_contype != 0) | (m.geom_conaffinity != 0))).tolist())
+        if shapes:
+            found[neutral.label(m, j)]["collision shapes"] = tuple(part for shape in shapes for part in shape)
     on_joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     for a in np.flatnonzero(np.isin(m.actuator_trntype, on_joints)):
         given = found[neutral.label(m, int(m.actuator_trnid[a, 0]))]
         what = "gear, gain and bias of actuators"
         given[what] = (*given.get(what, ()), *laws.drive(m, int(a)))
     return found
+
+
+def _sizes(m: Any, g: int) -> list[float]:
+    """Half sizes of a geometry, m, whatever its axes are called; none of a mesh, whose file has them."""
+    import mujoco
+
+    kind, sizes = mujoco.mjtGeom(m.geom_type[g]), m.geom_size[g].tolist()
+    if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID):
+        return sorted(sizes)
+    return [] if kind == mujoco.mjtGeom.mjGEOM_MESH else sizes
 
 
 def _urdf_limits(model: Source) -> list[LeftOut]:

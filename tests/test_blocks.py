@@ -266,3 +266,18 @@ def test_a_wrong_command_is_found(wrong, tmp_path, monkeypatch):
     block = Block("docs/wrong.md", 1, "sh", wrong + "\n", "")
     with pytest.raises((Exception, SystemExit)):
         test_a_command_is_understood(block, wrong, tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize(("file", "wrong"), [
+    ("cg3.py", ("24 / 17", "24 / 19")), ("variational.py", ("composition=MCLACHLAN_4", "composition=(0.5, 0.5)"))])
+def test_methods_of_ones_own_pass_and_fail_with_a_wrong_digit(file, wrong, tmp_path, monkeypatch):
+    """The page says that they pass: exit code 0; and that a misread weight is found."""
+    (block,) = (block for block in BLOCKS if block.document == "docs/own-method.md" and block.told("as") == file)
+    (command,) = (line for block in BLOCKS if block.document == "docs/own-method.md" for line in block.commands
+                  if file in line)
+    monkeypatch.chdir(tmp_path)
+    assert block.text.count(wrong[0]) == 1
+    for text, code in ((block.text, 0), (block.text.replace(*wrong), 1)):
+        (tmp_path / file).write_text(text, "utf-8")
+        done = CliRunner().invoke(app, [*words_of(command)[1:], "--jobs", "1", "--out", f"out{code}"])
+        assert done.exit_code == code, done.output

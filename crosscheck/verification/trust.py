@@ -70,6 +70,8 @@ def sentence(scene: SceneTruth, records: Sequence[Record]) -> str:
         return f"No recommendation: the truth of this scene failed ({scene.failure})."
     if scene.no_truth:
         return f"No recommendation, the scene has no truth: {scene.no_truth}." + _not_trusted(records)
+    if not records:
+        return "No recommendation: no run of this scene has ended."
     best = recommend(scene, records)
     if best is None:
         return "No recommendation: no run of this scene passed every check." + _not_trusted(records)

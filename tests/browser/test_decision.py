@@ -33,7 +33,11 @@ def test_the_decision_answers_and_the_address_keeps_it(watched, document):
     assert "7.0e-7 of its size" in said
     assert row.command in said
     assert page.locator("#decide-table tr.mine th").inner_text() == "mujoco"
-    assert page.locator("#decide-table tbody tr").count() == 3
+    rows = page.locator("#decide-table tbody th")
+    assert rows.all_inner_texts() == ["mujoco", "pinocchio"]  # ours only where it is asked for, or no other reaches it
+    page.select_option("#decide-engine", "lieeuler")
+    assert sorted(rows.all_inner_texts()) == ["lieeuler", "mujoco", "pinocchio"]
+    page.select_option("#decide-engine", "mujoco")
     address = page.url
     page.goto("about:blank")
     page.goto(address)

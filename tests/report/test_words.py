@@ -20,6 +20,7 @@ def test_recommendation_names_the_fastest_passing_run(results):
                                    seconds_deviation=deviation)
 
     fast, slow = run("fake Fast", 1e-3), run("fake Slow", 2e-3)
+    assert trust.sentence(results.scenes[0], []) == "No recommendation: no run of this scene has ended."
     said = trust.sentence(results.scenes[0], [slow, fast, results.records[1]])
     assert said.startswith("Trust fake Fast:")
     assert "Not to be trusted here: fake Broken" in said

@@ -47,7 +47,9 @@
         command(mine.command));
     }
     answer.replaceChildren(...parts);
-    body.replaceChildren(...found.sort((one, other) => (one.cost ?? Infinity) - (other.cost ?? Infinity)).map((row) => {
+    const reached = found.some((row) => !ours(row.engine) && row.method !== null);
+    const shown = found.filter((row) => !reached || !ours(row.engine) || row.engine === engine.value);
+    body.replaceChildren(...shown.sort((one, other) => (one.cost ?? Infinity) - (other.cost ?? Infinity)).map((row) => {
       const line = document.createElement("tr");
       if (row.engine === engine.value) line.className = "mine";
       const head = node("th", row.engine);

@@ -232,10 +232,11 @@ window.Figures = (function () {
       const error = run.errors.position?.max ?? Infinity;
       if (!best[run.engine] || error < (best[run.engine].errors.position?.max ?? Infinity)) best[run.engine] = run;
     });
+    const euler = runs.some((run) => run.euler);
     const orders = [...new Set(runs.filter((run) => run.documented_order).map((run) => run.documented_order))];
     return [
       ["best of each engine", (run) => best[run.engine] === run],
-      ["eight Euler methods, best of each engine", (run) => (run.euler || best[run.engine] === run)],
+      ["eight Euler methods, best of each engine", (run) => euler && (run.euler || best[run.engine] === run)],
       ["eight Euler methods", (run) => run.euler],
       ["established engines", (run) => run.engine !== "lieeuler"],
       ...orders.sort((one, other) => one - other).map((order) => [

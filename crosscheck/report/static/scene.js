@@ -42,13 +42,17 @@
   }
   const t = truth.t;
   const drawable = runs.filter((run) => curves[run.label]);
+  if (!drawable.length) {  // one sentence says so
+    document.querySelectorAll("figure:has([data-figure])").forEach((figure) => { figure.style.display = "none"; });
+  }
   const own = (run, read) => unpack(read(curves[run.label]), read(truth));
   const exact = (read) => (hasTruth ? unpack(read(truth)) : null);
 
   const runSelect = select("run"), groupSelect = select("group"), bodySelect = select("body"), jointSelect = select("joint");
   const quantitySelect = select("quantity");
   drawable.forEach((run, index) => runSelect.add(new Option(run.label, index)));
-  const preferred = drawable.findIndex((run) => run.label.startsWith("lieeuler DAE1L_LSE"));
+  const theirs = drawable.findIndex((run) => run.engine !== "lieeuler");  // the reader came with another engine
+  const preferred = theirs >= 0 ? theirs : drawable.findIndex((run) => run.label.startsWith("lieeuler DAE1L_LSE"));
   if (preferred >= 0) runSelect.value = preferred;
   const groups = Figures.groups(runs);
   groups.forEach(([title], index) => groupSelect.add(new Option(title, index)));

@@ -12,6 +12,9 @@ from crosscheck.scene.states import Motion, States
 STATE = ("position", "attitude", "velocity", "angular velocity")
 """The quantities of a state."""
 
+ROUNDED = 1e-9
+"""Share within which two times, or two states, are one: sums of a million steps round to 1e-10 of it."""
+
 Rows = Mapping[str, np.ndarray]
 """By quantity (T, n, k): the vectors that differ, for T times and n bodies."""
 
@@ -22,7 +25,7 @@ def turn(R: np.ndarray, S: np.ndarray) -> np.ndarray:
     twice = np.stack([D[..., 2, 1] - D[..., 1, 2], D[..., 0, 2] - D[..., 2, 0], D[..., 1, 0] - D[..., 0, 1]], -1)
     sine = np.linalg.norm(twice, axis=-1)
     angle = np.arctan2(sine, np.trace(D, axis1=-2, axis2=-1) - 1.0)
-    lost = (sine < 1e-8) & (angle > 1.0)  # at half a turn the sine has no direction: any will do
+    lost = (sine < np.sqrt(np.finfo(float).eps)) & (angle > 1.0)  # at half a turn any direction will do
     direction = np.where(lost[..., None], [1.0, 0.0, 0.0], twice / np.where(sine > 0.0, sine, 1.0)[..., None])
     return np.asarray(direction * angle[..., None])
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from math import gcd
 
+FEWEST = 6
+"""Fewest steps between two outputs with two coarser numbers, near a half and a quarter, without a common divisor."""
+
 
 def counts(n: int, multiple: int = 1, finer: bool = False) -> tuple[int, int, int]:
     """Three numbers of steps in one interval between outputs, the most first, from the `n` of a run.
@@ -13,10 +16,10 @@ def counts(n: int, multiple: int = 1, finer: bool = False) -> tuple[int, int, in
     `multiple`: what all have to be multiples of, as a sampled servo wants; they are nested then.
     """
     base = max(1, n // multiple)
-    if base < 6 or finer:
-        return multiple * (4 * base + 1), multiple * (2 * base + 1), multiple * base
+    if base < FEWEST or finer:
+        return multiple * (2 * 2 * base + 1), multiple * (2 * base + 1), multiple * base
     half = _coprime(base / 2, base - 1, (base,))
-    return multiple * base, multiple * half, multiple * _coprime(base / 4, half - 1, (base, half))
+    return multiple * base, multiple * half, multiple * _coprime(base / 2 / 2, half - 1, (base, half))
 
 
 def finer(n: int, multiple: int = 1) -> int:

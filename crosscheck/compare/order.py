@@ -24,6 +24,11 @@ MARGIN = 0.5
 """An observed order counts as the whole number that it is nearest to (Roache)."""
 
 
+ORDERS = (-4.0, 14.0, 720)
+"""From where to where an observed order is sought, and at how many places, zero not among them: that of Gragg's code of
+order 12 and a divergent one are within."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Limit:
     """Where a sequence of answers goes, less truth; its uncertainty is the sum of `parts`."""
@@ -59,7 +64,7 @@ def observed_order(h: Sequence[float], answers: Sequence[np.ndarray]) -> float:
         return -math.inf
     if near == 0.0:
         return math.inf
-    powers = np.linspace(-4.0, 14.0, 720)  # without zero, where both sides are 0
+    powers = np.linspace(*ORDERS)  # without zero, where both sides are 0
     ratio = (h[2] ** powers - h[1] ** powers) / (h[1] ** powers - h[0] ** powers)
     return float(np.interp(far / near, ratio, powers))
 
@@ -101,7 +106,7 @@ def limit(h: Sequence[float], answers: Sequence[np.ndarray], order: int, roundin
     steps = np.array(h)
     three = cancelling(steps[:3], order)
     T3, T2 = _sum(three, finest), _sum(cancelling(steps[:2], order), answers)
-    before = [_sum(cancelling(steps[1:4], order), answers[1:4])] if len(h) > 3 else []
+    before = [_sum(cancelling(steps[1:4], order), answers[1:4])] if len(h[3:]) else []
     return Limit(T3, {"extrapolation": SAFETY * max(largest(T3 - each) for each in (T2, *before)),
                       "rounding": floor_of(rounding[:3], 0.0, three),
                       "noise": float(np.abs(three).sum()) * SAFETY * noise}, "order")

@@ -13,6 +13,10 @@ AT_REST = 1e-20
 speeds is 5e-28; what a start given with ten digits leaves is 1e-20."""
 
 
+SHORTEST = 0.1
+"""Lever (m) of a fall where no body hangs on a joint, or a shorter one: a tool or a toy in a hand."""
+
+
 def length_of(scene: Scene) -> float:
     """The longest lever from a centre of mass to a joint, m; of a free body its radius of gyration."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
@@ -24,7 +28,7 @@ def length_of(scene: Scene) -> float:
 def natural_time(scene: Scene) -> float:
     """Time (s) in which the scene falls or turns by about a radian, at most its duration."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
-    fall = float(np.sqrt(np.linalg.norm(scene.gravity) / max([*levers, 0.1])))
+    fall = float(np.sqrt(np.linalg.norm(scene.gravity) / max([*levers, SHORTEST])))
     return 1.0 / max(fall, float(np.linalg.norm(scene.w0, axis=-1).max()), 1.0 / scene.duration)
 
 
@@ -45,7 +49,7 @@ def sizes(scene: Scene, motion: States) -> dict[str, float]:
     speed = max(most(motion.v), length * rate)
     found = {"position": length_moved, "attitude": 1.0, "velocity": speed, "angular velocity": rate,
              "orthogonality": 1.0, "energy": max(float(np.nanmax(mechanics.kinetic_energy(scene, motion), initial=0.0)),
-                                                 0.5 * scene.masses.min() * speed**2)}
+                                                 scene.masses.min() * speed**2 / 2)}
     pull = max(gravity, length * rate**2, 0.0 if motion.a is None else most(motion.a))
     turned = max(rate**2, 0.0 if motion.alpha is None else most(motion.alpha))
     weight = float(scene.masses.sum()) * pull

@@ -67,7 +67,8 @@ class Check:
     def severity(self) -> tuple[int, float]:
         """What sorts the worst last."""
         rank = ("ok", "unresolved", "fail").index(self.status)
-        return rank, self.uncertainty / self.size if rank == 1 else self.value / max(self.uncertainty, 1e-300)
+        least = float(np.finfo(float).tiny)
+        return rank, self.uncertainty / self.size if rank == 1 else self.value / max(self.uncertainty, least)
 
 
 def limit_check(rule: Rule, name: str, segment: int, found: Limit, more: Mapping[str, float], size: float,

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from crosscheck.compare.apart import STATE, apart
+from crosscheck.compare.apart import ROUNDED, STATE, apart
 from crosscheck.judge.crossings import Crossed
 from crosscheck.judge.system_flow import Flowed, SystemFlow
 from crosscheck.judge.world import begun
@@ -26,6 +26,9 @@ SEGMENTS = 8
 """Fewest segments of a run: building models costs little then, and a small error grows little in each."""
 EVENTFUL = 2
 """At most so many times the segments for events, several of which may share one."""
+
+QUARTER = 0.25
+"""Share of a segment by which a cut may lie off, so that none is where an engine expects it."""
 
 Pulled = tuple[np.ndarray, np.ndarray]
 """Forces and torques on bodies, as of `reactions_of`."""
@@ -53,7 +56,8 @@ class Segment:
     def smooth(self, steps: Sequence[float]) -> bool:
         """Whether the true motion is smooth in every step of methods with these steps."""
         return self.flowed is not None and all(jump.due and all(
-            abs(jump.after / h - round(jump.after / h)) < 1e-6 for h in steps) for jump in self.flowed.jumps)
+            abs(jump.after - h * round(jump.after / h)) < ROUNDED * max(h, jump.after) for h in steps)
+            for jump in self.flowed.jumps)
 
     def kept(self, name: str, step: float) -> np.ndarray:
         """(T - 1,) at which outputs after the first a row is one number for methods with steps up to this (s).
@@ -65,8 +69,8 @@ class Segment:
         near = [jump.after for jump in jumps if jump.impact or jerky] if name not in ("position", "attitude") else []
         keep = np.ones(len(t), bool)
         for after in near:
-            keep &= np.abs(t - after) > step + 1e-9 * max(step, t[0])
-        return keep & (t > 2 * step * (1 - 1e-9)) if jerky and step else keep
+            keep &= np.abs(t - after) > step + ROUNDED * max(step, t[0])
+        return keep & (t > 2 * step * (1 - ROUNDED)) if jerky and step else keep
 
 
 def rows(segment: Segment, answer: States, pulled: Pulled | None = None) -> dict[str, np.ndarray]:
@@ -109,7 +113,7 @@ def marks(grown: np.ndarray, eventful: Sequence[int], seed: str, claim: int | No
     count = len(grown) - 1
     parts = min(count, max(SEGMENTS, math.ceil(grown[-1])))
     rng = np.random.default_rng([*seed.encode()])
-    drawn = np.arange(1, parts) + rng.uniform(-0.25, 0.25, parts - 1)
+    drawn = np.arange(1, parts) + QUARTER * rng.uniform(-1.0, 1.0, parts - 1)
     passed = grown + np.linspace(0.0, parts, count + 1)  # so that none is longer than twice the mean
     inner = np.interp(drawn * passed[-1] / parts, passed, np.arange(count + 1))
     plain = {0, count, *np.round(inner).astype(int).tolist()} | ({claim} if claim else set())
@@ -145,7 +149,7 @@ def growth(scene: Scene, truth: Reference | None, t: np.ndarray) -> np.ndarray:
     """
     if truth is None:
         return np.zeros(len(t))
-    known, until = dense(scene), max(min(truth.horizon, float(t[-1])), 1e-9)
+    known, until = dense(scene), max(min(truth.horizon, float(t[-1])), ROUNDED * float(t[-1]))
     most = np.log(np.maximum(1.0, np.maximum.accumulate(known.growth)))
     return np.asarray(np.interp(np.minimum(t, until), known.times, most) * np.maximum(1.0, t / until))
 
@@ -159,7 +163,7 @@ def segments_of(scene: Scene, traj: Motion, truth: Reference | None, open_joints
                 cut: Sequence[int] | None = None) -> list[Segment]:
     """The segments of a run, between the samples `cut` or, by default, those of `marks`."""
     inside, modes = eventful(scene, traj)
-    claim = int(np.searchsorted(traj.t, claimed(truth) * (1 + 1e-12), side="right")) - 1
+    claim = int(np.searchsorted(traj.t, claimed(truth) * (1 + ROUNDED), side="right")) - 1
     made = []
     for first, last in itertools.pairwise(cut or marks(growth(scene, truth, traj.t), inside, scene.key, claim)):
         given = begun(scene, traj, first, last, modes.get(first)).replace(
@@ -174,7 +178,7 @@ def fill(segments: Sequence[Segment], flow: SystemFlow, traj: Motion, truth: Ref
     claim = claimed(truth)
     for segment in segments:
         since = float(traj.t[segment.first])
-        if float(traj.t[segment.last]) > claim * (1 + 1e-12):
+        if float(traj.t[segment.last]) > claim * (1 + ROUNDED):
             segment.why = f"truth ends at {claim:g} s: {truth.horizon_cause}"
             continue
         try:

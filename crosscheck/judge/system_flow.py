@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from crosscheck.compare.apart import STATE, apart, largest
+from crosscheck.compare.apart import ROUNDED, STATE, apart, largest
+from crosscheck.judge.rules import RESOLVED
 from crosscheck.references import dense
 from crosscheck.references.base import End, Piece, Reference, piece_of, rounding, values_at
 from crosscheck.references.maximal import fastest
@@ -61,7 +62,7 @@ class Flowed:
 def moved(start: Scene, sizes: Mapping[str, float], share: float, seed: int = 0, closing: bool = True) -> Scene | None:
     """The scene from a start that differs by about this share of the sizes; None if its joints cannot be closed."""
     rng = np.random.default_rng([seed, start.n])
-    kicks = share * rng.standard_normal((4, start.n, 3)) / np.sqrt(3 * start.n)
+    kicks = share * rng.standard_normal((len(STATE), *start.x0.shape)) / np.sqrt(start.x0.size)
     x, turn, v, w = (sizes[name] * kick for name, kick in zip(STATE, kicks, strict=True))
     made = start.replace(bodies=bodies_at(start, Configuration(
         start.x0 + x, quaternion_from_rotation(start.R0 @ exponential(turn)), start.v0 + v, start.w0 + w)))
@@ -101,7 +102,7 @@ class SystemFlow:
         `mode`: what the state of a scene with laws of joints lacks, see `crosscheck.references.restarts`.
         """
         states, jumps = self._followed(start, since, times, mode)
-        keep = np.all([np.abs(times - jump.after) > 1e-2 * times[-1] / len(times) for jump in jumps], axis=0) & (
+        keep = np.all([np.abs(times - jump.after) > RESOLVED * times[-1] / len(times) for jump in jumps], axis=0) & (
             times >= 0.0)
         growth = []
         for size in MOVED:
@@ -114,7 +115,7 @@ class SystemFlow:
         # Where laws switch, growth is linear in pieces only.
         linear = not self.looped or max(growth) <= ALIKE * min(growth)
         # A random direction has on average a share of the worst one, one over the root of the number of directions.
-        directions = len(self.series.initial) if isinstance(self.series, Taylor) else 12 * start.n
+        directions = len(self.series.initial) if isinstance(self.series, Taylor) else len(STATE) * start.x0.size
         error = max(self.error * max(growth), self._missed(start, since, times, states))
         return Flowed(states, jumps, error, max(growth), max(growth) * math.sqrt(directions), linear)
 
@@ -177,7 +178,7 @@ class SystemFlow:
                          for y, mode in ((change.state, change.mode), (change.settled.state, change.settled.mode)))
         rates = {"position": after.v - before.v, "attitude": after.w - before.w,
                  "velocity": after.a - before.a, "angular velocity": after.alpha - before.alpha}  # type: ignore[operator]
-        small = {name: self.sizes["velocity" if name == "position" else "angular velocity"] * 1e-9
+        small = {name: self.sizes["velocity" if name == "position" else "angular velocity"] * ROUNDED
                  for name in ("position", "attitude")}
         jumped = {name: largest(each) for name, each in rates.items()}
         return Jump(change.time - since, change.crossing is None,

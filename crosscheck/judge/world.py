@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.compare.apart import ROUNDED
 from crosscheck.references.modes import Mode, laws_of
 from crosscheck.scene.laws import Servo
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene, Site
@@ -19,6 +20,7 @@ from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import Motion, States
 
 SEED = 37
+"""Of the generator that draws another world: any number will do."""
 
 TURNABLE = ("linear_spring", "slide_spring", "torsional_spring", "constant_force", "constant_torque",
             "joint_torque", "joint_force")
@@ -42,9 +44,10 @@ class World:
         """
         from scipy.spatial.transform import Rotation
 
-        rng = np.random.default_rng([SEED, scene.n, len(scene.joints), round(1e6 * scene.duration)])
+        rng = np.random.default_rng([SEED, scene.n, len(scene.joints), *scene.key.encode()])
         Q = Rotation.random(random_state=rng).as_matrix() if turned and turnable(scene) else np.eye(3)
-        shift, bodies, joints = length * rng.uniform(-1.0, 1.0, 3), rng.permutation(scene.n), len(scene.joints)
+        shift = length * rng.uniform(-1.0, 1.0, scene.gravity.shape)
+        bodies, joints = rng.permutation(scene.n), len(scene.joints)
         order = range(joints) if spanning_tree(scene)[1] else rng.permutation(joints).tolist()
         return cls(Q, shift, tuple(bodies.tolist()), tuple(order))
 
@@ -145,8 +148,4 @@ def _remembering(scene: Scene, force: Force, memory: Mode, t: float) -> Force:
     left = first + part.sample * servo.period - t
     return dataclasses.replace(force, parameters={
         **force.parameters,
-        "phase": left if left > LATE * servo.period else 0.0, "held": (part.acting, *part.waiting)})
-
-
-LATE = 1e-9
-"""Share of a period below which a sample is due at once."""
+        "phase": left if left > ROUNDED * servo.period else 0.0, "held": (part.acting, *part.waiting)})

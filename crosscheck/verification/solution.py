@@ -14,8 +14,8 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec, steps_per_sample
-from crosscheck.compare.apart import STATE, Rows, apart, largest, scaled, spread
-from crosscheck.compare.ladder import counts, finer
+from crosscheck.compare.apart import ROUNDED, STATE, Rows, apart, largest, scaled, spread
+from crosscheck.compare.ladder import FEWEST, counts, finer
 from crosscheck.compare.order import (
     MARGIN,
     SAFETY,
@@ -42,7 +42,7 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 from crosscheck.verification.probe import Answer, Probe, answer_of
 
-EPS = 2.0**-52
+EPS = float(np.finfo(float).eps)
 Rung = tuple[float | None, float | None, dict[str, float]]
 """Step (s) or relative tolerance, and the largest errors there by row."""
 
@@ -50,6 +50,10 @@ HALVINGS = 2
 """Finer steps that are tried before a segment fails or stays unresolved (Roache: until the order shows)."""
 ASKED_AGAIN = 2
 """Segments in which the same question is asked again, and how often, for noise: the fewest that show a scatter."""
+TENFOLD = 10.0
+"""Factor between the tolerances that an adaptive method is asked at, as in tests of such codes (Hairer, Wanner)."""
+PAIR = 3
+"""Order that is assumed of an adaptive method that documents none: that of the lower formula of a pair 4(3)."""
 OF_STATE = (*STATE, "orthogonality", "energy")
 """Rows whose order is that of the method: they are states, or follow from them alone."""
 
@@ -117,7 +121,7 @@ class Solution:
         self.checks: list[Check] = []
         opened = max(float(np.max(traj.constraint_position)) / self.sizes["position"],
                      float(np.max(traj.constraint_velocity)) / self.sizes["velocity"])
-        self.open = opened > self.grading * max(EPS, min(self.engine.eps, 1e-6)) * max(1, traj.steps)
+        self.open = opened > self.grading * max(EPS, self.engine.eps) * max(1, traj.steps)
 
     # What rounding and iterations leave
 
@@ -155,7 +159,7 @@ class Solution:
         """Steps that an adaptive method is believed to make up to the end of a segment: no more than it states."""
         times = segment.last - (0 if segment.whole else segment.first)
         rate = max(self.sizes["angular velocity"], fastest(self.scene))
-        order = self.engine.orders.get(self.run.method, 3)
+        order = self.engine.orders.get(self.run.method, PAIR)
         most = times + rate * times * self.dt * math.pow(self.run.rtol or 1.0, -1.0 / (order + 1))
         return min(self.traj.steps * times / (len(self.traj.t) - 1) if answer is None else answer.steps, most)
 
@@ -167,7 +171,7 @@ class Solution:
     def measure_noise(self, sequences: Sequence[Sequence3 | None]) -> None:
         """Asks the same question again from starts that differ by a rounding, for noise and the spacing of numbers."""
         given, ratios, scatter = max(EPS, self.engine.eps), list[float](), dict[str, list[tuple[float, float]]]()
-        told, step = list[tuple[int, dict[str, float]]](), self.own if self.p is not None else 0.0
+        told, step = list[tuple[int, str, float, float]](), self.own if self.p is not None else 0.0
         chosen = [(k, segment, seq) for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True))
                   if segment.flowed is not None and seq is not None]
         for k, segment, seq in chosen[::max(1, len(chosen) // ASKED_AGAIN)][:ASKED_AGAIN]:
@@ -180,18 +184,17 @@ class Solution:
                 scatter.setdefault(name, []).append((gap, self.rounding(name, segment, self.own) / self.eps))
             ratios.append(max(gaps[name] / self.rounding(name, segment, self.own) for name in STATE))
             same = [rows[0], seq.answers[self.nearest(seq)].rows(segment)]  # a start that is moved may have another way
-            told.append((k, {name: spread([each[name][segment.kept(name, step)] for each in same]) for name in STATE}))
+            kept = {name: [each[name][segment.kept(name, step)] for each in same] for name in STATE}
+            told += [(k, name, spread(kept[name]), min(largest(each) for each in kept[name])) for name in STATE]
         if given > EPS and ratios:
             self.eps = given if self.segments[0].whole else min(
                 given, max(EPS, SAFETY * float(np.median(ratios)) * EPS))
         self.noise = {name: max(max(0.0, gap - 2 * least * self.eps) for gap, least in each)
                       for name, each in scatter.items()}
-        for k, gaps in told:
-            missed = self.error_of(self.segments[k], sequences[k])
-            for name in STATE:
-                rounded = 2 * self.roundings(name, self.segments[k], [self.own])[0] * max(1.0, given / self.eps)
-                part = {"error": missed[name]} if missed[name] > rounded else {"declared": rounded}
-                self.checks.append(Check("noise", name, k, gaps[name], part, math.inf))
+        for k, name, gap, missed in told:
+            rounded = 2 * self.roundings(name, self.segments[k], [self.own])[0] * max(1.0, given / self.eps)
+            part = {"error": missed} if missed > rounded else {"declared": rounded}
+            self.checks.append(Check("noise", name, k, gap, part, math.inf))
 
     def repeated(self, segment: Segment, eps: float, k: int) -> Answer | None:
         """The answer to a segment once more, from a start that is moved by a rounding if k is not 0."""
@@ -206,7 +209,7 @@ class Solution:
     @property
     def own(self) -> float:
         """The run's own step (s) or tolerance."""
-        return self.dt / self.n if self.p is not None else float(self.run.rtol or 1e-9)
+        return self.dt / self.n if self.p is not None else float(self.run.rtol or 1.0)
 
     def at(self, size: float) -> tuple[float | None, float | None]:
         """Step and tolerance of an answer."""
@@ -222,14 +225,15 @@ class Solution:
     def entire(self, size: float) -> Answer | None:
         """The whole run at a step or tolerance, in its own world."""
         if size not in self.runs:
-            self.runs[size] = self.probe.again(*self.at(size)) if abs(size / self.own - 1) > 1e-9 else answer_of(
+            self.runs[size] = self.probe.again(*self.at(size)) if abs(size / self.own - 1) > ROUNDED else answer_of(
                 self.scene, self.own_states, self.traj.steps)
         return self.runs[size]
 
     def sequence(self, segment: Segment) -> Sequence3 | None:
         """Answers to a segment at three steps or tolerances; None if one is missing."""
         numbers = list(counts(self.n, self.multiple, self.fine)) if self.p is not None else []
-        sized, got = [self.dt / n for n in numbers] or [self.own * 10.0**(k - 2 * self.fine) for k in range(3)], []
+        sized, got = [self.dt / n for n in numbers] or [
+            self.own * TENFOLD**(k - 2 * self.fine) for k in (0, 1, 2)], []
         for size in sized:
             answer = self.ask(segment, size)
             if answer is None:
@@ -240,8 +244,8 @@ class Solution:
     def refine(self, segment: Segment, seq: Sequence3) -> bool:
         """Puts an answer at a finer step before the others; whether there is one."""
         number = finer(seq.counts[0], self.multiple) if seq.counts else 0
-        size = self.dt / number if number else seq.steps[0] / 10.0
-        got = None if self.p is None and size < 10 * EPS else self.ask(segment, size)
+        size = self.dt / number if number else seq.steps[0] / TENFOLD
+        got = None if self.p is None and size < TENFOLD * EPS else self.ask(segment, size)
         if got is None:
             return False
         seq.steps.insert(0, size)
@@ -335,7 +339,7 @@ class Solution:
             if any(check.status == "fail" for check in made[k]):
                 break  # one is enough: the other segments stand as they were asked
         failed = {k for k in made if any(check.status == "fail" for check in made[k])}
-        refined = {k for k, (_, seq) in asked.items() if len(seq.steps) > 3}
+        refined = {k for k, (_, seq) in asked.items() if seq.steps[3:]}
         return [check for k, each in made.items() for check in each
                 if check.status != "fail" or k in refined or not failed & refined]
 
@@ -352,7 +356,7 @@ class Solution:
         for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True)):
             if seq is None or segment.flowed is None:
                 continue
-            place = next((j for j, size in enumerate(seq.steps) if abs(size / self.own - 1) < 1e-9), None)
+            place = next((j for j, size in enumerate(seq.steps) if abs(size / self.own - 1) < ROUNDED), None)
             answer = self.probe.answer(segment.given, *self.at(self.own)) if self.open or place is None else (
                 seq.answers[place])
             if answer is None:
@@ -408,11 +412,11 @@ class Solution:
     def vanishing(self, finest: dict[int, dict[str, np.ndarray]]) -> None:
         """C at three steps of whole runs goes to zero."""
         numbers = list(counts(self.n, self.multiple)) if self.p is not None else []
-        sized = [self.dt / n for n in numbers] or [self.own * 10.0**k for k in range(3)]
-        found = [finest if abs(size / self.own - 1) < 1e-9 else self.defects_at(size) for size in sized]
+        sized = [self.dt / n for n in numbers] or [self.own * TENFOLD**k for k in (0, 1, 2)]
+        found = [finest if abs(size / self.own - 1) < ROUNDED else self.defects_at(size) for size in sized]
         made = self.vanishing_checks(sized, found)
         if any(check.status == "fail" for check in made):  # coarse whole runs need not be in the range of their order
-            size = self.dt / finer(numbers[0], self.multiple) if numbers else self.own / 10.0
+            size = self.dt / finer(numbers[0], self.multiple) if numbers else self.own / TENFOLD
             sized, found = [size, *sized], [self.defects_at(size), *found]
             made = self.vanishing_checks(sized, found) or made
         self.checks += made
@@ -448,7 +452,7 @@ class Solution:
         """Segments of the true motion from the scene's start, with all its growth since then; none without a truth."""
         if self.truth is None or self.flow is None:
             return []
-        until = int(np.searchsorted(self.traj.t, self.truth.horizon * (1 + 1e-12), side="right")) - 1
+        until = int(np.searchsorted(self.traj.t, self.truth.horizon * (1 + ROUNDED), side="right")) - 1
         motion, cut = self.truth.states.at(slice(0, until + 1)), [k for k in self.cut if k < until]
         made = segments_of(self.scene, motion, self.truth, False, [*cut, until])
         fill(made, self.flow, motion, self.truth)
@@ -482,7 +486,7 @@ class Solution:
         if beside is not None:
             most = grown(beside.states, own, self.sizes, size, np.ones(len(own.t), bool))
             due = tuple(Jump(t, True, {}) for t in segment.start.knots if 0.0 < t < own.t[-1])
-            segment.flowed = Flowed(own, due, math.inf, most, most * math.sqrt(12 * self.scene.n), True)
+            segment.flowed = Flowed(own, due, math.inf, most, most * math.sqrt(len(STATE) * self.scene.x0.size), True)
         segment.why = self.why
 
     # R3 and R4
@@ -566,10 +570,10 @@ class Solution:
         asked = [(segment, seq) for segment, seq in zip(self.segments, sequences, strict=True)
                  if seq is not None and segment.flowed is not None and self.flow is not None]
         made = []
-        for k in (-1, -2, -3) if asked else ():
-            most, size = dict[str, float](), asked[0][1].steps[k]
+        for k in (0, 1, 2) if asked else ():
+            most, size = dict[str, float](), asked[0][1].steps[-1 - k]
             for segment, seq in asked:
-                for name, each in seq.answers[k].rows(segment).items():
+                for name, each in seq.answers[-1 - k].rows(segment).items():
                     kept = each[segment.kept(name, size if self.p is not None else 0.0)]
                     most[name] = max(most.get(name, 0.0), largest(kept))
             made.append((*self.at(size), most))
@@ -580,7 +584,7 @@ class Solution:
         sequences: list[Sequence3 | None] = []
         for self.fine in (False, True):
             sequences = [self.sequence(segment) for segment in self.segments]
-            if all(each is not None for each in sequences) or (self.p is not None and self.n < 6):
+            if all(each is not None for each in sequences) or (self.p is not None and self.n < FEWEST):
                 break
         return sequences
 
@@ -595,7 +599,7 @@ class Solution:
         open_ = [check for check in self.checks if check.status == "unresolved"]
         if not open_ or self.flow is None:
             return self.why
-        worst = max(open_, key=lambda check: check.uncertainty / max(check.size, 1e-300))
+        worst = max(open_, key=lambda check: check.uncertainty / max(check.size, np.finfo(float).tiny))
         part = max(worst.parts, key=lambda name: worst.parts[name])
         return (f"{worst.name}: U = {worst.uncertainty:.3g} of a size of {worst.size:.3g}, by {part}; "
                 f"ask for a smaller step")

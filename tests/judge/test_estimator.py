@@ -123,7 +123,7 @@ def test_a_run_that_begins_elsewhere_fails():
 
 def scattered(size):
     def raw(engine, scene, found):
-        found.states.x[1:, :, 0] += size * engine.rng.uniform(-1.0, 1.0)
+        found.states.x[1:, :, 0] += size * engine.rng.uniform(-1.0, 1.0, found.states.x[1:, :, 0].shape)
         return found
     return raw
 

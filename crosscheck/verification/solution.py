@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -54,6 +54,7 @@ TENFOLD = 10.0
 """Factor between the tolerances that an adaptive method is asked at, as in tests of such codes (Hairer, Wanner)."""
 PAIR = 3
 """Order that is assumed of an adaptive method that documents none: that of the lower formula of a pair 4(3)."""
+ACCELERATIONS = ("acceleration", "angular acceleration")
 OF_STATE = (*STATE, "orthogonality", "energy")
 """Rows whose order is that of the method: they are states, or follow from them alone."""
 
@@ -66,6 +67,7 @@ class Sequence3:
     counts: list[int]  # steps of one interval between outputs; none of tolerances
     answers: list[Answer]
     orders: list[float] = dataclasses.field(default_factory=list)  # as observed, one a refinement
+    promised: dict[str, float] = dataclasses.field(default_factory=dict)  # orders of accelerations less the states' own
     order: float | None = None  # what follows from these; None where the motion is not smooth, or all is rounding
 
 
@@ -270,8 +272,12 @@ class Solution:
             # An order that has shown stays: still finer steps come down to what the iteration leaves.
             seq.order = max(order, -math.inf if seq.order is None else seq.order) if above else None
         made = self.limits_of("limit", k, h, rows, smooth, order)
-        made += self.limits_of("promise", k, h, [{name: part[1:] for name, part in each.own.items()}
-                                                 for each in answers], smooth, order)
+        own = [{name: part[1:] for name, part in each.own.items()} for each in answers]
+        made += self.limits_of("promise", k, h, own, smooth, order)
+        if smooth:
+            seq.promised = {name: observed_order(h[:3], kept) for name in own[0] if name in ACCELERATIONS and differ(
+                kept := [each[name][segment.kept(name, max(h))] for each in own[:3]],
+                self.roundings(name, segment, h[:3]), self.noise.get(name, 0.0))}
         if self.p is not None and seq.order is not None:
             apart_by = ", ".join(f"{size:.6g}" for size in seq.steps)
             made.append(Check("order", "", k, max(0.0, self.p - seq.order), {"margin": MARGIN}, math.inf,
@@ -341,7 +347,22 @@ class Solution:
         failed = {k for k in made if any(check.status == "fail" for check in made[k])}
         refined = {k for k, (_, seq) in asked.items() if seq.steps[3:]}
         return [check for k, each in made.items() for check in each
-                if check.status != "fail" or k in refined or not failed & refined]
+                if check.status != "fail" or k in refined or not failed & refined] + self.promised(
+                    {k: seq for k, (_, seq) in asked.items()})
+
+    def promised(self, sequences: Mapping[int, Sequence3]) -> list[Check]:
+        """R3: accelerations are those of the states, or come to them at the documented order where that is two or more.
+
+        What Newton's iteration leaves in them has no order; those of a step before have the same lower one everywhere.
+        """
+        made, order = list[Check](), self.p or 1
+        for name in ACCELERATIONS if order > 1 else ():
+            shown = {k: seq.promised[name] for k, seq in sequences.items() if name in seq.promised}
+            if shown and min(shown.values()) >= MARGIN:
+                k = max(shown, key=lambda k: shown[k])
+                made.append(Check("order", name, k, max(0.0, order - shown[k]), {"margin": MARGIN}, math.inf,
+                                  f"less those of the states, observed {shown[k]:.3g} of {order}"))
+        return made
 
     # R1
 

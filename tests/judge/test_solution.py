@@ -27,7 +27,7 @@ from crosscheck.verification.solution import _refined, judge
 from crosscheck.verification.task import Cell
 from tests.gate.measure import case
 from tests.gate.right import Braked
-from tests.gate.wrong import LateReversal
+from tests.gate.wrong import LastStepsAccelerations, LateReversal
 from tests.law_mistakes import SCENES
 from tests.references.law_scenes import pendulum, servo
 
@@ -223,6 +223,19 @@ def test_a_documented_order_holds_where_a_motion_is_not_smooth(engine, late):
                      documented_order=4)
         found = judge(run, scene, traj, frozenset(), truth(scene)).findings
     assert any(each.status == "fail" and each.kind.startswith("limit ") for each in found) == late
+
+
+def test_accelerations_of_the_step_before_have_too_low_an_order():
+    """They come to those of the states as steps vanish, which no limit can accuse."""
+    scene = load_scene("single_pendulum").replace(duration=1.0, samples=21)
+    with adapters.lent(completed(LastStepsAccelerations(), "late", "1")) as name:
+        traj = crosscheck.run(scene, engine=name, method="LastStepsAccelerations", step=1e-3)
+        run = Record(scene=scene.name, engine=name, version="1", method="LastStepsAccelerations", form=traj.form,
+                     step=1e-3, documented_order=2)
+        found = judge(run, scene, traj, frozenset(), truth(scene)).findings
+    accused = {each.kind for each in found if each.status == "fail"}
+    assert accused
+    assert accused <= {"order acceleration", "order angular acceleration"}
 
 
 def test_another_way_from_a_start_that_is_moved_by_a_rounding_is_no_noise(tmp_path):

@@ -122,7 +122,11 @@ def joint_coordinates(problem: Problem, motion: Solution | Problem) -> tuple[Coo
     """Coordinates of each joint of a problem along a solution, or of a problem's own state (T = 1); None of joints that
     have none (see `lieeuler.coordinates`). Angles are in (-pi, pi] at the first sample, and continuous where samples
     are less than half a turn apart."""
+    if not isinstance(problem, Problem) or not isinstance(motion, Problem | Solution):
+        raise ArgumentError("joint_coordinates takes a lieeuler.Problem, and a Solution or a Problem")
     x, R, v, w = (np.asarray(getattr(motion, name)) for name in "xRvw")
+    if x.shape[-2] != problem.n:
+        raise ArgumentError(f"the motion is one of {x.shape[-2]} bodies, the problem has {problem.n}")
     if isinstance(motion, Problem):
         x, R, v, w = x[None], R[None], v[None], w[None]
     found: list[Coordinates | None] = []
@@ -165,6 +169,12 @@ def from_joints(bodies: Sequence[Body], joints: Sequence[Joint], gravity: ArrayL
         A body does not hang on the ground by joints with coordinates, a number of coordinates is wrong, or the state
         does not close the other joints; `lieeuler.project` closes them from nearby.
     """
+    for name, values in (("bodies", bodies), ("joints", joints), ("positions", positions),
+                         ("rates", () if rates is None else rates)):
+        if not isinstance(values, Sequence | np.ndarray):
+            raise ArgumentError(f"{name} must be a sequence, not {values!r}")
+    if not all(isinstance(joint, Joint) and joint.child < len(bodies) for joint in joints):
+        raise ArgumentError(f"joints must be lieeuler.Joint, of the bodies 0 .. {len(bodies) - 1}")
     n, given = len(bodies), rates if rates is not None else [None] * len(joints)
     if len(positions) != len(joints) or len(given) != len(joints):
         raise ArgumentError(f"positions and rates need an entry for each of the {len(joints)} joints")

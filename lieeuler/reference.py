@@ -18,7 +18,7 @@ import numpy as np
 
 from lieeuler.errors import ArgumentError
 from lieeuler.joints import Joint
-from lieeuler.methods import GeneralizedAlpha, Method, Rattle
+from lieeuler.methods import GeneralizedAlpha, Implicit, Method, Rattle
 from lieeuler.problem import Problem
 from lieeuler.types import GROUND
 
@@ -169,6 +169,8 @@ class System(Bodies):
     """
 
     def __init__(self, problem: Problem) -> None:
+        if not isinstance(problem, Problem):
+            raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
         for k, joint in enumerate(problem.joints):
             if joint.drive or joint.mimic or joint.rotors or joint.contact:
                 raise ArgumentError(f"joints[{k}]: lieeuler.reference has no drives, mimics, rotors and contacts")
@@ -356,8 +358,8 @@ def steps(system: Bodies, method: Method, q: Place, u: np.ndarray) -> Iterator[t
     ArgumentError
         It is another method.
     """
-    if method.formulation == "index1":
-        raise ArgumentError(f"lieeuler.reference has the implicit methods with a step, not {method.name}")
+    if not isinstance(method, Implicit):
+        raise ArgumentError(f"lieeuler.reference has the implicit methods with a step, as objects, not {method!r}")
     options: Any = method
     lam = system.index1(q, u)[1]
     doubled = method.formulation == "lagrange" and method.level == "stabilised"

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lieeuler.checks import real
 from lieeuler.errors import ArgumentError, LieEulerError
 from lieeuler.types import ArrayLike
 
@@ -139,8 +140,9 @@ class Solution:
         if self.again is None:
             raise ArgumentError("states between samples are those of methods that choose their steps (rtol), of runs "
                                 "without laws in this process; otherwise give more output times")
-        t = np.atleast_1d(np.asarray(times, dtype=float))
-        if not (len(t) and t[0] >= self.t[0] and t[-1] <= self.t[-1] and (np.diff(t) > 0).all()):
+        t = real(times)
+        if t is None or t.ndim != 1 or not (
+                len(t) and t[0] >= self.t[0] and t[-1] <= self.t[-1] and (np.diff(t) > 0).all()):
             raise ArgumentError(f"times must increase between {self.t[0]:g} and {self.t[-1]:g} s, not {times!r}")
         return self.again(t)
 

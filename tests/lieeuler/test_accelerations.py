@@ -94,6 +94,6 @@ def test_values_between_samples_have_their_bounds():
     with pytest.raises(lieeuler.ArgumentError, match="choose their steps"):
         lieeuler.integrate(problem, lieeuler.RKMK4(1e-2), [0, 1.0]).at([0.5])
     run = lieeuler.integrate(problem, lieeuler.Taylor(rtol=1e-6), [0, 1.0])
-    for wrong in ([1.1], [-0.1], [0.5, 0.4], []):
+    for wrong in ([1.1], [-0.1], [0.5, 0.4], [], "now", 0.5, [np.nan]):
         with pytest.raises(lieeuler.ArgumentError, match="times must increase"):
             run.at(wrong)

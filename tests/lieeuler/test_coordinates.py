@@ -74,8 +74,11 @@ def test_what_has_none_and_what_is_wrong():
     assert lieeuler.joint_coordinates(both, both)[1] is None
     for joints, positions, words in (
             ([rod], [None], "no coordinates"), ([hinge], [[1.0, 2.0]], r"positions\[0\]"),
-            ([hinge, rod], [[0.0], [1.0]], "close loops"), ([hinge], [], "an entry for each")):
+            ([hinge, rod], [[0.0], [1.0]], "close loops"), ([hinge], [], "an entry for each"),
+            ([hinge], 3, "positions must be a sequence"), (["hinge"], [[0.0]], "must be lieeuler.Joint")):
         with pytest.raises(lieeuler.ArgumentError, match=words):
             lieeuler.from_joints([BODY], joints, [0, 0, 0], positions)
+    with pytest.raises(lieeuler.ArgumentError, match="joint_coordinates takes"):
+        lieeuler.joint_coordinates(both, "run")
     with pytest.raises(lieeuler.ArgumentError, match=r"bodies \[1\] do not hang"):
         lieeuler.from_joints([BODY] * 2, [hinge], [0, 0, 0], [[0.0]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -48,6 +49,19 @@ def test_kernel_agrees_with_dense_oracle(system, method, coordinate_map, h):
     assert_agrees(solution, q, u, lam, noise)
     accelerations = np.hstack([solution.a[-1], solution.alpha[-1]])
     assert np.abs(accelerations - a.reshape(-1, 6)).max() < noise * max(1.0, np.abs(a).max())
+
+
+def test_what_the_reference_lacks_is_named():
+    problem = SYSTEMS["single_pendulum"]()
+    system = reference.System(problem)
+    for method in (lieeuler.Taylor(), "DAE1L_LSE"):
+        with pytest.raises(lieeuler.ArgumentError, match="implicit methods with a step"):
+            next(reference.steps(system, method, system.q, system.u))
+    loaded = dataclasses.replace(problem, forces=[lieeuler.ConstantLoad(0, force=[1.0, 0, 0])])
+    rotor = dataclasses.replace(problem, joints=[problem.joints[0].geared(lieeuler.Rotor(0.1, [0, 0, 1], [0, 0, 1]))])
+    for wrong, words in ((loaded, "no forces"), (rotor, r"joints\[0\]"), ("pendulum", "must be a lieeuler.Problem")):
+        with pytest.raises(lieeuler.ArgumentError, match=words):
+            reference.System(wrong)
 
 
 FIGURES = {

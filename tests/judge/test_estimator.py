@@ -1,5 +1,6 @@
 """The parts of the estimator: what each catches, and what looks like it and is right."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,8 +9,10 @@ import pytest
 import crosscheck
 from crosscheck import adapters, load_scene
 from crosscheck.adapters.base import RunSpec, StandIn
+from crosscheck.adapters.foreign.own import completed
 from crosscheck.compare.sizes import sizes
 from crosscheck.document import Record
+from crosscheck.errors import EngineError
 from crosscheck.judge import system_flow
 from crosscheck.judge.segments import Segment
 from crosscheck.judge.system_flow import SystemFlow
@@ -149,6 +152,13 @@ def test_what_an_iteration_is_declared_to_leave_is_allowed_and_shown():
     assert any("iteration (declared)" in each.detail for each in found.findings)
 
 
+@pytest.mark.parametrize("said", ["1e-8", -1.0, np.nan])
+def test_what_an_iteration_leaves_is_a_length(said):
+    engine = completed(Changed(left=said), "tests", "1")
+    with pytest.raises(EngineError, match="not a length in m"):
+        engine.iteration(load_scene("double_pendulum"), RunSpec("rkmk4", step=STEP))
+
+
 # --- the flow without heyoka
 
 
@@ -212,3 +222,17 @@ def test_a_run_whose_error_falls_with_the_step_passes_though_it_is_not_what_its_
     found = verdict(Changed(raw=drifting(0.0), order=2), scene="nesc_brick")
     assert not failing(found)
     assert found.share == 1.0
+
+
+# --- where truth ends
+
+
+def test_where_truth_ends_by_a_touch_the_rest_counts_as_unresolved_and_nothing_is_accused(monkeypatch):
+    known = truth  # of the references
+    monkeypatch.setitem(globals(), "truth", lambda scene: dataclasses.replace(
+        known(scene), horizon=0.3, horizon_cause="bodies a and b touch"))
+    found = verdict(Changed())
+    assert not failing(found)
+    assert found.share == pytest.approx(0.6)
+    assert "bodies a and b touch" in found.why
+    assert "limit position" in failing(verdict(Changed(1.0 + 1e-6)))

@@ -78,6 +78,7 @@ class Stranger(Engine):
     unsupported = _asked(partial(remote.asked, Engine.unsupported))
     documented_order = _asked(partial(remote.asked, Engine.documented_order))
     held_levels = _asked(partial(remote.asked, Engine.held_levels))
+    iteration = _asked(partial(remote.asked, Engine.iteration))
     refused_map = _asked(partial(remote.asked, Engine.refused_map))
     turning = _asked(remote.turning)
     probe = _asked(remote.probe)

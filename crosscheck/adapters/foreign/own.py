@@ -30,7 +30,7 @@ LONGEST_NAME = 100
 """Characters of the name of a method: it stands in tables."""
 
 LONGEST = 1e9
-"""Longest wall time (s) that is taken for one; any other is an error of its own."""
+"""Longest wall time (s), or length (m), that is taken for one; any other is an error of its own."""
 
 
 class Completed(StandIn):
@@ -64,6 +64,13 @@ class Completed(StandIn):
         """From the engine's method of this name, else none."""
         held = getattr(self._engine, "held_levels", super().held_levels)
         return frozenset(held(scene, spec))
+
+    def iteration(self, scene: Scene, spec: RunSpec) -> float:
+        """From the engine's method of this name, else 0; raises `EngineError` if that is no length."""
+        left = getattr(self._engine, "iteration", super().iteration)(scene, spec)
+        if not isinstance(left, numbers.Real) or not 0.0 <= float(left) <= LONGEST:
+            raise EngineError(f"{self.name} {spec.method}: iteration returned {brief(str(left))}, not a length in m")
+        return float(left)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """The engine's answer; forms and scene elements that it does not declare are refused here."""

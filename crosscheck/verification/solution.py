@@ -7,6 +7,7 @@ what it promises; R4 it did what was asked.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -157,12 +158,16 @@ class Solution:
         power = 0 if name in ("position", "attitude", "orthogonality") else 1 if name in OF_STATE else 2
         return self.left / self.length * self.unit(name) / size**power * self.count(segment, size) * _growth(segment)
 
+    @functools.cached_property
+    def rate(self) -> float:
+        """What an adaptive method has to follow, rad/s."""
+        return max(self.sizes["angular velocity"], fastest(self.scene))
+
     def believed(self, segment: Segment, answer: Answer | None = None) -> float:
         """Steps that an adaptive method is believed to make up to the end of a segment: no more than it states."""
         times = segment.last - (0 if segment.whole else segment.first)
-        rate = max(self.sizes["angular velocity"], fastest(self.scene))
         order = self.engine.orders.get(self.run.method, PAIR)
-        most = times + rate * times * self.dt * math.pow(self.run.rtol or 1.0, -1.0 / (order + 1))
+        most = times + self.rate * times * self.dt * math.pow(self.run.rtol or 1.0, -1.0 / (order + 1))
         return min(self.traj.steps * times / (len(self.traj.t) - 1) if answer is None else answer.steps, most)
 
     def tolerated(self, name: str, segment: Segment, answer: Answer) -> float:

@@ -16,7 +16,7 @@ import crosscheck
 from crosscheck.scene.starts import restarted
 
 ORDERS = {"DAE1L_LSE": 1, "rattle2": 2, "rkmk4": 4}
-SHARES = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
+SHARES = tuple(10.0**k for k in range(-10, -1))
 NUMBERS = ("gravity", "mass", "inertia")
 BEGINS = (0.0, 0.5)
 

@@ -9,7 +9,6 @@ import json
 import os
 import re
 import sys
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,14 +82,17 @@ def commands() -> str:
     return text[text.index("\n## "):]
 
 
-def tolerances() -> str:
-    """All entries of tolerances.toml as tables."""
-    entries = tomllib.loads((DOCS.parent / "crosscheck" / "judge" / "tolerances.toml").read_text(encoding="utf-8"))
-    bounds = "".join(row(name, each.get("unit", ""), each["rule"], each["why"])
-                     for name, each in entries["bound"].items())
-    constants = "".join(row(name, each["value"], each["why"]) for name, each in entries["constant"].items())
-    return (f"\n## Bounds\n\n| of | unit | rule | reason |\n|---|---|---|---|\n{bounds}\n"
-            f"\n## Constants\n\n| name | value | reason |\n|---|---|---|\n{constants}")
+def verdicts() -> str:
+    """Codes of verdicts, and the known defects of all engines."""
+    from crosscheck.adapters.common.known import table
+    from crosscheck.document.outcomes import KINDS
+
+    kinds = "".join(row(each.code, each.title, each.mend) for each in KINDS.values())
+    known = "".join(row(each.engine, ", ".join(each.methods), ", ".join(each.scenes) or each.where,
+                        ", ".join(f"{name} {size:g}" for name, size in each.rows.items()), each.reason)
+                    for each in table())
+    return (f"\n| code | what | what to look at |\n|---|---|---|\n{kinds}\n## Known defects\n\n"
+            f"| engine | methods | where | rows, of the size | reason |\n|---|---|---|---|---|\n{known}")
 
 
 def fields() -> str:
@@ -116,7 +118,7 @@ def drawn(name: str) -> str:
 
 
 sys.path.insert(0, str(DOCS))  # gallery.py is beside this file
-MADE = {"commands": commands, "bounds": tolerances, "results-schema": fields,
+MADE = {"commands": commands, "verdicts": verdicts, "results-schema": fields,
         "scenes": functools.partial(drawn, "gallery"), "papers": functools.partial(drawn, "gains")}
 """What is added to a page when the site is built."""
 

@@ -8,9 +8,7 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.errors import EngineError
-from crosscheck.judge.flow import Answer
 from crosscheck.scene.states import States
-from crosscheck.verification import again
 
 
 @dataclasses.dataclass
@@ -39,7 +37,7 @@ class FakeEngine(Engine):
         return self.held
 
     def unsupported(self, scene, spec):
-        return self.refuses
+        return "it knows the motion from the scene's start alone" if scene.name == "elsewhere" else self.refuses
 
     def run(self, scene, spec):
         """Truth with the chosen error, or the chosen failure."""
@@ -62,15 +60,8 @@ class FakeEngine(Engine):
 
 
 def install(monkeypatch, engine):
-    """Make the engine the only one. A `FakeEngine` knows the true motion from the scene's start alone."""
+    """Make the engine the only one."""
     from crosscheck import adapters
 
     monkeypatch.setattr(adapters, "get", lambda name: engine)
-    if isinstance(engine, FakeEngine):
-        monkeypatch.setattr(again.Asked, "parts", lambda *_: "it cannot be started elsewhere")
     return engine
-
-
-def whole(run):
-    """A run as the only part of one, from the beginning to the end."""
-    return Answer(run, np.array([0, len(run.t) - 1]), States(*(getattr(run, name)[:1] for name in "txRvw")), False)

@@ -412,7 +412,6 @@ OTHERS = (
     "forms = ()",
     "versions = 3",
     'version = "2.1"',
-    "known_defects = ()",
     'orders = {"Go": None}',
     'orders = {"Stop": 2}',
     'controls = {"Go": "rtol"}',

@@ -4,10 +4,10 @@ import msgspec
 from msgspec.structs import replace
 
 from crosscheck.document import Advice, Change, Machine, Meta, SceneTruth, Support, Way
-from crosscheck.judge.plan import Profile
 from crosscheck.running import provenance
 from crosscheck.verification import job
 from crosscheck.verification.cell import run_cell
+from crosscheck.verification.plan import Profile
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell
 
@@ -43,8 +43,8 @@ def small_results():
     """The document of the first seconds of two scenes."""
     truths, judged = [], []
     for name, runs in RUNS.items():
-        truths.append(prepare_truth((name, False, Profile.most_steps)))
-        judged += [run_cell(Cell(name, Way(engine, method), truths[-1].plan, rungs=3, whole=False))
+        truths.append(prepare_truth((name, 1.0, Profile.most_steps)))
+        judged += [run_cell(Cell(name, Way(engine, method), truths[-1].plan))
                    for engine, method in runs]
     return document(truths, judged, list(dict.fromkeys(each.engine for each in judged)), "smoke")
 
@@ -52,7 +52,7 @@ def small_results():
 def failed_scene(name, failure):
     """A scene that could not be prepared."""
     return SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
-                      truth=None, scales=None, failure=failure)
+                      truth=None, sizes=None, failure=failure)
 
 
 def made(scenes, records):

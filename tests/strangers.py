@@ -247,6 +247,13 @@ class Careless(Adaptive):
         return dataclasses.replace(found, steps=10**9)
 
 
+class Looser(Adaptive):
+    """Works at a tolerance a thousand times the one asked for."""
+
+    def run(self, scene, spec):
+        return super().run(scene, dataclasses.replace(spec, rtol=1e3 * spec.rtol))
+
+
 class Hiding(Floats):
     """Declares numbers of 32 bits, which it has, and hides a gravity that is a little wrong behind them."""
 
@@ -391,6 +398,7 @@ TABLE = (
     Wrong("places", "a coupling that loses force", Coupled, ("RK4",)),
     Wrong("float32", "within, now and then", Rounded, ("RK4",), ("single_pendulum",)),
     Wrong("claims", "a tolerance that is not kept", Careless, ("DP5",)),
+    Wrong("claims", "a tolerance a thousand times too large", Looser, ("DP5",), ("single_pendulum", "double_pendulum")),
     Wrong("float32", "declared, and gravity 2e-3 off", Hiding, ("RK4",)),
     Wrong("truth", "interpolated, with noise of 1e-6", interpolated(_noisy), FOURTH),
     Wrong("truth", "interpolated, with a wave of 1e-5", interpolated(lambda s, h: {

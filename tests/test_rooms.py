@@ -30,7 +30,7 @@ def test_no_circle(edges):
 def test_few_rooms_floors_and_arrows(edges):
     between = rooms.between(edges)
     assert len(between) <= 24
-    assert sum(map(len, between.values())) <= 130  # ten of compare; a test knows the verdict
+    assert sum(map(len, between.values())) <= 130  # eleven of compare; a test knows the verdict
     assert max(rooms.floors(between).values()) <= 10
 
 

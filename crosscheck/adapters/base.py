@@ -20,9 +20,6 @@ from crosscheck.scene.states import States
 
 if TYPE_CHECKING:
     from crosscheck.adapters.common.native import JointStates, Native
-    from crosscheck.document import Record
-    from crosscheck.document.known import Known
-    from crosscheck.scene.sensors import Misreads
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,10 +147,7 @@ class Engine:
     pace: int = 0  # larger for slower engines, whose runs a grid starts first
     on_group: bool = False  # attitudes stay on SO(3) by construction
     eps: float = 2.0**-52  # spacing at 1 of its numbers
-    known_defects: tuple[Known, ...] = ()
-    misreads: Misreads = MappingProxyType({})  # what it reads instead of a sensor
     reads: tuple[str, ...] = ()  # endings of the model files that `native` reads
-    soft_laws: bool = False  # friction and limits are springs or soft rows: what holds a joint at rest is its own
 
     @functools.cached_property
     def options(self) -> frozenset[str]:
@@ -172,7 +166,7 @@ class Engine:
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """Order of accuracy claimed by the engine's documentation or the method's users; None for adaptive methods.
 
-        A claim that is known to be wrong stays here and is an entry of `known_defects`.
+        A claim that is known to be wrong stays here and is an entry of known.toml.
         """
         return None if spec.method in self.adaptive_methods else self.orders.get(spec.method, FIRST)
 
@@ -196,13 +190,6 @@ class Engine:
         A known defect of its methods on such coordinates shows on these bodies.
         """
         return range(scene.n)
-
-    def prefers_axes(self, scene: Scene, form: str | None) -> bool:
-        """Whether its coordinates have preferred axes, such as three angles, that are chosen anew for each start.
-
-        Then a run that begins at a state of another one has other errors than that.
-        """
-        return False
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why this engine cannot run this scene with this request, or None if it can."""
@@ -231,17 +218,6 @@ class Engine:
     def probe(self, scene: Scene, states: States, form: str | None) -> Any:
         """What its model says about the scene at some states, a `crosscheck.inspection.Probe`."""
         raise Unsupported(f"the adapter of {self.name} has no method probe(scene, states, form)")
-
-    @final
-    def defects(self, run: Record) -> tuple[Known, ...]:
-        """The known defects that are about this run."""
-        return tuple(
-            entry for entry in self.known_defects
-            if run.method in entry.methods
-            and any(f"{run.version}.".startswith(f"{version}.") for version in entry.versions)
-            and (entry.forms is None or run.form in entry.forms)
-            and (entry.scenes is None or (entry.scenes(self, run.scene, run.form) if callable(entry.scenes)
-                                          else run.scene in entry.scenes)))
 
     @final
     def takes_map(self, wanted: str | None) -> str | None:

@@ -11,14 +11,8 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
-from crosscheck.adapters.common.known import with_balls
-from crosscheck.document.known import Known
 from crosscheck.scene.model import GROUND, Scene
 
-SHORT_TURNS = ("turns below 1e-3 rad are summed up to their second power, and a step of an angle a is too large by "
-               "a^3 / 6: 7e-11 rad at 150 rad/s and 5 us, 1.4e-8 rad in 1 ms, where the method's order leaves 5e-9; "
-               "dartpy.dynamics.BallJoint.convertToRotation is exact at 1.1e-3 rad and 1.2e-10 rad off at 9e-4. Beside "
-               "coarser runs, whose turns are exact, it is no error term: single_pendulum .9 nm in 4 ms")
 INSTANT = 1e-9
 """Time step (s) of accelerations: forward dynamics of DART take springs and dampers at the end of a step."""
 
@@ -33,9 +27,6 @@ class Dart(open_tree.OpenTree):
     joints = (*open_tree.JOINTS, "universal", "planar")
     forces = ("torsional_spring",)
     floating = True
-    known_defects = (
-        Known(("6",), methods, with_balls, ("tree",), {
-            "interval attitude": 17, "interval position": 13.3, "interval velocity": 6.2}, SHORT_TURNS, always=False),)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why DART cannot run this here, or None."""

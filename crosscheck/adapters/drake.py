@@ -20,7 +20,6 @@ import numpy as np
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
-from crosscheck.document.known import Known
 from crosscheck.errors import EngineError, foreign
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.models import source
@@ -43,10 +42,6 @@ LAWS = ("Drake has no dry friction in joints, and limits and controllers only in
 """Why there are no force laws of joints, by the documentation of MultibodyPlant and JointActuator."""
 
 
-REJECTED = ("the step after a rejected one is not that of the method: on hinge_pendulum at 1e-6 its velocities are "
-            "4.9e-5 to 5.7e-5 rad/s off Dormand and Prince's in 6.4 to 3.9 ms, where all other steps are theirs to "
-            "1e-15; so in bogacki_shampine3, 3e-6 rad/s in 1.1 ms, and not in runge_kutta3")
-
 Moment = tuple[float, np.ndarray, np.ndarray]
 """Time (s), joint positions, joint velocities."""
 
@@ -64,13 +59,6 @@ class Drake(open_tree.OpenTree):
     forces = ("torsional_spring",)
     floating = True
     reads = (".urdf", ".sdf", ".world")
-    known_defects = (
-        Known(("1.51",), ("bogacki_shampine3", "runge_kutta5"), lambda engine, scene, form: True, ("tree",),
-              {"rtol": 1.7}, REJECTED, always=False, margin=3.0),)
-
-    def prefers_axes(self, scene: Scene, form: str | None) -> bool:
-        """Roll, pitch and yaw of a ball are about axes that depend on the motion."""
-        return any(joint.type == "spherical" for joint in scene.joints)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` with Drake's message if it fails."""

@@ -14,8 +14,6 @@ import numpy as np
 import lieeuler
 from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats, steps_per_sample
 from crosscheck.adapters.common.held import highest_order
-from crosscheck.adapters.common.known import CONTRADICTORY
-from crosscheck.document.known import Known
 from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported
 from crosscheck.scene.coordinates import (
     at_start,
@@ -190,21 +188,6 @@ class IntegrationError(CrosscheckError, lieeuler.IntegrationError):
     """A run of lieeuler ended early: the error as one of crosscheck, with `status`, `advice` and `solution`."""
 
 
-AXIAL = ("the discrete momentum about the needle's axis is J3 w3 (1 + h^2 w^2 J1 / (12 J3)) to second order, w the "
-         "rate at which the axis turns: with J1 / J3 = 1e6 the spin comes right only where h^2 w^2 is far below 1e-5. "
-         "The error is one of this spin alone, second order with that factor; with a spin-free frame, as in the "
-         "compositions, it stays below J3 / J1 of a radian")
-KNOWN = (
-    Known(("0",), ("DAE2L_LE", "DAE2H_LE", "INDEX1_LE"), ("bricard",), None,
-          {"level velocity": 3.8e6, "level acceleration": 6.9e4}, CONTRADICTORY, always=False),
-    Known(("0",), ("DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE"), ("needle",), None,
-          {"limit attitude": 72, "limit angular velocity": 49}, AXIAL),
-    Known(("0",), ("rattle4", "rattle6", "rattle8"), ("needle",), None, {
-        "order attitude": 6.8, "order angular velocity": 6.8, "attitude": 4.5, "angular velocity": 3.1,
-        "interval attitude": 1.7, "interval angular velocity": 1.6}, AXIAL, always=False),
-)
-
-
 class LieEuler(Engine):
     """The methods of `lieeuler.METHODS`, in maximal coordinates with multipliers."""
 
@@ -216,7 +199,6 @@ class LieEuler(Engine):
     options = frozenset({"form", "coordinate_map", "events", "spin_free", "reduce", "polish", "alpha", "beta",
                          "spectral_radius", "correction", "conserve"})
     on_group = True
-    known_defects = KNOWN
     package = "lieeuler-crosscheck"
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:

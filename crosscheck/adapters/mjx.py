@@ -17,10 +17,8 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping
-from crosscheck.adapters.common.known import NAIVE, SUMMED, summed
 from crosscheck.adapters.mujoco.adapter import Forms, sensed
 from crosscheck.adapters.mujoco.models import build, set_initial_state
-from crosscheck.document.known import Known
 from crosscheck.errors import Unsupported
 from crosscheck.files import cache_folder
 from crosscheck.scene.model import Scene
@@ -30,13 +28,6 @@ ROWS = 1024
 """States that one call of a compiled function takes or returns."""
 
 
-def _known(always: bool) -> tuple[Known, ...]:
-    """Known defects; `always`: that of RK4 has to show, which single precision may hide."""
-    return tuple(Known(("3",), ("RK4",), summed(word), ("tree",), kinds, NAIVE, always=surely)
-                 for word, kinds, surely in (("surely", SUMMED, always), ("maybe", SUMMED, False),
-                                             ("surely", {"order intervals": 1.6}, False)))
-
-
 class MJX(Forms):
     """Adapter of MJX in double precision, forms `tree` and `maximal`."""
 
@@ -44,7 +35,6 @@ class MJX(Forms):
     methods = ("Euler", "implicitfast", "RK4")
     pace = 3
     double = True
-    known_defects = _known(always=True)
     package = "mujoco-mjx"
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
@@ -113,7 +103,6 @@ class MJXSingle(MJX):
     name = "mjx-single"
     eps = 2.0**-23
     double = False
-    known_defects = _known(always=False)
 
 
 def library(double: bool) -> Any:

@@ -22,11 +22,9 @@ import numpy as np
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.held import highest_order
-from crosscheck.adapters.common.known import NAIVE, scene_of
 from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco.own_law import default
-from crosscheck.document.known import ORDERS, STATE, Known
 from crosscheck.errors import EngineError, foreign
 from crosscheck.files import aside
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
@@ -50,55 +48,6 @@ XYZW = (1, 2, 3, 0)
 SINGLE, UNLIMITED = 3e-5, 1e9
 """Relative bound on what Newton reads, in single precision, and from where on a limit is none."""
 
-ROTATED = ("Newton keeps the angular velocity of a ball in axes of the parent, MuJoCo Warp in those of the body. Every "
-           "step turns it there and back by quaternions that single precision leaves longer than one, by 4e-8 on "
-           "average, which multiplies it by 1 + 3e-7. Without that way the order shows: on triple_pendulum 1.4e-3 and "
-           "7.9e-4 rad/s at 0.125 and 0.0625 ms, with it 7.7e-3 and 1.4e-2")
-SPUN_UP = ("every step takes the angular velocity into the body and back by quaternions that single precision leaves "
-           "longer than one, by 5e-8 on average, which multiplies it by 1 + 2e-7: on heavy_top 0.15, 0.27, 0.57 rad/s "
-           "of 150 in 0.1 s at 20, 10, 5 us")
-JITTER = ("every iteration of the joints turns the rounding of positions over the step into velocities: at 70 and 35 "
-          "us on double_pendulum noise of 4e-4 and 9e-4 m/s with 4 iterations, 7e-4 and 1.6e-3 with 8, 2.9e-3 and 6e-3 "
-          "with 32")
-BENT = ("all joints are springs of one stiffness, which the lightest body limits to a share of its inertia over h^2; "
-        "they bend by the weight of all that hangs on them. Errors fall with the step, but are larger than those of "
-        "the order: on the UR5 0.12, 0.050, 0.030, 0.010 m at 1.2 ms and its halves")
-UNLOADED = ("joints are springs that begin without load, and bodies swing about what they bend under: velocities are "
-            "off by 2.6e-2, 1.3e-2, 6.6e-3 m/s after 15 steps of 0.4, 0.2, 0.1 ms on hinge_pendulum, at its start and "
-            "wherever a run begins; rounding then adds up, 3.6e-4, 6.7e-4, 1.2e-3 m at 50, 25, 12.5 us")
-KNOWN = (
-    Known(("1.8",), ("MuJoCoRK4",), ("heavy_top",), ("tree",), {
-        "order position": 1.8, "order attitude": 1.8, "order velocity": 1.6, "order angular velocity": 1.9}, NAIVE,
-        always=False),
-    *(Known(("1.8",), ("MuJoCoEuler", "MuJoCoImplicitfast"), (scene,), ("tree",), kinds, ROTATED,
-            always=False, rising=True, sizes=dict(zip(STATE, sizes, strict=True)))
-      for scene, kinds, sizes in (
-          ("triple_pendulum", dict.fromkeys(ORDERS, 2.0), (1.4e-3, 3.2e-3, 5.7e-3, 0.012)),
-          ("heavy_top", dict.fromkeys(ORDERS, 2.0) | {"limit attitude": 5.6, "limit velocity": 1.8},
-           (2.6e-3, 0.044, 0.074, 0.89)))),
-    *(Known(("1.8",), ("MuJoCoRK4",), (scene,), ("tree",), dict.fromkeys(ORDERS[1:], 5.0), ROTATED,
-            always=False, rising=True, sizes=dict(zip(STATE, sizes, strict=True)))
-      for scene, sizes in (("double_pendulum", (3.4e-4, 2.5e-4, 1.8e-3, 1.5e-3)),
-                           ("heavy_top", (8.1e-5, 1.9e-3, 2.5e-3, 0.040)))),
-    *(Known(("1.8",), (method,), ("heavy_top",), None,
-            dict.fromkeys(ORDERS, 2.0) | {"limit attitude": 5.2, "limit velocity": 1.4}, SPUN_UP, always=False,
-            rising=True, sizes=dict(zip(STATE, sizes, strict=True)))
-      for method, sizes in (("XPBD", (1.9e-4, 0.035, 0.076, 0.71)), ("SemiImplicit", (1.6e-4, 0.029, 8e-3, 0.57)))),
-    Known(("1.8",), ("XPBD",), ("double_pendulum", "triple_pendulum", "heavy_top"), None,
-          {"interval velocity": 1.3, "interval angular velocity": 1.2}, JITTER, always=False),
-    Known(("1.8",), ("XPBD",), lambda engine, scene, form: True, None, dict.fromkeys(ORDERS, 2.0) | {
-        "limit velocity": 1.4}, JITTER, always=False, rising=True),
-    Known(("1.8",), ("SemiImplicit",), ("hinge_pendulum",), None, {"interval velocity": 2.4}, UNLOADED, always=False,
-          margin=2.0),
-    Known(("1.8",), ("SemiImplicit",), ("hinge_pendulum",), None, dict.fromkeys(ORDERS, 2.0), UNLOADED, always=False,
-          rising=True),
-    Known(("1.8",), ("SemiImplicit",), lambda engine, scene, form: _bends(scene), None, {
-        "position": 4.7, "attitude": 1.6, "velocity": 8.0, "angular velocity": 4.8, "energy": 2.2,
-        "interval velocity": 5.7, "interval angular velocity": 4.4, "level velocity": 1.3, "limit position": 4.5,
-        "limit attitude": 14, "limit velocity": 52, "limit angular velocity": 53}, BENT, always=False, margin=2.0),
-)
-
-
 class Newton(Engine):
     """Adapter of Newton: form `tree` or `maximal`, as the method has it."""
 
@@ -108,7 +57,6 @@ class Newton(Engine):
     options = frozenset({"form", "softness"})
     orders = MappingProxyType({"MuJoCoRK4": 4})  # the others are first order
     package = "newton"
-    known_defects = KNOWN
     eps = 2.0**-23
     pace = 4
     reads = (".urdf", ".xml", ".usd", ".usda", ".usdc")
@@ -356,16 +304,6 @@ def _solver(scene: Scene, model: Any, spec: RunSpec, h: float) -> Any:
         stiff = {"joint_attach_ke": share / h**2, "joint_attach_kd": share / h} if tight else {}
         return solvers.SolverSemiImplicit(model, angular_damping=0.0, **stiff)
     return solvers.SolverFeatherstone(model, angular_damping=0.0)
-
-
-def _bends(name: str) -> bool:
-    """Whether joints that are springs bend much: the mass is large against what a unit of force accelerates.
-
-    Of pendulums, tops and the branching tree it is at most 1,131, of the UR5 5,284, of a needle 1e7.
-    """
-    scene = scene_of(name)
-    return scene is not None and bool(scene.joints) and float(scene.masses.sum()) * max(
-        _mobility(scene, joint) for joint in scene.joints) > HEAVY
 
 
 def _mobility(scene: Scene, joint: Joint) -> float:

@@ -16,7 +16,6 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
-from crosscheck.document.known import ORDERS, STATE, Known
 from crosscheck.files import aside
 from crosscheck.scene.model import GROUND, Scene, quaternion_from_rotation
 from crosscheck.scene.vectors import shortest_rotation
@@ -35,26 +34,6 @@ temporal solver moves them so many times a step, and loses what is below half a 
 near 1.5 rad that turns at 1 mrad/s stands still at 0.25 ms. With SAPIEN's 10 and 1 the velocities of a chain of free
 bodies show no order."""
 
-SPUN_UP = ("the temporal solver keeps angular velocities scaled by the root of the inertia, and the way there and back "
-           "in single precision multiplies them by 1 + 4e-7 a step: a free body of equal moments that nothing turns "
-           "gains 0.73 of 150 rad/s in 10 000 steps, with PGS 3e-9; heavy_top gains 0.21, 0.44, 1.05 rad/s in 0.1 s at "
-           "20, 10, 5 us")
-TURNED = ("roundings of the quaternion, 1e-7 a step, add up: on heavy_top 4.8e-4 and 2.9e-3 rad in 0.1 s at 10 and 5 "
-          "us, where a step turns the body by 7.5e-4 rad")
-KNOWN = (
-    *(Known(("3.0",), (method,), (scene,), ("maximal",), dict.fromkeys(ORDERS, 2.5) | limits, reason, always=False,
-            rising=True, sizes=dict(zip(STATE, sizes, strict=True)))
-      for method, scene, reason, limits, sizes in (
-          ("TGS", "heavy_top", SPUN_UP, {"limit attitude": 6.2}, (5.6e-4, 0.074, 0.012, 1.1)),
-          ("TGS", "single_pendulum", SPUN_UP, {"limit attitude": 2.1, "limit angular velocity": 1.5},
-           (4.8e-4, 4.1e-3, 1.3e-3, 7.0e-3)),
-          ("PGS", "heavy_top", TURNED, {}, (4.6e-5, 2.9e-3, 9.1e-4, 0.041)))),
-    # On the way from falling to rising: 4.0, 2.4, 2.2 mrad/s at 2, 1, 0.5 ms.
-    Known(("3.0",), ("TGS",), ("single_pendulum",), ("maximal",), {"order angular velocity": 0.57}, SPUN_UP,
-          always=False, margin=1.5),
-)
-
-
 class Sapien(Engine):
     """Adapter of SAPIEN, forms `tree` and `maximal`."""
 
@@ -63,7 +42,6 @@ class Sapien(Engine):
     forms = ("tree", "maximal")
     package = "sapien"
     eps = 2.0**-23
-    known_defects = KNOWN
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All three by joint coordinates, none by free bodies."""

@@ -62,7 +62,7 @@ def show(run: Run = "latest", store: Store = None,
     """The figures of one run."""
     from crosscheck.history import runs as stored
 
-    wanted = metric or ["position error", "position order", "energy error", "us per step", "speed ratio"]
+    wanted = metric or ["position error", "order", "energy error", "us per step", "speed ratio"]
     with _opened(store) as opened:
         past = stored.load(opened, stored.find(opened, run))
     known = sorted({name for result in past.results.values() for name in result.figures})

@@ -11,12 +11,12 @@ import msgspec
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from crosscheck.compare.sizes import length_of
 from crosscheck.jointspace.derivatives import Derivatives, tangent_space
 from crosscheck.jointspace.modes import Modes
 from crosscheck.jointspace.motion import shifted
 from crosscheck.jointspace.sources import taken
 from crosscheck.jointspace.verdicts import Verdict
-from crosscheck.judge.tolerances import reach
 from crosscheck.report.standalone import page_of
 from crosscheck.scene.assembly import projected
 from crosscheck.scene.model import Scene
@@ -24,7 +24,7 @@ from crosscheck.scene.paths import unit
 from crosscheck.verification.curves import drawing, quaternions
 
 PICTURES, SEEN = 120, 0.3
-"""Instants of a shape in motion, and its largest turn (rad) or shift (of the scene's reach) in the picture."""
+"""Instants of a shape in motion, and its largest turn (rad) or shift (of the lengths of all bodies) in the picture."""
 
 PERIODS, DECAYS = 2.0, 4.0
 """How long a shape is shown: periods of the slowest that swings, or time constants of the slowest of the others."""
@@ -75,7 +75,7 @@ def _drawn(scene: Scene, modes: Modes, kept: Sequence[int]) -> dict[str, object]
     for k, value in zip(kept, values, strict=True):
         changes = np.real(np.exp(value * t)[:, None] * modes.shapes[:, k]).reshape(PICTURES, scene.n, 6)
         sizes = [float(np.linalg.norm(part, axis=2).max()) for part in np.split(changes, 2, axis=2)]
-        changes *= SEEN / max(sizes[0] / reach(scene), sizes[1])
+        changes *= SEEN / max(sizes[0] / (length_of(scene) * scene.n), sizes[1])
         still = np.zeros(6 * scene.n)
         poses = [projected(scene, shifted(scene, np.concatenate([row.ravel(), still]))) for row in changes]
         actors.append({"label": _told(value)["label"], **_moves([(pose.x0, pose.R0) for pose in poses])})

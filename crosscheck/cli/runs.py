@@ -16,7 +16,7 @@ import typer
 from crosscheck.cli import options
 from crosscheck.cli.console import annotate, complain, progress_bar, say, waiting
 from crosscheck.cli.options import figure
-from crosscheck.errors import ArgumentError, CrosscheckError, SceneError, Unsupported
+from crosscheck.errors import ArgumentError, CrosscheckError, SceneError, Unsupported, counted
 from crosscheck.files import cell, replacing
 
 if TYPE_CHECKING:
@@ -86,7 +86,8 @@ def run(
         say(_first_line(judged))
         _print_run(traj.scene, traj, csv_file, step)
         if judged is not None:
-            _print_errors(judged, traj)
+            _print_errors(judged)
+            _print_energy(judged, traj)
             if last := ending(judged, shlex.join(["crosscheck", *sys.argv[1:]])):
                 print(last)
         raise typer.Exit(EXIT_CODES["unresolved" if judged is None else judged.outcome])
@@ -122,11 +123,11 @@ def _first_line(judged: Record | None) -> str:
     from crosscheck.judge.verdict import code, worst
 
     if judged is None:
-        return "unresolved: nothing was compared, because bounds follow from --step or --rtol and neither was given"
+        return "unresolved: nothing was compared, because neither --step nor --rtol was given"
     sizes = [f"{name} {error.max:.2g} {error.unit}" for name, error in judged.errors.items()
              if name in QUANTITIES and error.max is not None]
     off = f"error against truth: {', '.join(sizes)}" if sizes else "compared with no truth"
-    judging = "" if judged.share is None else f"; judged over {percent(judged.share)} of its {judged.duration:g} s"
+    judging = "" if judged.share is None else f"; resolved over {percent(judged.share)} of its {judged.duration:g} s"
     first = worst(judged.findings)
     reason = judged.message or ("" if first is None or judged.outcome == "pass" else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
@@ -135,21 +136,21 @@ def _first_line(judged: Record | None) -> str:
     return f"{said} ({mark})" if (mark := code(judged)) else said
 
 
-def _print_errors(judged: Record, traj: Trajectory) -> None:
+def _print_errors(judged: Record) -> None:
+    """Each quantity's error, and how small an error of the model would have shown."""
     for name, error in judged.errors.items():
-        bound = "no bound at this step" if error.bound is None else f"bound {error.bound:.1e} {error.unit}"
-        until = "" if error.judged is None or error.judged == error.max else (
-            f"; as far as truth reaches {error.judged:.1e} {error.unit}")
-        say(f"{name} error against truth {error.max:.1e} {error.unit}, at t = {error.time:.4g} s{until}, {bound}")
+        seen = judged.resolution.get(name)
+        shown = "" if seen is None else f"; a model error above {seen:.1e} of its size would have shown"
+        say(f"{name} error against truth {error.max:.1e} {error.unit}, at t = {error.time:.4g} s{shown}")
+
+
+def _print_energy(judged: Record, traj: Trajectory) -> None:
     if judged.energy_error is not None and math.isfinite(judged.energy_error):
         where = ("minus the work done, at the output times" if traj.scene.worked_on else
                  "every step" if traj.maxima else "at the output times")
         start = ("" if judged.energy_error_by_start is None else
                  f" ({judged.energy_error_by_start:.1e} of |E(0)|)")
         say(f"energy error {judged.energy_error:.1e} of the largest kinetic energy{start}, {where}")
-    for finding in judged.findings:
-        if finding.kind == "arithmetic":
-            say(finding.why)
 
 
 def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: float | None) -> None:
@@ -271,6 +272,8 @@ def judge(
     step: Annotated[list[float] | None, typer.Option(help="s; once for each file, in their order")] = None,
     order: Annotated[int | None, typer.Option(help="the order that is claimed")] = None,
     period: Annotated[float | None, typer.Option(help="s between two rows, of files without times")] = None,
+    probes: Annotated[Path | None, typer.Option(
+        help="folder of starts for the simulator that made the file, and of its answers")] = None,
     need: Annotated[float, typer.Option(help="share of a recording's time that has to be judged")] = 1.0,
     form: options.Format = "text",
     as_json: options.AsJson = False,
@@ -291,6 +294,8 @@ def judge(
         typer.echo(recordings.suggest(files[0], described, period), nl=False)
         return
     allowed = dict(options.named_number("--tol", each, "position=1e-3") for each in tol or ())
+    if probes is not None:
+        raise typer.Exit(_judge_probes(described, files, probes, step or [], order))
     runs: list[Any] = [list(files) if len(files) > 1 else files[0]] if step else list(files)
     verdicts = {}
     for given in runs:
@@ -318,6 +323,23 @@ def judge(
     if out is not None and not as_json:
         print(f"page: {out / 'index.html'}" if len(verdicts) == 1 else f"pages: {out}")
     raise typer.Exit(outcomes.exit_code(verdict.outcome for verdict in verdicts.values()))
+
+
+def _judge_probes(scene: Scene, files: list[Path], folder: Path, step: list[float], order: int | None) -> int:
+    """The exit code of a verdict on a simulator that is known by its files."""
+    from crosscheck.document.outcomes import EXIT_CODES
+    from crosscheck.verification.probing import judge_probes
+
+    if len(files) != 1 or len(step) != 1 or order is None:
+        raise ArgumentError("--probes: one file of states, its --step and the --order of the simulator are wanted")
+    record, open_ = judge_probes(scene, files[0], folder, step[0], order)
+    if record is not None:
+        say(_first_line(record))
+        _print_errors(record)
+    if open_:
+        say(f"{counted(len(open_), 'question')} open: run the simulator on the scenes in {folder}, each at the step "
+            f"that questions.csv gives, write the states beside them, and give this command again")
+    return 3 if record is None else EXIT_CODES[record.outcome]
 
 
 @options.starting

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from crosscheck.document import Document, Record
     from crosscheck.recordings import published
 
-COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order", "position error, m", "bound, m",
-                                              "judged to", "energy error", "us/step"))
+COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order", "error of its size",
+                                              "would have shown", "resolved", "energy error", "us/step"))
 STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupported": "dim"}
 
 
@@ -46,7 +46,7 @@ def verify(
     scene: SceneNames = None,
     engine: EngineNames = None,
     method: Annotated[list[str] | None, typer.Option(help="a name; may be repeated; default: all")] = None,
-    profile: Annotated[str, typer.Option(help="default; smoke: first seconds, three steps, no timing; full: every "
+    profile: Annotated[str, typer.Option(help="default; smoke: the first second, no timing; full: every "
                                          "scene, within a budget of steps")] = "default",
     coordinate_map: options.CoordinateMap = None,
     step: options.Step = None,
@@ -202,9 +202,6 @@ def print_verdicts(document: Document, page: Path) -> None:
             say(f"{record.scene}, {record.label}: {sentence(record)}", 4)
             if last := ending(record):
                 print(last)  # one line, to be copied
-    for line in dict.fromkeys(f"{record.scene}, {record.label}: {finding.why}" for record in document.records
-                              for finding in record.findings if finding.kind == "arithmetic"):
-        say(line)
     left_out = (record for record in document.records
                 if record.outcome == "unsupported" or (record.outcome == "unresolved" and not record.within))
     for (outcome, name, message), records in grouped(
@@ -238,30 +235,28 @@ def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
     """Print one line for all runs of an engine on a scene that have one outcome and nothing wrong."""
     from crosscheck.report.headline import OUTCOMES, judged_share, share_words
 
-    best, first = min(right, key=lambda record: record.judged_error), right[0]
+    best, first = min(right, key=lambda record: record.error), right[0]
     part = "" if first.outcome == "pass" else (
-        f", {first.outcome}: {share_words(judged_share(right))}, since {first.not_judged or 'its bounds end there'}")
+        f", {first.outcome}: {share_words(judged_share(right))}, since {first.not_judged}")
     line = (f"{OUTCOMES[first.outcome][0]} {scene}, {engine}: {len(right)} run"
             f"{' behaves' if len(right) == 1 else 's behave'} as documented{part}")
-    if math.isfinite(best.judged_error):
+    if math.isfinite(best.error):
         who = best.label.removeprefix(f"{engine} ")
-        line += f", least error {best.judged_error:.1e} of its size, by {who} at {_size(best)}"
-    orders = [f"{record.label.removeprefix(f'{engine} ')} {min(observed):.2f} of {record.documented_order}"
-              for record in right if (observed := [each.observed for each in record.orders.values() if each.observed])]
+        line += f", least error {best.error:.1e} of its size, by {who} at {_size(best)}"
+    orders = [f"{record.label.removeprefix(f'{engine} ')} {record.order.observed:.2f} of {record.documented_order}"
+              for record in right if record.order is not None]
     if orders:
         line += f"; least observed order of the documented one: {', '.join(orders)}"
     say(line)
 
 
 def _row(record: Record) -> tuple[str, ...]:
-    from crosscheck.report.headline import OUTCOMES
+    from crosscheck.document.outcomes import percent
+    from crosscheck.report.headline import OUTCOMES, seen
 
-    position, fitted = record.errors.get("position"), record.orders.get("position")
-    order = fitted.observed if fitted else None
     return (record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", _size(record),
-            "" if order is None else f"{order:.2f}", _number(position.judged if position else None),
-            _number(position.bound if position else None),
-            "" if record.judged_until is None else f"{record.judged_until:g} s", _number(record.energy_error),
+            "" if record.order is None else f"{record.order.observed:.2f}", _number(record.off), _number(seen(record)),
+            "" if record.share is None else percent(record.share), _number(record.energy_error),
             "" if record.us_per_step is None else f"{record.us_per_step:.3g}")
 
 

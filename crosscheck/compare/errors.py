@@ -16,7 +16,8 @@ from crosscheck.document import QUANTITIES, Errors
 from crosscheck.errors import ArgumentError
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import Motion
+from crosscheck.scene.sensors import Readings, gap, readings, unit
+from crosscheck.scene.states import Motion, States
 
 
 def up_to(t: np.ndarray, end: float) -> np.ndarray:
@@ -76,6 +77,18 @@ def errors(scene: Scene, run: Motion, truth: Motion, until: float = np.inf) -> d
         body = int(np.unravel_index(int(np.nanargmax(values)), values.shape)[1])
         result[quantity] = Error(QUANTITIES[quantity], times, values.max(axis=1), scene.bodies[body].name)
     return result
+
+
+def of_sensors(scene: Scene, own: Readings, truth: States, until: float = np.inf) -> dict[str, Error]:
+    """Errors of the readings of a run's sensors, as "sensor NAME", like `errors`; none of one without a true value."""
+    keep, exact = up_to(truth.t, until), readings(scene, truth) if scene.sensors else {}
+    found = {}
+    for sensor in scene.sensors:
+        name, true = sensor.name, exact[sensor.name]
+        if np.isfinite(true[keep]).any():
+            found[f"sensor {name}"] = Error("rad" if true.shape[1:] == (4,) else unit(scene, sensor), truth.t[keep],
+                                            gap(own[name], true)[keep], own.source[name])
+    return found
 
 
 def energy_gap(scene: Scene, run: Motion, truth: Motion | None, maxima: Mapping[str, float],

@@ -129,7 +129,13 @@ def index(h: Sequence[float], answers: Sequence[np.ndarray], order: int, roundin
                  "index")
 
 
-def spread_of_tolerances(answers: Sequence[np.ndarray], rounding: float, noise: float = 0.0) -> Limit:
-    """The answer at the finest tolerance of an adaptive method, which has no expansion: U is three times the spread."""
-    return Limit(answers[0], {"extrapolation": SAFETY * spread(answers), "rounding": rounding, "noise": SAFETY * noise},
-                 "tolerance")
+def spread_of_tolerances(answers: Sequence[np.ndarray], rounding: float, noise: float = 0.0, kept: float = 0.0
+                         ) -> Limit:
+    """The answer at the finest tolerance of an adaptive method, which has no expansion: U is three times the spread.
+
+    Where the two finest do not differ, as where outputs make the steps, the spread shows nothing: U is then what the
+    tolerance allows, `kept`.
+    """
+    blind = not differ(answers[:2], [rounding] * 2, noise)
+    return Limit(answers[0], {"extrapolation": SAFETY * spread(answers), "tolerance": kept if blind else 0.0,
+                              "rounding": rounding, "noise": SAFETY * noise}, "tolerance")

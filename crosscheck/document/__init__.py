@@ -19,7 +19,7 @@ from crosscheck.document.part import Way as Way
 from crosscheck.document.part import extended as extended
 from crosscheck.document.part import grouped as grouped
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of results.json. It rises if a key is removed or changes its meaning. New keys do not raise it."""
 
 EULER = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
@@ -117,59 +117,16 @@ class Truth(Part, frozen=True, kw_only=True):
 
 
 class Plan(Part, frozen=True):
-    """The steps that methods use on one scene.
+    """The steps that methods use on one scene, see `crosscheck.verification.plan`."""
 
-    `steps` maps a documented order to the step (s) of the main run, `ladders` to the steps (s) of the order study over
-    the first `window` seconds, from coarse to fine. An order that is not listed uses the next lower one.
-    """
-
-    window: float
-    steps: dict[int, float]
-    ladders: dict[int, tuple[float, ...]]
+    steps: dict[int, float]  # documented order to step (s); an order that is not listed uses the next lower one
     rtol: float = 1e-9
-    samples: int = 251  # output times of the main run, enough for smooth curves on a screen
-    duration: float | None = None  # s; main runs end here if the scene is longer
-    budgeted: bool = False  # a limit on the cost or the user set the steps; they may be too coarse for any bound
-
-    @property
-    def most_steps(self) -> float:
-        """Number of steps of the finest run of all order studies."""
-        return max((self.window / ladder[-1] for ladder in self.ladders.values()), default=0.0)
+    samples: int = 251  # output times of a run, enough for smooth curves on a screen
+    duration: float | None = None  # s; runs end here if the scene is longer
 
     def step(self, order: int) -> float:
-        """Step (s) of the main run of a method of this order."""
+        """Step (s) of a method of this order."""
         return self.steps[max(key for key in self.steps if key <= order)]
-
-    def ladder(self, order: int, rungs: int | None = None) -> tuple[float, ...]:
-        """Steps (s) of the order study: all of them, or the `rungs` that show the order best.
-
-        Low orders show best at the finest steps, high ones at the coarsest, because of rounding at fine ones.
-        """
-        steps = self.ladders[max(key for key in self.ladders if key <= order)]
-        return steps if rungs is None else steps[-rungs:] if order <= 2 else steps[:rungs]
-
-
-class Scales(Part, frozen=True, kw_only=True):
-    """Typical sizes of a scene, from the scene and its truth. With them, bounds of all quantities follow from one."""
-
-    length: float  # m, the longest lever from a centre of mass to a joint
-    speed: float  # m/s, largest speed of a centre of mass
-    rate: float  # rad/s, W': the largest angular speed, or sqrt(g / length) if that is larger
-    unit_rate: float  # rad/s, W: the same at the start; the unit of the velocities that truth perturbs
-    reach: float  # m, largest distance of a centre of mass from the origin
-    kinetic: float  # J, largest kinetic energy
-    momentum: float  # kg m^2/s, largest angular momentum that is possible at these speeds
-
-    @property
-    def units(self) -> dict[str, float]:
-        """The error of each compared quantity if the error of the state y is one, see `crosscheck.judge.tolerances`."""
-        return {"position": self.length, "attitude": 1.0, "velocity": self.length * self.rate,
-                "angular velocity": self.rate}
-
-    def of(self, quantity: str) -> float:
-        """Size of a compared quantity, in its unit. A run with a larger error has nothing to do with the motion."""
-        return {"position": max(self.length, self.reach), "attitude": 1.0, "velocity": self.speed,
-                "angular velocity": self.rate}[quantity]
 
 
 class Recommended(Part, frozen=True, kw_only=True):
@@ -178,11 +135,10 @@ class Recommended(Part, frozen=True, kw_only=True):
     runs: list[str]
     step: float | None
     rtol: float | None
-    error: float  # the largest judged error of all quantities, each over its size
-    until: float | None  # s, the end of the judged time
+    error: float  # the largest of all quantities, each over its size
     seconds: float | None  # of stepping per simulated second
     why: str
-    share: float = 1.0  # the part of its time over which its motion was judged
+    share: float = 1.0  # the part of its time over which its motion is resolved
 
 
 class EngineTrust(Part, frozen=True, kw_only=True):
@@ -207,8 +163,8 @@ class SceneTruth(Part, frozen=True, kw_only=True, omit_defaults=True):
     duration: float  # s
     plan: Plan | None
     truth: Truth | None
-    scales: Scales | None
-    rounding: dict[str, tuple[float, float]] | None = None  # see `crosscheck.judge.tolerances.rounding_levels`
+    sizes: dict[str, float] | None  # of quantities along the true motion, SI
+    rounding: dict[str, tuple[float, float]] | None = None  # see `crosscheck.judge.rounding.rounding_of`
     no_truth: str = ""  # why there is no truth
     disputed: bool = False  # two formulations of the truth disagree
     failure: str = ""  # why the scene could not be prepared at all
@@ -230,26 +186,30 @@ class Scene(SceneTruth, frozen=True, kw_only=True, omit_defaults=True):
 class Finding(Part, frozen=True):
     """One judged value of a run."""
 
-    kind: str  # quantity of metrics, "energy", "momentum", "level position", "orthogonality", "order position", "run"
+    kind: str  # what it is about, a key of `outcomes.KINDS`, and the row: "limit position", "gap attitude", "order"
     status: Status
     value: float | None
-    bound: float | None
+    bound: float | None  # U, or what is promised or asked
     unit: str
     why: str
-    detail: str = ""  # where and when it happens, or what is known about it
+    detail: str = ""  # where and when it happens, the parts of U, or what is known about it
+    size: float | None = None  # of the quantity, in its unit
 
     @property
-    def blown(self) -> bool:
-        """Whether the energy of a run is wrong by more than the largest kinetic energy: it shows another motion."""
-        return self.kind == "energy" and self.unit == "1" and self.value is not None and not self.value <= 1.0
+    def about(self) -> str:
+        """The key of `outcomes.KINDS`."""
+        return self.kind.partition(" ")[0]
+
+    @property
+    def row(self) -> str:
+        """The quantity."""
+        return self.kind.partition(" ")[2]
 
     @property
     def severity(self) -> float:
-        """log10 of value / bound, infinite if the value is not finite. Of an order: 10 times the lack to its bound."""
+        """log10 of value / bound, infinite if the value is not finite."""
         if self.value is None or self.bound is None or not math.isfinite(self.value):
             return math.inf if self.status in ("fail", "known") else -math.inf
-        if self.kind.startswith("order"):
-            return 10.0 * (self.bound - self.value)
         if self.value == 0:
             return -math.inf  # also if the bound is 0
         return math.log10(max(self.value, 1e-300) / max(self.bound, 1e-300))
@@ -264,9 +224,6 @@ class Errors(Part, frozen=True, kw_only=True):
     time: float | None  # s, of the largest error
     body: str
     size: float | None = None  # of the quantity along the true motion, see `crosscheck.compare.sizes`
-    judged: float | None = None
-    bound: float | None = None
-    why: str = ""
 
 
 class Level(Part, frozen=True, kw_only=True):
@@ -278,30 +235,20 @@ class Level(Part, frozen=True, kw_only=True):
 
 
 class Order(Part, frozen=True, kw_only=True):
-    """The convergence order, fitted to the errors at several steps. On the rounding plateau errors fall no more."""
+    """The order at which answers at three steps approach each other, over all segments in which it shows."""
 
-    observed: float | None  # None if fewer than three steps lie above the rounding plateau
     documented: int
-    used: int  # number of steps in the fit
-    pairs: tuple[float | None, ...]  # orders between all neighbouring steps, coarse to fine
-    note: str = ""
-    settled: bool = True  # the last three orders between neighbouring steps above the plateau agree
-    exhausted: bool = False  # the finest step lies on the plateau, so that finer ones would show rounding only
-    finest: float | None = None  # order between the two finest steps above the plateau, if orders rise towards it
-    rounding: float = 0.0  # largest error on the plateau
+    observed: float  # the lowest
+    median: float
+    segments: int
 
 
 class Rung(Part, frozen=True, kw_only=True):
-    """One step or tolerance of the order study."""
+    """One step or tolerance at which all segments were asked."""
 
     step: float | None  # s
     rtol: float | None
-    errors: dict[str, float | None] = {}  # the largest in the window
-    end: dict[str, float | None] = {}  # at the end of the window
-    wall_time: float | None = None  # s
-    steps: int | None = None
-    guide: float | None = None  # m, on the line of documented slope through the error at the coarsest step
-    message: str = ""  # why there are no errors
+    errors: dict[str, float | None] = {}  # the largest of all segments against truth
 
 
 class Point(Part, frozen=True, kw_only=True):
@@ -351,16 +298,17 @@ class Record(Way, frozen=True, kw_only=True):
     wall_time: float | None = None  # s
     us_per_step: float | None = None
     seconds_per_second: float | None = None  # of stepping per simulated second, at the judged step
-    orders: dict[str, Order] = {}
-    ladder: list[Rung] = []
-    ladder_cut: str = ""  # why the order study has fewer steps than planned, if its time limit cut it
+    order: Order | None = None  # None if all answers differ by rounding, or the method is adaptive
+    ladder: list[Rung] = []  # coarse to fine
+    resolution: dict[str, float] = {}  # by row: a larger error of the model, over the size, would have been seen
+    shares: dict[str, float] = {}  # by row: the share of the run's time in which it is resolved
+    asked_steps: float | None = None  # engine steps of all answers and the run, over those of the run
     curves: RunCurves = RunCurves()
 
     outcome: Outcome = "error"
     message: str = ""
     findings: list[Finding] = []
-    judged_until: float | None = None  # s, how much of the run's time its motion was judged over
-    not_judged: str = ""  # why it was not judged over the rest
+    not_judged: str = ""  # why its motion was not resolved over all of its time
 
     label: str = ""  # engine and method, and the form if the method ran in more than one
     default_form: bool = True  # whether the engine, not the plan, chose the form
@@ -368,7 +316,7 @@ class Record(Way, frozen=True, kw_only=True):
     speed: Speed | None = None
     timing: list[Point] = []
     word: str = ""  # the outcome in words that say how much of the motion was judged
-    share: float | None = None  # of its time over which its motion was judged; None if it was not judged at all
+    share: float | None = None  # of its time in which x, R, v, w are resolved; None if it was not judged at all
     code: str = ""  # of what is wrong or open, see `crosscheck.document.outcomes.KINDS`; "" for a pass
     worst: Finding | None = None  # the most important finding, see `crosscheck.judge.verdict.worst`
 
@@ -378,10 +326,18 @@ class Record(Way, frozen=True, kw_only=True):
         return largest({name: error.max for name, error in self.errors.items()}, self.sizes)
 
     @property
-    def judged_error(self) -> float:
-        """`off` over the judged time; infinite if it was not judged."""
-        error = largest({name: error.judged for name, error in self.errors.items()}, self.sizes)
-        return math.inf if error is None else error
+    def least_share(self) -> float:
+        """The smallest of the shares of its time in which its rows are resolved."""
+        return min([self.share or 0.0, *self.shares.values()])
+
+    @property
+    def error(self) -> float:
+        """`off`, infinite if it is not known."""
+        return math.inf if self.off is None else self.off
+
+    def resolution_of(self, quantity: str) -> float | None:
+        """An error of the model above this share of the size of a quantity would have been seen."""
+        return self.resolution.get(quantity)
 
     @property
     def sizes(self) -> dict[str, float]:
@@ -390,7 +346,7 @@ class Record(Way, frozen=True, kw_only=True):
 
     @property
     def within(self) -> bool:
-        """Whether some of the motion was judged, and nothing that was judged is beyond its bound."""
+        """Whether some of the motion is resolved, and nothing of it is beyond its uncertainty."""
         return self.outcome == "pass" or (self.outcome == "unresolved" and bool(self.share)
                                           and all(finding.status != "known" for finding in self.findings))
 

@@ -1,30 +1,24 @@
-"""Known defects of engines, each with its reason and its size. They show as "known" and pass; one that vanishes fails.
+"""Known defects of engines, each with its reason and size. They show as "known" and pass; one that vanishes is said.
 
-An engine declares its own. An entry is written only after its cause is understood or documented by the engine, never to
-silence a finding. It excuses no more than about the size that was measured (`crosscheck.judge.known`).
+An entry is written only after its cause is understood or documented by the engine, never to silence a finding.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Container, Mapping
-from typing import Any
-
-STATE = ("position", "attitude", "velocity", "angular velocity")
-ORDERS = tuple(f"order {quantity}" for quantity in STATE)
+import msgspec
 
 
-@dataclasses.dataclass(frozen=True)
-class Known:
-    """A defect: in which runs and findings it shows, how large it was, and why it is there."""
+class Known(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A defect: in which runs and rows it shows, how large it is, and why it is there."""
 
+    engine: str
     versions: tuple[str, ...]  # each stands for every version that begins so, as "3" for 3.3.7
     methods: tuple[str, ...]
-    scenes: Container[str] | Callable[[Any, str, str | None], bool] | None  # names, or a rule of engine, scene and form
-    forms: tuple[str, ...] | None  # None: any form
-    kinds: Mapping[str, float]  # of findings: the largest value over its bound that was measured; of orders, the lack
+    rows: dict[str, float]  # by kind of finding: the largest value over the size of the quantity; of orders, the lack
     reason: str
-    always: bool = True  # it has to show in every such run: where it does not, it has vanished
-    margin: float = 10.0  # times the largest measured size beyond which it excuses nothing: errors move by a few
-    rising: bool = False  # of orders it excuses only those of errors that rise as steps shrink
-    sizes: Mapping[str, float] = dataclasses.field(default_factory=dict)  # by kind of finding, of the main run with it
+    evidence: str  # what was measured
+    forms: tuple[str, ...] = ()  # none: any form
+    scenes: tuple[str, ...] = ()  # none: any scene
+    where: str = ""  # what a scene has that shows it, one of `crosscheck.adapters.common.known.WHERE`
+    upstream: str = ""  # address of the engine's own issue
+    always: bool = False  # it has to show in every such run: where it does not, it has vanished

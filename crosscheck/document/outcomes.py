@@ -38,22 +38,13 @@ KINDS = {
     "tolerance": Kind("CC106", "the error is beyond the tolerance that was asked", "step, tolerance, model"),
     "noise": Kind("CC107", "repeats scatter", "random numbers, threads, time limits of iterations"),
     "unresolved": Kind("CC108", "less was judged than was asked for", "what its sentence names")}
-"""What a verdict can be about that is no pass."""
+"""What a verdict can be about that is no pass. The first word of a finding's kind is one of these."""
 
-_ABOUT = {"repeat": "gap", "reset": "gap", "continuity": "gap", "axes": "gap", "interpolation": "gap", "order": "order",
-          "level": "promise", "orthogonality": "promise", "acceleration": "promise", "sensor": "promise",
-          "rtol": "promise", "run": "asked", "step": "asked", "steps": "asked", "sub-steps": "asked",
-          "vanished": "asked", "noise": "noise"}
-"""By the first word of the kind of a finding; all others compare a motion with truth."""
-
-
-def code(outcome: Outcome, kind: str = "run", by_user: bool = False) -> str:
-    """The code of a verdict whose worst finding is of this kind, against a bound of the user or not; "" for a pass."""
+def code(outcome: Outcome, about: str = "asked") -> str:
+    """The code of a verdict whose worst finding is about one of `KINDS`; "" for a pass."""
     if outcome in ("pass", "unsupported"):
         return ""
-    about = ("unresolved" if outcome == "unresolved" else "tolerance" if by_user else
-             _ABOUT.get(kind.partition(" ")[0], "limit"))
-    return KINDS[about].code
+    return KINDS["unresolved" if outcome == "unresolved" else about].code
 
 
 def worst(outcomes: Iterable[Outcome]) -> Outcome:

@@ -12,7 +12,11 @@ SPEED = "speed ratio"
 
 
 SHARE = "judged share"
-"""Name of the value that says over which share of its time the motion of a run was judged."""
+"""Name of the value that says over which share of its time the motion of a run is resolved."""
+
+
+ORDER = 0.05
+"""Change of an observed order that rounding may cause: it shows where answers differ by more than twice that."""
 
 
 class Figure(NamedTuple):
@@ -35,16 +39,12 @@ def figures(record: Record, scene: Scene) -> list[Figure]:
         error = record.errors.get(quantity)
         if error is not None:
             # An error larger than the quantity itself says that the motion is another one. Its value means nothing.
-            said = error.max is not None and scene.scales is not None and error.max <= scene.scales.of(quantity)
+            said = error.max is not None and error.size is not None and error.max <= error.size
             level = rounding.get(quantity) if said else None
             listed += [Figure(f"{quantity} {name}", unit, value, rounding=level)
-                      for value, name in ((error.max, "error"), (error.end, "end error"),
-                                          (error.judged, "judged error"))
-                      if value is not None]
-        order = record.orders.get(quantity)
-        if order is not None and order.observed is not None:
-            listed.append(Figure(f"{quantity} order", "1", order.observed,
-                                rounding=_order_rounding(record, quantity, scene)))
+                      for value, name in ((error.max, "error"), (error.end, "end error")) if value is not None]
+    if record.order is not None:
+        listed.append(Figure("order", "1", record.order.observed, rounding=ORDER))
     if record.energy_error is not None:
         level = rounding.get("energy") if record.energy_error < 1.0 else None
         listed.append(Figure("energy error", "1", record.energy_error, rounding=level))
@@ -58,23 +58,8 @@ def figures(record: Record, scene: Scene) -> list[Figure]:
 
 
 def _rounding(scene: Scene, steps: int) -> dict[str, float]:
-    """The change of each value that rounding may cause in `steps` steps; see `crosscheck.judge.tolerances`."""
-    return {name: fixed + growing * steps**0.6 for name, (fixed, growing) in (scene.rounding or {}).items()}
-
-
-def _order_rounding(record: Record, quantity: str, scene: Scene) -> float | None:
-    """The change of the order that rounding in the errors of the order study may cause."""
-    if record.ladder_cut:  # the number of its steps depends on the load of the machine
-        return None
-    share = 0.0
-    for rung in record.ladder:
-        error = rung.errors.get(quantity)
-        level = _rounding(scene, rung.steps or 1).get(quantity)
-        if not error or level is None:
-            return None
-        share = max(share, level / error)
-    # The order is the slope of log error over log step, and neighbouring steps differ by a factor of about two.
-    return 2.0 * share / math.log(2.0) if share < 0.1 else None
+    """The change of each value that rounding may cause in `steps` steps."""
+    return {name: fixed + growing * steps for name, (fixed, growing) in (scene.rounding or {}).items()}
 
 
 def _levels(record: Record) -> list[Figure]:
@@ -84,10 +69,10 @@ def _levels(record: Record) -> list[Figure]:
     for level, unit in LEVELS.items():
         seen = record.levels.get(level)
         if seen is not None and seen.max is not None:
-            rounding = bounds.get(f"level {level}") if seen.held else None
+            rounding = bounds.get(f"promise level {level}") if seen.held else None
             levels.append(Figure(f"constraint {level}", unit, seen.max, rounding=rounding))
     if record.orthogonality is not None:
-        levels.append(Figure("orthogonality", "1", record.orthogonality, rounding=bounds.get("orthogonality")))
+        levels.append(Figure("orthogonality", "1", record.orthogonality, rounding=bounds.get("promise orthogonality")))
     return levels
 
 

@@ -1,24 +1,28 @@
-"""Bounds that the user sets instead of the computed ones: in a TOML file, or as quantity=value."""
+"""Tolerances of the user, in a TOML file or as quantity=value: rows against truth over the whole run."""
 
 from __future__ import annotations
 
 import math
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from msgspec.structs import replace
-
-from crosscheck.document import Finding
+from crosscheck.document import LEVELS, QUANTITIES, Finding, Record
 from crosscheck.errors import ArgumentError, unknown
-from crosscheck.judge.tolerances import BOUNDS, BY_USER
 
 Overrides = tuple[tuple[str, float, str], ...]
-"""(kind of finding, bound in its unit, reason)."""
+"""(quantity, tolerance in its unit, reason)."""
+
+ENERGY = "energy"
+OF_TRUTH = {**QUANTITIES, ENERGY: "1", "momentum": "kg m^2/s"}
+"""Rows that truth is needed for, with their units; the energy is over the largest kinetic energy."""
+OF_RUN = {**{f"level {level}": unit for level, unit in LEVELS.items()}, "orthogonality": "1"}
+"""Rows that the run has by itself."""
+BY_USER = "set by the user"
 
 
 def read(path: str | os.PathLike[str] | None, options: Sequence[str] = (), sensors: Sequence[str] = ()) -> Overrides:
-    """Bounds from a file and from options "quantity=value". Options replace bounds of the file.
+    """Tolerances from a file and from options "quantity=value". Options replace those of the file.
 
     `sensors` are names that count as quantities too; "sensor NAME" is meant where a quantity has the same name.
 
@@ -54,11 +58,11 @@ def _table(path: str | os.PathLike[str]) -> dict[str, object]:
 
 
 def _known(where: str, name: str, sensors: Sequence[str]) -> str:
-    if name in BOUNDS:
+    if name in OF_TRUTH or name in OF_RUN:
         return name
     if name.removeprefix("sensor ") in sensors:
         return f"sensor {name.removeprefix('sensor ')}"
-    raise ArgumentError(f"{where}: {unknown('quantity', name, [*BOUNDS, *sensors])}")
+    raise ArgumentError(f"{where}: {unknown('quantity', name, [*OF_TRUTH, *OF_RUN, *sensors])}")
 
 
 def _bound(where: str, value: object) -> tuple[float, str]:
@@ -77,28 +81,27 @@ def _bound(where: str, value: object) -> tuple[float, str]:
     return float(value), why
 
 
-def override(findings: Sequence[Finding], overrides: Overrides, whole: Mapping[str, tuple[float, str]] | None = None
-             ) -> list[Finding]:
-    """The findings of a run, judged by the user's bounds if there are any.
-
-    `whole` has, by kind of finding, the largest value over all of the time for which there is truth, and where it is: a
-    bound of the user holds there, however far computed bounds reach.
-
-    Values without a computed bound are judged, too. If the user set bounds of position and attitude, the finding that
-    the step is too coarse for the computed bounds is removed.
+def tolerated(overrides: Overrides, run: Record, horizon: float | None) -> tuple[list[Finding], dict[str, float]]:
+    """The findings on the tolerances that the user asked for, and the share of the run's time in which each could be
+    judged: truth reaches to its `horizon` (s), None without truth.
     """
-    bounds = {name: (value, why) for name, value, why in overrides}
-    if {"position", "attitude"} <= set(bounds):
-        findings = [finding for finding in findings if finding.kind != "step"]
-    changed = []
-    for finding in findings:
-        if finding.kind in bounds and finding.value is not None:
-            bound, why = bounds[finding.kind]
-            if finding.kind in (whole or {}):
-                most, where = (whole or {})[finding.kind]
-                finding = replace(finding, value=most, detail=where)
-            value = finding.value or 0.0
-            good = value >= bound if finding.kind.startswith("order") else value <= bound
-            finding = replace(finding, bound=bound, why=why, status="ok" if good else "fail")
-        changed.append(finding)
-    return changed
+    findings, shares = list[Finding](), dict[str, float]()
+    whole = run.duration or horizon
+    reach = 0.0 if horizon is None or whole is None else 1.0 if math.isclose(horizon, whole) else min(
+        1.0, horizon / whole)
+    for name, bound, why in overrides:
+        error = run.errors.get(name)
+        level = run.levels.get(name.removeprefix("level "))
+        value, unit = ((error.max, error.unit) if error is not None else
+                       (level.max, level.unit) if name.startswith("level ") and level is not None else
+                       ({ENERGY: run.energy_error, "momentum": run.momentum_error,
+                         "orthogonality": run.orthogonality}.get(name), (OF_TRUTH | OF_RUN).get(name, "1")))
+        where = "" if error is None else f"body {error.body}, t = {error.time:.4g} s"
+        if value is None:
+            shares[f"tolerance {name}"] = 0.0
+            findings.append(Finding(f"tolerance {name}", "unresolved", None, bound, unit, f"{why}; it is not known"))
+            continue
+        shares[f"tolerance {name}"] = 1.0 if name in OF_RUN else reach
+        findings.append(Finding(f"tolerance {name}", "ok" if value <= bound else "fail", value, bound, unit, why,
+                                where, None if error is None else error.size))
+    return findings, shares

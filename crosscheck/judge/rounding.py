@@ -9,7 +9,7 @@ import numpy as np
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 
-EPS = 2.0**-52
+EPS = float(np.finfo(float).eps)
 
 USUAL = 50.0
 """Roundings (eps) that a step is allowed: about the size of the terms of accelerations over their sum, in an ordinary

@@ -102,8 +102,8 @@ def findings(checks: Iterable[Check], spans: Sequence[tuple[float, float]]) -> l
                             ("fail", "unresolved", "ok") if any(each.status == status for each in group))
         made.append(Finding(f"{rule} {name}".strip(), worst.status, worst.value, worst.uncertainty,
                             UNITS.get(name, "1"), WHY[rule],
-                            f"segment {begin:.6g} to {end:.6g} s, size {worst.size:.4g}; U = {parts or '0'}; "
-                            f"{worst.detail}; segments: {counted}"))
+                            f"segment {begin:.6g} to {end:.6g} s; U = {parts or '0'}; "
+                            f"{worst.detail}; segments: {counted}", worst.size if math.isfinite(worst.size) else None))
     return made
 
 

@@ -137,7 +137,7 @@ def eventful(scene: Scene, traj: Motion) -> tuple[list[int], Mapping[int, Mode]]
     """Intervals of a run within which a law of a joint changes, and by sample what its states lack."""
     if not scene.has_laws:
         return [], {}
-    crossed = Crossed(scene, traj, np.arange(len(traj.t) - 1), 0.0, 1.0, {})
+    crossed = Crossed(scene, traj, np.arange(len(traj.t) - 1), 1.0)
     inside = [k for k, each in enumerate(crossed.intervals) if each.events]
     return inside, {k: mode for k, mode in enumerate(crossed.modes) if mode is not None}
 

@@ -19,9 +19,6 @@ from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import Motion, States
 
-SEED = 37
-"""Of the generator that draws another world: any number will do."""
-
 TURNABLE = ("linear_spring", "slide_spring", "torsional_spring", "constant_force", "constant_torque",
             "joint_torque", "joint_force")
 """Types of forces whose meaning in a turned world is known here."""
@@ -44,7 +41,7 @@ class World:
         """
         from scipy.spatial.transform import Rotation
 
-        rng = np.random.default_rng([SEED, scene.n, len(scene.joints), *scene.key.encode()])
+        rng = np.random.default_rng([scene.n, len(scene.joints), *scene.key.encode()])
         Q = Rotation.random(random_state=rng).as_matrix() if turned and turnable(scene) else np.eye(3)
         shift = length * rng.uniform(-1.0, 1.0, scene.gravity.shape)
         bodies, joints = rng.permutation(scene.n), len(scene.joints)

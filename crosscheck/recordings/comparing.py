@@ -326,10 +326,10 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
     pose = np.max([each for group, each in zip(recording.groups, floors, strict=True) if group.key in POSES], axis=0)
     begin, grown = states.at(keep), np.zeros((2, len(keep)))
     if laws:
-        crossed = Crossed(scene, states, keep, 0.0, anchor_length(scene), {})
-        after, sizes = crossed.end, crossed.sizes(0)
+        crossed = Crossed(scene, states, keep, anchor_length(scene))
+        after, sizes = crossed.end, crossed.sizes
         for k, interval in enumerate(crossed.intervals):
-            grown[:, k] = across(interval.events, pose[k], noise[k], tau[k], sizes[:, k], None)
+            grown[:, k] = across(interval.events, pose[k], noise[k], tau[k], sizes[:, k])
     else:
         with np.errstate(over="ignore", invalid="ignore"):
             after = integrate(scene, begin, tau, int(min(200, max(2, np.ceil(rate * tau.max() / TURN)))))[0]

@@ -32,12 +32,12 @@ def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
     titled += [("step [s]", lambda r: r.step), ("rtol", lambda r: r.rtol),
                 ("documented order", lambda r: r.documented_order),
                 ("verdict", lambda r: r.word), ("duration [s]", lambda r: r.duration),
-                ("judged until [s]", lambda r: r.judged_until)]
+                ("share resolved", lambda r: r.share), ("not resolved since", lambda r: r.not_judged),
+                ("observed order", lambda r: None if r.order is None else r.order.observed)]
     for name, unit in QUANTITIES.items():
         titled += [(f"{name} {field} [{unit}]", _of("errors", name, key))
-                    for key, field in (("end", "end error"), ("max", "max error"), ("judged", "judged error"),
-                                         ("bound", "bound"))]
-        titled.append((f"{name} order", _of("orders", name, "observed")))
+                    for key, field in (("end", "end error"), ("max", "max error"), ("size", "size"))]
+        titled.append((f"{name} resolution over size", operator.methodcaller("resolution_of", name)))
     titled += [("energy error over largest kinetic energy", lambda r: r.energy_error),
                 ("energy error over |E(0)|", lambda r: r.energy_error_by_start),
                 ("vertical momentum error [kg m^2/s]", lambda r: r.momentum_error)]
@@ -109,8 +109,8 @@ DIGITS = 5
 """Significant digits of numbers in runs.js. results.json has all digits."""
 
 RUN_KEYS = ("scene", "engine", "version", "label", "form", "method", "outcome", "word", "step", "rtol",
-            "documented_order", "own_environment", "judged_until", "energy_error", "orthogonality")
-RUNG_KEYS = ("step", "rtol", "errors", "wall_time", "guide")
+            "documented_order", "own_environment", "share", "energy_error", "orthogonality")
+RUNG_KEYS = ("step", "rtol", "errors")
 CURVES = "window.CROSSCHECK_CURVES = "
 
 
@@ -144,14 +144,12 @@ def runs_script(document: Document) -> str:
 
 def _run(record: Record) -> str:
     """A run as JSON in ASCII without line breaks."""
-    errors = {name: {"max": error.max, "judged": error.judged, "bound": error.bound}
-              for name, error in record.errors.items()}
-    orders = {name: order.observed for name, order in record.orders.items()}
+    errors = {name: {"max": error.max} for name, error in record.errors.items()}
     levels = {name: {"max": level.max, "held": level.held} for name, level in record.levels.items()}
-    ladder = [{key: getattr(rung, key) for key in RUNG_KEYS} | {"end": rung.end.get("position")}
-              for rung in record.ladder]
+    ladder = [{key: getattr(rung, key) for key in RUNG_KEYS} for rung in record.ladder]
     timing = [{key: getattr(point, key) for key in ("step", "rtol", "wall_time", "error")} for point in record.timing]
-    return _compact({**{key: getattr(record, key) for key in RUN_KEYS}, "errors": errors, "orders": orders,
+    return _compact({**{key: getattr(record, key) for key in RUN_KEYS}, "errors": errors,
+                     "order": None if record.order is None else record.order.observed,
                      "levels": levels, "ladder": ladder, "timing": timing,
                      "euler": record.engine == "lieeuler" and record.method in EULER})
 

@@ -6,29 +6,29 @@ import shlex
 from collections import Counter
 from collections.abc import Sequence
 
-from crosscheck.document import Change, Document, Record, Scene
+from crosscheck.document import QUANTITIES, Change, Document, Record, Scene
 from crosscheck.document.outcomes import Outcome, percent
 from crosscheck.errors import counted
 
 OUTCOMES: dict[Outcome, tuple[str, str, str]] = {
-    "pass": ("✓", "pass", "behaves as documented: every check within its bound, over all that was asked for"),
+    "pass": ("✓", "pass", "comes to the truth as documented, resolved over all that was asked for"),
     "known": ("≈", "known", "only defects of the engine that are listed with their reason"),
     "fail": ("✗", "fail", "a figure is beyond its bound"),
     "error": ("‼", "error", "it did not run"),
-    "unresolved": ("?", "unresolved", "nothing is beyond its bound, but the motion was judged over less of the run "
-                   "than was asked for, or not at all; the run says why"),
+    "unresolved": ("?", "unresolved", "nothing is beyond its uncertainty, but that is too large to tell over more of "
+                   "the run than was asked for; the run says why"),
     "unsupported": ("–", "unsupported", "the engine cannot model this scene")}
 """Symbol, word and meaning of each outcome."""
 
 
 def judged_share(records: Sequence[Record]) -> float | None:
-    """The average share of their time over which the motion of runs was judged; None without runs."""
+    """The average share of their time over which the motion of runs is resolved; None without runs."""
     return sum(record.share or 0.0 for record in records) / len(records) if records else None
 
 
 def share_words(share: float | None) -> str:
     """A share from `judged_share` in words."""
-    return "" if share is None else f"judged over {percent(share)} of the time"
+    return "" if share is None else f"resolved over {percent(share)} of the time"
 
 
 SPARED = 2
@@ -119,13 +119,11 @@ def why_no_truth(scene: Scene) -> str:
 
 
 def span(record: Record) -> str:
-    """In words, over what part of its length the motion of a run was judged."""
-    if record.share == 0:
-        return "motion not judged"
-    if record.judged_until is None or record.duration is None:
+    """In words, over what part of its length the motion of a run is resolved."""
+    if record.share is None or record.duration is None:
         return ""
-    if record.share is not None and record.share < 1:
-        return f"{record.judged_until:.3g} s of {record.duration:g} s" + (
+    if record.share < 1:
+        return f"{percent(record.share)} of {record.duration:g} s" + (
             f", since {record.not_judged}" if record.not_judged else "")
     return f"all {record.duration:g} s"
 
@@ -150,26 +148,19 @@ def _clause(record: Record) -> str:
     worst = record.worst
     if record.outcome in ("error", "unsupported", "unresolved") or worst is None:
         return record.message
-    if worst.kind == "step":
-        return f"at step {number(worst.value)} s {worst.why}; {worst.detail}"
-    if worst.kind in ("run", "vanished"):
+    if worst.value is None:
         return worst.detail or worst.why
     unit = "" if worst.unit in ("1", "") else f" {worst.unit}"
-    kind = worst.kind.replace("level ", "constraint at level ").replace("order ", "observed order in ")
-    if worst.kind.startswith("order") and worst.value is None:
-        return f"{kind}: {worst.detail}"
-    if worst.kind.startswith("order"):
-        why = f": {worst.detail}" if worst.status == "fail" and worst.detail else ""
-        wanted = (f"at least {number(worst.bound, 3)}" if record.documented_order is None or worst.kind == "order rtol"
-                  else f"documented {record.documented_order}")
-        return f"observed order {number(worst.value, 3)}, {wanted} ({worst.kind.removeprefix('order ')}){why}"
+    if worst.about == "order" and record.order is not None:
+        return f"observed order {number(record.order.observed, 3)}, documented {record.order.documented}"
     relation = "within" if worst.status == "ok" else "beyond"
-    return f"{kind} {number(worst.value)}{unit}, {relation} {number(worst.bound)}{unit}"
+    what = {"limit": "as steps vanish {row} is off by", "gap": "from its own states {row} goes on otherwise by",
+            "promise": "{row} is off by", "tolerance": "error of {row}"}.get(worst.about, "{row}")
+    return (f"{what.format(row=worst.row)} {number(worst.value)}{unit}, {relation} {number(worst.bound)}{unit}")
 
 
-MENDS = {"rest": "give it a start that moves", "step": "a smaller --step",
-         "truth": "a shorter --duration, or a scene with a truth: crosscheck truth says what is in the way",
-         "precision": "an engine of more digits, or one that starts at given states"}
+MENDS = {"unresolved rest": "give it a start that moves",
+         "unresolved truth": "a shorter --duration, or a scene with a truth: crosscheck truth says what is in the way"}
 """By the kind of a finding that says why nothing of a motion was judged: the change that would mend it."""
 
 
@@ -192,11 +183,16 @@ def ending(record: Record, command: str = "") -> str:
 
 
 def _mend(record: Record) -> str:
-    if any(each.kind == "truth" and "was left out" in each.why for each in record.findings):
+    if "was left out" in record.not_judged:
         return "a start at which nothing acts that was left out: --qpos or --keyframe"
     open_ = (MENDS[each.kind] for each in record.findings if each.kind in MENDS and each.status == "unresolved")
-    until = f"--duration {record.judged_until:.3g}, which is judged" if record.judged_until else "a smaller --step"
-    return next(open_, until)
+    share = f", or --need {record.least_share:.2g}, which is resolved" if record.share else ""
+    return next(open_, f"a smaller {'--step' if record.step else '--rtol'}{share}")
+
+
+def seen(record: Record) -> float | None:
+    """An error of the model that moves the motion by more than this, over the size, would have been seen."""
+    return max((record.resolution[name] for name in QUANTITIES if name in record.resolution), default=None)
 
 
 SHADES = (1e-9, 1e-6, 1e-3, 1e-1)

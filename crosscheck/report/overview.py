@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import get_args
 
-from crosscheck.document import QUANTITIES, Change, Document, Finding, Record, Scene, grouped
-from crosscheck.document.outcomes import Outcome
+from crosscheck.document import Change, Document, Finding, Record, Scene, grouped
+from crosscheck.document.outcomes import KINDS, Outcome
 from crosscheck.report.headline import OUTCOMES, judged_share
 
 SEVERITY: tuple[Outcome, ...] = get_args(Outcome)
@@ -35,21 +35,21 @@ def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int
 
 
 def judged_shares(document: Document) -> dict[tuple[str, str], float | None]:
-    """For every scene and engine with unresolved runs, the share of their time that was judged (`judged_share`)."""
+    """For every scene and engine with unresolved runs, the share of their time that is resolved (`judged_share`)."""
     unresolved = _pairs(record for record in document.records if record.outcome == "unresolved")
     return {pair: judged_share(records) for pair, records in unresolved.items()}
 
 
 def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
-    """For every scene and engine, the passing run with the smallest `Record.judged_error`, if one passes.
+    """For every scene and engine, the passing run with the smallest `Record.error`, if one passes.
 
     Runs that are right as far as they were judged count, too.
     """
     best: dict[str, dict[str, Record]] = {scene.name: {} for scene in document.scenes}
     passing = (record for record in document.records if record.within
-               and not math.isinf(record.judged_error))
+               and not math.isinf(record.error))
     for (scene, engine), records in _pairs(passing).items():
-        best[scene][engine] = min(records, key=lambda record: record.judged_error)
+        best[scene][engine] = min(records, key=lambda record: record.error)
     return best
 
 
@@ -89,11 +89,6 @@ def by_method(document: Document) -> dict[str, list[tuple[str, dict[str, Record]
     return grouped(rows, lambda row: next(iter(row[1].values())).engine)
 
 
-MATTERS = {**dict.fromkeys(QUANTITIES, "error of the motion beyond its bound"),
-           "energy": "energy error beyond its bound", "momentum": "momentum error beyond its bound",
-           "orthogonality": "attitudes that are no rotations",
-           "step": "step too coarse to judge the motion", "vanished": "a known defect no longer shows"}
-"""What is wrong, by kind of finding; `_matter` has the other kinds."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,12 +109,11 @@ def worst_first(records: Sequence[Record], changes: Sequence[Change] | None = No
         """The factor by which a finding exceeds its bound; unknown values count as infinite."""
         if not finding or not finding.value or not finding.bound:
             return float("inf")
-        ratio = finding.value / finding.bound
-        return 1 / ratio if finding.kind.startswith("order") else ratio
+        return finding.value / finding.bound
 
     worse = {(change.scene, change.engine, change.method) for change in changes or [] if change.bad}
     bad = [(record, record.worst) for record in records if record.outcome in ("fail", "error", "known")]
-    bad.sort(key=lambda pair: (pair[1] is None or not pair[1].blown, -excess(pair[1])))  # what blew up comes first
+    bad.sort(key=lambda pair: -excess(pair[1]))
     groups = grouped(bad, lambda pair: (
         pair[0].outcome, "" if pair[0].outcome == "known" else pair[0].engine, _matter(*pair)))
     wrong = [Wrong(outcome, engine, why, runs, len({record.scene for record, _ in runs}),
@@ -136,15 +130,10 @@ def _matter(record: Record, finding: Finding | None) -> str:
         return "did not run"
     if record.outcome == "known":
         return str(finding.detail or finding.why)
-    kind = str(finding.kind)
-    if kind == "run":
+    if finding.kind == "asked end":
         ended = finding.why != "a run has to reach its end"
         return "printed text that nobody reads" if ended else "did not reach its end"
-    if kind.startswith("order"):
-        return "observed order below the documented one"
-    if kind.startswith("level"):
-        return f"constraints at {kind.removeprefix('level ')} level beyond their bound"
-    return MATTERS.get(kind, f"{kind} beyond its bound")
+    return KINDS[finding.about].title
 
 
 def summary_counts(records: Sequence[Record]) -> dict[str, int]:

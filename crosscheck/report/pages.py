@@ -23,6 +23,7 @@ from crosscheck.report.headline import (
     judged_share,
     number,
     plain_number,
+    seen,
     sentence,
     shade,
     share_words,
@@ -106,7 +107,7 @@ def environment() -> Any:
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
     made.filters |= {"number": number, "sentence": sentence, "ending": ending, "shade": shade, "anchor": anchor,
-                     "span": span, "spoken": spoken, "judged_share": judged_share,
+                     "span": span, "seen": seen, "spoken": spoken, "judged_share": judged_share,
                      "share_words": share_words, "sortable": plain_number,
                      "query": urllib.parse.quote, "slug": slug}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
@@ -119,8 +120,8 @@ def environment() -> Any:
 def studies(document: Document) -> dict[str, str]:
     """Key and title of the studies that this document has data for."""
     records = document.records
-    made = {"convergence": any(record.orders for record in records),
-            "speed": any(record.ladder or record.timing for record in records),
+    made = {"convergence": any(record.order for record in records),
+            "speed": any(record.timing for record in records),
             "conservation": any(record.levels for record in records)}
     return {key: title for key, title in STUDIES.items() if made[key]}
 

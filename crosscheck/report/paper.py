@@ -96,7 +96,7 @@ def table(runs: Sequence[Record]) -> str:
     lines = []
     for run in runs:
         values = [_number(read(run)) for read in COLUMNS.values()]
-        order = run.orders["position"].observed if "position" in run.orders else None
+        order = None if run.order is None else run.order.observed
         lines.append(" & ".join([typed(run.label), *values, "--" if order is None else f"{order:.2f}"]
                                 if run.steps is not None else
                                 [typed(run.label), rf"\multicolumn{{{len(COLUMNS) + 1}}}{{l}}{{{tex(run.message)}}}"]))

@@ -327,10 +327,6 @@ def read(reader: Reader, sensor: Sensor) -> np.ndarray:
     return values
 
 
-Misreads = Mapping[tuple[str, str], tuple[Callable[[Reader, Sensor], np.ndarray], str]]
-"""By type and frame of a sensor, what an engine is known to read instead, and the evidence for it in words."""
-
-
 def gap(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """(T,) how far readings are from others: the angle between attitudes, rad, or the norm of the difference.
 

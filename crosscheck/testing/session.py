@@ -9,9 +9,6 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import ArgumentError
-from crosscheck.judge.plan import PLANS
-from crosscheck.judge.plan import profile as profile_called
-from crosscheck.judge.verdict import needing
 from crosscheck.references import truth as truth_of
 from crosscheck.references.base import Reference
 from crosscheck.running.run import run
@@ -20,7 +17,7 @@ from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 from crosscheck.testing.agreement import assert_agree, contender
-from crosscheck.verification.cell import judge_alone
+from crosscheck.verification.plan import profile as profile_called
 
 
 class Session:
@@ -28,13 +25,13 @@ class Session:
 
     Parameters
     ----------
-    profile : name of a profile of `crosscheck verify`; a profile that does not run whole scenes shortens scenes whose
-        duration a test does not give to the first seconds, those of the order studies
+    profile : name of a profile of `crosscheck verify`; one that does not run whole scenes shortens those whose
+        duration a test does not give
     given : returns the keywords of the running test's marker, None without a marker
     """
 
     def __init__(self, profile: str, given: Callable[[], Mapping[str, object] | None]) -> None:
-        self._whole, self._given = profile_called(profile).whole, given
+        self._most, self._given = profile_called(profile).most_seconds, given
         self._runs: dict[tuple[object, ...], Trajectory] = {}
         self._truths: dict[str, Reference] = {}
         self._asked: dict[int, tuple[Trajectory, dict[str, Any]]] = {}  # trajectory and options by its identity
@@ -80,19 +77,9 @@ class Session:
             raise ArgumentError("crosscheck_check: a trajectory of crosscheck_run is wanted; for another one there is "
                                 "crosscheck.assert_agree")
         _, options = self._asked[id(traj)]
-
-        def again(*given: Any, **more: Any) -> Trajectory:
-            return traj if all(more.get(key) == options.get(key) for key in ("step", "rtol")) else self.run(
-                *given, **more)
-
-        try:
-            assert_agree(traj.scene, [(traj.engine, traj.method, options)], tol, need=need, run=again, truth=self.truth)
-        except AssertionError:
-            judged = judge_alone(traj.scene.name, traj, traj.engine, **options) if tol is None else None
-            if judged is None or needing(judged, need).outcome != "known":
-                raise
-            return next(finding.detail for finding in judged.findings if finding.status == "known")
-        return ""
+        records = assert_agree(traj.scene, [(traj.engine, traj.method, options)], tol, need=need,
+                               run=lambda *_, **__: traj, truth=self.truth)
+        return next((each.detail for record in records for each in record.findings if each.status == "known"), "")
 
     def _kept(self, traj: Trajectory, options: dict[str, Any]) -> Trajectory:
         self._asked[id(traj)] = traj, options
@@ -103,10 +90,9 @@ class Session:
         if scene is None:
             raise ArgumentError("scene: name it as an argument, or with the marker crosscheck(scene=...)")
         loaded = as_scene(scene)
-        if self._whole or isinstance(scene, Scene) or options.get("duration") is not None:
+        if self._most is None or isinstance(scene, Scene) or options.get("duration") is not None:
             return loaded
-        window = PLANS[scene].window if isinstance(scene, str) and scene in PLANS else 1.0
-        return loaded.replace(duration=min(window, loaded.duration))
+        return loaded.replace(duration=min(self._most, loaded.duration))
 
 
 def _merged(scene: object, engine: object, method: object, options: dict[str, Any],

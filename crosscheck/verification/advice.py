@@ -411,9 +411,9 @@ def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Ad
     step of the run: beyond them the order is not known to hold.
     """
     passing = [record for record in records if record.within
-               and math.isfinite(record.judged_error) and record.wall_time]
+               and math.isfinite(record.error) and record.wall_time]
     advice = Advice(scene=scene.name, engine=records[0].engine, wanted=wanted, until=scene.duration,
-                    least=min((record.judged_error for record in passing), default=None),
+                    least=min((record.error for record in passing), default=None),
                     tried=f"among the runs of this report and the steps that their orders let expect; "
                           f"{_finest(passing)}")
     expected = [each for record in passing if (each := _expected(scene, record, advice)) is not None]
@@ -424,34 +424,27 @@ def _expected(scene: SceneTruth, record: Record, asked: Advice) -> Advice | None
     """The run at the step that a record lets expect for an error; None if the record promises no such step."""
     wanted = asked.wanted
     assert isinstance(wanted, float)
-    error, step, size = record.judged_error, record.step, record.sizes
-    orders = {name: record.orders[name] for name in size if name in record.orders}
+    error, step = record.error, record.step
     assert scene.plan is not None
     assert record.wall_time is not None
     estimated = f"the run at rtol {record.rtol:g}" if step is None else f"the run at {step:g} s"
     stretch = 1.0
-    at = {name: (record.errors[name].judged or 0.0) / size[name] for name in orders}
-    falling = {name: each.observed for name, each in orders.items()
-               if each.observed and each.settled and at[name] > each.rounding / size[name]}
-    flat = [name for name in orders if at[name] <= orders[name].rounding / size[name]]  # which no step changes
-    if step is not None and falling and len(falling) + len(flat) == len(size):
-        coarsest = max((rung.step for rung in record.ladder if rung.step and not rung.message), default=step)
-        interval = (record.duration or scene.duration) / (scene.plan.samples - 1)  # of the window, if so
-        longest = min(*(step * (wanted / MARGIN / at[name]) ** (1 / order) for name, order in falling.items()),
-                      max(coarsest, step), interval)
-        if longest < step / 100 or any(wanted < each.rounding / size[name] for name, each in orders.items()):
+    if step is not None and record.order is not None and error > 0.0:
+        order = min(record.order.observed, float(record.order.documented))
+        coarsest = max((rung.step for rung in record.ladder if rung.step), default=step)
+        interval = (record.duration or scene.duration) / (scene.plan.samples - 1)
+        longest = min(step * (wanted / MARGIN / error) ** (1 / order), max(coarsest, step), interval)
+        if longest < step / 100:
             return None
         stretch = interval / math.ceil(interval / longest * (1 - 1e-9)) / step
-        error = max(*(at[name] * stretch**order for name, order in falling.items()), *(at[name] for name in flat), 0.0)
-        estimated += f" and its observed order{'s' if len({f'{each:.2f}' for each in falling.values()}) > 1 else ''} "
-        estimated += " to ".join(dict.fromkeys(f"{each:.2f}" for each in (min(falling.values()),
-                                                                         max(falling.values()))))
+        error *= stretch**order
+        estimated += f" and its observed order {record.order.observed:.2f}"
     if error > wanted * (1 + 1e-9):
         return None
     command = record.command.removesuffix(" --csv run.csv")
     if step is not None:
         command = command.replace(f"--step {step!r}", f"--step {step * stretch!r}")
-    return replace(asked, until=record.judged_until or scene.duration, method=record.method, form=record.form,
+    return replace(asked, until=scene.duration, method=record.method, form=record.form,
                    step=None if step is None else step * stretch, rtol=record.rtol, error=error,
                    cost=record.wall_time / stretch, command=command, estimated=estimated)
 

@@ -40,13 +40,13 @@ from crosscheck.jobs.workers import output
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
-from crosscheck.judge.plan import PENDING, Profile
-from crosscheck.judge.plan import profile as profile_called
 from crosscheck.judge.verdict import beyond
 from crosscheck.running import cluster, provenance, support, versions
 from crosscheck.scene.file import load_scene, read_scene, scene_names, tagged
 from crosscheck.verification import advice, trust
 from crosscheck.verification.cell import run_cell
+from crosscheck.verification.plan import PENDING, Profile
+from crosscheck.verification.plan import profile as profile_called
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.speed import measure_speed, timed
 from crosscheck.verification.task import Carried, Cell, all_cells
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from crosscheck.jobs.table import Session  # a database, which workers do not need
 
 TIME_LIMIT = 1800.0
-"""Time limit (s) of one cell: a main run and its order study. With built-in engines it takes seconds to minutes."""
+"""Time limit (s) of one cell: a run and its verdict. With built-in engines it takes seconds to minutes."""
 
 MEMORY_LIMIT = 4.0
 """Limit of resident memory (GB) of one worker process. With all built-in engines loaded it needs 0.2 GB."""
@@ -84,15 +84,14 @@ def guarded_cell(cell: Cell) -> Record:
     """`run_cell`, but a run fails if its engine printed text, because a user would miss a warning in it."""
     judged = run_cell(cell)
     if adapters.has_own_environment(cell.way.engine):
-        judged = replace(judged, own_environment=True, us_per_step=None, seconds_per_second=None,
-                         ladder=[replace(rung, wall_time=None) for rung in judged.ladder])
+        judged = replace(judged, own_environment=True, us_per_step=None, seconds_per_second=None)
     lines = [line for line in output.heard().splitlines() if line.strip()]
     if not lines:
         return judged
     shown = "".join(letter if letter.isprintable() else "?" for letter in lines[0].strip()[:SHOWN])
     shown = f"it printed {len(lines)} lines, first: {shown}"
-    return beyond(judged, Finding("run", "fail", None, None, "", "an engine answers by what it returns; what it prints "
-                                  "is lost on its user", shown), shown)
+    return beyond(judged, Finding("asked end", "fail", None, None, "", "an engine answers by what it returns; what it "
+                                  "prints is lost on its user", shown), shown)
 
 
 Progress = Callable[[int, int, str], None]
@@ -152,7 +151,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     progress : called as tasks end
     session : every result is put into its table; what is there already is not computed again
     limits : of one cell; None: those of `crosscheck.verification.job`
-    overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
+    overrides : tolerances of the user, from `crosscheck.judge.overrides.read`
     walk : also make the runs for advice, half a minute of processor time per scene and engine
     asked : map, step and duration of main runs instead of those of the plan
     scheduler : where truths and runs are computed, for `crosscheck.running.cluster.connect`; timings are made here
@@ -174,7 +173,6 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         raise ArgumentError(f"need: a share above 0 and up to 1 is wanted, not {need:g}")
     adapters.renew()
     settings = profile_called(profile)
-    settings = dataclasses.replace(settings, whole=settings.whole or asked.duration is not None)
     within = limits or limits_of()
     scene_names, engine_names = select_scenes(scenes, settings.every_scene), select_engines(engines)
     check_methods(methods, engine_names)
@@ -312,12 +310,12 @@ def _truths(stages: Stages, keys: Callable[..., str], names: list[str], settings
             carried: Carried) -> list[SceneTruth]:
     """The truth of every scene, or why it could not be prepared."""
     prepare = functools.partial(carried.call, functools.partial(prepare_truth, asked=asked))
-    tasks = [(name, settings.whole, settings.most_steps) for name in names]
+    tasks = [(name, settings.most_seconds, settings.most_steps) for name in names]
     prepared = stages.run("truth", prepare, tasks, [keys("truth", task[0], None, *task, asked) for task in tasks],
                           # Every run of a scene needs it.
                           [f"truth of {Path(name).name}" for name in names], again=True)
     return [SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
-                       truth=None, scales=None, failure=readable(each.message), details=readable(each.details) or "")
+                       truth=None, sizes=None, failure=readable(each.message), details=readable(each.details) or "")
             if isinstance(each, Crash) else each for name, each in zip(names, prepared, strict=True)]
 
 
@@ -327,7 +325,7 @@ def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, ove
     plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
     without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
     return [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
-                                overrides=overrides, most_seconds=settings.most_seconds, way=replace(
+                                overrides=overrides, as_planned=asked == AS_PLANNED, way=replace(
                                     cell.way, coordinate_map=adapters.get(cell.way.engine).takes_map(
                                         asked.coordinate_map)))
             for cell in cells]
@@ -355,7 +353,7 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
     scenes = {scene.name: scene for scene in truths}
     def cost(index: int) -> tuple[float, float]:
         cell = cells[index]
-        return adapters.get(cell.way.engine).pace, len(scenes[cell.scene].bodies) * cell.plan.most_steps
+        return adapters.get(cell.way.engine).pace, len(scenes[cell.scene].bodies) / cell.plan.step(1)
 
     ready = sorted((index for index, cell in enumerate(cells) if not scenes[cell.scene].failure), key=cost,
                    reverse=not cheap_first)
@@ -371,7 +369,7 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
                 message = (f"not run, the scene has no truth to judge by: {scenes[cell.scene].failure}"
                            if result is None else result.message)
                 result = extended(Record, cell.way, scene=cell.scene, version="", message=message, findings=[
-                    Finding("run", "fail", None, None, "", "a run has to reach its end", message)])
+                    Finding("asked end", "fail", None, None, "", "a run has to reach its end", message)])
             judged.append((cell, result))
         return [replace(each, label=label, default_form=cell.default_form) for (cell, each), label in zip(
             judged, labels([each for _, each in judged]), strict=True)]

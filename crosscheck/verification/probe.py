@@ -24,12 +24,16 @@ class Answer:
     pulled: Pulled | None  # sums of reactions on each body, as of `segments.reactions_of`
     own: dict[str, np.ndarray]  # (T, n, k) readings and accelerations that it made less those of its states
     steps: int
+    read: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)  # (T, 1, k) readings with laws of joints in
     _rows: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def rows(self, segment: Segment) -> dict[str, np.ndarray]:
         """It less truth by quantity, (T - 1, n, k), at the outputs after the first."""
         if not self._rows:
             self._rows.update(rows(segment, self.states, self.pulled))
+            true = readings(segment.start, segment.flowed.states) if self.read and segment.flowed is not None else {}
+            self._rows.update({name: (each - true[name.removeprefix("sensor ")].reshape(each.shape))[1:]
+                               for name, each in self.read.items() if name.removeprefix("sensor ") in true})
         return self._rows
 
     def within(self, segment: Segment) -> Answer:
@@ -38,7 +42,8 @@ class Answer:
         cut = self.states.at(part)
         return Answer(dataclasses.replace(cut, t=cut.t - cut.t[0]),
                       None if self.pulled is None else (self.pulled[0][part], self.pulled[1][part]),
-                      {name: each[part] for name, each in self.own.items()}, self.steps * segment.last // count)
+                      {name: each[part] for name, each in self.own.items()}, self.steps * segment.last // count,
+                      {name: each[part] for name, each in self.read.items()})
 
 
 class Probe:
@@ -62,6 +67,12 @@ class Probe:
             self.worlds.pop(0)  # it cannot be turned
         return None
 
+    def elsewhere(self, scene: Scene, step: float | None, rtol: float | None) -> Answer | None:
+        """The answer in the last world, which is another one than that of `answer`; None if there is but one."""
+        world = self.worlds[-1]
+        got = self._asked(world.scene(scene), step, rtol) if len(self.worlds) > 1 else None
+        return None if got is None else _brought_back(world, *got)
+
     def again(self, step: float | None, rtol: float | None) -> Answer | None:
         """The whole run once more, at a step or a tolerance."""
         got = self._asked(self.whole, step, rtol)
@@ -81,7 +92,7 @@ class Probe:
 
 def answer_of(scene: Scene, states: States, steps: int) -> Answer:
     """The answer that states of a scene are; what it holds beyond states is compared with what follows from these."""
-    pulled, own = None, {}
+    pulled, own, read = None, {}, {}
     if states.lam is not None and not scene.has_laws:
         pulled = reactions_of(scene, states, states.lam)
     if states.a is not None and states.alpha is not None and not scene.has_laws:
@@ -89,12 +100,16 @@ def answer_of(scene: Scene, states: States, steps: int) -> Answer:
     derived = readings(scene, dataclasses.replace(states, a=None, alpha=None, lam=None, sensors=None)) if (
         states.sensors) else {}
     for sensor in scene.sensors:
-        if sensor.name in (states.sensors or {}) and not (scene.has_laws and SENSOR_TYPES[sensor.type].dynamic):
-            given, true = states.sensors[sensor.name], derived[sensor.name]  # type: ignore[index]
+        if sensor.name not in (states.sensors or {}):
+            continue
+        given, true = states.sensors[sensor.name], derived[sensor.name]  # type: ignore[index]
+        if scene.has_laws and SENSOR_TYPES[sensor.type].dynamic:  # what acts does not follow from the state alone
+            read[f"sensor {sensor.name}"] = given.reshape(len(given), 1, -1)
+        else:
             if true.shape[1:] == (4,):  # a quaternion and its negative are the same attitude
                 given = given * np.where(np.einsum("tk,tk->t", given, true) < 0.0, -1.0, 1.0)[:, None]
             own[f"sensor {sensor.name}"] = np.nan_to_num(given - true).reshape(len(true), 1, -1)
-    return Answer(states, pulled, own, steps)
+    return Answer(states, pulled, own, steps, read)
 
 
 def _accelerated(scene: Scene, states: States) -> dict[str, np.ndarray]:
@@ -103,7 +118,7 @@ def _accelerated(scene: Scene, states: States) -> dict[str, np.ndarray]:
     at = states.at(rows)
     a, alpha, _ = mechanics.index1(scene, at.x, at.R, at.v, at.w, mechanics.torsion_angles(scene, at), at.t)
     found = {"acceleration": np.zeros_like(states.x), "angular acceleration": np.zeros_like(states.x)}
-    found["acceleration"][rows], found["angular acceleration"][rows] = at.a - a, at.alpha - alpha  # type: ignore[operator]
+    found["acceleration"][rows], found["angular acceleration"][rows] = at.a - a, at.alpha - alpha
     return found
 
 
@@ -112,4 +127,6 @@ def _brought_back(world: World, there: Scene, states: States, steps: int) -> Ans
     turned = {"acceleration": world.Q, "angular acceleration": np.eye(3)}
     pulled = None if found.pulled is None else (found.pulled[0][:, order] @ world.Q, found.pulled[1][:, order])
     return Answer(world.back(states), pulled, {
-        name: each[:, order] @ turned[name] if name in turned else each for name, each in found.own.items()}, steps)
+        name: each[:, order] @ turned[name] if name in turned else each for name, each in found.own.items()}, steps, {
+        f"sensor {sensor.name}": each @ world.Q if sensor.frame == "world" and each.shape[-1] == 3 else each
+        for sensor in there.sensors for each in [found.read.get(f"sensor {sensor.name}")] if each is not None})

@@ -28,9 +28,9 @@ from crosscheck.compare.order import (
     spread_of_tolerances,
 )
 from crosscheck.compare.sizes import at_rest, length_of, sizes
-from crosscheck.document import Finding, Record
+from crosscheck.document import Finding, Order, Record, Rung
 from crosscheck.errors import Unsupported
-from crosscheck.judge import tolerances
+from crosscheck.judge.rounding import EPS, grading
 from crosscheck.judge.rules import RESOLVED, WHY, Check, Rule, findings, limit_check, shares, told, visible
 from crosscheck.judge.segments import Segment, fill, growth, segments_of
 from crosscheck.judge.system_flow import MOVED, Flowed, Jump, SystemFlow, grown, moved
@@ -42,10 +42,6 @@ from crosscheck.scene.assembly import closed
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 from crosscheck.verification.probe import Answer, Probe, answer_of
-
-EPS = float(np.finfo(float).eps)
-Rung = tuple[float | None, float | None, dict[str, float]]
-"""Step (s) or relative tolerance, and the largest errors there by row."""
 
 HALVINGS = 2
 """Finer steps that are tried before a segment fails or stays unresolved (Roache: until the order shows)."""
@@ -82,8 +78,10 @@ class Verdict:
     shares: dict[str, float]  # by row: of the run's time in which it is resolved; by "" of x, R, v, w together
     visible: dict[str, float] = dataclasses.field(default_factory=dict)  # by row: a larger error would have been seen
     cost: float = 1.0  # engine steps of all answers and the run, over those of the run
-    orders: dict[str, float] | None = None  # "documented", "lowest" and "median" observed, and in how many "segments"
+    order: Order | None = None
     ladder: list[Rung] = dataclasses.field(default_factory=list)
+    eps: float = EPS  # spacing of the engine's numbers, as far as it is declared and repeats show it
+    iteration: float = 0.0  # m, left by its iteration, as declared
 
     @property
     def share(self) -> float:
@@ -113,7 +111,8 @@ class Solution:
             except (TruthError, Unsupported) as error:
                 self.why = f"no truth: {error}"
         self.reach, self.length = float(np.abs(traj.x).max(initial=0.0)), length_of(scene)
-        self.grading, self.eps, self.noise = tolerances.grading(scene), EPS, dict[str, float]()
+        self.grading, self.eps, self.noise = grading(scene), EPS, dict[str, float]()
+        self.spacing, self.broken = EPS, False
         self.left = self.engine.iteration(scene, RunSpec(run.method, step=run.step, rtol=run.rtol, form=run.form))
         self.dt = float(traj.t[1] - traj.t[0])
         self.n = 0 if run.step is None else steps_per_sample(scene, run.step)[0]
@@ -178,6 +177,7 @@ class Solution:
     def measure_noise(self, sequences: Sequence[Sequence3 | None]) -> None:
         """Asks the same question again from starts that differ by a rounding, for noise and the spacing of numbers."""
         given, ratios, scatter = max(EPS, self.engine.eps), list[float](), dict[str, list[tuple[float, float]]]()
+        spacings = list[float]()
         told, step = list[tuple[int, str, float, float]](), self.own if self.p is not None else 0.0
         chosen = [(k, segment, seq) for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True))
                   if segment.flowed is not None and seq is not None]
@@ -190,12 +190,18 @@ class Solution:
             for name, gap in gaps.items():
                 scatter.setdefault(name, []).append((gap, self.rounding(name, segment, self.own) / self.eps))
             ratios.append(max(gaps[name] / self.rounding(name, segment, self.own) for name in STATE))
+            other = self.probe.elsewhere(segment.start, *self.at(self.own)) if given > EPS else None
+            if other is not None:  # coarse numbers are others in every world
+                last = other.rows(segment)
+                spacings.append(max(largest((rows[0][name] - last[name])[segment.kept(name, step)]) / max(
+                    self.sizes[name], self.reach if name == "position" else 0.0) for name in STATE))
             same = [rows[0], seq.answers[self.nearest(seq)].rows(segment)]  # a start that is moved may have another way
             kept = {name: [each[name][segment.kept(name, step)] for each in same] for name in STATE}
             told += [(k, name, spread(kept[name]), min(largest(each) for each in kept[name])) for name in STATE]
-        if given > EPS and ratios:
-            self.eps = given if self.segments[0].whole else min(
-                given, max(EPS, SAFETY * float(np.median(ratios)) * EPS))
+        if given > EPS:  # a rounding of a number of the state is in no sum over steps
+            asked = bool(ratios) and not self.segments[0].whole
+            self.eps = min(given, max(EPS, SAFETY * float(np.median(ratios)) * EPS)) if asked else given
+            self.spacing = min(given, max(EPS, SAFETY * float(np.median(spacings)))) if spacings else given
         self.noise = {name: max(max(0.0, gap - 2 * least * self.eps) for gap, least in each)
                       for name, each in scatter.items()}
         for k, name, gap, missed in told:
@@ -315,10 +321,12 @@ class Solution:
         rounding = [times * each for each in self.roundings(name, segment, h)]
         noise = times * self.noise.get(name, 0.0)
         if self.p is None:
-            return spread_of_tolerances(own[:3], rounding[0], noise)
+            kept = times * self.believed(segment) * h[0] * self.sizes.get(name, 1.0) * _growth(segment)
+            return spread_of_tolerances(own[:3], rounding[0], noise, kept)
         if smooth:
-            p = self.p if name in OF_STATE else 1
-            return limit(h, own, p, rounding, noise, order if name in OF_STATE else math.inf)
+            if name in OF_STATE:
+                return limit(h, own, self.p, rounding, noise, order)
+            return limit(h, own, 1, rounding, noise, observed_order(h[:3], own[:3]))  # of no state: its own order
         # A method that documents a higher order where a motion is not smooth finds the events, and others are late.
         late = self.p < 2
         jump = sum(each.rates.get(name, 0.0) for each in segment.flowed.jumps) if segment.flowed and late else 0.0
@@ -383,8 +391,8 @@ class Solution:
             if seq is None or segment.flowed is None:
                 continue
             place = next((j for j, size in enumerate(seq.steps) if abs(size / self.own - 1) < ROUNDED), None)
-            answer = self.probe.answer(segment.given, *self.at(self.own)) if self.open or place is None else (
-                seq.answers[place])
+            # With closed joints, as an opening may lock a mechanism; what closing changes is allowed.
+            answer = self.probe.answer(segment.start, *self.at(self.own)) if place is None else seq.answers[place]
             if answer is None:
                 continue
             defects[k] = self.gaps(self.own_states, segment, answer)
@@ -457,7 +465,7 @@ class Solution:
         except TruthError:
             return found
         for k, segment in enumerate(cut):
-            answer = self.probe.answer(segment.given, *self.at(size))
+            answer = self.probe.answer(segment.start, *self.at(size))
             if answer is not None:
                 found[k] = self.gaps(got.states, segment, answer)
         return found
@@ -553,7 +561,8 @@ class Solution:
         if self.truth is not None and self.flow is not None:
             fill(self.segments, self.flow, self.own_states, self.truth)
         sequences, alone = self.all_sequences(), ""
-        if not any(sequences) and self.probe.refused:
+        self.broken = not any(sequences) and not self.probe.refused
+        if not any(sequences):
             alone = f"not started elsewhere: {self.probe.why}"
             self.segments = self.whole() or self.segments
             sequences = self.all_sequences() if self.segments[0].whole else sequences
@@ -576,20 +585,23 @@ class Solution:
             blind.append(len(spans))
             spans.append((spans[-1][1], float(self.traj.t[-1])))
         reached, told = shares(self.checks, spans, blind), findings(self.checks, spans)
+        if self.broken:  # it fails where it is started again, so that a right run shows nothing
+            reached = dict.fromkeys(reached, 0.0)
         if alone:
             told.append(Finding("gap", "ok", None, None, "", WHY["gap"], f"{alone}; whole runs alone are judged"))
         if self.probe.status != "success":
             told.insert(0, Finding("asked end", "fail", None, None, "", "a run has to reach its end",
                                    f"it says: {self.probe.status}"))
         cost = 1.0 + self.probe.steps / max(1, self.traj.steps)
-        return Verdict(told, self.checks, alone or self.reason(blind, reached[""]), reached, visible(self.checks), cost,
-                       self.orders(sequences), self.ladder(sequences))
+        return Verdict(told, self.checks, self.why or alone or self.reason(blind, reached[""]), reached,
+                       visible(self.checks), cost, self.order(sequences), self.ladder(sequences), self.spacing,
+                       self.left)
 
-    def orders(self, sequences: Sequence[Sequence3 | None]) -> dict[str, float] | None:
+    def order(self, sequences: Sequence[Sequence3 | None]) -> Order | None:
         """The documented order and those that smooth segments show; None if none does."""
         shown = [each.order for each in sequences if each is not None and each.order is not None]
-        return None if self.p is None or not shown else {
-            "documented": self.p, "lowest": min(shown), "median": float(np.median(shown)), "segments": len(shown)}
+        return None if self.p is None or not shown else Order(
+            documented=self.p, observed=min(shown), median=float(np.median(shown)), segments=len(shown))
 
     def ladder(self, sequences: Sequence[Sequence3 | None]) -> list[Rung]:
         """The largest |D| by row over all segments at the steps or tolerances of all, the coarsest first."""
@@ -602,7 +614,8 @@ class Solution:
                 for name, each in seq.answers[-1 - k].rows(segment).items():
                     kept = each[segment.kept(name, size if self.p is not None else 0.0)]
                     most[name] = max(most.get(name, 0.0), largest(kept))
-            made.append((*self.at(size), most))
+            step, rtol = self.at(size)
+            made.append(Rung(step=step, rtol=rtol, errors=dict(most)))
         return made
 
     def all_sequences(self) -> list[Sequence3 | None]:

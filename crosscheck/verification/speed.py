@@ -25,13 +25,13 @@ from crosscheck.errors import CrosscheckError
 from crosscheck.files import digest
 from crosscheck.jobs.drive import Crash, Limits, Place, Stages, run_tasks
 from crosscheck.jobs.workers import output
-from crosscheck.judge.plan import RTOLS, profile
 from crosscheck.judge.verdict import beyond
 from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-from crosscheck.verification.task import Cell, windowed
+from crosscheck.verification.plan import RTOLS, profile
+from crosscheck.verification.task import Cell
 from crosscheck.verification.trust import NOISE_DEVIATIONS
 
 CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (numpy.linalg.solve)"
@@ -296,6 +296,12 @@ ENOUGH, ALIKE = 0.1, 1.05
 """Two runs have no third if they take more stepping time (s) than this, as long runs average noise out, or if their
 times differ by less than this factor."""
 
+TIMED, SAMPLES = 1.0, 6
+"""Simulated time (s) of the timing study, and the output times of its truth."""
+
+COARSER = (8, 4, 2, 1)
+"""Steps of the timing study over that of the main run."""
+
 MOST_TIMED = 1000
 """Most steps of repeats, and of all runs at the step of the main run. They are enough to measure the time per step."""
 
@@ -319,7 +325,7 @@ def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages
     """
     told = list(records)
     for scene, own in grouped(range(len(cells)), lambda index: cells[index].scene).items():
-        chosen = [index for index in own if records[index].ladder and not records[index].own_environment]
+        chosen = [index for index in own if records[index].duration and not records[index].own_environment]
         if chosen:
             task = Timing(tuple((cells[index], records[index].documented_order,
                                  records[index].step or records[index].rtol) for index in chosen), repeats)
@@ -337,7 +343,7 @@ def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages
 
 def _with_points(record: Record, points: list[Point], reason: str | None) -> Record:
     if reason is not None:
-        record = beyond(record, Finding("run", "fail", None, None, "", "a run has to reach its end",
+        record = beyond(record, Finding("asked end", "fail", None, None, "", "a run has to reach its end",
                                         f"in the timing study: {reason}"))
     for point in points:
         if point.main:
@@ -371,11 +377,12 @@ def time_cells(timing: Timing) -> list[list[Point]]:
     """
     first = timing.runs[0][0]
     scene = load_scene(first.scene)
-    brief = windowed(scene, first.plan.window).replace(samples=2)
-    exact = references.truth(windowed(scene, first.plan.window)).states
+    short = scene.lasting(min(first.plan.duration or scene.duration, TIMED)).replace(samples=SAMPLES)
+    brief, exact = short.replace(samples=2), references.truth(short).states
     end = dataclasses.replace(exact, **{name: getattr(exact, name)[[0, -1]] for name in ("t", "x", "R", "v", "w")},
                               a=None, alpha=None, lam=None)
-    ladders = [cell.plan.ladder(order) if order is not None else RTOLS for cell, order, _ in timing.runs]
+    ladders = [[cell.plan.step(order) * times for times in COARSER] if order is not None else RTOLS
+               for cell, order, _ in timing.runs]
     made: dict[tuple[int, int], list[RawRun]] = {}  # by the number of the run and of its rung
     for _ in range(timing.repeats):
         for index, ((cell, order, main), sizes) in enumerate(zip(timing.runs, ladders, strict=True)):

@@ -11,11 +11,11 @@ from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
 from crosscheck.document import Plan, Way
 from crosscheck.jobs.drive import Crash, Limits, Place, run_tasks
-from crosscheck.judge.plan import PENDING, PLANS, STUDY_SAMPLES, Profile
 from crosscheck.running import cluster, provenance
 from crosscheck.scene.file import carry, load_scene, read_scene, scene_names
 from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import Content
+from crosscheck.verification.plan import PENDING, Profile
 
 T = TypeVar("T")
 Task = TypeVar("Task")
@@ -28,13 +28,10 @@ class Cell:
     scene: str  # a name or a path
     way: Way  # without step and rtol, which are those of the plan
     plan: Plan
-    study: bool = True  # whether to make the order study, too
-    rungs: int | None = None  # number of its steps; None: all
-    whole: bool = True  # whether the main run covers the whole scene or only its first window
     default_form: bool = True
     no_truth: str = ""  # why the scene has no truth; then only findings without truth are made
-    overrides: tuple[tuple[str, float, str], ...] = ()  # bounds set by the user, see `crosscheck.judge.overrides`
-    most_seconds: float | None = None  # limit of processor time (s) of the order study
+    overrides: tuple[tuple[str, float, str], ...] = ()  # tolerances of the user, see `crosscheck.judge.overrides`
+    as_planned: bool = True  # whether steps and duration are those of the library, where known defects were measured
 
     @property
     def label(self) -> str:
@@ -42,28 +39,20 @@ class Cell:
         form = "" if self.default_form or not self.way.form else f" ({self.way.form})"
         return f"{self.way.engine} {self.way.method}{form}"
 
-    @property
-    def as_planned(self) -> bool:
-        """Whether the user left steps and duration as they are in the library, where known defects were measured."""
-        planned = PLANS.get(self.scene, self.plan)
-        return (self.plan.budgeted, self.plan.duration) == (planned.budgeted, planned.duration)
-
     def command(self, way: Way) -> str:
         """The shell command that repeats the main run, which is run in this way."""
         words = ["crosscheck", "run", self.scene, "--engine", way.engine, "--method", way.method]
         words += ["--step", repr(way.step)] if way.step is not None else ["--rtol", repr(way.rtol)]
         words += ["--form", way.form] if way.form else []
         words += ["--map", way.coordinate_map] if way.coordinate_map else []
-        if not self.whole or self.plan.duration:
-            words += ["--duration", repr(self.plan.duration if self.whole else self.plan.window)]
+        words += ["--duration", repr(self.plan.duration)] if self.plan.duration else []
         return shlex.join([*words, "--samples", str(self.plan.samples), "--csv", "run.csv"])
 
 
-def load(name: str, plan: Plan, whole: bool = True) -> Scene:
-    """A scene, or its first window, at the output times of its plan."""
+def load(name: str, plan: Plan) -> Scene:
+    """A scene at the output times of its plan."""
     scene = load_scene(name)
-    duration = plan.duration or scene.duration if whole else min(plan.window, scene.duration)
-    return scene.lasting(duration).replace(samples=plan.samples)
+    return scene.lasting(plan.duration or scene.duration).replace(samples=plan.samples)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,11 +74,6 @@ class Carried:
         return cluster.carrying(self.engines, function, task)
 
 
-def windowed(scene: Scene, window: float) -> Scene:
-    """The first `window` seconds of a scene, at the output times of the order study."""
-    return scene.replace(duration=min(window, scene.duration), samples=STUDY_SAMPLES)
-
-
 def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: Profile,
               within: Limits | None = None, place: Place | None = None) -> list[Cell]:
     """The cells of all scenes and engines, scene by scene.
@@ -105,7 +89,7 @@ def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: 
     for pair in pairs:
         own = told[pair] if pair in told else cells_of(*pair, profile)
         cells += own if not isinstance(own, Crash) else [
-            Cell(pair[0], Way(pair[1], method), PENDING, True, profile.rungs, profile.whole)
+            Cell(pair[0], Way(pair[1], method), PENDING)
             for method in adapters.methods(pair[1])]
     return cells
 
@@ -128,6 +112,6 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
         forms = engine.forms if profile.forms else ()
         usable = [form for form in forms if engine.unsupported(scene, RunSpec(method, step=1e-3, form=form)) is None]
         # The first usable form is the engine's default.
-        cells += [Cell(scene_name, Way(engine_name, method, form=form), PENDING, True, profile.rungs, profile.whole,
-                       form is None) for form in (None, *usable[1:])]
+        cells += [Cell(scene_name, Way(engine_name, method, form=form), PENDING, form is None)
+                  for form in (None, *usable[1:])]
     return cells

@@ -1,7 +1,7 @@
 """Which engine and method to trust on a scene, and why. This follows from the records alone.
 
 Only runs are recommended that are right as far as they were judged, with their step, error, time and the share of the
-motion that was judged. Every engine has a row with its own recommendation.
+motion that is resolved. Every engine has a row with its own recommendation.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
     None if nothing can be recommended.
     """
     passing = [record for record in records if record.within
-               and math.isfinite(record.judged_error)]
-    if scene.scales is None or not passing:
+               and math.isfinite(record.error)]
+    if scene.sizes is None or not passing:
         return None
     for target in TARGETS:
-        accurate = [record for record in passing if record.judged_error <= target]
+        accurate = [record for record in passing if record.error <= target]
         if accurate:
             best = min(accurate, key=_seconds)
             tied = sorted((record for record in accurate if record is not best and not _slower(record, best)),
@@ -38,15 +38,15 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
             why = f"the fastest with an error of every quantity below {target:.0e} of its size, {_checks(best)} passed"
             break
     else:
-        best, tied = min(passing, key=lambda record: record.judged_error), []
+        best, tied = min(passing, key=lambda record: record.error), []
         why = f"the smallest error of those that pass, {_checks(best)} passed"
     if tied:
         why += ", times equal within noise"
     share = 1.0 if best.share is None else best.share
     if share < 1:
-        why += f"; its motion was judged over part of the time, {percent(share)}"
+        why += f"; its motion is resolved over part of the time, {percent(share)}"
     return Recommended(runs=[record.label for record in (best, *tied)], step=best.step, rtol=best.rtol,
-                       error=best.judged_error, until=best.judged_until, share=share,
+                       error=best.error, share=share,
                        seconds=best.seconds_per_second, why=why)
 
 
@@ -99,7 +99,7 @@ def _said(best: Recommended) -> str:
     pace = 1e3 * (best.seconds or 0.0)
     spelled = f"{pace:.2g}" if pace < 100 else f"{pace:.0f}"
     time = "" if best.seconds is None else f", {spelled} ms per simulated second"
-    part = "" if best.share == 1.0 or best.until is None else f", judged over {best.until:.3g} s"
+    part = "" if best.share == 1.0 else f", resolved over {percent(best.share)} of its time"
     return f"{' or '.join(best.runs)}: {best.why} (error {best.error:.1e} of its size at {size}{part}{time})"
 
 

@@ -12,6 +12,7 @@ from scipy.linalg import expm
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec, StandIn
+from crosscheck.adapters.common.known import defects
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco import models
 from crosscheck.adapters.mujoco.own_law import default
@@ -282,7 +283,7 @@ def test_a_restitution_is_that_of_a_soft_stop_at_any_step_which_is_known(limits,
     """It does not converge: what a step leaves open of contact is a fixed part of it."""
     hanging(tmp_path, {"limits": {"lower": -0.5, **limits}})
     run = Record(scene=str(tmp_path / "laws.json"), engine="mujoco", version="4.0.0", method="RK4", form="tree")
-    assert len(adapters.get("mujoco").defects(run)) == known
+    assert len(defects(adapters.get("mujoco"), run)) == known
 
 
 class Bouncing(StandIn):
@@ -298,7 +299,7 @@ class Bouncing(StandIn):
         return self._engine.run(scene.replace(joints=(dataclasses.replace(joint, limits=limits),)), spec)
 
 
-@pytest.mark.parametrize(("restitution", "outcome"), [(0.5, "known"), (0.55, "fail"), (0.0, "fail")])
+@pytest.mark.parametrize(("restitution", "outcome"), [(0.5, "open"), (0.55, "fail"), (0.0, "fail")])
 @pytest.mark.parametrize("method", ["RK4", "Euler", "discrete"])
 def test_no_wrong_restitution_hides_behind_it(monkeypatch, tmp_path, method, restitution, outcome):
     """From 1 rad an output time of 1.2 s lies within an impact, which is what the entry is for."""
@@ -311,7 +312,7 @@ def test_no_wrong_restitution_hides_behind_it(monkeypatch, tmp_path, method, res
     run = Record(scene=str(tmp_path / "laws.json"), engine="mujoco", version="4.0.0", method=method, form=traj.form,
                  step=1e-4, documented_order=1)
     found = judge_run(run, scene, traj, wrong.held_levels(scene, RunSpec(method, step=1e-4))).outcome
-    assert found == outcome or (outcome, found) == ("known", "pass")
+    assert found in (("pass", "known", "unresolved") if outcome == "open" else (outcome,))
 
 
 def test_the_steps_meet_the_period():

@@ -134,7 +134,7 @@ def test_one_that_is_asked_for_and_not_installed_is_left_out_with_the_reason(mon
         raise importlib.metadata.PackageNotFoundError("drake")
 
     monkeypatch.setattr(type(adapters.get("drake")), "version", absent)
-    record = run_cell(Cell("hinge_pendulum", Way("drake", "runge_kutta2"), Plan(1.0, {2: 1e-3}, {})))
+    record = run_cell(Cell("hinge_pendulum", Way("drake", "runge_kutta2"), Plan({2: 1e-3})))
     assert (record.outcome, record.message) == ("unsupported", "not installed")
 
 

@@ -31,7 +31,7 @@ def test_the_example_is_judged_like_a_built_in_engine(verified):
     assert record.outcome == "pass"
     assert record.documented_order == 4
     # Four evaluations of a smooth right-hand side: the order of the classical method, to the usual margin.
-    assert record.orders["position"].observed == pytest.approx(4.0, abs=0.15)
+    assert record.order.observed == pytest.approx(4.0, abs=0.15)
     assert elsewhere.outcome == "unsupported"
     assert elsewhere.message == "it knows one body on a ball joint with the ground"
     assert record.version.startswith("code ")

@@ -148,7 +148,7 @@ def test_what_changed_in_mujoco_between_two_releases():
         pytest.skip(str(error))
     assert found == ["3.3.7", "4.0.0"]
     results = job.verify("smoke", [SCENE, "heavy_top"], [old, new], 1)
-    orders = {(record.engine, record.scene): record.orders["position"].observed
+    orders = {(record.engine, record.scene): record.order.observed
               for record in results.records if record.method == "RK4"}
     for scene in (SCENE, "heavy_top"):
         assert orders[old, scene] == pytest.approx(2.0, abs=0.15)

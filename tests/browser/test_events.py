@@ -3,11 +3,11 @@
 import pytest
 
 from crosscheck.document import Way
-from crosscheck.judge.plan import Profile
 from crosscheck.report import write_report
 from crosscheck.scene.file import read_scene
 from crosscheck.scene.models.writing import toml
 from crosscheck.verification.cell import run_cell
+from crosscheck.verification.plan import Profile
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell
 from tests.report_making import document
@@ -24,8 +24,8 @@ def made(tmp_path_factory):
                        ("leaving", {"monitors": [{"type": "range", "joint": hinge["name"], "lower": 0.0}]})):
         path = folder / f"{name}.toml"
         path.write_text(toml(content | {"schema": 3, "name": name, "duration": 2.0, "samples": 51} | more))
-        scenes.append((str(path), prepare_truth((str(path), True, Profile.most_steps))))
-    cells = [run_cell(Cell(path, Way("lieeuler", "taylor"), scene.plan, False)) for path, scene in scenes]
+        scenes.append((str(path), prepare_truth((str(path), None, Profile.most_steps))))
+    cells = [run_cell(Cell(path, Way("lieeuler", "taylor"), scene.plan)) for path, scene in scenes]
     assert scenes[0][1].truth.events
     write_report(document([scene for _, scene in scenes], cells, ["lieeuler"]), folder / "report")
     return folder / "report", scenes[1][1].truth.horizon

@@ -95,7 +95,7 @@ def test_a_page_is_there_before_the_library_of_its_plots_and_draws_what_is_near(
 
 def test_the_table_of_a_study_shows_the_scene_of_its_figure_or_every_one(watched, document):
     page = watched.open("study-convergence.html")
-    count = {name: sum(record.scene == name and bool(record.orders) for record in document.records)
+    count = {name: sum(record.scene == name and bool(record.order and record.ladder) for record in document.records)
              for name in ("double_pendulum", "spring_pendulum")}
     assert set(column(page, "orders", 0)) == {"double pendulum"}
     page.select_option("[data-choose='scene']", "spring_pendulum")

@@ -229,9 +229,9 @@ def test_an_engine_that_is_not_installed_is_listed_as_such(monkeypatch, capsys):
     from crosscheck.adapters import get
     from crosscheck.cli import engines
     from crosscheck.document import Way
-    from crosscheck.judge.plan import PENDING
     from crosscheck.running import provenance
     from crosscheck.verification.cell import run_cell
+    from crosscheck.verification.plan import PENDING
     from crosscheck.verification.task import Cell
 
     def missing(self):

@@ -20,7 +20,7 @@ from msgspec.structs import replace
 from typer.testing import CliRunner
 
 from crosscheck.cli import app, runs, study, verify
-from crosscheck.document import Advice, Finding
+from crosscheck.document import Advice, Finding, Order
 from crosscheck.history import nightly
 from crosscheck.history.nightly import summary
 from crosscheck.history.runs import open_store, run_from_document, save
@@ -33,22 +33,23 @@ from tests.report_making import CHANGES
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 WIDTHS = (80, 120, 200)
 FIGURE = re.compile(r"\d[\d.]*(?:e[-+]\d+)?")
-FINE = [Finding(f"level {name}", "ok", 1e-15, 1e-12, "m", "rounding") for name in ("position", "velocity")]
-LOW = Finding("order position", "fail", 2.0, 3.85, "", "the documented order is 4")
+FINE = [Finding(f"promise level {name}", "ok", 1e-15, 1e-12, "m", "rounding") for name in ("position", "velocity")]
+LOW = Finding("order", "fail", 2.0, 0.5, "1", "the documented order less 1/2")
+
+SECOND = Order(documented=4, observed=2.0, median=2.0, segments=8)
 
 
 def made_up():
     """Passes, a known defect and a failure, of two engines on two scenes."""
-    known = Finding("order position", "known", 2.0, 3.85, "", "the documented order is 4",
+    known = Finding("order", "known", 2.0, 0.5, "1", "the documented order less 1/2",
                     "a sum of rates is of second order where a joint turns on SO(3)")
     made = document([
         record(findings=FINE), record(method="Euler", error=3.2e-4),
         record(engine="pinocchio", method="RKMK4", error=1.8e-12, findings=FINE[:1]),
         record(engine="pinocchio", method="RK4naive", error=3.7e-7, outcome="known", worst=known,
-               word="known", message="observed order in position 2, below 3.85", findings=[known]),
+               word="known", order=SECOND, findings=[known]),
         record(scene="double_pendulum", engine="pinocchio", method="SymplecticEuler", error=2.5e-2, outcome="fail",
-               word="fail",
-               message="observed order in position 2, below 3.85", findings=[LOW], worst=LOW)])
+               word="fail", order=SECOND, findings=[LOW], worst=LOW)])
     return replace(made, scenes=[replace(
         scene, trust=trust.sentence(scene, own), recommended=trust.recommend(scene, own),
         engines=trust.by_engine(scene, own)) for scene in made.scenes

@@ -147,5 +147,10 @@ def test_the_spread_of_tolerances():
     assert found.uncertainty == pytest.approx(12 * np.linalg.norm(C, axis=-1).max() + 7.0)
 
 
+def test_answers_that_do_not_differ_at_two_tolerances_are_as_sure_as_the_finest():
+    assert spread_of_tolerances([C, C, C], 1e-9, kept=1.0).uncertainty == pytest.approx(1.0)
+    assert spread_of_tolerances([C, 1.1 * C, C], 1e-9, kept=1e9).uncertainty < 1e3
+
+
 def test_what_is_not_finite_has_no_limit():
     assert limit(H, [C, C, C * np.inf], 2, [0.0] * 3).uncertainty == np.inf

@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 
 from crosscheck import adapters, diagnosis
-from crosscheck.adapters.base import Engine
 from crosscheck.diagnosis import of_verdict
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.diagnosis.result import Explanation
-from crosscheck.document import Finding, Way
+from crosscheck.document import Plan, Way
 from crosscheck.document.known import Known
-from crosscheck.judge.plan import PLANS
 from crosscheck.scene.file import load_scene
 from crosscheck.verification.cell import run_cell
-from crosscheck.verification.order_study import Study
 from crosscheck.verification.task import Cell
 from tests.diagnosis import misbuilt
 from tests.diagnosis.misbuilt import Misbuilt
@@ -48,7 +45,7 @@ MISTAKES = {
 @pytest.mark.parametrize("key", MISTAKES)
 def test_no_tick_where_verify_fails(key, monkeypatch):
     with adapters.lent(MISTAKES[key]) as name:
-        assert run_cell(Cell(NAME, Way(name, METHOD), PLANS[NAME])).outcome == "fail"
+        assert run_cell(Cell(NAME, Way(name, METHOD), Plan({1: 1e-2}, samples=101))).outcome == "fail"
 
     def blind(subject, first, noise):
         return Explanation(NAME, subject.engine.name, METHOD, None, "pass", "", [], [], [], 1.0, 0.0, 0.0)
@@ -72,16 +69,16 @@ def test_findings_about_reports_are_causes_and_others_are_not():
     assert "crosscheck verify rejects it" in answers["gravity"].sentence
 
 
-def test_a_known_defect_in_the_order_study_is_told_with_its_reason(monkeypatch):
-    """Newton's MuJoCoRK4 on the fast top: its short runs end in rounding, and `explain` said that verify passes it."""
-    entry = Known(("",), (METHOD,), (NAME,), None, {"order position": 4.0}, "summed velocities",
-                  always=False)
-    monkeypatch.setattr(Engine, "defects", lambda self, run: (entry,))
-    low = Finding("order position", "fail", 2.0, 3.85, "1", "documented order 4")
-    monkeypatch.setattr(of_verdict, "order_study", lambda *given: Study([low], {}, []))
+def test_a_known_defect_is_told_with_its_reason(monkeypatch):
+    subject, scene = Subject(MISTAKES["gravity"], Way("lieeuler", METHOD)), load_scene(NAME).replace(duration=1.0)
+    failing = [each for each in of_verdict.judged(subject, scene, 1e-2).findings if each.status == "fail"]
+    entry = Known("", ("",), (METHOD,), {each.kind: each.value / (each.size or 1.0) for each in failing},
+                  "heavier on Sundays", "")
+    monkeypatch.setattr("crosscheck.verification.cell.defects", lambda engine, run: (entry,))
     answer = Explanation(NAME, "", METHOD, None, "pass", "", [], [], [], 1.0, 0.0, 0.0)
-    of_verdict.add(Subject(Misbuilt(adapters.get("lieeuler")), Way("lieeuler", METHOD)), load_scene(NAME), None, answer)
-    assert (answer.outcome, answer.verdict.split("; ")) == ("pass", ["known", "summed velocities"])
+    of_verdict.add(subject, scene, 1e-2, answer)
+    assert answer.outcome == "pass"
+    assert answer.verdict.startswith("known; heavier on Sundays")
 
 
 def test_a_tolerance_that_is_too_loose_is_named():
@@ -89,7 +86,8 @@ def test_a_tolerance_that_is_too_loose_is_named():
         def run(self, scene, spec):
             return super().run(scene, dataclasses.replace(spec, rtol=1e3 * spec.rtol))
 
-    answer = diagnosis.explain(load_scene(NAME).replace(duration=3.0, samples=31), Loose(), "DP5")
+    # Long, so that its tolerance and not the distance of the outputs, .24 s, makes its steps.
+    answer = diagnosis.explain(load_scene(NAME).replace(duration=60.0, samples=31), Loose(), "DP5")
     assert answer.names == ("loose tolerance",), answer.sentence
 
 

@@ -27,9 +27,9 @@ def test_the_same_run_has_not_changed():
 
 
 def test_a_change_within_rounding_is_none_and_beyond_it_is_one():
-    # Rounding is 1e-12 + 1e-14 * 1000^0.6 = 1.6e-12 m by the document's scene.
-    assert compare(run(), run(record(error=1e-6 + 1.5e-12))) == []
-    changes = compare(run(), run(record(error=1e-6 + 3e-12)))
+    # Rounding is 1e-12 + 1e-14 * 1000 = 1.1e-11 m by the document's scene.
+    assert compare(run(), run(record(error=1e-6 + 1e-11))) == []
+    changes = compare(run(), run(record(error=1e-6 + 3e-11)))
     assert [(change.kind, change.scene, change.engine, change.method, change.quantity, change.bad)
             for change in changes] == [("accuracy", "single_pendulum", "mujoco", "RK4", "position error", True)]
     assert "rounding explains" in changes[0].text
@@ -37,9 +37,9 @@ def test_a_change_within_rounding_is_none_and_beyond_it_is_one():
 
 
 def test_a_lower_order_is_worse():
-    orders = {"position": Order(observed=3.5, documented=4, used=4, pairs=())}
-    change, = compare(run(), run(record(orders=orders)))
-    assert (change.quantity, change.before, change.after, change.bad) == ("position order", 4.0, 3.5, True)
+    order = Order(documented=4, observed=3.5, median=4.0, segments=8)
+    change, = compare(run(), run(record(order=order)))
+    assert (change.quantity, change.before, change.after, change.bad) == ("order", 4.0, 3.5, True)
 
 
 def test_errors_as_large_as_the_scene_are_not_compared():

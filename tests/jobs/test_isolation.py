@@ -59,7 +59,7 @@ def test_every_failure_is_one_failed_verdict_with_its_reason(ended, name):
     reason = REASONS[name].format(lines=lines)
     record, = [record for record in results.records if record.engine == bad(name)]
     assert record.outcome in ("fail", "error")
-    findings = [finding for finding in record.findings if finding.kind == "run" and finding.status == "fail"]
+    findings = [finding for finding in record.findings if finding.kind == "asked end" and finding.status == "fail"]
     assert len(findings) == 1
     assert reason in findings[0].detail
     assert reason in record.message
@@ -91,18 +91,18 @@ def test_the_report_is_complete(results, tmp_path):
 
 
 def test_a_timing_study_goes_on_without_the_engine_that_ends_it():
-    from crosscheck.document import Way
-    from crosscheck.judge.plan import PLANS
+    from crosscheck.document import Plan, Way
     from crosscheck.references import truth
     from crosscheck.scene.file import load_scene
+    from crosscheck.verification.speed import COARSER, SAMPLES
     from crosscheck.verification.task import Cell
 
-    plan = PLANS["single_pendulum"]
-    truth(load_scene("single_pendulum").replace(duration=plan.window, samples=6))
+    plan = Plan({1: 1e-2}, duration=1.0)
+    truth(load_scene("single_pendulum").replace(duration=1.0, samples=SAMPLES))
     runs = tuple((Cell("single_pendulum", Way(engine, method), plan), order, 1e-2) for engine, method, order in (
         ("mujoco", "RK4", 4), (bad("Segfaulting"), "Rest", 1), ("mujoco", "Euler", 1)))
     points, reasons = guarded_timing(Timing(runs, 1))
-    assert [len(each) for each in points] == [5, 0, 5]
+    assert [len(each) for each in points] == [len(COARSER) + 1, 0, len(COARSER) + 1]
     assert list(reasons) == [1]
     assert "SIGSEGV" in reasons[1]
 

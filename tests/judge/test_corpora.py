@@ -8,7 +8,6 @@ import pytest
 from crosscheck import adapters
 from crosscheck.adapters.foreign.own import completed
 from crosscheck.document import Plan, Way
-from crosscheck.judge.plan import PLANS
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 from tests.strangers import KINDS, METHODS, TABLE, Honest
@@ -18,9 +17,9 @@ CASES = [(wrong, method, scene) for wrong in TABLE for method in wrong.methods f
 
 
 def judged(engine, method, scene):
-    plan = Plan(1.0, {1: STEPS[method]}, {}, samples=101, duration=4.0, budgeted=True)
+    plan = Plan({1: STEPS[method]}, samples=101, duration=4.0)
     with adapters.lent(completed(engine, "stranger", "1")) as name:
-        return run_cell(Cell(scene, Way(name, method), plan, study=False))
+        return run_cell(Cell(scene, Way(name, method), plan))
 
 
 def test_there_are_enough_of_every_kind():
@@ -70,13 +69,12 @@ class Unwound(Honest):
 def test_a_spring_that_is_wound_up(engine, outcome):
     """Its error of 7e-4 N m lies below that of the steps, and stays as they vanish."""
     with adapters.lent(completed(engine(), "stranger", "1")) as name:
-        run = run_cell(Cell("torsion_wheel", Way(name, "first"), Plan(0.5, {1: 3e-4}, {}, budgeted=True), study=False))
+        run = run_cell(Cell("torsion_wheel", Way(name, "first"), Plan({1: 3e-4})))
     assert run.outcome == outcome, run.worst
 
 
 def test_axes_of_the_world_hide_no_force():
     """At order 1 runs in two worlds are as near as its errors, and those from the start of a fast top soon differ."""
     with adapters.lent(completed(Leaning(), "stranger", "1")) as name:
-        run = run_cell(Cell("heavy_top", Way(name, "implicitfast"), PLANS["heavy_top"], study=False))
-    assert any(finding.kind == "axes" for finding in run.findings)
-    assert any(finding.kind == "interval position" and finding.status == "fail" for finding in run.findings)
+        run = run_cell(Cell("heavy_top", Way(name, "implicitfast"), Plan({1: 1e-5}, duration=0.2)))
+    assert any(finding.kind == "limit position" and finding.status == "fail" for finding in run.findings)

@@ -86,7 +86,7 @@ def test_without_truth_a_right_engine_is_unresolved_with_the_reason():
     assert not failing(found)
     assert found.share == 0.0
     assert "no formulas" in found.why
-    assert found.orders["lowest"] > 1.5
+    assert found.order.observed > 1.5
     assert found.ladder == []
 
 

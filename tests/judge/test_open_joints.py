@@ -16,15 +16,14 @@ from crosscheck.scene.spanning import spanning_tree
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 
-DRIFTING = Plan(0.2, {1: 6e-4}, {}, samples=41, duration=0.96, budgeted=True)
-SHORT = Plan(0.02, {1: 1.52e-4}, {}, samples=251, duration=0.038, budgeted=True)
+DRIFTING = Plan({1: 6e-4}, samples=41, duration=0.96)
+SHORT = Plan({1: 1.52e-4}, samples=251, duration=0.038)
 
 
 def judged(engine, scene, plan, way):
-    """The record of a run of a subclass of an adapter, without the defects that are known of that."""
-    engine.known_defects = ()
+    """The record of a run of a subclass of an adapter."""
     with adapters.lent(completed(engine, "stranger", "1")) as name:
-        return run_cell(Cell(scene, Way(name, *way[:1], form=way[1]), plan, study=False))
+        return run_cell(Cell(scene, Way(name, *way[:1], form=way[1]), plan))
 
 
 def altered(base, change=lambda scene: scene, told=lambda states: states):
@@ -62,7 +61,7 @@ def test_a_loop_that_drifts_open_is_judged(change):
     """Without stabilisation the loop opens by a hundredth of its length; joints in another order would cut another."""
     run = judged(altered(Pinocchio, change) if change else altered(Pinocchio), "four_bar", DRIFTING,
                  ("SymplecticEuler", None))
-    assert run.outcome == ("fail" if change else "pass"), run.worst
+    assert run.outcome == ("fail" if change else "pass"), run.message
     assert run.levels["position"].max > 0.01
 
 
@@ -70,17 +69,17 @@ def test_a_loop_that_drifts_open_is_judged(change):
 def test_parts_with_closed_joints_keep_the_springs_of_joints(change):
     """A method of index 2 drifts, so that parts of its run begin in closed joints."""
     engine = altered(LieEuler, change) if change else altered(LieEuler)
-    run = judged(engine, "geared_arm", Plan(0.2, {1: 1e-3}, {}, samples=51, duration=1.0, budgeted=True),
+    run = judged(engine, "geared_arm", Plan({1: 1e-3}, samples=51, duration=1.0),
                  ("DAE2L_LE", None))
-    assert run.outcome == ("fail" if change else "pass"), run.worst
+    assert run.outcome == ("fail" if change else "pass"), run.message
 
 
 @pytest.mark.parametrize("change", [None, pulled(1.001)])
 def test_a_mechanism_that_open_joints_would_lock_begins_in_closed_ones(change):
     """Bricard's moves since one of its rows is redundant; with joints open by 1e-6 m it is not, and engines stop it."""
     engine = altered(Exudyn, change) if change else altered(Exudyn)
-    run = judged(engine, "bricard", Plan(1.0, {1: 0.01}, {}, samples=126, budgeted=True), ("TrapezoidalIndex2", None))
-    wrong = {finding.kind for finding in run.findings if finding.status == "fail"} - {"level velocity"}
+    run = judged(engine, "bricard", Plan({1: 0.01}, samples=126), ("TrapezoidalIndex2", None))
+    wrong = {finding.kind for finding in run.findings if finding.status == "fail"} - {"promise level velocity"}
     assert bool(wrong) == bool(change), wrong
 
 
@@ -95,32 +94,34 @@ def test_what_newtons_iteration_leaves_is_no_noise(monkeypatch, noise):
         return raw
 
     monkeypatch.setattr(Exudyn, "run", shaken)
-    run = run_cell(Cell("fixed_pair", Way("exudyn", "GeneralizedAlpha"), Plan(
-        1.0, {1: 1e-3}, {}, samples=251, budgeted=True), study=False))
-    assert run.outcome == ("fail" if noise else "pass"), run.worst
+    run = run_cell(Cell("fixed_pair", Way("exudyn", "GeneralizedAlpha"), Plan({1: 1e-3})))
+    assert run.outcome == ("fail" if noise else "pass"), run.message
 
 
 @pytest.mark.parametrize(("change", "factor"), [(1.0, 1.0), (1.0, 1.004), (1.004, 1.0)])
-def test_what_springs_leave_of_an_acceleration_is_no_fault(change, factor):
-    """MuJoCo's tightest constraints leave 1e-4 of the acceleration at every step, while openings fall with its square.
+def test_what_springs_leave_of_an_acceleration_is_all_that_fails(change, factor):
+    """MuJoCo's tightest constraints leave 4e-4 of the acceleration at every step, while openings fall with its square:
+    a known defect of its soft joints, which hides no other error.
     """
     run = judged(altered(MuJoCo, pulled(change), lambda states: dataclasses.replace(states, a=factor * states.a)),
                  "hinge_pendulum", SHORT, ("RK4", "maximal"))
-    assert run.outcome == ("pass" if change == factor else "fail"), run.worst
+    wrong = {each.kind: each.value / (each.size or 1.0) for each in run.findings if each.status == "fail"}
+    soft = wrong.keys() <= {"limit acceleration", "promise acceleration"} and max(wrong.values()) < 1e-3
+    assert soft == (change == factor), wrong
 
 
 @pytest.mark.parametrize("change", [None, heavier])
 def test_runs_that_are_far_apart_have_no_error_terms_in_common(change):
     """A coarse run of index 3 comes to another place of the same motion; errors there cancel nothing."""
     engine = altered(LieEuler, change) if change else altered(LieEuler)
-    run = judged(engine, "slider_crank", Plan(1.0, {1: 5e-4}, {}, samples=251, budgeted=True), ("DAE3L_LE", None))
-    assert run.outcome == ("fail" if change else "pass"), run.worst
+    run = judged(engine, "slider_crank", Plan({1: 5e-4}, samples=251, duration=1.0), ("DAE3L_LE", None))
+    assert run.outcome == ("fail" if change else "pass"), run.message
 
 
 @pytest.mark.parametrize("change", [None, pulled(1.001)])
 def test_coordinates_that_are_chosen_anew_for_each_start_are_no_fault(change):
     """Two turns of a rod about axes across it, as it lies at the start: parts of the run have other errors."""
     engine = altered(Pinocchio, change) if change else altered(Pinocchio)
-    run = judged(engine, "rod_pendulum", Plan(0.5, {1: 1.5e-4}, {}, samples=251, budgeted=True),
+    run = judged(engine, "rod_pendulum", Plan({1: 1.5e-4}, samples=251, duration=0.5),
                  ("SymplecticEuler", None))
-    assert run.outcome == ("fail" if change else "pass"), run.worst
+    assert run.outcome == ("fail" if change else "pass"), run.message

@@ -70,7 +70,7 @@ def test_table_says_what_the_records_say(results):
             if line.startswith(r"\texttt")}
     assert len(rows) == len(results.records)
     record = next(each for each in results.records if each.method == "Plain")
-    error, order = record.errors["position"].end, record.orders["position"].observed
+    error, order = record.errors["position"].end, record.order.observed
     mantissa, exponent = f"{error:.1e}".split("e")
     assert rf"${mantissa}{{\cdot}}10^{{{int(exponent)}}}$ & {order:.2f} \\" in rows["fake Plain"]
     assert "it broke" in rows["fake Broken"]

@@ -5,7 +5,7 @@ import re
 import pytest
 from msgspec.structs import replace
 
-from crosscheck.document import Errors, Finding, Recommended, Scene, extended, outcomes
+from crosscheck.document import Errors, Finding, Order, Recommended, Scene, extended, outcomes
 from crosscheck.history import nightly
 from crosscheck.judge import verdict
 from crosscheck.report import headline, overview, pages
@@ -26,7 +26,7 @@ def test_recommendation_names_the_fastest_passing_run(results):
     assert "Not to be trusted here: fake Broken" in said
     found = trust.recommend(results.scenes[0], [slow, fast])
     # The figures are those of the judged run, not of some point of a study.
-    assert (found.step, found.error) == (fast.step, fast.judged_error)
+    assert (found.step, found.error) == (fast.step, fast.error)
     # 5 % is within the ratio of noise, and 50 % within four deviations of a restless clock: no winner.
     near, restless = run("fake Near", 1.05e-3), run("fake Restless", 1.5e-3, deviation=2e-4)
     found = trust.recommend(results.scenes[0], [slow, restless, near, fast])
@@ -58,7 +58,7 @@ def test_the_headline_claims_no_more_than_was_found(results):
     assert headline.headline(going) == "no run has ended yet"
     assert headline.headline(replace(going, scenes=[])).startswith("no run has ended yet: truth is being computed")
     short = made(results.scenes[:1], [replace(passing, share=0.1)]).records[0]
-    assert (short.word, passing.word) == ("unresolved, judged over 10 %", "pass")
+    assert (short.word, passing.word) == ("unresolved, resolved over 10 %", "pass")
 
 
 def test_the_headline_tells_passes_what_is_worse_and_what_was_not_judged_and_why(results):
@@ -89,8 +89,8 @@ def test_the_same_words_open_the_page_the_markdown_and_the_message(results, fold
 
 
 def test_many_findings_stand_in_few_groups_the_new_ones_first(results):
-    order = Finding("order position", "fail", 1.0, 3.85, "1", "documented order 4, least squares over 4 steps of 4")
-    drift = Finding("position", "fail", 1.0, 1e-6, "m", "bound", "body rod, t = 0.3 s, judged up to 1 s")
+    order = Finding("order", "fail", 3.0, 0.5, "1", "the documented order less 1/2")
+    drift = Finding("limit position", "fail", 1.0, 1e-6, "m", "bound", "body rod, .3 s after the segment begins")
     records = []
     for engine, finding in (("fake", order), ("other", drift)):
         records += [replace(results.records[0], scene=f"s{index}", engine=engine, label=f"{engine} Plain",
@@ -100,28 +100,33 @@ def test_many_findings_stand_in_few_groups_the_new_ones_first(results):
     records = made([], records).records
     groups = overview.worst_first(records)
     assert [(group.engine, group.why, len(group.runs), group.scenes) for group in groups] == [
-        ("other", "error of the motion beyond its bound", 20, 20),
-        ("fake", "observed order below the documented one", 20, 20)]
+        ("other", "as steps vanish it does not come to the truth", 20, 20),
+        ("fake", "the error falls more slowly than documented", 20, 20)]
     assert groups[0].runs[0][0].scene == "s19"  # the largest excess
     new = [replace(CHANGES[0], scene="s7", engine="fake", method="Plain")]
     first, second = overview.worst_first(records, new)
     assert (first.engine, first.new, second.engine, second.new) == ("fake", 1, "other", 0)
 
 
-def test_a_low_order_has_its_figures_and_what_is_known_of_it(results):
-    low = Finding("order position", "fail", -1.0, 0.9, "1", "documented order 1, least squares over 3 steps of 7")
-
-    def said(finding):
-        record = replace(results.records[0], outcome="fail", findings=[finding])
-        return headline.sentence(made([], [record]).records[0])
-
-    assert said(low) == "CC103: observed order -1, documented 2 (position)"
-    assert said(replace(low, detail="errors rise")) == "CC103: observed order -1, documented 2 (position): errors rise"
+@pytest.mark.parametrize(("finding", "said"), [
+    (Finding("order", "fail", 2.5, 0.5, "1", "why"), "CC103: observed order 1.5, documented 4"),
+    (Finding("limit position", "fail", 0.25, 1e-3, "m", "why"),
+     "CC102: as steps vanish position is off by 0.25 m, beyond 1.0e-03 m"),
+    (Finding("gap velocity", "fail", 0.25, 1e-3, "m/s", "why"),
+     "CC101: from its own states velocity goes on otherwise by 0.25 m/s, beyond 1.0e-03 m/s"),
+    (Finding("promise level position", "fail", 0.25, 1e-3, "m", "why"),
+     "CC104: level position is off by 0.25 m, beyond 1.0e-03 m"),
+    (Finding("tolerance energy", "fail", 0.25, 1e-3, "1", "why"), "CC106: error of energy 0.25, beyond 1.0e-03"),
+    (Finding("asked end", "fail", None, None, "", "why", "it broke"), "CC105: it broke")])
+def test_what_is_wrong_is_one_clause_with_its_figures(results, finding, said):
+    record = replace(results.records[0], outcome="fail", findings=[finding],
+                     order=Order(documented=4, observed=1.5, median=3.9, segments=8))
+    assert headline.sentence(made([], [record]).records[0]) == said
 
 
 def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the_same_reason():
     def scene(name, run, why):
-        best = Recommended(runs=[run], step=None, rtol=None, error=1e-9, until=None, seconds=None, why=why)
+        best = Recommended(runs=[run], step=None, rtol=None, error=1e-9, seconds=None, why=why)
         return extended(Scene, failed_scene(name, ""), recommended=best if run else None,
                         trust=f"No recommendation: {why}. Not to be trusted here: x.")
 
@@ -153,18 +158,19 @@ def test_every_scene_has_a_page_of_its_own():
 
 def test_runs_at_too_coarse_steps_and_shares_of_time_stand_in_the_headline(results):
     whole = replace(results.records[0], outcome="pass")
-    part = replace(whole, outcome="unresolved", judged_until=2.5, share=0.25, duration=10.0)
-    coarse = replace(whole, outcome="unresolved", share=0.0, not_judged="the step is too coarse")
+    part = replace(whole, outcome="unresolved", share=0.25, duration=10.0)
+    part = replace(part, not_judged="the step is too coarse")
+    coarse = replace(part, share=0.0)
     said = headline.headline(made(results.scenes[:1], [whole, part, part, coarse]))
-    assert said == ("1 run passes, 3 unresolved (judged over 17 % of the time, mostly since the step is too coarse), "
+    assert said == ("1 run passes, 3 unresolved (resolved over 17 % of the time, mostly since the step is too coarse), "
                     "none fails")
     ended = replace(part, not_judged="a monitor ended the scene")
     said = headline.headline(made(results.scenes[:1], [whole, ended]))
-    assert "(judged over 25 % of the time, since a monitor ended the scene)" in said
+    assert "(resolved over 25 % of the time, since a monitor ended the scene)" in said
     plain = made(results.scenes[:1], [whole, part, coarse])
     text = pages.index(replace(plain, meta=replace(plain.meta, engines={"fake": "1"})))
     assert 'class="tag unresolved" style="--share: 12%"' in text
-    assert "2 unresolved, judged over 12 % of the time" in text
+    assert "2 unresolved, resolved over 12 % of the time" in text
 
 
 def test_what_is_wrong_or_open_has_a_code_and_an_end(results):
@@ -172,23 +178,21 @@ def test_what_is_wrong_or_open_has_a_code_and_an_end(results):
     text = (ROOT / "docs" / "reports.md").read_text()
     for kind in outcomes.KINDS.values():
         assert f"| {kind.code} | {kind.title} | {kind.mend} |" in text
-    slow = Finding("order attitude", "fail", 2.01, 2.9, "1", "documented order 3")
+    slow = Finding("order", "fail", 0.99, 0.5, "1", "documented order 3")
     run = replace(results.records[0], engine="mujoco", method="RK4", step=1e-3, outcome="fail", findings=[slow],
                   worst=slow, documented_order=3, rtol=None,
+                  order=Order(documented=3, observed=2.01, median=2.1, segments=8),
                   command="crosscheck run heavy_top --engine mujoco --method RK4 --step 0.001 --samples 9")
     run = replace(run, code=verdict.code(run))
-    assert headline.sentence(run) == "CC103: observed order 2.01, documented 3 (attitude)"
+    assert headline.sentence(run) == "CC103: observed order 2.01, documented 3"
     assert headline.ending(run) == "reproduce: crosscheck reproduce heavy_top --engine mujoco --method RK4 --step 0.001"
     assert headline.ending(replace(run, engine="exudyn", command="crosscheck run a --engine exudyn --step 1.0")) == (
         "reproduce: crosscheck run a --engine exudyn --step 1.0")
-    for kind, user, code in (("repeat", False, "CC101"), ("interval position", False, "CC102"),
-                             ("level position", False, "CC104"), ("run", False, "CC105"), ("noise", False, "CC107"),
-                             ("position", True, "CC106")):
-        assert outcomes.code("fail", kind, user) == code
-    part = replace(run, outcome="unresolved", findings=[], judged_until=0.25)
+    assert [outcomes.code("fail", kind) for kind in outcomes.KINDS] == [each.code for each in outcomes.KINDS.values()]
+    part = replace(run, outcome="unresolved", findings=[], share=0.25)
     assert (verdict.code(part), headline.ending(part)) == (
-        "CC108", "what would mend it: --duration 0.25, which is judged")
-    rest = Finding("rest", "unresolved", None, None, "", "nothing moves")
+        "CC108", "what would mend it: a smaller --step, or --need 0.25, which is resolved")
+    rest = Finding("unresolved rest", "unresolved", None, None, "", "nothing moves")
     assert headline.ending(replace(part, findings=[rest])) == "what would mend it: give it a start that moves"
     assert (verdict.code(replace(run, outcome="pass", findings=[])), headline.ending(replace(run, outcome="pass"))) == (
         "", "")

@@ -178,16 +178,16 @@ def test_a_real_run_keeps_what_the_advice_promises():
     assert CliRunner().invoke(app, words[1:]).exit_code == 0
 
 
-SCENE = prepare_truth(("single_pendulum", False, 1e7))
+SCENE = prepare_truth(("single_pendulum", 1.0, 1e7))
 
 
-def record(method, size, error, cost, order=4.0, settled=True, rounding=0.0, outcome="pass"):
+def record(method, size, error, cost, order=4.0, outcome="pass"):
     """A run of a second whose order was observed at steps up to sixteen times its own."""
     return Record(
         "known", method, size, scene="single_pendulum", version="1", outcome=outcome, wall_time=cost, steps=1,
-        errors={"position": Errors(unit="m", end=error, max=error, time=1.0, body="pendulum", size=1.0, judged=error)},
-        orders={"position": Order(observed=order, documented=4, used=4, pairs=(), settled=settled, rounding=rounding)},
-        ladder=[Rung(step=16 * size, rtol=None), Rung(step=32 * size, rtol=None, message="it diverged")],
+        errors={"position": Errors(unit="m", end=error, max=error, time=1.0, body="pendulum", size=1.0)},
+        order=order and Order(documented=4, observed=order, median=order, segments=8),
+        ladder=[Rung(step=16 * size, rtol=None)],
         command=f"crosscheck run single_pendulum --engine known --method {method} --step {size!r} --samples 9 "
         "--csv run.csv")
 
@@ -197,20 +197,19 @@ def record(method, size, error, cost, order=4.0, settled=True, rounding=0.0, out
     ([record("fine", 1e-3, 1e-8, 1.0), record("cheap", 1e-3, 1e-3, 0.1, order=1.0)], 1e-5, "fine",
      1e-3 * (1e3 / MARGIN) ** 0.25),
     ([record("fine", 1e-3, 1e-8, 1.0)], 1e-2, "fine", 16e-3),  # no further than it was seen
-    ([record("fine", 1e-3, 1e-8, 1.0, settled=False)], 1e-4, "fine", 1e-3),  # an order that is none
-    ([record("fine", 1e-3, 1e-8, 1.0, settled=False)], 1e-9, None, None),
-    ([record("fine", 1e-3, 1e-8, 1.0, rounding=1e-9)], 1e-10, None, None),  # finer steps show rounding
+    ([record("fine", 1e-3, 1e-8, 1.0, order=None)], 1e-4, "fine", 1e-3),  # no order showed
+    ([record("fine", 1e-3, 1e-8, 1.0, order=None)], 1e-9, None, None),
     ([record("slow", 1e-3, 1e-3, 1.0, order=1.0)], 1e-6, None, None),  # a thousand times finer: nobody looked there
     ([record("wrong", 1e-3, 1e-8, 0.1, outcome="fail"), record("fine", 1e-3, 1e-8, 1.0)], 1e-8, "fine", 1e-3)])
 def test_records_say_what_to_expect(records, wanted, method, longest):
     found, = (each for each in from_records([SCENE], records, []) if each.wanted == pytest.approx(wanted))
     assert found.method == method
-    assert found.least == min(each.judged_error for each in records)
+    assert found.least == min(each.error for each in records)
     if method is not None:
         chosen, = (each for each in records if each.method == method)
         assert min(longest, 4e-3) / 2 < found.step <= longest * (1 + 1e-9)
-        order = chosen.orders["position"].observed
-        assert found.error == pytest.approx(chosen.judged_error * (found.step / 1e-3) ** order)
+        order = chosen.order.observed if chosen.order else 0.0
+        assert found.error == pytest.approx(chosen.error * (found.step / 1e-3) ** order)
         assert found.error <= wanted
         assert found.cost == pytest.approx(chosen.wall_time * 1e-3 / found.step)
         # With fewer digits, or other samples, another step runs.
@@ -225,8 +224,8 @@ def test_runs_that_were_made_are_not_estimated():
 
 
 def test_an_estimate_is_near_the_truth():
-    cell = run_cell(Cell("single_pendulum", Way("mujoco", "RK4"), SCENE.plan, rungs=4, whole=False))
-    scene = load("single_pendulum", SCENE.plan, whole=False)
+    cell = run_cell(Cell("single_pendulum", Way("mujoco", "RK4"), SCENE.plan))
+    scene = load("single_pendulum", SCENE.plan)
     states = crosscheck.truth(scene).states
     for each in from_records([SCENE], [cell], [])[1:7]:  # 1e-3 m to 1e-8 m
         run = crosscheck.run(scene, "mujoco", each.method, step=each.step, form=each.form)

@@ -9,13 +9,13 @@ from crosscheck import adapters
 from crosscheck.cli.app import app
 from crosscheck.document import Asked, Way
 from crosscheck.history.nightly import Wanted
-from crosscheck.judge.plan import Profile
 from crosscheck.studies.drift import DriftAsk, DriftStudy
 from crosscheck.studies.stability import StabilityAsk
 from crosscheck.studies.study import conduct
 from crosscheck.studies.work_precision import WorkPrecisionAsk
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.job import labels
+from crosscheck.verification.plan import Profile
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell
 
@@ -23,9 +23,9 @@ ASKED = Asked(coordinate_map="ccsk", step=2e-3, duration=0.4)
 
 
 def record(method, engine="lieeuler", asked=ASKED):
-    scene = prepare_truth(("single_pendulum", True, Profile.most_steps), asked)
+    scene = prepare_truth(("single_pendulum", None, Profile.most_steps), asked)
     chart = adapters.get(engine).takes_map(asked.coordinate_map)
-    return run_cell(Cell("single_pendulum", Way(engine, method, coordinate_map=chart), scene.plan, rungs=3)), scene
+    return run_cell(Cell("single_pendulum", Way(engine, method, coordinate_map=chart), scene.plan)), scene
 
 
 def test_a_run_takes_map_step_and_duration_and_its_command_repeats_them():
@@ -35,8 +35,7 @@ def test_a_run_takes_map_step_and_duration_and_its_command_repeats_them():
     assert scene.duration == 0.4
     assert "--step 0.002 --map ccsk --duration 0.4" in run.command
     assert labels([run]) == ["lieeuler DAE1L_LSE with ccsk"]
-    # the order study keeps its own window: its steps would not fit into less
-    assert run.orders["position"].observed == pytest.approx(1.0, abs=0.1)
+    assert run.order.observed == pytest.approx(1.0, abs=0.1)
     exp, _ = record("DAE1L_LSE", asked=Asked(step=2e-3, duration=0.4))
     assert exp.errors["position"].end != run.errors["position"].end
     assert exp.ladder[0].errors != run.ladder[0].errors
@@ -50,13 +49,11 @@ def test_methods_that_refuse_a_map_say_so_and_engines_without_maps_run():
     assert (other.outcome, other.coordinate_map) == ("pass", None)
 
 
-def test_a_step_that_is_too_coarse_for_bounds_of_states_is_judged_by_its_intervals():
+def test_a_coarse_step_is_judged_by_where_finer_ones_go():
     run, _ = record("DAE1L_LSE", asked=Asked(step=0.1))
-    assert run.outcome == "pass", run.message
-    findings = {finding.kind: finding for finding in run.findings}
-    assert findings["position"].status == "unresolved"
-    assert "exceeds the size" in findings["position"].why
-    assert findings["interval position"].status == findings["order intervals"].status == "ok"
+    assert (run.outcome, run.share) == ("pass", 1.0), run.message
+    limit = next(finding for finding in run.findings if finding.kind == "limit position")
+    assert limit.value <= limit.bound < 0.1 * run.errors["position"].max
 
 
 def test_a_night_that_asks_for_more_is_told_apart():

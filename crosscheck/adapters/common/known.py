@@ -1,30 +1,22 @@
-"""Known defects that several engines share: their reasons, sizes and the rule of where they show."""
+"""The known defects of all engines, from known.toml beside this package, and the rules of where they show."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+import pathlib
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
+import msgspec
 import numpy as np
 
 from crosscheck.adapters.base import Engine
-from crosscheck.document.known import ORDERS
+from crosscheck.document import Record
+from crosscheck.document.known import Known
 from crosscheck.scene.model import Scene
 
-NAIVE = ("summing the joint velocities of the stages and integrating once is second order where a joint turns on "
-         "SO(3): velocities at different attitudes do not add there; order 4 is what such code is written for")
-SINGULAR = ("nothing holds the positions, and where all bars lie on one line the constraints lose a rank: close to it "
-            "a drift e of a joint is a displacement e / angle and a velocity e w / angle^2, which no step resolves; on "
-            "the parallelogram at 2 ms the first passage turns 1e-11 m into 2e-6 m and the second into 0.05 m. In "
-            "joint coordinates only the loop drifts: on the parallelogram RKMK8 leaves it open by 6e-10 m at 1 ms, by "
-            "1e-4 m at 2 ms")
-CONTRADICTORY = ("the linkage moves only because its redundant rows repeat the others where the positions are exact; "
-                 "this method holds no positions, and off them the rows contradict each other: no velocity or "
-                 "acceleration satisfies them all, and their least squares leave what is seen")
-SUMMED = dict.fromkeys(ORDERS, 1.9) | {
-    "position": 34, "attitude": 140, "velocity": 67, "angular velocity": 94, "interval position": 430,
-    "interval attitude": 690, "interval velocity": 110, "interval angular velocity": 130, "energy": 42, "momentum": 9.3}
-"""Of summed joint velocities, on all scenes of the library; the largest on thrown_double at 10 ms."""
+FILE = pathlib.Path(__file__).parents[1] / "known.toml"
+"""The table of known defects."""
 
 CONING = 0.1
 """Size of w x dw/dt over the largest |w| |dw/dt| of a body above which an axis of rotation moves for sure."""
@@ -42,14 +34,24 @@ def scene_of(name: str) -> Scene | None:
         return None
 
 
-def with_balls(engine: Engine, scene: str, form: str | None) -> bool:
-    """Whether a scene has spherical joints."""
-    loaded = scene_of(scene)
-    return loaded is not None and any(joint.type == "spherical" for joint in loaded.joints)
+def _has_balls(engine: Engine, scene: Scene, form: str | None) -> bool:
+    return any(joint.type == "spherical" for joint in scene.joints)
 
 
-@functools.lru_cache(maxsize=64)
-def naive(engine: Engine, scene: str, form: str | None) -> str:
+def _bounces(engine: Engine, scene: Scene, form: str | None) -> bool:
+    from crosscheck.adapters.common import open_tree
+
+    return open_tree.bouncing(scene) is not None
+
+
+def _softly_joined(engine: Engine, scene: Scene, form: str | None) -> bool:
+    """Whether MuJoCo closes joints of a scene by soft ones: loops, or all of them."""
+    from crosscheck.scene.spanning import spanning_tree
+
+    return form == "maximal" or bool(spanning_tree(scene)[1])
+
+
+def naive(engine: Engine, scene: Scene, form: str | None) -> str:
     """Whether summed joint velocities show on a scene.
 
     "no": no joint of the model turns on SO(3); "surely": the axis of rotation of such a body moves from the start;
@@ -57,14 +59,11 @@ def naive(engine: Engine, scene: str, form: str | None) -> str:
     """
     from crosscheck.scene import mechanics
 
-    loaded = scene_of(scene)
-    if loaded is None:
-        return "no"
-    turning = list(engine.turning(loaded, form))
+    turning = list(engine.turning(scene, form))
     if not turning:
         return "no"
-    _, alpha, _ = mechanics.index1(loaded, loaded.x0[None], loaded.R0[None], loaded.v0[None], loaded.w0[None])
-    w, alpha = loaded.w0[turning], alpha[0, turning]
+    _, alpha, _ = mechanics.index1(scene, scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    w, alpha = scene.w0[turning], alpha[0, turning]
     speeds = np.linalg.norm(w, axis=1)
     sizes = speeds * np.linalg.norm(alpha, axis=1)
     # The direction of what rests, or does not accelerate, is rounding.
@@ -72,6 +71,42 @@ def naive(engine: Engine, scene: str, form: str | None) -> str:
     return "surely" if np.linalg.norm(np.cross(w, alpha), axis=1).max() > least else "maybe"
 
 
-def summed(word: str) -> Callable[[Engine, str, str | None], bool]:
-    """The rule for scenes of which `naive` says this word."""
-    return lambda engine, scene, form: naive(engine, scene, form) == word
+WHERE: Mapping[str, Callable[[Engine, Scene, str | None], bool]] = MappingProxyType({
+    "a ball whose axis of rotation moves": lambda engine, scene, form: naive(engine, scene, form) == "surely",
+    "a ball": lambda engine, scene, form: naive(engine, scene, form) == "maybe",
+    "balls": _has_balls, "a stop with restitution": _bounces, "joints closed softly": _softly_joined})
+"""What a scene has that shows a defect."""
+
+
+@functools.cache
+def table() -> tuple[Known, ...]:
+    """All known defects."""
+
+    class Table(msgspec.Struct, forbid_unknown_fields=True):
+        defect: tuple[Known, ...]
+
+    return msgspec.toml.decode(FILE.read_bytes(), type=Table).defect
+
+
+def of_sensors(entry: Known, scene: Scene | None) -> Known:
+    """The entry with the names of the scene's sensors in place of "KIND sensor: TYPE FRAME"."""
+    rows = dict[str, float]()
+    for kind, size in entry.rows.items():
+        about, _, meant = kind.partition(" sensor: ")
+        rows |= {f"{about} sensor {sensor.name}": size for sensor in (scene.sensors if scene else ())
+                 if meant == f"{sensor.type} {sensor.frame}"} if meant else {kind: size}
+    return msgspec.structs.replace(entry, rows=rows)
+
+
+def defects(engine: Engine, run: Record) -> tuple[Known, ...]:
+    """The known defects of an engine that are about a run."""
+    def shows(entry: Known) -> bool:
+        scene = scene_of(run.scene) if entry.where else None
+        return not entry.where or (scene is not None and WHERE[entry.where](engine, scene, run.form))
+
+    about = (entry for entry in table()
+             if entry.engine == run.engine.partition("==")[0] and run.method in entry.methods
+             and any(f"{run.version}.".startswith(f"{version}.") for version in entry.versions)
+             and (not entry.forms or run.form in entry.forms)
+             and (not entry.scenes or run.scene in entry.scenes) and shows(entry))
+    return tuple(entry for each in about if (entry := of_sensors(each, scene_of(run.scene))).rows)

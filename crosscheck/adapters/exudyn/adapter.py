@@ -19,7 +19,6 @@ from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.exudyn import kinematic_tree, laws, models, solving
-from crosscheck.adapters.exudyn.known import KNOWN
 from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
 from crosscheck.errors import EngineError
 from crosscheck.scene.events import Event, events
@@ -51,9 +50,7 @@ class Exudyn(Engine):
     options = frozenset({"form", "node"})
     orders = ORDERS
     package = "exudyn"
-    known_defects = KNOWN
     pace = 1
-    soft_laws = True
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int:
         """That of the method, as far as the forces are smooth: nothing locates events.
@@ -90,10 +87,6 @@ class Exudyn(Engine):
         if spec.method in IMPLICIT or not scene.joints:
             return "maximal"
         return "pivot" if _turns_about_ground(scene) and not _springs(scene) else "tree"
-
-    def prefers_axes(self, scene: Scene, form: str | None) -> bool:
-        """A ball in a tree is three angles, in an order that depends on the motion."""
-        return form == "tree" and bool(kinematic_tree.balls(scene))
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Exudyn cannot run this, or None."""

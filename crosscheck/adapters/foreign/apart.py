@@ -60,8 +60,6 @@ class Stranger(Engine):
     Raises `ArgumentError` and `EngineError` as `own.load`, and `EngineError` if loading it ends its process.
     """
 
-    known_defects = ()  # nobody excuses findings of his own engine
-
     def __init__(self, home: remote.Home) -> None:
         self._home, self._process = home, Process(home.name)
         try:

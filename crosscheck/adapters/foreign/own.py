@@ -40,9 +40,6 @@ class Completed(StandIn):
     the call, by the clock of the harness; what the engine says of it is kept as "told_time" of `stats`.
     """
 
-    # nobody excuses findings of his own engine
-    known_defects, misreads, soft_laws = (), types.MappingProxyType({}), False
-
     def __init__(self, engine: Any, version: str | None, own: str) -> None:
         super().__init__(engine)
         self._version, self._own = version, own

@@ -102,7 +102,7 @@ class Program:
                 raise Unsupported(f"{self.name}: {said}")
             if ended.returncode:
                 raise EngineError(f"{self.name}: the program ended with {ended.returncode}: {said}")
-            return self._read(scene, Path(values["{out}"]))
+            return read_states(self.name, scene, Path(values["{out}"]))
 
     def _write(self, scene: Scene, paths: Mapping[str, str]) -> None:
         if any("{scene}" in word for word in self._words):
@@ -112,22 +112,24 @@ class Program:
 
             ElementTree.ElementTree(mjcf(scene)).write(paths["{mjcf}"])
 
-    def _read(self, scene: Scene, path: Path) -> States:
-        try:
-            if path.with_suffix(".npz").exists() or path.read_bytes()[:2] == b"PK":
-                with np.load(path.with_suffix(".npz") if not path.exists() else path, allow_pickle=False) as kept:
-                    table: dict[str, Any] = dict(kept)
-            else:
-                table = _columns(scene, path)
-            R = table["R"] if "R" in table else rotation_from_quaternion(np.asarray(table["q"], dtype=float))
-            return States(table["t"], table["x"], R, table["v"], table["w"])
-        except FileNotFoundError:
-            raise EngineError(f"{self.name}: the program wrote no file {{out}}") from None
-        except KeyError as error:
-            raise EngineError(f"{self.name}: {{out}} has no {error.args[0]!r}; t, x, v, w and R or q are needed for "
-                              "each body") from None
-        except (ValueError, OSError) as error:
-            raise EngineError(f"{self.name}: {{out}} cannot be read: {brief(str(error))}") from None
+
+def read_states(who: str, scene: Scene, path: Path) -> States:
+    """The states in a file, CSV or NPZ; raises `EngineError` that names `who` wrote it."""
+    try:
+        if path.with_suffix(".npz").exists() or path.read_bytes()[:2] == b"PK":
+            with np.load(path.with_suffix(".npz") if not path.exists() else path, allow_pickle=False) as kept:
+                table: dict[str, Any] = dict(kept)
+        else:
+            table = _columns(scene, path)
+        R = table["R"] if "R" in table else rotation_from_quaternion(np.asarray(table["q"], dtype=float))
+        return States(table["t"], table["x"], R, table["v"], table["w"])
+    except FileNotFoundError:
+        raise EngineError(f"{who} wrote no file of states") from None
+    except KeyError as error:
+        raise EngineError(f"{who}: the file of states has no {error.args[0]!r}; t, x, v, w and R or q are needed for "
+                          "each body") from None
+    except (ValueError, OSError, StopIteration) as error:
+        raise EngineError(f"{who}: the states cannot be read: {brief(str(error))}") from None
 
 
 def _filled(word: str, values: Mapping[str, str]) -> str:

@@ -20,7 +20,6 @@ from crosscheck.adapters.common.held import Held, highest_order
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco import models, own_law
-from crosscheck.adapters.mujoco.known import KNOWN, MISREADS
 from crosscheck.adapters.mujoco.models import INTEGRATORS, OBSERVED, build, set_initial_state
 from crosscheck.errors import EngineError
 from crosscheck.scene.joints import JOINT_TYPES
@@ -40,7 +39,6 @@ class Forms(Engine):
 
     forms = ("tree", "maximal")
     options = frozenset({"form", "softness"})
-    soft_laws = True
 
     def form(self, scene: Scene, spec: RunSpec) -> str:
         """The form used: the requested one, else tree, or maximal if only that can model the scene."""
@@ -101,7 +99,6 @@ class MuJoCo(Forms):
     name = "mujoco"
     methods = tuple(INTEGRATORS)
     package = "mujoco"
-    known_defects, misreads = KNOWN, MISREADS
     reads = (".urdf", ".xml", ".mjcf")
 
     def native(self, path: str, states: JointStates) -> Native:

@@ -17,7 +17,6 @@ from crosscheck.adapters.common.held import Held, highest_order
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.pinocchio import laws, mimics, models
 from crosscheck.adapters.pinocchio.dynamics import Dynamics
-from crosscheck.adapters.pinocchio.known import KNOWN
 from crosscheck.scene.model import Scene
 
 ORDERS = MappingProxyType({"SymplecticEuler": 1, "RK4naive": 4, "RKMK4": 4, "RKMK8": 8})
@@ -33,7 +32,6 @@ class Pinocchio(Engine):
     options = frozenset({"form", "alpha", "beta"})
     orders = ORDERS
     package = "pin"
-    known_defects = KNOWN
     reads = (".urdf", ".xml", ".mjcf")
     pace = 2
 
@@ -49,10 +47,6 @@ class Pinocchio(Engine):
         # rows of other joints depend on positions that have drifted
         points = not parts and all(joint.type == "spherical" for joint in cut)
         return frozenset({"acceleration"} if points and not spec.alpha and not spec.beta else ())
-
-    def prefers_axes(self, scene: Scene, form: str | None) -> bool:
-        """A rod is two turns about axes across it, as it lies at the start, and a ball."""
-        return any(joint.kind.length for joint in scene.joints)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Pinocchio cannot run this, or None."""

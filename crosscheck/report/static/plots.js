@@ -284,9 +284,7 @@ window.Figures = (function () {
 
   // Pages of scenes, engines and studies all have speed and convergence.
   function speed(runs) {
-    const traces = runs.map((run) => [run, run.timing.length ? run.timing : run.own_environment ? []
-      : run.ladder.filter((rung) => rung.wall_time !== null).map((rung) => ({...rung, error: rung.end}))])
-      .filter(([, points]) => points.length)
+    const traces = runs.map((run) => [run, run.timing]).filter(([, points]) => points.length)
       .map(([run, points]) => markers(run, points.map((point) => 1e3 * point.wall_time),
         points.map((point) => point.error ?? null), points.map((point) => point.step ?? point.rtol)))
       .map((trace) => ({...trace, mode: "markers"}));
@@ -315,11 +313,10 @@ window.Figures = (function () {
     runs.filter((run) => run.documented_order && run.ladder.length).forEach((run) => {
       const steps = run.ladder.map((rung) => rung.step);
       const values = run.ladder.map((rung) => rung.errors[quantity] ?? null);
-      if (quantity === "position") {
-        traces.push({x: steps, y: run.ladder.map((rung) => (rung.guide > 1e-16 ? rung.guide : null)), mode: "lines",
-          hoverinfo: "skip", guide: true, showlegend: false, line: {color: style("--quiet"), width: 1, dash: "dot"}});
-      }
-      const order = run.orders[quantity];
+      const slope = steps.map((step) => values[0] * (step / steps[0]) ** run.documented_order);
+      traces.push({x: steps, y: slope.map((y) => (y > 1e-16 ? y : null)), mode: "lines", hoverinfo: "skip",
+        guide: true, showlegend: false, line: {color: style("--quiet"), width: 1, dash: "dot"}});
+      const order = run.order;
       const name = run.label + (order ? ", order " + order.toFixed(2) : "");
       traces.push(markers(run, steps, values, steps, name));
       if (order && values[0] > 0) {

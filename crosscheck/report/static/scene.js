@@ -160,12 +160,6 @@
     const axis = quantity + " error (" + unit + ")";
     const traces = comparedCurves().filter((run) => curves[run.label].errors[quantity])
       .map((run) => history(run, (c) => c.errors?.[quantity]));
-    const focus = alone();
-    const bound = focus?.errors[quantity]?.bound;
-    if (traces.length && bound) {
-      traces.push({x: [t[1], focus.judged_until ?? t.at(-1)], y: [bound, bound], mode: "lines", name: "bound of " + focus.label,
-        line: {color: style("--bound"), width: 2.5}, hovertemplate: "bound %{y:.2e} " + unit + "<extra>" + focus.label + "</extra>"});
-    }
     return {traces, columns: ["time (s)", axis], layout: layout(linear("time (s)"), log(axis))};
   };
   makers.series = (element) => {

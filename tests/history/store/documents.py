@@ -14,14 +14,12 @@ from crosscheck.document import (
     Order,
     Record,
     Rung,
-    Scales,
     Scene,
     Speed,
     outcome_of,
 )
 from crosscheck.document.outcomes import EXIT_CODES
 
-SCALES = Scales(length=1.0, speed=4.0, rate=5.0, unit_rate=3.0, reach=1.0, kinetic=10.0, momentum=8.0)
 ROUNDING = dict.fromkeys(("position", "attitude", "velocity", "angular velocity", "energy", "momentum"),
                          (1e-12, 1e-14))
 
@@ -32,13 +30,13 @@ def record(scene="single_pendulum", engine="mujoco", method="RK4", *, error=1e-6
     made = Record(
         scene=scene, engine=engine, version="4.0.0", method=method, form="tree", step=1e-3, documented_order=4,
         command=f"crosscheck run {scene}", label=f"{engine} {method}", outcome=outcome, status="success",
-        findings=[Finding("run", "ok", None, None, "", "a run has to reach its end")],
-        errors={"position": Errors(unit="m", end=error / 2, max=error, time=1.0, body="rod", size=1.0, judged=error)},
+        findings=[Finding("asked end", "ok", None, None, "", "a run has to reach its end")],
+        errors={"position": Errors(unit="m", end=error / 2, max=error, time=1.0, body="rod", size=1.0)},
         steps=1000, wall_time=0.005, duration=10.0, energy_error=error / 3, orthogonality=1e-15,
-        us_per_step=500.0 * ratio, ladder=[Rung(step=1e-3, rtol=None, steps=1000, errors={"position": error})],
+        us_per_step=500.0 * ratio, ladder=[Rung(step=1e-3, rtol=None, errors={"position": error})],
         speed=Speed(us_per_step=500.0 * ratio, us_deviation=0.1, ratio=ratio, deviation=deviation, repeats=9,
                     calibration=500.0),
-        orders={"position": Order(observed=4.0, documented=4, used=4, pairs=())})
+        order=Order(documented=4, observed=4.0, median=4.0, segments=8))
     return replace(made, **more)
 
 
@@ -53,8 +51,8 @@ def document(records=None, *, started="2026-11-20T02:00:00+00:00", versions=None
         machine=Machine(system="Linux x86_64", processor="some processor", cores=2),
         calibration=Calibration(what="loops", us=500.0))
     scenes = [Scene(name=name, title=name, description="", source="", bodies=[], duration=10.0, plan=None, truth=None,
-                    hash=(hashes or {}).get(name, f"hash of {name}"), scales=SCALES, rounding=ROUNDING, trust="",
-                    recommended=None) for name in names]
+                    hash=(hashes or {}).get(name, f"hash of {name}"), sizes={"position": 1.0}, trust="",
+                    rounding=ROUNDING, recommended=None) for name in names]
     outcome = outcome_of(scenes, records)
     found = EXIT_CODES[outcome] if exit_code is None else exit_code
     return Document(meta=meta, scenes=scenes, records=records, outcome=outcome, exit_code=found)

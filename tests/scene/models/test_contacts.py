@@ -155,5 +155,5 @@ def test_what_is_dropped_is_watched_still(tmp_path):
         crosscheck.truth(lying)
     told = CliRunner().invoke(app, ["run", str(path), "--drop", "--qpos", "0,0,.05,1,0,0,0", "--duration", "1"])
     assert told.exit_code == 3, told.output
-    assert "judged over 0 % of its 1 s" in told.output
+    assert "resolved over 0 % of its 1 s" in told.output
     assert "what would mend it: a start at which nothing acts that was left out" in told.output

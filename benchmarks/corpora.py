@@ -1,10 +1,9 @@
-"""Both judges over the corpora of wrong and right engines and over stock engines, in pieces; a table of differences.
+"""The verdicts on the corpora of wrong and right engines and on stock engines, in pieces; counts, and what is not met.
 
-    python -m benchmarks.two_judges CORPUS FILE [--every K] [--from J] [--old] [--only TEXT]
-    python -m benchmarks.two_judges table FILE
+    python -m benchmarks.corpora CORPUS FILE [--every K] [--from J] [--only TEXT]
+    python -m benchmarks.corpora table FILE
 
-Each cell is one JSON line of FILE, and a cell that is there is not run again. Without --old the judge by solution
-verification alone runs, as the tests of a corpus say what the other one does.
+Each cell is one JSON line of FILE, and a cell that is there is not run again.
 """
 
 from __future__ import annotations
@@ -28,21 +27,21 @@ from crosscheck.document import Plan, Record, Way
 from crosscheck.verification.cell import judge_run, run_cell
 from crosscheck.verification.task import Cell
 
-Case = tuple[str, Callable[[bool], Record]]
+Case = tuple[str, Callable[[], Record]]
 
 
-def in_cell(engine: Any, method: str, scene: str, plan: Plan, **more: Any) -> Callable[[bool], Record]:
-    """An engine of the tests in one cell without an order study."""
-    def judged(by_solution: bool) -> Record:
-        with adapters.lent(completed(engine(), "two judges", "1")) as name:
-            return run_cell(Cell(scene, Way(name, method), plan, study=False, **more), by_solution)
+def in_cell(engine: Any, method: str, scene: str, plan: Plan) -> Callable[[], Record]:
+    """An engine of the tests in one cell."""
+    def judged() -> Record:
+        with adapters.lent(completed(engine(), "corpora", "1")) as name:
+            return run_cell(Cell(scene, Way(name, method), plan))
     return judged
 
 
 def in_scene(made: Callable[[], Any], engine: Any, method: str, steps: dict[int, float], tolerance: float = 1e-9
-             ) -> Callable[[bool], Record]:
+             ) -> Callable[[], Record]:
     """An engine on a scene that no file holds, at the step of its order or at a tolerance."""
-    def judged(by_solution: bool) -> Record:
+    def judged() -> Record:
         scene, own = made(), engine()
         with adapters.lent(own) as name:
             adaptive = method in own.adaptive_methods
@@ -52,8 +51,7 @@ def in_scene(made: Callable[[], Any], engine: Any, method: str, steps: dict[int,
             traj = crosscheck.run(scene, engine=name, method=method, step=step, rtol=rtol)
             run = Record(scene=scene.name, engine=name, version="1", method=method, form=traj.form, step=step,
                          rtol=rtol, documented_order=order)
-            return judge_run(run, scene, traj, own.held_levels(scene, RunSpec(method, step=1e-3)),
-                             by_solution=by_solution)
+            return judge_run(run, scene, traj, own.held_levels(scene, RunSpec(method, step=1e-3)))
     return judged
 
 
@@ -62,7 +60,7 @@ def strangers() -> Iterator[Case]:
     from tests.judge.test_corpora import CASES, STEPS
 
     for wrong, method, scene in CASES:
-        plan = Plan(1.0, {1: STEPS[method]}, {}, samples=101, duration=4.0, budgeted=True)
+        plan = Plan({1: STEPS[method]}, samples=101, duration=4.0)
         yield f"{wrong.kind}, {wrong.name}, {method}, {scene}", in_cell(wrong.make, method, scene, plan)
 
 
@@ -100,8 +98,8 @@ def right() -> Iterator[Case]:
     from tests.right_engines import UNUSUAL
 
     for name, engine, method in [*CASES, *((name, *unusual) for name in SCENES[:5] for unusual in UNUSUAL)]:
-        yield f"{engine.__name__} {method}, {name}", lambda by_solution, name=name, engine=engine, method=method: (
-            in_cell(engine, method, name, plan(name), whole=False)(by_solution))
+        yield f"{engine.__name__} {method}, {name}", lambda name=name, engine=engine, method=method: (
+            in_cell(engine, method, name, plan(name))())
 
 
 def right_laws() -> Iterator[Case]:
@@ -132,7 +130,7 @@ def gate(classes: tuple[Any, ...]) -> Iterator[Case]:
             return scene.replace(samples=max(scene.samples, 21))
 
         yield f"{name}, {cases[name][0]}", in_scene(
-            made, lambda cls=cls: completed(cls(), "two judges", "1"), name, dict.fromkeys(range(1, 16), size), size)
+            made, lambda cls=cls: completed(cls(), "corpora", "1"), name, dict.fromkeys(range(1, 16), size), size)
 
 
 def gate_right() -> Iterator[Case]:
@@ -151,8 +149,8 @@ def gate_wrong() -> Iterator[Case]:
 
 def stock() -> Iterator[Case]:
     """Every method of every engine that is installed here, on all scenes, at the steps of the default plan."""
-    from crosscheck.judge.plan import PROFILES
     from crosscheck.scene.file import scene_names
+    from crosscheck.verification.plan import PROFILES
     from crosscheck.verification.scene_truth import prepare_truth
     from crosscheck.verification.task import cells_of
 
@@ -160,21 +158,23 @@ def stock() -> Iterator[Case]:
     for scene in scene_names():
         for engine in ("lieeuler", "mujoco", "pinocchio", "exudyn"):
             for cell in cells_of(scene, engine, PROFILES["smoke"]):
-                def judged(by_solution: bool, cell: Cell = cell) -> Record:
-                    plan = prepare_truth((cell.scene, True, profile.most_steps)).plan
-                    return run_cell(dataclasses.replace(cell, plan=plan, study=False), by_solution)
+                def judged(cell: Cell = cell) -> Record:
+                    known = prepare_truth((cell.scene, profile.most_seconds, profile.most_steps))
+                    return run_cell(dataclasses.replace(cell, plan=known.plan, no_truth=known.no_truth))
                 yield f"{scene}, {cell.label}", judged
 
 
 CORPORA = {each.__name__: each for each in (strangers, mistakes, laws, right, right_laws, gate_right,
                                                gate_wrong, stock)}
+WRONG = ("strangers", "mistakes", "laws", "gate_wrong")
+"""Corpora that have to fail; all else has to pass."""
 
 
-def row(judged: Callable[[bool], Record], by_solution: bool) -> dict[str, Any]:
-    """What one judge says, with its processor time (s)."""
+def row(judged: Callable[[], Record]) -> dict[str, Any]:
+    """The verdict, with its processor time (s)."""
     begun = time.process_time()
     try:
-        run = judged(by_solution)
+        run = judged()
     except Exception as error:
         return {"outcome": "error", "why": f"{type(error).__name__}: {error}", "seconds": time.process_time() - begun}
     bad = [each for each in run.findings if each.status == "fail"]
@@ -184,33 +184,29 @@ def row(judged: Callable[[bool], Record], by_solution: bool) -> dict[str, Any]:
             [worst.kind, worst.value, worst.bound, worst.detail[:600]]}
 
 
-def collect(corpus: str, file: pathlib.Path, every: int, begin: int, old: bool, only: str) -> None:
+def collect(corpus: str, file: pathlib.Path, every: int, begin: int, only: str) -> None:
     """Runs the cells that the file does not have."""
     done = {json.loads(line)["case"] for line in file.read_text().splitlines()} if file.exists() else set()
     for k, (case, judged) in enumerate(CORPORA[corpus]()):
         if k % every != begin or case in done or only not in case:
             continue
-        line = {"corpus": corpus, "case": case, "new": row(judged, True)} | (
-            {"old": row(judged, False)} if old else {})
+        line = {"corpus": corpus, "case": case, **row(judged)}
         with file.open("a") as out:
             out.write(json.dumps(line) + "\n")
-        print(case, "|", line["new"]["outcome"], f"{line['new'].get('share', 0.0) or 0.0:.2f}",
-              f"{line['new']['seconds']:.1f} s", line["new"].get("worst", "") or line["new"]["why"], flush=True)
+        print(case, "|", line["outcome"], f"{line.get('share') or 0.0:.2f}", f"{line['seconds']:.1f} s",
+              line.get("worst") or line["why"], flush=True)
 
 
 def table(file: pathlib.Path) -> None:
-    """Counts, and the cells in which the judges differ or a corpus is not met."""
+    """Counts, and the cells in which a corpus is not met."""
     lines = [json.loads(line) for line in file.read_text().splitlines()]
-    counted = Counter((line["corpus"], line["new"]["outcome"]) for line in lines)
-    for (corpus, outcome), count in sorted(counted.items()):
+    for (corpus, outcome), count in sorted(Counter((line["corpus"], line["outcome"]) for line in lines).items()):
         print(f"{corpus:12} {outcome:12} {count}")
     for line in lines:
-        wrong = line["corpus"] in ("strangers", "mistakes", "laws", "gate_wrong")
-        before = line["old"]["outcome"] if "old" in line else "fail" if wrong else "pass"
-        if line["new"]["outcome"] != before:
-            share = 100 * (line["new"].get("share") or 0.0)
-            print(f"{line['corpus']:12} {line['case']}: {before} -> {line['new']['outcome']} ({share:.3g} %); "
-                  f"{line['new'].get('worst') or line['new']['why']}")
+        wanted = "fail" if line["corpus"] in WRONG else "pass"
+        if line["outcome"] != wanted:
+            print(f"{line['corpus']:12} {line['case']}: {line['outcome']} ({100 * (line.get('share') or 0.0):.3g} %); "
+                  f"{line.get('worst') or line['why']}")
 
 
 def main() -> None:
@@ -220,13 +216,12 @@ def main() -> None:
     asked.add_argument("file", type=pathlib.Path)
     asked.add_argument("--every", type=int, default=1)
     asked.add_argument("--from", dest="begin", type=int, default=0)
-    asked.add_argument("--old", action="store_true")
     asked.add_argument("--only", default="")
     given = asked.parse_args()
     if given.corpus == "table":
         table(given.file)
     else:
-        collect(given.corpus, given.file, given.every, given.begin, given.old, given.only)
+        collect(given.corpus, given.file, given.every, given.begin, given.only)
 
 
 if __name__ == "__main__":

@@ -320,6 +320,7 @@ class Dense(of_scipy("DOP853")):
         return self.raw(scene, [self.unpacked(scene, t, between(t)) for t in scene.t], len(found.t) - 1, None)
 
     factor = 1.0  # of its tolerance
+    interpolation = 115.0  # DOP853's dense output is of order 7: a share of a step of order 8
 
     def between(self, scene, found):
         """The states at any time."""

@@ -147,6 +147,7 @@ class Engine:
     pace: int = 0  # larger for slower engines, whose runs a grid starts first
     on_group: bool = False  # attitudes stay on SO(3) by construction
     eps: float = 2.0**-52  # spacing at 1 of its numbers
+    interpolation: float = 0.0  # error of outputs that are interpolated between steps, over the tolerance
     reads: tuple[str, ...] = ()  # endings of the model files that `native` reads
 
     @functools.cached_property

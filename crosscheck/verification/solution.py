@@ -170,9 +170,12 @@ class Solution:
         return min(self.traj.steps * times / (len(self.traj.t) - 1) if answer is None else answer.steps, most)
 
     def tolerated(self, name: str, segment: Segment, answer: Answer) -> float:
-        """What an adaptive method may miss by at its own tolerance: each step keeps it, and errors grow."""
+        """What an adaptive method may miss by at its own tolerance: each step keeps it, and errors grow; between steps
+        outputs may miss by what the engine declares.
+        """
         growth = 1.0 if segment.flowed is None else segment.flowed.worst
-        return self.believed(segment, answer) * self.own * self.sizes.get(name, 1.0) * growth
+        times = self.believed(segment, answer) + self.engine.interpolation
+        return times * self.own * self.sizes.get(name, 1.0) * growth
 
     def measure_noise(self, sequences: Sequence[Sequence3 | None]) -> None:
         """Asks the same question again from starts that differ by a rounding, for noise and the spacing of numbers."""
@@ -535,7 +538,9 @@ class Solution:
                 if name in STATE:
                     parts = {"tolerance": self.tolerated(name, segment, seq.answers[own]),
                              "rounding": self.rounding(name, segment, self.own)}
-                    self.checks.append(Check("promise", name, k, largest(each), parts, math.inf))
+                    declared = self.engine.interpolation
+                    said = f"interpolation between steps, declared: {declared:g} rtol" if declared else ""
+                    self.checks.append(Check("promise", name, k, largest(each), parts, math.inf, said))
 
     def started(self) -> None:
         """R4: the run begins in the state that was asked for, or in the nearest one with closed joints."""

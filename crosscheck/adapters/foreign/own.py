@@ -48,7 +48,7 @@ class Completed(StandIn):
         self.orders = self.orders or {}
         self.checks_sizes |= hasattr(engine, "documented_order") and not hasattr(engine, "adaptive_methods")
         self.options = frozenset(self.options)
-        self.eps = min(float(self.eps), COARSEST)
+        self.eps, self.interpolation = min(float(self.eps), COARSEST), max(float(self.interpolation), 0.0)
 
     def version(self) -> str:
         """The version that the engine or its package states, and the digest of its code."""

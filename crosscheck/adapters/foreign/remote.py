@@ -39,6 +39,7 @@ class Card:
     pace: int
     on_group: bool
     eps: float
+    interpolation: float
 
 
 @dataclasses.dataclass(frozen=True)

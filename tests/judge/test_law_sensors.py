@@ -62,7 +62,7 @@ def test_right_readings_are_accused_of_nothing(monkeypatch, name):
     assert not accused(judged(watched(name), install(monkeypatch, Reading()), "rkmk4"))
 
 
-@pytest.mark.parametrize(("name", "kind", "wrong"), WRONG)
+@pytest.mark.parametrize(("name", "kind", "wrong"), WRONG, ids=[f"{name}-{kind}" for name, kind, _ in WRONG])
 def test_wrong_readings_fail(monkeypatch, name, kind, wrong):
     found = accused(judged(watched(name), install(monkeypatch, Reading(kind, wrong)), "rkmk4"))
     assert {each.partition(":")[0] for each in found} == {f"limit sensor {kind}"}

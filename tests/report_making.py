@@ -3,7 +3,7 @@
 import msgspec
 from msgspec.structs import replace
 
-from crosscheck.document import Advice, Change, Machine, Meta, SceneTruth, Support, Way
+from crosscheck.document import Advice, Change, Machine, Meta, Point, SceneTruth, Support, Way
 from crosscheck.running import provenance
 from crosscheck.verification import job
 from crosscheck.verification.cell import run_cell
@@ -39,13 +39,20 @@ def document(truths, judged, engines, profile="default", need=1.0):
     return job.document(msgspec.convert(meta, Meta), truths, records)
 
 
+def timing(run):
+    """Points of a timing study, made up: times as the inverse of the steps of the run's ladder."""
+    return [Point(step=rung.step, rtol=rung.rtol, wall_time=1e-5 / rung.step, steps=int(1 / rung.step),
+                  us_per_step=10.0, seconds_per_second=1e-5 / rung.step, seconds_deviation=1e-7,
+                  error=rung.errors["position"], main=False) for rung in run.ladder]
+
+
 def small_results():
     """The document of the first seconds of two scenes."""
     truths, judged = [], []
     for name, runs in RUNS.items():
         truths.append(prepare_truth((name, 1.0, Profile.most_steps)))
-        judged += [run_cell(Cell(name, Way(engine, method), truths[-1].plan))
-                   for engine, method in runs]
+        judged += [replace(run, timing=timing(run)) for engine, method in runs
+                   for run in [run_cell(Cell(name, Way(engine, method), truths[-1].plan))]]
     return document(truths, judged, list(dict.fromkeys(each.engine for each in judged)), "smoke")
 
 

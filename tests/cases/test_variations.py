@@ -488,7 +488,7 @@ def paper_of_two_methods():
 # --- the error of a run -------------------------------------------------------------------------------------------
 
 
-@case(0, 3, shows=("judged",))
+@case(0, 3, shows=("resolved",))
 def run_prints_the_error_of_mujocos_euler():
     """MuJoCo's Euler against MuJoCo's RK4, at the output times."""
     text, times = leg(), np.linspace(0.0, 1.0, 21)
@@ -508,7 +508,7 @@ def run_prints_the_error_of_mujocos_euler():
             {r"error against truth: position (\S+) m": (error, 0.06 * error)})
 
 
-@case(0, 3, shows=("judged",))
+@case(0, 3, shows=("resolved",))
 def run_prints_the_error_of_semi_implicit_euler():
     x, v, places = 0.3, 0.0, [0.3]
     for _ in range(200):

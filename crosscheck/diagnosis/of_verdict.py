@@ -18,7 +18,6 @@ from crosscheck.running.attempt import Ran, Refused, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.verification.cell import judge_run
 from crosscheck.verification.plan import PROFILES, plan_of
-from crosscheck.verification.promises import ENDED
 
 
 def judged(subject: Subject, scene: Scene, step: float | None) -> Record:
@@ -43,7 +42,7 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Re
     if not isinstance(outcome, Ran):
         reason = outcome.why.replace(name, subject.engine.name)
         return replace(run, outcome="unsupported" if isinstance(outcome, Refused) else "fail", message=reason,
-                       findings=[Finding("asked end", "fail", None, None, "", ENDED, reason)])
+                       findings=[Finding.ended_early(reason)])
     return judge_run(run, whole, outcome.trajectory, subject.held(scene))
 
 

@@ -183,6 +183,9 @@ class Scene(SceneTruth, frozen=True, kw_only=True, omit_defaults=True):
 # --- runs
 
 
+ENDED = "a run has to reach its end"
+
+
 class Finding(Part, frozen=True):
     """One judged value of a run."""
 
@@ -194,6 +197,11 @@ class Finding(Part, frozen=True):
     why: str
     detail: str = ""  # where and when it happens, the parts of U, or what is known about it
     size: float | None = None  # of the quantity, in its unit
+
+    @classmethod
+    def ended_early(cls, why: str) -> Finding:
+        """The finding on a run that did not reach its end."""
+        return cls("asked end", "fail", None, None, "", ENDED, why)
 
     @property
     def about(self) -> str:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import get_args
 
-from crosscheck.document import Change, Document, Finding, Record, Scene, grouped
+from crosscheck.document import ENDED, Change, Document, Finding, Record, Scene, grouped
 from crosscheck.document.outcomes import KINDS, Outcome
 from crosscheck.report.headline import OUTCOMES, judged_share
 
@@ -131,8 +131,7 @@ def _matter(record: Record, finding: Finding | None) -> str:
     if record.outcome == "known":
         return str(finding.detail or finding.why)
     if finding.kind == "asked end":
-        ended = finding.why != "a run has to reach its end"
-        return "printed text that nobody reads" if ended else "did not reach its end"
+        return "did not reach its end" if finding.why == ENDED else "printed text that nobody reads"
     return KINDS[finding.about].title
 
 

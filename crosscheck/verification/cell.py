@@ -28,7 +28,7 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 from crosscheck.verification import solution
 from crosscheck.verification.curves import run_curves
-from crosscheck.verification.promises import ENDED, judge_asked, judge_promises
+from crosscheck.verification.promises import judge_asked, judge_promises
 from crosscheck.verification.task import Cell, load
 
 MANY = 16
@@ -56,7 +56,7 @@ def run_cell(cell: Cell) -> Record:
     if isinstance(outcome, Refused):
         return replace(run, outcome="unsupported", message=outcome.why)
     if isinstance(outcome, Failed):
-        return settle(replace(run, status="failed"), [Finding("asked end", "fail", None, None, "", ENDED, outcome.why)],
+        return settle(replace(run, status="failed"), [Finding.ended_early(outcome.why)],
                       defects(engine, run), outcome.why, cell.as_planned)
     reference = None if cell.no_truth else truth(scene)
     return judged(run, scene, outcome.trajectory, engine.held_levels(scene, spec), reference, cell.no_truth,
@@ -102,8 +102,7 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
     overrides : tolerances of the user
     planned : whether it was run as the library plans it, so that known defects have to show
     """
-    engine, found = adapters.get(run.engine), solution.judge(
-        run, scene, traj, held, reference, no_truth)
+    engine, found = adapters.get(run.engine), solution.judge(run, scene, traj, reference, no_truth)
     missed = {} if reference is None else errors(scene, traj, reference.states, reference.horizon) | of_sensors(
         scene, traj.sensors, reference.states, reference.horizon)
     per, step = (0, 0.0) if run.step is None else steps_per_sample(scene, run.step)
@@ -113,7 +112,7 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
         scene, traj, held, size, found.eps, max(found.iteration, traj.stats.get("newton_left", 0.0)), engine.on_group)]
     shares = {name: each for name, each in found.shares.items() if name}
     made = replace(
-        _measured(run, scene, traj, reference, missed, held), share=found.share, shares=shares,
+        _measured(run, scene, traj, reference, missed, held, size), share=found.share, shares=shares,
         resolution=found.visible, asked_steps=found.cost, ladder=found.ladder, not_judged=found.why,
         order=found.order)
     asked, more = tolerated(overrides, made, None if reference is None else reference.horizon)
@@ -122,8 +121,8 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
 
 
 def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference | None, missed: Mapping[str, Error],
-              held: frozenset[str]) -> Record:
-    """The measured values of a run."""
+              held: frozenset[str], sizes: Mapping[str, float]) -> Record:
+    """The measured values of a run; `sizes` of its quantities."""
     exact, maxima = None if reference is None else reference.states.until(reference.horizon), traj.maxima
     gap = energy_gap(scene, traj, exact, maxima, lambda: traj.work)
     kinetic = float(np.nanmax(mechanics.kinetic_energy(scene, traj if exact is None else exact), initial=0.0)) or 1.0
@@ -135,7 +134,6 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference 
     momentum = None if exact is None else float(np.nanmax(np.abs(
         traj.momentum_vertical - mechanics.momentum_vertical(scene, exact))))
     start = abs(float(traj.energy[0]))
-    sizes = {} if reference is None else sizes_of(scene, reference.states)
     return replace(
         run, form=traj.form or run.form, status=traj.status, duration=scene.duration,
         errors={name: replace(error.figures, size=sizes.get(name)) for name, error in missed.items()},

@@ -369,7 +369,7 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
                 message = (f"not run, the scene has no truth to judge by: {scenes[cell.scene].failure}"
                            if result is None else result.message)
                 result = extended(Record, cell.way, scene=cell.scene, version="", message=message, findings=[
-                    Finding("asked end", "fail", None, None, "", "a run has to reach its end", message)])
+                    Finding.ended_early(message)])
             judged.append((cell, result))
         return [replace(each, label=label, default_form=cell.default_form) for (cell, each), label in zip(
             judged, labels([each for _, each in judged]), strict=True)]

@@ -49,7 +49,7 @@ def judge_probes(scene: Scene, log: Path, folder: Path, step: float, order: int)
         if not isinstance(outcome, Ran):
             raise outcome.error
         traj, reference = outcome.trajectory, truth(shown)
-        asked = Solution(run, shown, traj, frozenset(), reference)
+        asked = Solution(run, shown, traj, reference)
         per, _ = steps_per_sample(shown, step)
         missing = []
         for segment in segments_of(shown, asked.own_states, reference, asked.open):

@@ -7,13 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from crosscheck.compare.order import SAFETY
-from crosscheck.document import LEVELS, Finding, Record
+from crosscheck.document import ENDED, LEVELS, Finding, Record
 from crosscheck.judge.rounding import EPS, USUAL, grading
 from crosscheck.judge.rules import RESOLVED
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
-
-ENDED = "a run has to reach its end"
 
 
 def judge_promises(scene: Scene, traj: Trajectory, held: frozenset[str], sizes: Mapping[str, float], eps: float,
@@ -57,9 +55,8 @@ def judge_promises(scene: Scene, traj: Trajectory, held: frozenset[str], sizes: 
 
 def judge_asked(run: Record, scene: Scene, traj: Trajectory, per: int, step: float) -> list[Finding]:
     """Whether a run came to its end, in the steps that were asked for: `per` of `step` (s) between two outputs."""
-    good = traj.status == "success"
-    end = Finding("asked end", "ok" if good else "fail", None, None, "", ENDED,
-                  "" if good else f"it says of itself: {traj.status}")
+    end = Finding("asked end", "ok", None, None, "", ENDED) if traj.status == "success" else (
+        Finding.ended_early(f"it says of itself: {traj.status}"))
     if run.step is None:
         return [end]
     wanted, told = per * (len(traj.t) - 1), traj.stats.get("step") or step

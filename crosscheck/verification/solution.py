@@ -97,9 +97,9 @@ def unjudged(kind: str, why: str, *findings: Finding) -> Verdict:
 class Solution:
     """The rules on one run; `truth` is None where there is none, for the reason `why`."""
 
-    def __init__(self, run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], truth: Reference | None,
+    def __init__(self, run: Record, scene: Scene, traj: Trajectory, truth: Reference | None,
                  why: str = "") -> None:
-        self.run, self.scene, self.traj, self.truth, self.held = run, scene, traj, truth, held
+        self.run, self.scene, self.traj, self.truth = run, scene, traj, truth
         self.engine, self.p = adapters.get(run.engine), run.documented_order
         self.own_states = States(traj.t, traj.x, traj.R, traj.v, traj.w, traj.a, traj.alpha, traj.lam,
                                  sensors=traj.own_sensors, hinges=traj.hinges)
@@ -134,6 +134,11 @@ class Solution:
                 "reaction force": mass * self.length, "reaction torque": mass * self.length**2,
                 "energy": mass * self.length * self.sizes["velocity"]}.get(name, self.length)
 
+    def extent(self, name: str) -> float:
+        """The size of a row; of positions no less than how far they are from the origin, where they round."""
+        size = self.sizes.get(name, 1.0)
+        return max(size, self.reach) if name == "position" else size
+
     def count(self, segment: Segment, size: float) -> float:
         """Steps from where an answer began to the end of a segment."""
         times = segment.last - (0 if segment.whole else segment.first)
@@ -141,10 +146,7 @@ class Solution:
 
     def rounding(self, name: str, segment: Segment, size: float) -> float:
         """u_round of a row at a step or tolerance `size`: every step rounds, and what it rounds grows as errors do."""
-        unit = self.sizes.get(name, 1.0)
-        if name == "position":
-            unit = max(unit, self.reach)
-        least = self.grading * self.eps * max(1.0, self.count(segment, size)) * unit * _growth(segment)
+        least = self.grading * self.eps * max(1.0, self.count(segment, size)) * self.extent(name) * _growth(segment)
         if name not in OF_STATE and self.p is not None:  # what holds positions, softly or not, divides by h^2
             reach = self.unit(name) * (max(1.0, self.reach / self.length) if name == "acceleration" else 1.0)
             least += self.grading * self.eps * reach / size**2
@@ -196,8 +198,8 @@ class Solution:
             other = self.probe.elsewhere(segment.start, *self.at(self.own)) if given > EPS else None
             if other is not None:  # coarse numbers are others in every world
                 last = other.rows(segment)
-                spacings.append(max(largest((rows[0][name] - last[name])[segment.kept(name, step)]) / max(
-                    self.sizes[name], self.reach if name == "position" else 0.0) for name in STATE))
+                spacings.append(max(largest((rows[0][name] - last[name])[segment.kept(name, step)]) / self.extent(name)
+                                     for name in STATE))
             same = [rows[0], seq.answers[self.nearest(seq)].rows(segment)]  # a start that is moved may have another way
             kept = {name: [each[name][segment.kept(name, step)] for each in same] for name in STATE}
             told += [(k, name, spread(kept[name]), min(largest(each) for each in kept[name])) for name in STATE]
@@ -286,13 +288,16 @@ class Solution:
             # An order that has shown stays: still finer steps come down to what the iteration leaves.
             seq.order = max(order, -math.inf if seq.order is None else seq.order) if above else None
         made = self.limits_of("limit", k, h, rows, smooth, order)
-        own = [{name: part[1:] for name, part in each.own.items()} for each in answers]
+        both = set.intersection(*(set(each.own) for each in answers))  # some have accelerations of every step alone
+        own = [{name: part[1:] for name, part in each.own.items() if name in both} for each in answers]
         made += self.limits_of("promise", k, h, own, smooth, order)
         if smooth:
             seq.promised = {name: observed_order(h[:3], kept) for name in own[0] if name in ACCELERATIONS and differ(
                 kept := [each[name][segment.kept(name, max(h))] for each in own[:3]],
                 self.roundings(name, segment, h[:3]), self.noise.get(name, 0.0))}
-        if self.p is not None and seq.order is not None:
+        if self.p is not None and seq.order is not None and (seq.order >= self.p - MARGIN or all(SAFETY * spread(
+                [each[name] for each in rows[:3]]) <= RESOLVED * self.sizes[name] for name in STATE)):
+            # Answers that are this far apart need not be in the range of an order: U tells that of their limit.
             apart_by = ", ".join(f"{size:.6g}" for size in seq.steps)
             made.append(Check("order", "", k, max(0.0, self.p - seq.order), {"margin": MARGIN}, math.inf,
                               f"observed {seq.order:.3g} of {self.p} at steps {apart_by} s"))
@@ -547,8 +552,7 @@ class Solution:
         asked, eps = _start(self.scene), max(EPS, self.engine.eps)
         gaps = apart(self.own_states.at(slice(0, 1)), asked)
         for name in STATE:
-            unit = max(self.sizes[name], self.reach if name == "position" else 0.0)
-            parts, value = {"rounding": self.grading * eps * unit}, largest(gaps[name])
+            parts, value = {"rounding": self.grading * eps * self.extent(name)}, largest(gaps[name])
             near = closed(self.scene) if value > parts["rounding"] else None
             if near is not None:
                 parts["closing"] = SAFETY * largest(apart(_start(near), asked)[name])
@@ -595,8 +599,7 @@ class Solution:
         if alone:
             told.append(Finding("gap", "ok", None, None, "", WHY["gap"], f"{alone}; whole runs alone are judged"))
         if self.probe.status != "success":
-            told.insert(0, Finding("asked end", "fail", None, None, "", "a run has to reach its end",
-                                   f"it says: {self.probe.status}"))
+            told.insert(0, Finding.ended_early(f"it says: {self.probe.status}"))
         cost = 1.0 + self.probe.steps / max(1, self.traj.steps)
         return Verdict(told, self.checks, self.why or alone or self.reason(blind, reached[""]), reached,
                        visible(self.checks), cost, self.order(sequences), self.ladder(sequences), self.spacing,
@@ -671,7 +674,6 @@ def _start(scene: Scene) -> States:
     return States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
 
 
-def judge(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], truth: Reference | None, why: str = ""
-          ) -> Verdict:
+def judge(run: Record, scene: Scene, traj: Trajectory, truth: Reference | None, why: str = "") -> Verdict:
     """The verdict on one run; without a truth, for the reason `why`, it is unresolved unless something fails."""
-    return Solution(run, scene, traj, held, truth, why and f"no truth: {why}").verdict()
+    return Solution(run, scene, traj, truth, why and f"no truth: {why}").verdict()

@@ -343,8 +343,7 @@ def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages
 
 def _with_points(record: Record, points: list[Point], reason: str | None) -> Record:
     if reason is not None:
-        record = beyond(record, Finding("asked end", "fail", None, None, "", "a run has to reach its end",
-                                        f"in the timing study: {reason}"))
+        record = beyond(record, Finding.ended_early(f"in the timing study: {reason}"))
     for point in points:
         if point.main:
             record = replace(record, us_per_step=point.us_per_step, seconds_per_second=point.seconds_per_second,

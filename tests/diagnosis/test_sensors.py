@@ -233,7 +233,7 @@ def test_accelerations_of_its_own():
     with adapters.lent(Misbuilt(adapters.get("exudyn"), (), (report,))) as name:
         traj = crosscheck.run(scene, name, "GeneralizedAlpha", step=STEP)
         asked = extended(Record, Way(name, "GeneralizedAlpha", STEP), scene="arm", version="", documented_order=2)
-        found = solution.judge(asked, scene, traj, frozenset(), crosscheck.truth(scene)).findings
+        found = solution.judge(asked, scene, traj, crosscheck.truth(scene)).findings
     seen = {finding.kind: finding.status for finding in found if "sensor" in finding.kind}
     assert len(seen) >= len(scene.sensors)
     assert "fail" not in seen.values(), seen

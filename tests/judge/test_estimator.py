@@ -56,7 +56,7 @@ def verdict(engine, method="rattle2", scene="double_pendulum", duration=0.5, kno
         traj = crosscheck.run(scene, engine=name, method=method, step=STEP)
         order = adapters.get(name).documented_order(scene, RunSpec(method, step=STEP))
         run = Record(scene=scene.name, engine=name, version="1", method=method, step=STEP, documented_order=order)
-        return judge(run, scene, traj, frozenset(), truth(scene) if known else None, "" if known else "no formulas")
+        return judge(run, scene, traj, truth(scene) if known else None, "" if known else "no formulas")
 
 
 def failing(found):

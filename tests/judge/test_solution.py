@@ -97,7 +97,7 @@ def test_orders_and_errors_at_the_steps_asked_come_with_the_verdict(method):
         order = adapters.get(name).documented_order(scene, RunSpec(method, step=STEPS[method]))
         run = Record(scene=scene.name, engine=name, version="1", method=method, step=STEPS[method],
                      documented_order=order)
-        found = judge(run, scene, traj, frozenset(), truth(scene))
+        found = judge(run, scene, traj, truth(scene))
     assert found.order.documented == order
     assert order - 0.5 <= found.order.observed <= found.order.median
     coarse, _, fine = found.ladder
@@ -222,7 +222,7 @@ def test_a_documented_order_holds_where_a_motion_is_not_smooth(engine, late):
         traj = crosscheck.run(scene, engine=name, method=engine.__name__, step=step)
         run = Record(scene=scene.name, engine=name, version="1", method=engine.__name__, form=traj.form, step=step,
                      documented_order=4)
-        found = judge(run, scene, traj, frozenset(), truth(scene)).findings
+        found = judge(run, scene, traj, truth(scene)).findings
     assert any(each.status == "fail" and each.kind.startswith("limit ") for each in found) == late
 
 
@@ -233,7 +233,7 @@ def test_accelerations_of_the_step_before_have_too_low_an_order():
         traj = crosscheck.run(scene, engine=name, method="LastStepsAccelerations", step=1e-3)
         run = Record(scene=scene.name, engine=name, version="1", method="LastStepsAccelerations", form=traj.form,
                      step=1e-3, documented_order=2)
-        found = judge(run, scene, traj, frozenset(), truth(scene)).findings
+        found = judge(run, scene, traj, truth(scene)).findings
     accused = {each.kind for each in found if each.status == "fail"}
     assert accused
     assert accused <= {"order acceleration", "order angular acceleration"}
@@ -245,7 +245,7 @@ def test_another_way_from_a_start_that_is_moved_by_a_rounding_is_no_noise(tmp_pa
     traj = crosscheck.run(scene, engine="lieeuler", method="rkmk4", step=5e-3)
     run = Record(scene=scene.name, engine="lieeuler", version="1", method="rkmk4", form=traj.form, step=5e-3,
                  documented_order=4)
-    found = judge(run, scene, traj, frozenset(), truth(scene)).findings
+    found = judge(run, scene, traj, truth(scene)).findings
     assert not [each.kind for each in found if each.status == "fail"]
 
 

@@ -127,7 +127,8 @@ def _first_line(judged: Record | None) -> str:
     sizes = [f"{name} {error.max:.2g} {error.unit}" for name, error in judged.errors.items()
              if name in QUANTITIES and error.max is not None]
     off = f"error against truth: {', '.join(sizes)}" if sizes else "compared with no truth"
-    judging = "" if judged.share is None else f"; resolved over {percent(judged.share)} of its {judged.duration:g} s"
+    judging = "" if judged.share is None or judged.outcome == "unresolved" else (
+        f"; resolved over {percent(judged.least_share)} of its {judged.duration:g} s")
     first = worst(judged.findings)
     reason = judged.message or ("" if first is None or judged.outcome == "pass" else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "

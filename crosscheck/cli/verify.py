@@ -256,7 +256,7 @@ def _row(record: Record) -> tuple[str, ...]:
 
     return (record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", _size(record),
             "" if record.order is None else f"{record.order.observed:.2f}", _number(record.off), _number(seen(record)),
-            "" if record.share is None else percent(record.share), _number(record.energy_error),
+            "" if record.share is None else percent(record.least_share), _number(record.energy_error),
             "" if record.us_per_step is None else f"{record.us_per_step:.3g}")
 
 

@@ -82,32 +82,35 @@ def differ(answers: Sequence[np.ndarray], rounding: Sequence[float], noise: floa
 
 
 def limit(h: Sequence[float], answers: Sequence[np.ndarray], order: int, rounding: Sequence[float], noise: float = 0.0,
-          observed: float = math.inf) -> Limit:
+          observed: float = math.inf, far: tuple[float, np.ndarray] | None = None) -> Limit:
     """The limit of answers less truth, (T, n, k) each, at steps h1 < h2 < h3 of a method of documented `order`.
 
-    A fourth answer, from before a refinement, has no part in the value: what T3 was then shows how far it may be
-    trusted, as T2 does.
+    A fourth answer, from before a refinement, has no part in the value: what T2 was then shows how far T3 may be
+    trusted, as T2 does. So does T2 of the finest answer and `far`, an answer at a far smaller step: where a method damps
+    a fast oscillation away at all three steps, these agree on a limit that is not that of vanishing steps.
 
     Parameters
     ----------
     rounding : u_round of each answer
     noise : u_noise, by how much answers to one question scatter beyond rounding
     observed : the observed order of the sequence; below `order` - 1/2 nothing is extrapolated
+    far : step and answer less truth
     """
-    finest = answers[:3]
-    apart = spread(finest)
-    if not math.isfinite(apart):
+    finest, steps = answers[:3], np.array(h)
+    most = spread(finest)
+    if not math.isfinite(most):
         return Limit(answers[0], {"extrapolation": math.inf}, "no order")
-    floor = {"rounding": floor_of(rounding[:3], 0.0), "noise": SAFETY * noise}
-    if not differ(finest, rounding[:3], noise):
-        return Limit(answers[0], {"extrapolation": SAFETY * apart, **floor}, "rounding")
-    if observed < order - MARGIN:
-        return Limit(answers[0], {"extrapolation": SAFETY * apart, **floor}, "no order")
-    steps = np.array(h)
+    T2, beyond = _sum(cancelling(steps[:2], order), answers), 0.0
+    if far is not None:
+        finer = _sum(cancelling(np.array([far[0], h[0]]), order), [far[1], answers[0]])
+        beyond = largest(T2 - finer)
+    rounds = not differ(finest, rounding[:3], noise)
+    if rounds or observed < order - MARGIN:
+        return Limit(answers[0], {"extrapolation": SAFETY * max(most, beyond), "rounding": floor_of(rounding[:3], 0.0),
+                                  "noise": SAFETY * noise}, "rounding" if rounds else "no order")
     three = cancelling(steps[:3], order)
-    T3, T2 = _sum(three, finest), _sum(cancelling(steps[:2], order), answers)
-    before = [_sum(cancelling(steps[1:4], order), answers[1:4])] if len(h[3:]) else []
-    return Limit(T3, {"extrapolation": SAFETY * max(largest(T3 - each) for each in (T2, *before)),
+    T3, before = _sum(three, finest), _sum(cancelling(steps[1:4], order), answers[1:4]) if len(h[3:]) else T2
+    return Limit(T3, {"extrapolation": SAFETY * max(largest(T3 - T2), largest(T3 - before), beyond),
                       "rounding": floor_of(rounding[:3], 0.0, three),
                       "noise": float(np.abs(three).sum()) * SAFETY * noise}, "order")
 

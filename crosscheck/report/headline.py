@@ -22,8 +22,8 @@ OUTCOMES: dict[Outcome, tuple[str, str, str]] = {
 
 
 def judged_share(records: Sequence[Record]) -> float | None:
-    """The average share of their time over which the motion of runs is resolved; None without runs."""
-    return sum(record.share or 0.0 for record in records) / len(records) if records else None
+    """The average share of their time over which every row of runs is resolved; None without runs."""
+    return sum(record.least_share for record in records) / len(records) if records else None
 
 
 def share_words(share: float | None) -> str:
@@ -119,11 +119,11 @@ def why_no_truth(scene: Scene) -> str:
 
 
 def span(record: Record) -> str:
-    """In words, over what part of its length the motion of a run is resolved."""
+    """In words, over what part of its length every row of a run is resolved."""
     if record.share is None or record.duration is None:
         return ""
-    if record.share < 1:
-        return f"{percent(record.share)} of {record.duration:g} s" + (
+    if record.least_share < 1:
+        return f"{percent(record.least_share)} of {record.duration:g} s" + (
             f", since {record.not_judged}" if record.not_judged else "")
     return f"all {record.duration:g} s"
 

@@ -63,6 +63,7 @@ class Sequence3:
     steps: list[float]  # s, or tolerances
     counts: list[int]  # steps of one interval between outputs; none of tolerances
     answers: list[Answer]
+    far: tuple[float, Answer] | None = None  # a far smaller step, and the answer there
     orders: list[float] = dataclasses.field(default_factory=list)  # as observed, one a refinement
     promised: dict[str, float] = dataclasses.field(default_factory=dict)  # orders of accelerations less the states' own
     order: float | None = None  # what follows from these; None where the motion is not smooth, or all is rounding
@@ -271,6 +272,20 @@ class Solution:
         seq.answers.insert(0, got)
         return True
 
+    def confirm(self, segment: Segment, seq: Sequence3) -> bool:
+        """Asks at a far smaller step, which confirms a limit before it fails; whether there is an answer.
+
+        At least a tenth of the finest, and so small that the fastest oscillation is not damped away in the segment.
+        """
+        if self.p is None:
+            return False
+        span, h = float(segment.t[-1]), seq.steps[0]
+        followed = math.pow(SAFETY * max(1.0, self.rate * span), -1.0 / self.p) / max(self.rate, 1.0 / span)
+        number = math.ceil(self.dt / max(h / TENFOLD**2, min(h / TENFOLD, followed)) / self.multiple) * self.multiple
+        got = self.ask(segment, self.dt / number) if segment.smooth([self.dt / number, *seq.steps[:3]]) else None
+        seq.far = None if got is None else (self.dt / number, got)
+        return got is not None
+
     # R2, and of R3 what each answer says of its own states
 
     def judge_segment(self, k: int, segment: Segment, seq: Sequence3) -> list[Check]:
@@ -287,14 +302,16 @@ class Solution:
                                self.noise.get(name, 0.0)) for name in STATE)
             # An order that has shown stays: still finer steps come down to what the iteration leaves.
             seq.order = max(order, -math.inf if seq.order is None else seq.order) if above else None
-        made = self.limits_of("limit", k, h, rows, smooth, order)
+        far = None if seq.far is None else (seq.far[0], seq.far[1].rows(segment))
+        made = self.limits_of("limit", k, h, rows, smooth, order, far)
         both = set.intersection(*(set(each.own) for each in answers))  # some have accelerations of every step alone
         own = [{name: part[1:] for name, part in each.own.items() if name in both} for each in answers]
         made += self.limits_of("promise", k, h, own, smooth, order)
         if smooth:
-            seq.promised = {name: observed_order(h[:3], kept) for name in own[0] if name in ACCELERATIONS and differ(
-                kept := [each[name][segment.kept(name, max(h))] for each in own[:3]],
-                self.roundings(name, segment, h[:3]), self.noise.get(name, 0.0))}
+            seq.promised |= {name: max(observed_order(h[:3], kept), seq.promised.get(name, -math.inf)) for name in own[0]
+                             if name in ACCELERATIONS and differ(
+                                 kept := [each[name][segment.kept(name, max(h))] for each in own[:3]],
+                                 self.roundings(name, segment, h[:3]), self.noise.get(name, 0.0))}
         if self.p is not None and seq.order is not None and (seq.order >= self.p - MARGIN or all(SAFETY * spread(
                 [each[name] for each in rows[:3]]) <= RESOLVED * self.sizes[name] for name in STATE)):
             # Answers that are this far apart need not be in the range of an order: U tells that of their limit.
@@ -303,9 +320,12 @@ class Solution:
                               f"observed {seq.order:.3g} of {self.p} at steps {apart_by} s"))
         return made
 
-    def limits_of(self, rule: Rule, k: int, h: Sequence[float], rows: Sequence[Rows], smooth: bool, order: float
-                  ) -> list[Check]:
-        """The checks of where rows go, which are answers less truth, or what else has to vanish with the step."""
+    def limits_of(self, rule: Rule, k: int, h: Sequence[float], rows: Sequence[Rows], smooth: bool, order: float,
+                  far: tuple[float, Rows] | None = None) -> list[Check]:
+        """The checks of where rows go, which are answers less truth, or what else has to vanish with the step.
+
+        `far`: a far smaller step, and the rows there.
+        """
         made, segment, step = [], self.segments[k], max(h) if self.p is not None else 0.0
         for name in [name for name in rows[0] if all(name in each for each in rows)]:
             keep = segment.kept(name, step)
@@ -313,7 +333,8 @@ class Solution:
             if not keep.any():
                 continue
             times = 2.0 if rule == "gap limit" else 1.0  # of two answers
-            found = self.limit_of(name, segment, h, own, smooth, order, times)
+            finer = None if far is None or name not in far[1] else (far[0], far[1][name][keep])
+            found = self.limit_of(name, segment, h, own, smooth, order, times, finer)
             part = self.iterated(name, segment, h[0]) / self.roundings(name, segment, h)[0]
             more = {"rounding": (1.0 - part) * found.parts["rounding"],
                     "iteration (declared)": part * found.parts["rounding"]} if "rounding" in found.parts else {}
@@ -324,8 +345,8 @@ class Solution:
         return made
 
     def limit_of(self, name: str, segment: Segment, h: Sequence[float], own: list[np.ndarray], smooth: bool,
-                 order: float, times: float = 1.0) -> Limit:
-        """Where the answers of one row go; `times`: how many roundings and noises each has."""
+                 order: float, times: float = 1.0, far: tuple[float, np.ndarray] | None = None) -> Limit:
+        """Where the answers of one row go; `times`: how many roundings and noises each has; `far`: one more answer."""
         rounding = [times * each for each in self.roundings(name, segment, h)]
         noise = times * self.noise.get(name, 0.0)
         if self.p is None:
@@ -333,8 +354,8 @@ class Solution:
             return spread_of_tolerances(own[:3], rounding[0], noise, kept)
         if smooth:
             if name in OF_STATE:
-                return limit(h, own, self.p, rounding, noise, order)
-            return limit(h, own, 1, rounding, noise, observed_order(h[:3], own[:3]))  # of no state: its own order
+                return limit(h, own, self.p, rounding, noise, order, far)
+            return limit(h, own, 1, rounding, noise, observed_order(h[:3], own[:3]), far)  # of no state: its own
         # A method that documents a higher order where a motion is not smooth finds the events, and others are late.
         late = self.p < 2
         jump = sum(each.rates.get(name, 0.0) for each in segment.flowed.jumps) if segment.flowed and late else 0.0
@@ -363,6 +384,8 @@ class Solution:
                 if not _mendable(made[k]) or not self.refine(*asked[k]):
                     break
                 made[k] = _refined(made[k], self.judge_segment(k, *asked[k]))
+            if any(check.rule == "limit" and check.status == "fail" for check in made[k]) and self.confirm(*asked[k]):
+                made[k] = self.judge_segment(k, *asked[k])
             if any(check.status == "fail" for check in made[k]):
                 break  # one is enough: the other segments stand as they were asked
         failed = {k for k in made if any(check.status == "fail" for check in made[k])}
@@ -601,7 +624,7 @@ class Solution:
         if self.probe.status != "success":
             told.insert(0, Finding.ended_early(f"it says: {self.probe.status}"))
         cost = 1.0 + self.probe.steps / max(1, self.traj.steps)
-        return Verdict(told, self.checks, self.why or alone or self.reason(blind, reached[""]), reached,
+        return Verdict(told, self.checks, self.why or alone or self.reason(blind, min(reached.values())), reached,
                        visible(self.checks), cost, self.order(sequences), self.ladder(sequences), self.spacing,
                        self.left)
 

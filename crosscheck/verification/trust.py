@@ -42,9 +42,9 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
         why = f"the smallest error of those that pass, {_checks(best)} passed"
     if tied:
         why += ", times equal within noise"
-    share = 1.0 if best.share is None else best.share
+    share = 1.0 if best.share is None else best.least_share
     if share < 1:
-        why += f"; its motion is resolved over part of the time, {percent(share)}"
+        why += f"; it is resolved over part of the time, {percent(share)}"
     return Recommended(runs=[record.label for record in (best, *tied)], step=best.step, rtol=best.rtol,
                        error=best.error, share=share,
                        seconds=best.seconds_per_second, why=why)

@@ -86,8 +86,8 @@ def limit(h: Sequence[float], answers: Sequence[np.ndarray], order: int, roundin
     """The limit of answers less truth, (T, n, k) each, at steps h1 < h2 < h3 of a method of documented `order`.
 
     A fourth answer, from before a refinement, has no part in the value: what T2 was then shows how far T3 may be
-    trusted, as T2 does. So does T2 of the finest answer and `far`, an answer at a far smaller step: where a method damps
-    a fast oscillation away at all three steps, these agree on a limit that is not that of vanishing steps.
+    trusted, as T2 does. So does T2 of the finest answer and `far`, one at a far smaller step: where a method damps a
+    fast oscillation away at all three steps, these agree on a limit that is not that of vanishing steps.
 
     Parameters
     ----------

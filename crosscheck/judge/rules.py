@@ -77,14 +77,13 @@ def limit_check(rule: Rule, name: str, segment: int, found: Limit, more: Mapping
     return Check(rule, name, segment, found.size, {**found.parts, **more}, size, where)
 
 
-def told(scene: Scene, times: np.ndarray, h: Sequence[float], answers: Sequence[np.ndarray], found: Limit, what: str
-         ) -> str:
-    """The place of the largest value, and the differences there from which it follows by hand."""
+def told(scene: Scene, times: np.ndarray, answers: Sequence[tuple[float, np.ndarray]], found: Limit, what: str) -> str:
+    """The place of the largest value, and the differences there from which it follows by hand, by step or tolerance."""
     norms = np.nan_to_num(np.linalg.norm(found.value, axis=-1), nan=np.inf)
     k, body = np.unravel_index(int(np.argmax(norms)), norms.shape) if norms.size else (0, 0)
     at = f"body {scene.bodies[body].name!r}, " if norms.shape[1] == scene.n else ""
     listed = "; ".join(f"{what} = {step:.8g}: ({', '.join(f'{part:.6g}' for part in each[k, body])})"
-                       for step, each in zip(h, answers, strict=True)) if norms.size else ""
+                       for step, each in answers) if norms.size else ""
     return f"{at}{times[k]:.6g} s after the segment begins, by {found.by}; D at {listed}"
 
 

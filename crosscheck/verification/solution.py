@@ -308,10 +308,10 @@ class Solution:
         own = [{name: part[1:] for name, part in each.own.items() if name in both} for each in answers]
         made += self.limits_of("promise", k, h, own, smooth, order)
         if smooth:
-            seq.promised |= {name: max(observed_order(h[:3], kept), seq.promised.get(name, -math.inf)) for name in own[0]
-                             if name in ACCELERATIONS and differ(
-                                 kept := [each[name][segment.kept(name, max(h))] for each in own[:3]],
-                                 self.roundings(name, segment, h[:3]), self.noise.get(name, 0.0))}
+            for name in both & {*ACCELERATIONS}:
+                kept = [each[name][segment.kept(name, max(h))] for each in own[:3]]
+                if differ(kept, self.roundings(name, segment, h[:3]), self.noise.get(name, 0.0)):
+                    seq.promised[name] = max(observed_order(h[:3], kept), seq.promised.get(name, -math.inf))
         if self.p is not None and seq.order is not None and (seq.order >= self.p - MARGIN or all(SAFETY * spread(
                 [each[name] for each in rows[:3]]) <= RESOLVED * self.sizes[name] for name in STATE)):
             # Answers that are this far apart need not be in the range of an order: U tells that of their limit.
@@ -340,8 +340,9 @@ class Solution:
                     "iteration (declared)": part * found.parts["rounding"]} if "rounding" in found.parts else {}
             if rule == "limit" and segment.flowed is not None:
                 more["truth"] = SAFETY * segment.flowed.error * self.sizes.get(name, 1.0)
+            shown = [*([] if finer is None else [finer]), *zip(h, own, strict=True)]
             made.append(limit_check(rule, name, k, found, more, self.size_of(name), told(
-                self.scene, segment.t[1:][keep], h, own, found, "rtol" if self.p is None else "h")))
+                self.scene, segment.t[1:][keep], shown, found, "rtol" if self.p is None else "h")))
         return made
 
     def limit_of(self, name: str, segment: Segment, h: Sequence[float], own: list[np.ndarray], smooth: bool,

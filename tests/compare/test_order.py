@@ -77,6 +77,16 @@ def test_a_limit_is_trusted_no_further_than_it_moved_at_the_last_refinement():
     assert beside.uncertainty > 2 * alone.uncertainty
 
 
+@pytest.mark.parametrize("rounding", [[0.0] * 3, [10.0] * 3])
+def test_a_limit_that_a_far_smaller_step_does_not_confirm_is_within_its_uncertainty(rounding):
+    """Where all three steps damp an oscillation away, their answers agree on a limit without it."""
+    damped, far = answers(1, error=20.0), (H[0] / 100, answers(1, h=[H[0] / 100])[0])
+    alone, beside = limit(H, damped, 1, rounding), limit(H, damped, 1, rounding, far=far)
+    assert np.array_equal(alone.value, beside.value)
+    assert alone.uncertainty < alone.size + sum(rounding)
+    assert beside.parts["extrapolation"] > beside.size
+
+
 @pytest.mark.parametrize("order", [1, 2, 4])
 def test_an_error_of_the_model_stays_beside_a_coarser_answer(order):
     h, error = (1 / 25, *H), 1e-3

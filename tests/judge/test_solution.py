@@ -35,10 +35,10 @@ STEPS = {"DAE1L_LSE": 1e-4, "rattle2": 1e-3, "rkmk4": 2e-3}
 
 
 class Altered(StandIn):
-    """lieeuler on a scene with gravity times a factor."""
+    """An engine on a scene with gravity times a factor."""
 
-    def __init__(self, factor=1.0, late=0.0):
-        super().__init__(adapters.get("lieeuler"))
+    def __init__(self, factor=1.0, late=0.0, engine="lieeuler"):
+        super().__init__(adapters.get(engine))
         self.factor, self.late = factor, late
 
     name = "altered"
@@ -82,8 +82,8 @@ def test_value_and_uncertainty_follow_by_hand_from_what_a_finding_prints():
     rows = re.findall(r"h = ([\d.e+-]+): \(([^)]*)\)", found.detail)
     h = np.array([float(step) for step, _ in rows])
     D = np.array([[float(part) for part in vector.split(", ")] for _, vector in rows])
-    assert len(h) == 4  # a step was halved once: the coarsest has no part in the value
-    limit = cancelling(h[:3], 2) @ D[:3]
+    assert len(h) == 5  # a step was halved once, and a far smaller one asked: neither end of the list is in the value
+    limit = cancelling(h[1:4], 2) @ D[1:4]
     assert np.linalg.norm(limit) == pytest.approx(found.value, rel=1e-4)
     parts = re.search(r"U = ([^;]*);", found.detail)[1]
     assert sum(float(part.split()[-1]) for part in parts.split(", ")) == pytest.approx(found.bound, rel=1e-2)
@@ -126,6 +126,30 @@ def test_an_order_that_has_shown_stays_where_an_iteration_ends():
     run = run_cell(Cell("chrono_spherical", Way("exudyn", "TrapezoidalIndex2"), plan))
     assert run.findings
     assert not [each.kind for each in run.findings if each.kind == "order" and each.status == "fail"]
+
+
+@pytest.mark.parametrize(("gravity", "outcome"), [(1.0, "unresolved"), (1.001, "fail")])
+def test_an_oscillation_that_all_steps_damp_away_accuses_nothing(gravity, outcome):
+    """MuJoCo's first-order method on a stiff spring, whose 1000 rad/s the run's own error sets off."""
+    pytest.importorskip("mujoco")
+    with adapters.lent(Altered(gravity, engine="mujoco")) as name:
+        run = run_cell(Cell("stiff_spring", Way(name, "discrete"), Plan({1: 2e-4}, samples=11)))
+    assert run.outcome == outcome
+
+
+def test_an_order_fails_only_where_answers_are_near_each_other():
+    """Whole runs of a chaotic pendulum are far from the range of an order at steps where its segments show one."""
+    run = run_cell(Cell("double_pendulum", Way("lieeuler", "DAE3L_LE"), Plan({1: 2e-4})))
+    assert run.off > 0.1
+    assert run.order.observed == pytest.approx(1, abs=0.1)
+    assert not [each.kind for each in run.findings if each.status == "fail"]
+
+
+def test_accelerations_that_answers_lack_are_not_asked():
+    """Exudyn's explicit methods have them where every step is recorded, which answers are not."""
+    pytest.importorskip("exudyn")
+    run = run_cell(Cell("heavy_top", Way("exudyn", "RK44", form="tree"), Plan({1: 2e-4}, duration=0.2, samples=21)))
+    assert run.outcome == "pass"
 
 
 def test_a_value_beyond_its_uncertainty_fails_however_large_that_is():

@@ -189,9 +189,9 @@ class Solution:
                   if segment.flowed is not None and seq is not None]
         for k, segment, seq in chosen[::max(1, len(chosen) // ASKED_AGAIN)][:ASKED_AGAIN]:
             again = [self.repeated(segment, given, j) for j in range(1 + ASKED_AGAIN)]
-            if any(each is None for each in again):
+            rows = [each for each in again if each is not None]
+            if len(rows) < len(again):
                 continue
-            rows = [each.rows(segment) for each in again if each is not None]
             gaps = {name: spread([each[name][segment.kept(name, step)] for each in rows]) for name in rows[0]}
             for name, gap in gaps.items():
                 scatter.setdefault(name, []).append((gap, self.rounding(name, segment, self.own) / self.eps))
@@ -205,8 +205,8 @@ class Solution:
             kept = {name: [each[name][segment.kept(name, step)] for each in same] for name in STATE}
             told += [(k, name, spread(kept[name]), min(largest(each) for each in kept[name])) for name in STATE]
         if given > EPS:  # a rounding of a number of the state is in no sum over steps
-            asked = bool(ratios) and not self.segments[0].whole
-            self.eps = min(given, max(EPS, SAFETY * float(np.median(ratios)) * EPS)) if asked else given
+            shown = max(EPS, SAFETY * float(np.median(ratios)) * EPS) if ratios else EPS
+            self.eps = given if self.segments[0].whole else min(given, shown)
             self.spacing = min(given, max(EPS, SAFETY * float(np.median(spacings)))) if spacings else given
         self.noise = {name: max(max(0.0, gap - 2 * least * self.eps) for gap, least in each)
                       for name, each in scatter.items()}
@@ -215,13 +215,25 @@ class Solution:
             part = {"error": missed} if missed > rounded else {"declared": rounded}
             self.checks.append(Check("noise", name, k, gap, part, math.inf))
 
-    def repeated(self, segment: Segment, eps: float, k: int) -> Answer | None:
-        """The answer to a segment once more, from a start that is moved by a rounding if k is not 0."""
+    def repeated(self, segment: Segment, eps: float, k: int) -> Rows | None:
+        """The answer to a segment once more less truth, from a start that is moved by a rounding `eps` if k is not 0.
+
+        A move by coarse numbers moves the truth as well, or what is declared would show itself.
+        """
         if segment.whole:
             got = self.probe.again(*self.at(self.own))
-            return None if got is None else got.within(segment)
-        start = moved(segment.start, self.sizes, eps, k, closing=False) if k else segment.start
-        return None if start is None else self.probe.answer(start, *self.at(self.own))
+            return None if got is None else got.within(segment).rows(segment)
+        start, coarse = segment.start, eps > EPS
+        if k:
+            other = moved(start, self.sizes, eps, k, closing=coarse)
+            if other is None:
+                return None
+            start = other
+        if k and coarse and self.flow is not None and self.truth is not None:
+            segment = dataclasses.replace(segment, start=start, reactions=None)
+            fill([segment], self.flow, self.own_states, self.truth)
+        got = self.probe.answer(start, *self.at(self.own)) if segment.flowed is not None else None
+        return None if got is None else got.rows(segment)
 
     # Asking
 

@@ -119,11 +119,15 @@ class Bodies:
         return np.concatenate([np.r_[mass * self.gravity, 0, 0, 0] for mass in self.masses])
 
     def force(self, u: np.ndarray) -> np.ndarray:
-        """(6 n,) f of equation (1.2): weights, and -w x J w."""
+        """(6 n,) f of equation (1.2): weights, and -w x J w.
+
+        The latter as -w x (J - s I) w with s the middle entry on the diagonal: equal moments cancel exactly, where
+        rounding of their products would spin up a thin body.
+        """
         f = self.applied()
         for b, J in enumerate(self.inertias):
             w = u[6 * b + 3:6 * b + 6]
-            f[6 * b + 3:6 * b + 6] -= hat(w) @ J @ w
+            f[6 * b + 3:6 * b + 6] -= hat(w) @ (J - np.median(np.diagonal(J)) * np.eye(3)) @ w
         return f
 
     def index1(self, q: Place, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

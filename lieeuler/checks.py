@@ -109,6 +109,15 @@ def rotation(name: str, value: ArrayLike) -> np.ndarray:
     return R
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b over the last axis, with broadcasting; `numpy.cross` takes several times longer on small arrays."""
+    (a1, a2, a3), (b1, b2, b3) = ([each[..., k] for k in range(3)] for each in (a, b))
+    first = a2 * b3 - a3 * b2
+    product = np.empty((*first.shape, 3))
+    product[..., 0], product[..., 1], product[..., 2] = first, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1
+    return product
+
+
 def normals(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors n1, n2 with n1 x n2 = axis, a unit vector (3,).
 

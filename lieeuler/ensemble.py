@@ -120,14 +120,14 @@ def integrate_ensemble(problem: Problem, method: Method | str, step: Any = None,
     values = _parameters(problem, parameters or {})
     states, N = _states(problem, {"x": x, "R": R, "v": v, "w": w}, values)
     members, frames = _members(problem, spins, states, N, values)
-    systems = [(frame or member).kernel for member, frame in zip(members, frames, strict=True)]
+    systems = [(frame.problem if frame else member).kernel for member, frame in zip(members, frames, strict=True)]
     result = _kernel.integrate_ensemble(systems, run, states["x"], states["R"], states["v"], states["w"],
                                         min(int(threads) or allowed or 1, N))
     if result["interrupted"]:
         raise KeyboardInterrupt("interrupted during an ensemble")
     for k, each in enumerate(frames):
         if each is not None:
-            each.restore(t, result["R"][k], result["w"][k])
+            each.turn_back(t, result["R"][k], result["w"][k])
     status = np.array([Status(name) for name in result["status"]], dtype=object)
     for k, member in enumerate(members):  # one of each, or one of all
         here = slice(k, k + 1) if len(members) > 1 else slice(None)
@@ -152,7 +152,8 @@ def _members(problem: Problem, spin_free: bool, states: dict[str, np.ndarray], N
         return [problem], [None]
     members = [_member(problem, k, states, values) for k in range(N)]
     frames = [spin_free_frames(member) if spin_free else None for member in members]
-    states["w"] = np.stack([(frame or member).w for member, frame in zip(members, frames, strict=True)])
+    inner = [frame.problem if frame else member for member, frame in zip(members, frames, strict=True)]
+    states["w"] = np.stack([each.w for each in inner])
     return members, frames
 
 

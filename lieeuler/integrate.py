@@ -174,27 +174,27 @@ class PreparedRun:
         if any(joint.drive for joint in problem.joints) and self._begin != problem.time:
             problem.check_closed(self._begin)
         spin_free = method.spin_free if spin_free is None else spin_free
-        self._steps = reductions(problem, method, reduce)
-        within = self._steps[-1].problem if self._steps else problem
-        self._frames = spin_free_frames(within) if spin_free else None
-        tree = nodes(within, self._steps, reduce, self._run.knows_joints and self._frames is None)
+        steps = reductions(problem, method, reduce)
+        within = steps[-1].problem if steps else problem
+        frames = spin_free_frames(within) if spin_free else None
+        tree = nodes(within, steps, reduce, self._run.knows_joints and frames is None)
         for node in tree:
             node.add_to(self._run)
-        words = [step.word for step in self._steps] + ["joints"] * bool(tree)
+        words = [step.word for step in steps] + ["joints"] * bool(tree)
         self._word = (reduce or ", ".join(words)) if words else "off"
-        self._kernel, w = (within.kernel, within.w) if self._frames is None else (self._frames.kernel, self._frames.w)
-        self._start = within.x, within.R, within.v, w
-        T, n = len(self.t), within.n
-        self._shapes = (5, T, n, 3), (T, n, 3, 3), (T, within.rows), (T, self._kernel.angles)
-        self._restored = bool(self._steps) or self._frames is not None
         self._held = [level in method.held for level in held.LEVELS]
         pairs = {(joint.parent, joint.child) for joint in problem.joints}
         leaves_nothing_out = not method.reduced if reduce is None else reduce == "off"
         balls = len(pairs) == len(problem.joints) and all(joint.ball for joint in problem.joints)
         self._plane: Plane | None = None  # of every state in it, unless spins decide
-        if len(self._steps) == 1 and isinstance(plane := self._steps[0], Plane):
-            turning = Problem.unchecked(within, w=np.tile([0.0, 0.0, 1.0], (n, 1)))
+        if len(steps) == 1 and isinstance(plane := steps[0], Plane):
+            turning = Problem.unchecked(within, w=np.tile([0.0, 0.0, 1.0], (within.n, 1)))
             self._plane = None if spin_free and spin_free_frames(turning) else plane
+        self._steps = [*steps, frames] if frames else steps
+        within = frames.problem if frames else within
+        self._kernel, self._start = within.kernel, (within.x, within.R, within.v, within.w)
+        T, n = len(self.t), within.n
+        self._shapes = (5, T, n, 3), (T, n, 3, 3), (T, within.rows), (T, self._kernel.angles)
         self._state_decides = not (leaves_nothing_out or balls) or (spin_free and bool(symmetric_bodies(problem)))
 
     def __call__(self, x: Any = None, R: Any = None, v: Any = None, w: Any = None) -> Solution:
@@ -225,10 +225,10 @@ class PreparedRun:
 
     def _solved(self, start: State, checks: bool) -> Solution | None:
         """The solution of the kernel, with welds, planes and spins put back; None if the start is not admissible."""
-        of_vectors, of_R, of_lam, of_angles = self._shapes
-        vectors, R, lam, angles = np.empty(of_vectors), np.empty(of_R), np.empty(of_lam), np.empty(of_angles)
+        vectors, R, lam, angles = map(np.empty, self._shapes)
         result = _kernel.integrate(self._kernel, self._run, *start, checks, vectors, R, lam, angles)
-        raise_own(self.problem)
+        if self.problem.custom:
+            raise_own(self.problem)
         if result is None:
             return None
         status, count, reached, wall_time, counters, maxima, opened = result
@@ -239,19 +239,16 @@ class PreparedRun:
         stats = Stats(*counters, self._step, wall_time, _named(*maxima) if self.options["monitor"] else {})
         solution = Solution(t, x, R, v, w, a, alpha, lam, STATUSES[status], stats, self.method.name,
                             self._begin + reached)
-        if self._frames is not None:
-            self._frames.restore(t, solution.R, solution.w, solution.alpha)
-            stats.spin_free = self._frames.bodies
-        for step in reversed(self._steps):
-            angles = step.restore(solution, angles)
+        if self._step is None:
+            solution.again = functools.partial(self._between, start)
         if self.problem.custom:
             stats.maxima.pop("energy_error", None)
+        for step in reversed(self._steps):
+            angles = step.restore(solution, angles)
         if self._word != "off":
             take_multipliers(self.problem, solution, angles)
             stats.reduce = self._word
-        if self._step is None:
-            solution.again = functools.partial(self._between, start)
-        return self.closed(solution, None if self._restored else opened)
+        return self.closed(solution, None if self._steps else opened)
 
     def _between(self, start: State, times: np.ndarray) -> Solution:
         """The run from a start of the kernel at other times."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lieeuler.checks import Frozen, body_index, number, positive
+from lieeuler.checks import Frozen, body_index, cross, number, positive
 from lieeuler.errors import ArgumentError
 from lieeuler.functions import TimeFunction, value
 from lieeuler.joint_parts import Coordinate
@@ -170,9 +170,9 @@ def measured(law: Law, ends: tuple[int, int, np.ndarray, np.ndarray], x: np.ndar
     def point(x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray, alpha: np.ndarray,
               s: np.ndarray) -> tuple[np.ndarray, ...]:
         """Position, velocity and acceleration of the point s of a body."""
-        turned = np.cross(w, s)
+        turned = cross(w, s)
         return (x + R @ s, v + np.einsum("tij,tj->ti", R, turned),
-                a + np.einsum("tij,tj->ti", R, np.cross(alpha, s) + np.cross(w, turned)))
+                a + np.einsum("tij,tj->ti", R, cross(alpha, s) + cross(w, turned)))
 
     d, rate, acceleration = (c - p for c, p in zip(point(xc, Rc, vc, wc, ac, bc, after),
                                                    point(xp, Rp, vp, wp, ap, bp, before), strict=True))

@@ -17,8 +17,10 @@ import dataclasses
 import numpy as np
 
 from lieeuler import _kernel
+from lieeuler.checks import cross
 from lieeuler.forces import LinearSpring, SlideForce, TorsionalSpring
 from lieeuler.problem import Problem
+from lieeuler.solution import Solution
 from lieeuler.types import GROUND
 
 SYMMETRIC = 1e-12
@@ -36,19 +38,22 @@ class SpinFreeFrames:
         Unit axes of symmetry, body frame.
     rates : (k,)
         Omega, rad/s.
-    kernel : Plan
-        The compiled problem with the spins of these bodies as constant angular momenta.
-    w : (n, 3)
-        Initial angular velocities in the frames, rad/s.
+    problem : Problem
+        That of the frames: its w are those in them, its compiled system has the spins as constant angular momenta.
     """
 
     bodies: tuple[int, ...]
     axes: np.ndarray
     rates: np.ndarray
-    kernel: _kernel.Plan
-    w: np.ndarray
+    problem: Problem
 
-    def restore(self, t: np.ndarray, R: np.ndarray, w: np.ndarray, alpha: np.ndarray | None = None) -> None:
+    def restore(self, solution: Solution, angles: np.ndarray) -> np.ndarray:
+        """Turn a solution of `problem` into one of the bodies, in place; the angles of torsional springs stay."""
+        self.turn_back(solution.t, solution.R, solution.w, solution.alpha)
+        solution.stats.spin_free = self.bodies
+        return angles
+
+    def turn_back(self, t: np.ndarray, R: np.ndarray, w: np.ndarray, alpha: np.ndarray | None = None) -> None:
         """Turn R (T, n, 3, 3), w and alpha (T, n, 3) of the frames into those of the bodies, in place; t (T,) in s."""
         for body, axis, rate in zip(self.bodies, self.axes, self.rates, strict=True):
             spin = rate * axis
@@ -57,7 +62,7 @@ class SpinFreeFrames:
             sine, versine = np.sin(angles)[:, None, None], 2 * np.sin(0.5 * angles)[:, None, None] ** 2
             turn = np.eye(3) + sine * hat + versine * (hat @ hat)  # body to frame
             if alpha is not None:
-                slope = alpha[:, body] - np.cross(spin, w[:, body])
+                slope = alpha[:, body] - cross(spin, w[:, body])
                 alpha[:, body] = np.einsum("tji,tj->ti", turn, slope)
             R[:, body] = R[:, body] @ turn
             w[:, body] = np.einsum("tji,tj->ti", turn, w[:, body]) + spin
@@ -82,7 +87,9 @@ def _frames(problem: Problem) -> SpinFreeFrames | None:
         w[b] -= rate * axis
         system.set_spin(b, rate * (problem.bodies[b].inertia @ axis))
     axes, rates = map(np.array, zip(*spins.values(), strict=True))
-    return SpinFreeFrames(tuple(spins), axes, rates, _kernel.Plan(system), w)
+    framed = Problem.unchecked(problem, w=w)
+    vars(framed)["kernel"] = _kernel.Plan(system)  # in place of that without spins
+    return SpinFreeFrames(tuple(spins), axes, rates, framed)
 
 
 def _axes(problem: Problem) -> dict[int, np.ndarray]:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from lieeuler.checks import cross
 from lieeuler.forces import ConstantLoad, Force, TorsionalSpring, start_angles
 from lieeuler.joint_parts import Coordinate
 from lieeuler.joints import Joint
@@ -40,6 +41,8 @@ class Welded:
         c: centre of mass of every body from that of its composite, axes of the composite, m.
     turn : (n, 3, 3)
         P: rotation from the axes of every body to those of its composite.
+    angles : (number of forces,)
+        Of torsional springs at the start, less those that `problem` counts, rad.
     """
 
     full: Problem
@@ -47,6 +50,7 @@ class Welded:
     body: np.ndarray
     centre: np.ndarray
     turn: np.ndarray
+    angles: np.ndarray
 
     @property
     def word(self) -> str:
@@ -59,7 +63,7 @@ class Welded:
         `angles` (T, forces of the compiled system) are unwrapped, rad. The multipliers are not touched.
         """
         R, w, alpha, c = solution.R[:, self.body], solution.w[:, self.body], solution.alpha[:, self.body], self.centre
-        swing = np.cross(w, c)
+        swing = cross(w, c)
 
         def world(vectors: np.ndarray) -> np.ndarray:
             turned: np.ndarray = np.einsum("tbij,tbj->tbi", R, vectors)
@@ -67,12 +71,12 @@ class Welded:
 
         solution.x = solution.x[:, self.body] + world(np.broadcast_to(c, w.shape))
         solution.v = solution.v[:, self.body] + world(swing)
-        solution.a = solution.a[:, self.body] + world(np.cross(alpha, c) + np.cross(w, swing))
+        solution.a = solution.a[:, self.body] + world(cross(alpha, c) + cross(w, swing))
         solution.R = np.ascontiguousarray(R @ self.turn)
         for name, vectors in (("w", w), ("alpha", alpha)):
             setattr(solution, name, np.einsum("bji,tbj->tbi", self.turn, vectors))
-        begun = start_angles(self.full.forces, self.full.R) - start_angles(self.problem.forces, self.problem.R)
-        unwrapped: np.ndarray = angles + np.pad(begun, (0, angles.shape[1] - len(begun)))  # leaders' angles come last
+        unwrapped = angles.copy()
+        unwrapped[:, :len(self.angles)] += self.angles  # leaders' angles come last
         return unwrapped
 
 
@@ -117,7 +121,8 @@ def _weld(problem: Problem) -> Welded | None:
     bodies = tuple(Body(m, J) for m, J in zip(total, inertia, strict=True))
     fewer = Problem(bodies, tuple(map(places.joint, kept.values())), problem.gravity, X, R, V, w,
                     tuple(places.force(force, R) for force in problem.forces), problem.time)
-    return Welded(problem, fewer, body, centre, turn)
+    angles = start_angles(problem.forces, problem.R) - start_angles(fewer.forces, fewer.R)
+    return Welded(problem, fewer, body, centre, turn, angles)
 
 
 def _is_weld(problem: Problem, joint: Joint) -> bool:

@@ -29,7 +29,7 @@ def test_the_top_is_found_with_its_spin():
     assert frames.bodies == (0,)
     np.testing.assert_array_equal(frames.axes, [[0, 1, 0]])
     np.testing.assert_array_equal(frames.rates, [150.0])
-    np.testing.assert_array_equal(frames.w, [[0, 0, -4.61538]])
+    np.testing.assert_array_equal(frames.problem.w, [[0, 0, -4.61538]])
 
 
 def symmetric(matrix):

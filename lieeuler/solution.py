@@ -55,7 +55,7 @@ STATUSES = {status.value: status for status in Status}
 """By their texts; quicker than `Status(text)`."""
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(slots=True)
 class Stats:
     """Counters of a run, and the largest values over all of its steps.
 

@@ -1,4 +1,4 @@
-"""The smallest error of gravity, mass and inertia that a verdict catches, by scene and order, from the start and late.
+"""The smallest mistake of each kind of `benchmarks.altered` that a verdict catches, by scene and order.
 
     python -m benchmarks.smallest_errors [SCENE ...]
 
@@ -9,11 +9,10 @@ follows: the finding that comes nearest to its bound, and the bound.
 from __future__ import annotations
 
 import functools
-import itertools
 import sys
 from typing import Any
 
-from benchmarks.altered import BEGINS, NUMBERS, ORDERS, SHARES, Altered
+from benchmarks.altered import MISTAKES, ORDERS, SHARES, Altered
 from crosscheck import adapters
 from crosscheck.adapters.foreign.own import completed
 from crosscheck.document import Plan, Record, Way
@@ -68,17 +67,17 @@ def smallest(engine: str, scene: str, method: str, number: str, begin: float) ->
 
 def main(scenes: list[str]) -> None:
     """Print the table."""
-    print("scene            order " + " ".join(f"{number + (' late' if begin else ''):>13}"
-                                               for number in NUMBERS for begin in BEGINS))
+    heads = (f"{number + (' late' if begin else ''):>13}" for number, begin in MISTAKES)
+    print("scene            order " + " ".join(heads))
     with adapters.lent(completed(Altered(), "altered", "1")) as engine:
         for scene in scenes:
             for method, order in ORDERS.items():
-                found = [smallest(engine, scene, method, number, begin) for number in NUMBERS for begin in BEGINS]
+                found = [smallest(engine, scene, method, number, begin) for number, begin in MISTAKES]
                 wrong = caught(engine, scene, method, "gravity", 0.0, 0.0)
                 print(f"{scene:16} {order:5} " + " ".join(f"{'none' if share is None else f'{share:g}':>13}"
                                                          for share in found)
                       + (" the right run fails" if wrong else ""), flush=True)
-                for share, (number, begin) in zip(found, itertools.product(NUMBERS, BEGINS), strict=True):
+                for share, (number, begin) in zip(found, MISTAKES, strict=True):
                     if share is None or share > AIM[order]:
                         print(f"    {number}{' late' if begin else ''} x (1 + {AIM[order]:g}): "
                               f"{nearest(engine, scene, method, number, AIM[order], begin)}", flush=True)

@@ -44,9 +44,9 @@ class World:
         rng = np.random.default_rng([scene.n, len(scene.joints), *scene.key.encode()])
         Q = Rotation.random(random_state=rng).as_matrix() if turned and turnable(scene) else np.eye(3)
         shift = length * rng.uniform(-1.0, 1.0, scene.gravity.shape)
-        bodies, joints = rng.permutation(scene.n), len(scene.joints)
-        order = range(joints) if spanning_tree(scene)[1] else rng.permutation(joints).tolist()
-        return cls(Q, shift, tuple(bodies.tolist()), tuple(order))
+        joints = len(scene.joints)
+        order = tuple(range(joints)) if spanning_tree(scene)[1] else _mixed(rng, joints)
+        return cls(Q, shift, _mixed(rng, scene.n), order)
 
     def scene(self, scene: Scene) -> Scene:
         """The scene in this world."""
@@ -109,6 +109,14 @@ class World:
         return States(states.t, (x - self.shift) @ self.Q, self.Q.T @ R, v @ self.Q, w,
                       None if states.a is None else states.a[:, order] @ self.Q,
                       None if states.alpha is None else states.alpha[:, order])
+
+
+def _mixed(rng: np.random.Generator, n: int) -> tuple[int, ...]:
+    """The numbers below n in an order in which none is at its own place, if there are two."""
+    order = rng.permutation(n)
+    place = np.empty(n, int)
+    place[order] = np.roll(order, 1)
+    return tuple(place.tolist())
 
 
 def turnable(scene: Scene) -> bool:

@@ -211,9 +211,25 @@ class Solution:
         self.noise = {name: max(max(0.0, gap - 2 * least * self.eps) for gap, least in each)
                       for name, each in scatter.items()}
         for k, name, gap, missed in told:
-            rounded = 2 * self.roundings(name, self.segments[k], [self.own])[0] * max(1.0, given / self.eps)
-            part = {"error": missed} if missed > rounded else {"declared": rounded}
-            self.checks.append(Check("noise", name, k, gap, part, math.inf))
+            self.checks.append(self.noisy(k, name, gap, missed, self.own, max(1.0, given / self.eps)))
+
+    def noisy(self, k: int, name: str, gap: float, missed: float, size: float, more: float = 1.0) -> Check:
+        """R3: answers to one question at a step or tolerance differ by less than their error, or than they round."""
+        rounded = 2 * more * self.roundings(name, self.segments[k], [size])[0]
+        return Check("noise", name, k, gap, {"error": missed} if missed > rounded else {"declared": rounded}, math.inf)
+
+    def given_again(self, k: int, segment: Segment, seq: Sequence3) -> list[Check]:
+        """The three coarsest answers are asked again."""
+        made = []
+        for size, first in list(zip(seq.steps, seq.answers, strict=True))[-3:] if not segment.whole else ():
+            again = self.ask(segment, size)
+            if again is None:
+                continue
+            pair, step = [first.rows(segment), again.rows(segment)], size if self.p is not None else 0.0
+            for name in STATE:
+                kept = [each[name][segment.kept(name, step)] for each in pair]
+                made.append(self.noisy(k, name, spread(kept), min(largest(each) for each in kept), size))
+        return made
 
     def repeated(self, segment: Segment, eps: float, k: int) -> Rows | None:
         """The answer to a segment once more less truth, from a start that is moved by a rounding `eps` if k is not 0.
@@ -393,6 +409,7 @@ class Solution:
         suspects = sorted((k for k in made if _mendable(made[k])),
                           key=lambda k: max(check.severity for check in made[k]), reverse=True)
         for k in suspects:
+            accused = any(check.status == "fail" for check in made[k])
             for _ in range(HALVINGS):
                 if not _mendable(made[k]) or not self.refine(*asked[k]):
                     break
@@ -401,6 +418,8 @@ class Solution:
                 made[k] = self.judge_segment(k, *asked[k])
             if any(check.status == "fail" for check in made[k]):
                 break  # one is enough: the other segments stand as they were asked
+            if accused:  # by a coarse answer, which the engine has to give again
+                made[k] += self.given_again(k, *asked[k])
         failed = {k for k in made if any(check.status == "fail" for check in made[k])}
         refined = {k for k, (_, seq) in asked.items() if seq.steps[3:]}
         return [check for k, each in made.items() for check in each

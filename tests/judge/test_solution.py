@@ -273,6 +273,13 @@ def test_another_way_from_a_start_that_is_moved_by_a_rounding_is_no_noise(tmp_pa
     assert not [each.kind for each in found if each.status == "fail"]
 
 
+@pytest.mark.parametrize("name", ["double_pendulum", "triple_pendulum", "chain_8"])
+def test_no_body_keeps_its_place_in_another_world(name):
+    world = World.drawn(load_scene(name), 1.0)
+    assert sorted(world.bodies) == list(range(len(world.bodies)))
+    assert all(new != old for new, old in enumerate(world.bodies))
+
+
 def test_states_come_back_from_another_world_with_their_accelerations():
     scene = load_scene("double_pendulum").replace(duration=0.2, samples=5)
     world = World.drawn(scene, 1.0)

@@ -50,6 +50,7 @@ class Exudyn(Engine):
     options = frozenset({"form", "node"})
     orders = ORDERS
     package = "exudyn"
+    on_group = True
     pace = 1
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int:

@@ -99,6 +99,7 @@ class MuJoCo(Forms):
     name = "mujoco"
     methods = tuple(INTEGRATORS)
     package = "mujoco"
+    on_group = True
     reads = (".urdf", ".xml", ".mjcf")
 
     def native(self, path: str, states: JointStates) -> Native:

@@ -32,6 +32,7 @@ class Pinocchio(Engine):
     options = frozenset({"form", "alpha", "beta"})
     orders = ORDERS
     package = "pin"
+    on_group = True
     reads = (".urdf", ".xml", ".mjcf")
     pace = 2
 

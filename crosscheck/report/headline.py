@@ -62,7 +62,7 @@ def _passing(document: Document) -> str:
     said = [f"{counted(whole, 'run', none='No')} pass{'es' if whole == 1 else ''}"]
     if (share := judged_share(open_)) is not None:
         reasons = Counter(record.not_judged for record in open_ if record.not_judged).most_common(1)
-        why = f", {'mostly ' if len(open_) > 1 else ''}since {reasons[0][0]}" if reasons else ""
+        why = f", {'mostly ' if len(open_) > 1 else ''}since {reasons[0][0].partition(': ')[0]}" if reasons else ""
         said.append(f"{len(open_)} unresolved ({share_words(share)}{why})")
     if count["known"]:
         said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")

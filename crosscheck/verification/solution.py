@@ -703,7 +703,7 @@ class Solution:
             return self.why
         worst = max(open_, key=lambda check: check.uncertainty / max(check.size, np.finfo(float).tiny))
         part = max(worst.parts, key=lambda name: worst.parts[name])
-        return (f"{worst.name}: U = {worst.uncertainty:.3g} of a size of {worst.size:.3g}, by {part}; "
+        return (f"{worst.name} is not resolved: U = {worst.uncertainty:.3g} of a size of {worst.size:.3g}, by {part}; "
                 f"ask for a smaller step")
 
 

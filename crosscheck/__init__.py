@@ -17,6 +17,7 @@ _HOMES = {
     "engines": ("adapters", "names"),
     "methods": ("adapters", "methods"),
     "truth": ("running.run", "truth"),
+    "verify": ("verification.verified", "verify"),
     "advise": ("verification.advice", "advise"),
     "explain": ("diagnosis", "explain"),
     "which_law": ("diagnosis.laws", "which_law"),

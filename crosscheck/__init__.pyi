@@ -25,6 +25,7 @@ from crosscheck.scene.states import States
 from crosscheck.sweeps.job import sweep
 from crosscheck.testing.agreement import assert_agree
 from crosscheck.verification.advice import advise
+from crosscheck.verification.verified import verify
 
 __version__: str
 
@@ -32,5 +33,5 @@ __all__ = [
     "ArgumentError", "CrosscheckError", "EngineError", "RawRun", "RunSpec", "Scene", "SceneError", "States",
     "Trajectory", "TruthError", "Unsupported", "advise", "assert_agree", "assert_recording", "derivatives", "diff",
     "engines", "explain", "export_model", "flow_derivative", "import_model", "inspect", "inverse_dynamics",
-    "judge_recording", "load_scene", "methods", "modes", "run", "scenes", "sweep", "truth", "which_law",
+    "judge_recording", "load_scene", "methods", "modes", "run", "scenes", "sweep", "truth", "verify", "which_law",
 ]

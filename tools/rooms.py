@@ -37,7 +37,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "jointspace": RUNS | {"inspection"},
     "diagnosis": JUDGED | {"verification"},  # accuses nothing that the verdict accepts
     "testing": JUDGED | {"verification"},
-    "verification": JUDGED,
+    "verification": JUDGED | {"report"},
     "recordings": REPORTED | {"diagnosis"},
     "report": BASE | {"document"},
     "studies": REPORTED,

@@ -62,7 +62,6 @@ def run(
     from crosscheck.document.outcomes import EXIT_CODES
     from crosscheck.report.headline import ending
     from crosscheck.running.run import run as run_scene
-    from crosscheck.verification.cell import judge_alone
 
     if method is None:
         if engine == "lieeuler":
@@ -82,7 +81,7 @@ def run(
         write_csv(prepared, traj, csv_file)
     if csv_file != "-":
         with waiting(f"{engine} {method} has run, truth of {prepared.name}"):
-            judged = judge_alone(str(scene), traj, engine, step=step, rtol=rtol, **given)
+            judged = traj.verdict(scene)
         say(_first_line(judged))
         _print_run(traj.scene, traj, csv_file, step)
         if judged is not None:
@@ -120,7 +119,6 @@ def _first_line(judged: Record | None) -> str:
     """The outcome of a run, its own error against truth, the share of its time that was judged, and what decided."""
     from crosscheck.document import QUANTITIES
     from crosscheck.document.outcomes import percent
-    from crosscheck.judge.verdict import code, worst
 
     if judged is None:
         return "unresolved: nothing was compared, because neither --step nor --rtol was given"
@@ -129,12 +127,12 @@ def _first_line(judged: Record | None) -> str:
     off = f"error against truth: {', '.join(sizes)}" if sizes else "compared with no truth"
     judging = "" if judged.share is None or judged.outcome == "unresolved" else (
         f"; resolved over {percent(judged.least_share)} of its {judged.duration:g} s")
-    first = worst(judged.findings)
+    first = judged.worst
     reason = judged.message or ("" if first is None or judged.outcome == "pass" else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
                                 f"({first.why})")
     said = f"{judged.outcome}: {off}{judging}" + (f"; {reason}" if reason else "")
-    return f"{said} ({mark})" if (mark := code(judged)) else said
+    return f"{said} ({mark})" if (mark := judged.code) else said
 
 
 def _print_errors(judged: Record) -> None:

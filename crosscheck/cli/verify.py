@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 import os
 import shlex
 import sys
-import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -83,72 +81,41 @@ def verify(
     fails or did not run, or a scene lacks the truth that it should have; 3: nothing fails, and a run could not be
     judged over --need of its time.
     """
-    import msgspec
-
-    from crosscheck import report as site
-    from crosscheck.document import Asked, renamed
-    from crosscheck.jobs.table import Table
+    from crosscheck.document import Asked
     from crosscheck.judge import overrides
     from crosscheck.recordings import published
-    from crosscheck.report import check_out, schema, write
-    from crosscheck.report.headline import ending, headline, sentence
+    from crosscheck.report import check_out, schema
+    from crosscheck.report.headline import ending, sentence
     from crosscheck.scene.file import as_scene, tagged
-    from crosscheck.verification import job
     from crosscheck.verification.job import limits_of
+    from crosscheck.verification.verified import Verification
+    from crosscheck.verification.verified import verify as verify_scenes
 
     if jobs < 1:
         raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
     if tag and not tagged(*tag):
         raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
-    scene = [*(scenes or ()), *(scene or ()), *tagged(*tag or ())] or None
+    asked_for = [*(scenes or ()), *(scene or ()), *tagged(*tag or ())] or None
     check_out(out)
-    asked_for, scene = scene, scene_files(scene, drop, at, control, limits)
-    models = {file: name for file, name in zip(scene or (), asked_for or (), strict=True) if file != name}
-    words = {file: shlex.join([name, *model_words(drop, at, control, limits)]) for file, name in models.items()}
-    own = overrides.read(tolerance_file, tol or (), [sensor.name for each in (scene if tol or tolerance_file else None)
+    files = scene_files(asked_for, drop, at, control, limits)
+    spoken = {file: (name, shlex.join([name, *model_words(drop, at, control, limits)]))
+              for file, name in zip(files or (), asked_for or (), strict=True) if file != name}
+    own = overrides.read(tolerance_file, tol or (), [sensor.name for each in (files if tol or tolerance_file else None)
                                                      or () for sensor in as_scene(each).sensors])
-    within = limits_of(time_limit, memory_limit)
-    asked = Asked(coordinate_map=coordinate_map, step=step, duration=duration)
-    identity = job.fingerprint(profile, scene, engine, dataclasses.astuple(within), own, method, asked.words)
-    job.check_methods(method, job.select_engines(engine))
-    writing = threading.Lock()  # pages are written by two threads
 
-    def spoken(document: Document) -> Document:
-        """With the user's model files in place of those in the cache folder."""
-        replace = msgspec.structs.replace
-        told: Document = renamed(replace(document, meta=renamed(document.meta, words), records=[
-            replace(record, command=renamed(record.command, words)) for record in document.records]), models)
-        return told
+    def provisional(part: Verification) -> None:
+        meta = part.document.meta
+        print(f"provisional: {part}; {counted(meta.left, 'task')} left after {meta.seconds:.0f} s; {part.page}",
+              file=sys.stderr if as_json else sys.stdout, flush=True)
 
-    def filled(document: Document) -> Path:
-        with writing:
-            return write(spoken(document), out)
-
-    with contextlib.closing(Table.opened()) as table, table.session(
-            identity, shlex.join(["crosscheck", *sys.argv[1:]]), job.ROW_TYPES, fresh) as session:
-        if table.trouble:
-            complain(table.trouble)
-        if session.continued:
-            typer.echo(f"going on with a run that was killed: {session.left} results are kept", err=True)
-        # An older report stays until this one is complete, or provisional.
-        fills = None if site.is_complete(out) and budget is None else filled
-
-        def provisional(document: Document) -> None:
-            done = f"{counted(document.meta.left, 'task')} left after {document.meta.seconds:.0f} s"
-            print(f"provisional: {document.outcome}: {headline(spoken(document))}; {done}; {filled(document)}",
-                  file=sys.stderr if as_json else sys.stdout, flush=True)
-
-        with progress_bar("which runs there are") as progress:
-            def going(done: int, total: int, label: str) -> None:
-                for file, name in models.items():
-                    label = label.replace(Path(file).name, Path(name).name)
-                progress(done, total, label)
-
-            results = job.verify(profile, scene, engine, jobs, going, session, within, own, methods=method,
-                                 asked=asked, scheduler=scheduler, shown=fills, need=need, budget=budget,
-                                 told=provisional)
-        results = spoken(results)
-        page = write(results, out)
+    with progress_bar("which runs there are") as progress:
+        answer = verify_scenes(
+            files, engine, method, step, need, budget, duration=duration, profile=profile,
+            asked=Asked(coordinate_map=coordinate_map), jobs=jobs, scheduler=scheduler,
+            limits=limits_of(time_limit, memory_limit), tolerances=own, fresh=fresh, out=out, spoken=spoken,
+            command=shlex.join(["crosscheck", *sys.argv[1:]]), progress=progress, note=complain,
+            told=provisional)
+    results, page = answer.document, answer.page or out
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")
     literature = published.figures(tagged(*tag), tuple(results.meta.engines)) if tag else []

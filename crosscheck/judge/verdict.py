@@ -59,6 +59,12 @@ def needing(run: Record, need: float) -> Record:
     return replace(run, outcome=outcome, message=_unresolved(run) if outcome == "unresolved" else "")
 
 
+def worded(run: Record, need: float = 1.0) -> Record:
+    """The run as `needing` has it, with what is told of it: its word, its code and its worst finding."""
+    run = needing(run, need)
+    return replace(run, word=word(run), code=code(run), worst=worst(run.findings))
+
+
 def beyond(run: Record, finding: Finding, message: str = "") -> Record:
     """The run with one more finding, which fails."""
     return replace(run, findings=[*run.findings, finding], outcome="fail",

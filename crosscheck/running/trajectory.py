@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import html
+import importlib
 import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
+
+    from crosscheck.document import Record, Way
 
 VECTORS = {"x": "m", "v": "m/s", "w": "rad/s", "a": "m/s^2", "alpha": "rad/s^2"}
 SERIES = {"energy": "J", "kinetic_energy": "J", "momentum_vertical": "kg m^2/s", "orthogonality": "1",
@@ -68,6 +71,7 @@ class Trajectory:
     own_sensors: Mapping[str, np.ndarray] | None = None  # readings that the engine made itself
     events: tuple[tuple[float, str, str], ...] = ()  # time (s), joint or monitor, and what happened there
     hinges: np.ndarray | None = None  # (T, h) rad, as of `crosscheck.scene.states.States`
+    way: Way | None = None  # how `crosscheck.run` was asked for it; None if the engine was given as an object
 
     @functools.cached_property
     def work(self) -> np.ndarray:
@@ -90,6 +94,26 @@ class Trajectory:
                 "largest joint gap": f"{np.max(self.constraint_position, initial=0.0):.3g} m"}
         lines = "".join(f"<tr><th>{name}</th><td>{html.escape(value)}</td></tr>" for name, value in rows.items())
         return f"<table>{lines}</table>"
+
+    def verdict(self, name: str = "", need: float = 1.0) -> Record | None:
+        """The verdict of `crosscheck run`: the engine is run again by parts, at the asked and at smaller steps.
+
+        `.outcome`, `.findings`, `.errors` by quantity, `.order`, `.resolution` and `.share` are as in results.json;
+        `name` is that of the scene in it, `need` the share of its time over which the motion has to be judged for it to
+        pass. None where the run has neither a step nor a tolerance that could be made smaller.
+
+        Raises
+        ------
+        ArgumentError
+            The engine was given as an object, so that nothing says how to run it again.
+        """
+        if self.way is None:
+            raise ArgumentError("verdict: the engine is run again by its name; give crosscheck.run a name, "
+                                "module:Class or path/file.py:Class, no object")
+        # By its name, because what judges stands above what runs.
+        judged: Record | None = importlib.import_module("crosscheck.verification.cell").judge_alone(
+            name or self.scene.name, self, self.engine, need=need, **self.way.arguments)
+        return judged
 
     def to_frame(self) -> pd.DataFrame:
         """A `pandas.DataFrame` with one row per output time, indexed by `t` (s); needs the extra `data`.

@@ -19,7 +19,6 @@ from crosscheck.compare.sizes import at_rest
 from crosscheck.document import QUANTITIES, Record, Way
 from crosscheck.document.outcomes import percent
 from crosscheck.errors import ArgumentError
-from crosscheck.judge.verdict import code, needing, worst
 from crosscheck.references.base import Reference
 from crosscheck.running.arguments import best_method
 from crosscheck.running.run import run as run_scene
@@ -96,15 +95,14 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
 
 def _judged(scene: Scene, way: Way, traj: Any, need: float) -> Record:
     __tracebackhide__ = True
-    record = judge_alone(scene.name, traj, way.engine, **way.arguments)
+    record = judge_alone(scene.name, traj, way.engine, need=need, **way.arguments)
     assert record is not None  # `contender` gives a step or a tolerance
-    record = needing(record, need)
     if record.outcome not in ("pass", "known"):
-        found = worst(record.findings)
+        found = record.worst
         why = record.message if found is None or record.outcome != "fail" else (
             f"{found.kind} {found.value:.3g} {found.unit}, allowed {found.bound:.3g} {found.unit} ({found.why}); "
             f"{found.detail}" if found.value is not None and found.bound is not None else found.detail or found.why)
-        raise AssertionError(f"{record.outcome}: {scene.name}: {named(way)}: {why} ({code(record)})")
+        raise AssertionError(f"{record.outcome}: {scene.name}: {named(way)}: {why} ({record.code})")
     return record
 
 

@@ -17,7 +17,7 @@ from crosscheck.compare.sizes import sizes as sizes_of
 from crosscheck.document import LEVELS, Finding, Level, Record, Way, extended
 from crosscheck.errors import Unsupported, said
 from crosscheck.judge.overrides import Overrides, tolerated
-from crosscheck.judge.verdict import settle
+from crosscheck.judge.verdict import settle, worded
 from crosscheck.references import TruthError, truth
 from crosscheck.references.base import Reference
 from crosscheck.running.attempt import Failed, Refused, attempt, lasting
@@ -64,8 +64,10 @@ def run_cell(cell: Cell) -> Record:
 
 
 def judge_alone(name: str, traj: Trajectory, engine: str, *, step: float | None = None, rtol: float | None = None,
-                **given: Any) -> Record | None:
+                need: float = 1.0, **given: Any) -> Record | None:
     """The verdict on a run of a scene called `name` by itself; `given` are further arguments of `crosscheck.run`.
+
+    `need` is the share of its time over which the motion has to be judged for it to pass.
 
     None if there is neither a step (s) nor a relative tolerance by which to judge.
     """
@@ -78,7 +80,7 @@ def judge_alone(name: str, traj: Trajectory, engine: str, *, step: float | None 
     way = Way.of(engine, traj.method, used if rtol is None else None, rtol, **(more | {"form": traj.form}))
     asked = extended(Record, way, scene=name, version=engine_version(engine),
                      documented_order=order if rtol is None else None)
-    return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec))
+    return worded(judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec)), need)
 
 
 def judge_run(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str]) -> Record:

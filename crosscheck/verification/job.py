@@ -263,9 +263,7 @@ def _after(seconds: float, call: Callable[[], object]) -> Iterator[None]:
 def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
              rows: list[Support] | None = None) -> Document:
     """The document with these records and the recommendations that follow from them."""
-    records = [replace(record, word=verdict.word(record), code=verdict.code(record),
-                       worst=verdict.worst(record.findings))
-               for record in (verdict.needing(record, meta.need) for record in records)]
+    records = [verdict.worded(record, meta.need) for record in records]
     scenes = []
     for scene in truths:
         own = [record for record in records if record.scene == scene.name]

@@ -36,6 +36,7 @@ class Altered:
     """See the module."""
 
     name = "altered"
+    elements = ("armature", "mimic", "drive", "dry_friction", "static_friction", "limits", "soft_limits")
     methods = tuple(f"{method} {number} {share} {begin}" for method, share, (number, begin) in itertools.product(
         ORDERS, (0.0, *SHARES), MISTAKES))
 

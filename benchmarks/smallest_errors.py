@@ -49,6 +49,8 @@ def caught(*run: Any) -> bool:
 def nearest(*run: Any) -> str:
     """The finding of a run that passes that comes nearest to its bound."""
     seen = [finding for finding in judged(*run).findings if finding.value and finding.bound]
+    if not seen:
+        return judged(*run).message
     found = max(seen, key=lambda finding: finding.severity)
     return f"{found.kind} is {found.value:.2g} {found.unit} of {found.bound:.2g}: {found.detail}"
 

@@ -514,7 +514,7 @@ def inspect(random: Random, path: Path, folder: Path) -> list[str]:
             (0.3, ("--states", random.choice("0159"))),
             (0.1, ("--torques",)),
             (0.1, ("--derivatives",)),
-            (0.1, ("--against", str(random.choice((path, "double_pendulum"))))),
+            (0.1, (str(random.choice((path, "double_pendulum"))),)),
         ),
     ]
 
@@ -621,11 +621,6 @@ def import_(random: Random, path: Path, folder: Path) -> list[str]:
     ]
 
 
-def diff(random: Random, path: Path, folder: Path) -> list[str]:
-    (folder / "b").mkdir()
-    return [str(path), str(random.choice((path, arm(random, folder / "b"))))]
-
-
 def export(random: Random, path: Path, folder: Path) -> list[str]:
     return [str(path), "--out", str(folder / f"out.{random.choice(('xml', 'urdf', 'py', 'txt'))}")]
 
@@ -684,7 +679,6 @@ COMMANDS: dict[str, Callable[[Random, Path, Path], list[str]]] = {
     "truth": _scene_alone((0.3, ("--floor",)), (0.1, ("--csv", "-"))),
     "modes": modes,
     "import": import_,
-    "diff": diff,
     "derivatives": _scene_alone((0.3, ("--source", "mujoco")), (0.3, ("--json",))),
     "export": export,
     "sweep": sweep,

@@ -21,7 +21,7 @@ from tests import ROOT
 EPS = float(np.finfo(float).eps)
 PAGE = (ROOT / "docs" / "papers.md").read_text("utf-8")
 SHORTER = {"crosscheck verify": ["--profile", "smoke", "--method", "DAE1L_LSE", "--jobs", "1"],
-           "crosscheck study": ["--steps", "2000"], "crosscheck run": ["--duration", "0.1"], "crosscheck support": [],
+           "crosscheck study": ["--steps", "2000"], "crosscheck run": ["--duration", "0.1"], "crosscheck list": [],
            "python -m pytest": ["--collect-only"]}
 """Added to a command, by how it begins; an option given twice counts as it is given last."""
 

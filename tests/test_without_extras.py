@@ -51,7 +51,7 @@ for words in json.loads(sys.argv[1]):
 
 RATTLE = "--engine lieeuler --method rattle2"
 WORK = {  # and what they say
-    "--version": "mujoco not installed", "list": "heavy_top", "support": "lieeuler",
+    "--version": "mujoco not installed", "list": "heavy_top", "list --support": "lieeuler",
     f"run brief.toml {RATTLE} --step 0.01": "pass: error against truth", "truth brief.toml": "natural coordinates",
     "inspect brief.toml": "lieeuler-crosscheck[mujoco]", "export brief.toml -o out.xml": "written",
     "derivatives brief.toml": "lieeuler-crosscheck[pinocchio]", "modes bicycle": "-0.775341882",
@@ -70,7 +70,7 @@ LACK = {  # and what
     "verify --scene brief.toml --scheduler tcp://127.0.0.1:9": "cluster",
     "advise brief.toml --engine exudyn --error 1e-2": "exudyn", "explain brief.toml --engine pinocchio": "pinocchio",
     "judge brief.toml report/results.csv": "data",
-    "diff arm.urdf arm.urdf": "mujoco",
+    "inspect arm.urdf arm.urdf": "mujoco",
     "inspect arm.urdf": "mujoco", "import arm.urdf -o arm.toml": "mujoco", "export brief.toml -o out.py": "exudyn",
     "report report": "report", "report report --format svg": "report",
     "report report --format paper": "report", "history page": "report", "sweep sweep.toml -o sweep": "data",

@@ -19,15 +19,14 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from crosscheck.cli.console import INTERRUPTED, at_work, complain, interrupted, warnings_in_one_line
-from crosscheck.errors import ArgumentError, CrosscheckError, missing, named
+from crosscheck.errors import CrosscheckError, missing, named
 
 COMMANDS = {
-    "verify": "verify", "judge": "runs", "advise": "runs", "run": "runs", "truth": "runs", "explain": "runs",
-    "inspect": "engines", "derivatives": "models", "modes": "models", "diff": "models",
-    "reproduce": "models", "bisect": "models", "support": "engines", "report": "verify",
-    "nightly": "verify", "sweep": "verify", "list": "engines", "import": "models", "export": "models",
-    "history": "history", "study": "study"}
-"""The file of each command."""
+    "verify": "verify", "judge": "runs", "run": "runs", "advise": "runs", "inspect": "engines", "explain": "runs",
+    "study": "study", "derivatives": "models", "modes": "models", "truth": "runs", "import": "models",
+    "export": "models", "sweep": "verify", "nightly": "verify", "history": "history", "list": "engines",
+    "reproduce": "models", "bisect": "models", "report": "verify"}
+"""The file of each command. The first five answer most questions."""
 
 FUNCTIONS = {"list": "list_", "import": "import_", "history": "alone", "study": "alone"}
 """The function of a command with another name. Those with commands of their own have `alone`, and an `app`."""
@@ -39,9 +38,9 @@ OWN = ("crosscheck", "lieeuler")
 REPORT = ("please report it where you have crosscheck from, with the command, its files and what "
           "CROSSCHECK_TRACEBACK=1 in the environment shows")
 
-RENAMED = {"paper": "report FOLDER --format paper, of a FOLDER that crosscheck verify wrote",
-           "law": "advise SCENE --engine NAME --error E, which answers it for a scene with friction, stops or servos"}
-"""Former commands, and what to write instead."""
+RENAMED = {"diff": ("inspect",), "support": ("list", "--support"), "paper": ("report", "--format", "paper"),
+           "law": ("advise",)}
+"""Former commands, and the words that replace them."""
 
 
 @functools.cache
@@ -76,11 +75,12 @@ class Commands(TyperGroup):
         super().__init__(**given)
         self.commands = _Commands()
 
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command of this name; a former one raises `ArgumentError` with its new name."""
-        if cmd_name in RENAMED:
-            raise ArgumentError(f"crosscheck {cmd_name} is now: crosscheck {RENAMED[cmd_name]}")
-        return super().get_command(ctx, cmd_name)
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that the words begin with; a former one is named by its new words, and run."""
+        if args[0] in RENAMED:
+            complain(f"crosscheck {args[0]} is now: crosscheck {shlex.join(RENAMED[args[0]])}")
+            args = [*RENAMED[args[0]], *args[1:]]
+        return super().resolve_command(ctx, args)
 
     def format_help(self, *given: Any) -> None:
         """Write what each function says of itself in its file."""

@@ -1,4 +1,4 @@
-"""What the engines make of scenes before any stepping: `crosscheck list`, `support` and `inspect`."""
+"""What the engines make of scenes before any stepping: `crosscheck list` and `inspect`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import typer
 
 from crosscheck.cli.console import console, figures, key, print_table, say, waiting, words
 from crosscheck.cli.models import derivatives as judge_derivatives
-from crosscheck.cli.models import diff
 from crosscheck.cli.options import EngineNames, SceneName
 from crosscheck.errors import PINNED, ArgumentError, Unsupported, counted, install, unknown
 
@@ -17,8 +16,16 @@ if TYPE_CHECKING:
     from crosscheck.running.support import Support
 
 
-def list_(engine: EngineNames = None) -> None:
+def list_(
+    engine: EngineNames = None,
+    support: Annotated[bool, typer.Option("--support", help="instead, the joints, forces and systems that each engine "
+                                          "can model, in which form")] = False,
+    reasons: Annotated[bool, typer.Option(help="with --support: why not the others")] = True,
+) -> None:
     """List the engines with their versions and methods, and the scenes."""
+    if support:
+        _print_support(engine, reasons)
+        return
     from crosscheck import adapters
     from crosscheck.running.provenance import NOT_INSTALLED, engine_version
     from crosscheck.scene.file import load_scene, scene_names
@@ -39,11 +46,7 @@ def list_(engine: EngineNames = None) -> None:
                 [(scene.name, str(scene.n), f"{scene.duration:g} s", scene.description) for scene in loaded])
 
 
-def support(
-    engine: Annotated[list[str] | None, typer.Option("--engine", help="a name; may be repeated; default: all")] = None,
-    reasons: Annotated[bool, typer.Option(help="give the reasons for what is missing")] = True,
-) -> None:
-    """Print the joints, forces and systems that each engine can model, in which form, and why not the others."""
+def _print_support(engine: list[str] | None, reasons: bool) -> None:
     from crosscheck import adapters
     from crosscheck.running.support import matrix
 
@@ -86,11 +89,12 @@ def _cell(entry: Support, methods: int, notes: dict[tuple[str, str], int]) -> st
 
 def inspect(
     scene: SceneName,
+    other: Annotated[str | None, typer.Argument(help="another model or scene: what differs from it, where, and the "
+                                                "motion, whatever names, order and format are")] = None,
     engine: Annotated[list[str] | None, typer.Option("--engine", help="a name; may be repeated; default: all")] = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: every form an engine has")] = None,
     states: Annotated[int, typer.Option(help="random admissible states beside the start", min=0, max=1000)] = 3,
     seed: Annotated[int, typer.Option(help="of the random states", min=0)] = 0,
-    against: Annotated[str | None, typer.Option(help="another model or scene: as `crosscheck diff`")] = None,
     torques: Annotated[bool, typer.Option("--torques", help="only what drives have to supply, by inverse dynamics "
                                                             "of truth and engines: at the start for constant rates, "
                                                             "and compared at random states")] = False,
@@ -101,10 +105,11 @@ def inspect(
 
     A model file, .xml or .urdf, is loaded by every engine itself, and what an engine reads differently is named.
 
-    Exit code 0: all agree with truth; 1: one does not; 2: the check itself failed.
+    Exit code 0: all agree with truth, or the two are the same motion; 1: one does not; 2: the check itself failed.
     """
     from crosscheck.adapters.base import CHOICES
     from crosscheck.inspection import inspect as examine
+    from crosscheck.inspection.diff import diff
     from crosscheck.inspection.native import inspect as examine_natively
     from crosscheck.inspection.native import printed
     from crosscheck.scene.file import load_scene
@@ -116,8 +121,11 @@ def inspect(
         judge_derivatives(scene, engine)
     if form is not None and form not in CHOICES["form"]:
         raise ArgumentError(unknown("--form", form, CHOICES["form"]))
-    if against is not None:
-        diff(scene, against)
+    if other is not None:
+        report = diff(scene, other)
+        for line in report.lines:
+            say(line)
+        raise typer.Exit(0 if report.same else 1)
     if is_model(scene):
         with waiting(f"every engine reads {scene}"):
             native = examine_natively(scene, engine or None, states, seed)

@@ -1,4 +1,4 @@
-"""Models and their equations: `crosscheck import`, `export`, `diff`, `derivatives`, `modes`, `reproduce`, `bisect`."""
+"""Models and their equations: `crosscheck import`, `export`, `derivatives`, `modes`, `reproduce`, `bisect`."""
 
 from __future__ import annotations
 
@@ -74,22 +74,6 @@ def export(
     typer.echo(f"written: {out}")
     for words in left_out:
         typer.echo(f"left out: {words}")
-
-
-def diff(
-    a: Annotated[str, typer.Argument(help="a model (.xml, .urdf), a scene file, or the name of a scene")],
-    b: Annotated[str, typer.Argument(help="another one")],
-) -> None:
-    """Compare two models by their trees, whatever their names, order and format: what differs, where, and the motion.
-
-    Exit code 0: the same motion; 1: something differs; 2: one of them cannot be read.
-    """
-    from crosscheck.inspection.diff import diff as compare
-
-    report = compare(a, b)
-    for line in report.lines:
-        say(line)
-    raise typer.Exit(0 if report.same else 1)
 
 
 STEPS = ("1e-2", "1e-3", "1e-4", "1e-5", "1e-6", "1e-7", "1e-8", "1e-9")

@@ -96,7 +96,7 @@ type="ball" damping=".2"/><inertial pos="0 0 .1" mass=".5" diaginertia=".003 .00
 def against_other_units_of_angles():
     write("a.xml", WRIST.format(angle="degree", low=-90, high=90, kp=20))
     write("b.xml", WRIST.format(angle="radian", low=-math.pi / 2, high=math.pi / 2, kp=25))
-    return "inspect a.xml --against b.xml"
+    return "inspect a.xml b.xml"
 
 
 # --- a touch ends what can be judged ------------------------------------------------------------------------------

@@ -152,3 +152,16 @@ def test_progress_names_the_file_of_the_user(tmp_path, monkeypatch):
     done = crosscheck("verify", file, "--drop", "--engine", "lieeuler", "-o", out)
     assert "enough" in done.stderr
     assert told == ["truth of rod.xml"]
+
+
+@pytest.mark.parametrize(("old", "new", "told"), [
+    (("diff", "double_pendulum", "double_pendulum"), "inspect", "the same motion"),
+    (("support", "--engine", "lieeuler", "--no-reasons"), "list --support", "loop with redundant rows"),
+    (("paper", "nowhere"), "report --format paper", ""), (("law", "--help"), "advise", "--error")])
+def test_a_former_command_names_the_new_one_once_and_runs_it(old, new, told):
+    done = crosscheck(*old)
+    assert done.stderr.splitlines()[0] == f"crosscheck: crosscheck {old[0]} is now: crosscheck {new}"
+    assert done.stderr.count("is now") == 1
+    assert told in done.stdout
+    again = crosscheck(*new.split(), *old[1:])
+    assert (again.returncode, again.stdout) == (done.returncode, done.stdout)

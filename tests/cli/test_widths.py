@@ -111,7 +111,7 @@ def folder(tmp_path_factory):
     return keep(tmp_path_factory.mktemp("history"))
 
 
-@pytest.mark.parametrize("name", [*WHOLE, "support", "list", "--help", "verify --help",
+@pytest.mark.parametrize("name", [*WHOLE, "list --support", "list", "--help", "verify --help",
                                   "inspect heavy_top --engine mujoco --engine exudyn --states 1"])
 def test_nothing_is_wider_than_the_terminal_and_no_figure_is_cut(name, folder, monkeypatch, capsys):
     shown = {}

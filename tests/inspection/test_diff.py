@@ -255,7 +255,7 @@ def test_the_command_answers_by_its_exit_code(change, code, tmp_path):
     from crosscheck.cli.app import app
 
     one, other = made(tmp_path, ROBOT, "a"), made(tmp_path, ROBOT.replace(*change), "b")
-    told = CliRunner().invoke(app, ["diff", str(one), str(other)])
+    told = CliRunner().invoke(app, ["inspect", str(one), str(other)])
     refused = isinstance(told.exception, crosscheck.SceneError)  # which `main` turns into exit code 2
     assert (2 if refused else told.exit_code) == code
     if code == 1:

@@ -169,7 +169,7 @@ def test_command_line() -> None:
     assert "OFFENDER" not in good.output
     with pytest.raises(crosscheck.ArgumentError, match="--form"):
         runner.invoke(app.app, ["inspect", "four_bar", "--form", "trea"], catch_exceptions=False)
-    listed = runner.invoke(app.app, ["support", "--engine", "exudyn"])
+    listed = runner.invoke(app.app, ["list", "--support", "--engine", "exudyn"])
     assert listed.exit_code == 0, listed.output
     assert "point_on_plane" in listed.output
     assert "pivot" in listed.output

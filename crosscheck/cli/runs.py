@@ -125,7 +125,7 @@ def _first_line(judged: Record | None) -> str:
     sizes = [f"{name} {error.max:.2g} {error.unit}" for name, error in judged.errors.items()
              if name in QUANTITIES and error.max is not None]
     off = f"error against truth: {', '.join(sizes)}" if sizes else "compared with no truth"
-    judging = "" if judged.share is None or judged.outcome == "unresolved" else (
+    judging = "" if judged.share is None else (
         f"; resolved over {percent(judged.least_share)} of its {judged.duration:g} s")
     first = judged.worst
     reason = judged.message or ("" if first is None or judged.outcome == "pass" else

@@ -220,7 +220,7 @@ class Finding(Part, frozen=True):
             return math.inf if self.status in ("fail", "known") else -math.inf
         if self.value == 0:
             return -math.inf  # also if the bound is 0
-        return math.log10(max(self.value, 1e-300) / max(self.bound, 1e-300))
+        return math.log10(max(self.value, 1e-300)) - math.log10(max(self.bound, 1e-300))  # a bound may be infinite
 
 
 class Errors(Part, frozen=True, kw_only=True):

@@ -1,13 +1,14 @@
 """One verdict per run: every outcome, provoked with an engine whose errors are known."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 
 from crosscheck import adapters
 from crosscheck.adapters.foreign.own import completed
-from crosscheck.document import Plan, Way
+from crosscheck.document import Finding, Plan, Way
 from crosscheck.judge.verdict import worst
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.speed import COARSER, MOST_TIMED, TIMED, Timing, time_cells
@@ -141,3 +142,8 @@ def test_a_share_of_gravity_does_not_pass_unseen(method):
             plan = Plan({1: 1e-4}, samples=51, duration=1.0)
             outcomes.append(run_cell(Cell("single_pendulum", Way(name, method), plan)).outcome)
     assert outcomes == ["pass", "fail"]
+
+
+def test_a_finding_with_an_infinite_bound_has_the_least_severity():
+    """Without a truth nothing bounds a gap: its quotient is 0, which has no logarithm."""
+    assert Finding("gap position", "ok", 1.8e-16, math.inf, "m", "").severity == -math.inf

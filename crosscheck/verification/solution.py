@@ -184,7 +184,7 @@ class Solution:
         """Asks the same question again from starts that differ by a rounding, for noise and the spacing of numbers."""
         given, ratios, scatter = max(EPS, self.engine.eps), list[float](), dict[str, list[tuple[float, float]]]()
         spacings = list[float]()
-        told, step = list[tuple[int, str, float, float]](), self.own if self.p is not None else 0.0
+        told, step = list[tuple[int, list[Rows]]](), self.own if self.p is not None else 0.0
         chosen = [(k, segment, seq) for k, (segment, seq) in enumerate(zip(self.segments, sequences, strict=True))
                   if segment.flowed is not None and seq is not None]
         for k, segment, seq in chosen[::max(1, len(chosen) // ASKED_AGAIN)][:ASKED_AGAIN]:
@@ -201,34 +201,32 @@ class Solution:
                 last = other.rows(segment)
                 spacings.append(max(largest((rows[0][name] - last[name])[segment.kept(name, step)]) / self.extent(name)
                                      for name in STATE))
-            same = [rows[0], seq.answers[self.nearest(seq)].rows(segment)]  # a start that is moved may have another way
-            kept = {name: [each[name][segment.kept(name, step)] for each in same] for name in STATE}
-            told += [(k, name, spread(kept[name]), min(largest(each) for each in kept[name])) for name in STATE]
+            told.append((k, [rows[0], seq.answers[self.nearest(seq)].rows(segment)]))  # moved starts may go other ways
         if given > EPS:  # a rounding of a number of the state is in no sum over steps
             shown = max(EPS, SAFETY * float(np.median(ratios)) * EPS) if ratios else EPS
             self.eps = given if self.segments[0].whole else min(given, shown)
             self.spacing = min(given, max(EPS, SAFETY * float(np.median(spacings)))) if spacings else given
         self.noise = {name: max(max(0.0, gap - 2 * least * self.eps) for gap, least in each)
                       for name, each in scatter.items()}
-        for k, name, gap, missed in told:
-            self.checks.append(self.noisy(k, name, gap, missed, self.own, max(1.0, given / self.eps)))
+        for k, pair in told:
+            self.checks += self.noisy(k, pair, self.own, max(1.0, given / self.eps))
 
-    def noisy(self, k: int, name: str, gap: float, missed: float, size: float, more: float = 1.0) -> Check:
-        """R3: answers to one question at a step or tolerance differ by less than their error, or than they round."""
-        rounded = 2 * more * self.roundings(name, self.segments[k], [size])[0]
-        return Check("noise", name, k, gap, {"error": missed} if missed > rounded else {"declared": rounded}, math.inf)
+    def noisy(self, k: int, pair: Sequence[Rows], size: float, more: float = 1.0) -> list[Check]:
+        """R3: two answers to one question at a step or tolerance differ by no more than their error or rounding."""
+        made, segment, step = list[Check](), self.segments[k], size if self.p is not None else 0.0
+        for name in STATE:
+            kept = [each[name][segment.kept(name, step)] for each in pair]
+            missed, rounded = min(map(largest, kept)), 2 * more * self.roundings(name, segment, [size])[0]
+            parts = {"error": missed} if missed > rounded else {"declared": rounded}
+            made.append(Check("noise", name, k, spread(kept), parts, math.inf))
+        return made
 
     def given_again(self, k: int, segment: Segment, seq: Sequence3) -> list[Check]:
         """The three coarsest answers are asked again."""
-        made = []
+        made = list[Check]()
         for size, first in list(zip(seq.steps, seq.answers, strict=True))[-3:] if not segment.whole else ():
             again = self.ask(segment, size)
-            if again is None:
-                continue
-            pair, step = [first.rows(segment), again.rows(segment)], size if self.p is not None else 0.0
-            for name in STATE:
-                kept = [each[name][segment.kept(name, step)] for each in pair]
-                made.append(self.noisy(k, name, spread(kept), min(largest(each) for each in kept), size))
+            made += [] if again is None else self.noisy(k, [first.rows(segment), again.rows(segment)], size)
         return made
 
     def repeated(self, segment: Segment, eps: float, k: int) -> Rows | None:
@@ -239,14 +237,12 @@ class Solution:
         if segment.whole:
             got = self.probe.again(*self.at(self.own))
             return None if got is None else got.within(segment).rows(segment)
-        start, coarse = segment.start, eps > EPS
-        if k:
-            other = moved(start, self.sizes, eps, k, closing=coarse)
-            if other is None:
-                return None
-            start = other
+        coarse = eps > EPS
+        start = moved(segment.start, self.sizes, eps, k, closing=coarse) if k else segment.start
+        if start is None:
+            return None
         if k and coarse and self.flow is not None and self.truth is not None:
-            segment = dataclasses.replace(segment, start=start, reactions=None)
+            segment = dataclasses.replace(segment, start=start, flowed=None, reactions=None)
             fill([segment], self.flow, self.own_states, self.truth)
         got = self.probe.answer(start, *self.at(self.own)) if segment.flowed is not None else None
         return None if got is None else got.rows(segment)

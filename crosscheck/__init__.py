@@ -13,7 +13,7 @@ _HOMES = {
     "export_model": ("adapters.export", "export_model"),
     "import_model": ("scene.models", "import_model"),
     "scenes": ("scene.file", "scene_names"),
-    "run": ("running.run", "run"),
+    "run": ("verification", "run"),
     "engines": ("adapters", "names"),
     "methods": ("adapters", "methods"),
     "truth": ("running.run", "truth"),

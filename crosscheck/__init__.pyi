@@ -15,7 +15,7 @@ from crosscheck.jointspace.inverse import inverse_dynamics
 from crosscheck.jointspace.modes import modes
 from crosscheck.recordings import assert_recording, judge_recording
 from crosscheck.references.base import TruthError
-from crosscheck.running.run import run, truth
+from crosscheck.running.run import truth
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.file import scene_names as scenes
@@ -24,6 +24,7 @@ from crosscheck.scene.models import import_model
 from crosscheck.scene.states import States
 from crosscheck.sweeps.job import sweep
 from crosscheck.testing.agreement import assert_agree
+from crosscheck.verification import run
 from crosscheck.verification.advice import advise
 from crosscheck.verification.verified import verify
 

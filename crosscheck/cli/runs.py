@@ -61,7 +61,7 @@ def run(
     from crosscheck import adapters
     from crosscheck.document.outcomes import EXIT_CODES
     from crosscheck.report.headline import ending
-    from crosscheck.running.run import run as run_scene
+    from crosscheck.verification import run as run_scene
 
     if method is None:
         if engine == "lieeuler":

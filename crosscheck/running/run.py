@@ -7,7 +7,7 @@ import os
 from typing import Any, cast
 
 from crosscheck import references
-from crosscheck.adapters.base import ENGINE_OPTIONS, Engine
+from crosscheck.adapters.base import Engine
 from crosscheck.document import Way
 from crosscheck.references.base import Reference
 from crosscheck.running.attempt import Ran, attempt
@@ -62,9 +62,7 @@ def run(scene: Scene | str | os.PathLike[str], engine: str | Engine, method: str
     outcome = attempt(scene_file.as_scene(scene), Way(name, method, step, rtol),
                       None if name is engine else cast(Engine, engine), **options)
     if isinstance(outcome, Ran):
-        more = {key: value for key, value in options.items() if key in ENGINE_OPTIONS}
-        return dataclasses.replace(outcome.trajectory, way=(
-            Way.of(engine, method, step, rtol, **more) if isinstance(engine, str) else None))
+        return outcome.trajectory
     raise outcome.error
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import html
-import importlib
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from crosscheck.document import Record, Way
+    from crosscheck.document import Record
 
 VECTORS = {"x": "m", "v": "m/s", "w": "rad/s", "a": "m/s^2", "alpha": "rad/s^2"}
 SERIES = {"energy": "J", "kinetic_energy": "J", "momentum_vertical": "kg m^2/s", "orthogonality": "1",
@@ -71,7 +70,7 @@ class Trajectory:
     own_sensors: Mapping[str, np.ndarray] | None = None  # readings that the engine made itself
     events: tuple[tuple[float, str, str], ...] = ()  # time (s), joint or monitor, and what happened there
     hinges: np.ndarray | None = None  # (T, h) rad, as of `crosscheck.scene.states.States`
-    way: Way | None = None  # how `crosscheck.run` was asked for it; None if the engine was given as an object
+    judge: Callable[[Trajectory, str, float], Record | None] | None = None  # of `verdict`; None for an engine object
 
     @functools.cached_property
     def work(self) -> np.ndarray:
@@ -107,13 +106,10 @@ class Trajectory:
         ArgumentError
             The engine was given as an object, so that nothing says how to run it again.
         """
-        if self.way is None:
+        if self.judge is None:
             raise ArgumentError("verdict: the engine is run again by its name; give crosscheck.run a name, "
                                 "module:Class or path/file.py:Class, no object")
-        # By its name, because what judges stands above what runs.
-        judged: Record | None = importlib.import_module("crosscheck.verification.cell").judge_alone(
-            name or self.scene.name, self, self.engine, need=need, **self.way.arguments)
-        return judged
+        return self.judge(self, name or self.scene.name, need)
 
     def to_frame(self) -> pd.DataFrame:
         """A `pandas.DataFrame` with one row per output time, indexed by `t` (s); needs the extra `data`.

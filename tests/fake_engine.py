@@ -24,7 +24,7 @@ class FakeEngine(Engine):
     breaks: str | None = None
 
     name = "fake"
-    checks_sizes = True
+    checks_sizes = on_group = True
     methods = ("Plain", "Broken", "Unable")
 
     def version(self):

@@ -104,10 +104,6 @@ def test_advise_asks_every_engine_and_takes_a_model(monkeypatch, tmp_path):
     assert asked == [("pinocchio", "RKMK4", 1e-2)]
 
 
-def test_the_former_command_names_the_new_one():
-    assert "crosscheck advise SCENE" in str(CliRunner().invoke(app, ["law", "x"]).exception)
-
-
 def test_a_wrong_law_is_neither(coulombs, monkeypatch):
     """The engine gets 5 % more friction: it converges, but to no law that is known."""
     run, wrong = laws.run, pendulum(dry_friction=0.525)

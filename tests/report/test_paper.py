@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from crosscheck import report
 from crosscheck.cli.app import app
-from crosscheck.errors import ArgumentError
 from crosscheck.report.paper import table, write_paper
 
 HOSTILE = r"a_b\input{/etc/passwd}%$x$"
@@ -86,9 +85,3 @@ def test_no_letter_of_a_name_is_a_command(results, tmp_path):
         text = path.read_text("utf-8").replace(rf"\input{{{STEM}-table}}", "")
         assert r"\input" not in text
         assert r"a\_b\textbackslash{}input\{/etc/passwd\}\%\$x\$" in text
-
-
-def test_the_former_command_names_the_new_one():
-    done = CliRunner().invoke(app, ["paper", "single_pendulum"])
-    assert isinstance(done.exception, ArgumentError)
-    assert "crosscheck report FOLDER --format paper" in str(done.exception)

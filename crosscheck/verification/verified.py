@@ -55,15 +55,10 @@ class Verification:
                 for finding in record.findings if finding.status != "ok"]
 
     def frame(self) -> pd.DataFrame:
-        """A row a run, with the columns of results.csv, units in their names; needs the extra `data`.
+        """A row a run, with the columns of results.csv, units in their names. Raises `ArgumentError` without pandas.
 
         Among them are the errors by quantity, the observed order, the resolution, the share that is resolved, the cost
-        and the command that repeats the run.
-
-        Raises
-        ------
-        ArgumentError
-            pandas is missing.
+        and the command that repeats the run. The extra `data` has pandas.
         """
         try:
             import pandas as pd

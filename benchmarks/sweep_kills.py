@@ -50,7 +50,7 @@ def dask_cluster(folder: Path, port: int) -> Iterator[tuple[str, list[subprocess
 
 def start(request: Path, out: Path, *more: str) -> subprocess.Popen[bytes]:
     """The command line of the sweep."""
-    command = [sys.executable, "-m", "crosscheck", "sweep", str(request), "-o", str(out), *more]
+    command = [sys.executable, "-m", "crosscheck", "study", "sweep", str(request), "-o", str(out), *more]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 

@@ -635,7 +635,7 @@ def sweep(random: Random, path: Path, folder: Path) -> list[str]:
         ),
         encoding="utf-8",
     )
-    return [str(file), "--out", str(folder / "page"), *maybe(random, (0.2, ("--dry-run",)))]
+    return ["sweep", str(file), "--out", str(folder / "page"), *maybe(random, (0.2, ("--dry-run",)))]
 
 
 def history(random: Random, path: Path, folder: Path) -> list[str]:
@@ -681,10 +681,9 @@ COMMANDS: dict[str, Callable[[Random, Path, Path], list[str]]] = {
     "import": import_,
     "derivatives": _scene_alone((0.3, ("--source", "mujoco")), (0.3, ("--json",))),
     "export": export,
-    "sweep": sweep,
     "reproduce": _scene_alone((0.3, ("--method", "Euler")), (0.2, ("--step", "0")), (0.2, ("--issue", "issue.md"))),
     "history": history,
-    "study": study,
+    "study": lambda random, path, folder: random.choice((study, sweep))(random, path, folder),
     "report": lambda random, path, folder: [
         str(random.choice((path, folder))),
         *maybe(random, (0.5, ("--format", random.choice(("paper", "csv", "junit"))))),

@@ -175,10 +175,10 @@ def warnings_in_one_line() -> Iterator[None]:
 
 def interrupted() -> str:
     """One line that says what an interrupted command has kept."""
-    goes_on = "the same command goes on from here"
-    kept = {"nightly": goes_on, "verify": goes_on, "sweep": goes_on,
-            "study": "what was finished is in the folder of --out"}
-    return f"interrupted; {kept.get(' '.join(sys.argv[1:2]), 'nothing was written')}"
+    asked = " ".join(sys.argv[1:3])
+    return "interrupted; " + (
+        "the same command goes on from here" if asked.startswith(("nightly", "verify", "study sweep", "sweep")) else
+        "what was finished is in the folder of --out" if asked.startswith("study") else "nothing was written")
 
 
 GAP = 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -32,7 +33,7 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="folder of the page, JSON
 
 @app.callback()
 def alone() -> None:
-    """Work against precision, drift over long runs, largest usable steps."""
+    """Work against precision, drift over long runs, largest usable steps; sweeps over parameters."""
 
 
 def _conduct(study: Study[Asked, Any, Doc], ask: Asked, out: Path) -> Doc:
@@ -151,3 +152,50 @@ def stability(
         (line.scene, line.label, *shown((line.step, line.rtol, line.error, line.milliseconds, line.breaks_at)),
          line.reason) for line in document.lines])
     _tell_page(out)
+
+
+@app.command()
+def sweep(
+    file: Annotated[Path, typer.Argument(help="TOML file: scenes, engines, steps and/or rtols, parameters, perturb")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="folder of results and page; finished cells are kept")
+                   ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="processes of this machine")] = 2,
+    scheduler: options.Scheduler = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="only print the number of cells and the time")] = False,
+    fresh: options.Fresh = "CI" in os.environ,
+    cell: Annotated[str | None, typer.Option(help="run only this cell again, and print its row")] = None,
+) -> None:
+    """Run a sweep. Finished cells are not computed again, so the same command continues an interrupted sweep."""
+    import msgspec
+
+    from crosscheck.sweeps import job as sweeps
+
+    target = out or Path("reports") / f"sweep-{file.stem}"
+    if dry_run:
+        count, missing, seconds = sweeps.estimate(file, target, workers)
+        spoken = (f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min" if seconds < 7200 else
+                  f"{seconds / 3600:.1f} h")
+        say(f"{counted(count, 'cell')}, of which {count - missing} finished and {missing} to be computed, about "
+            f"{spoken} with {counted(workers, 'worker')}")
+        return
+    if cell is not None:
+        for name, value in msgspec.structs.asdict(sweeps.one(file, cell)).items():
+            typer.echo(f"{name}: {value}")
+        return
+    with progress_bar(f"reading {file}") as progress:
+        frame = sweeps.sweep(file, workers, scheduler, target, progress, fresh)
+    report = frame.attrs["report"]
+    counts = frame.groupby(["scene", "engine", "method"], dropna=False)
+    print_table(console(160), [key("scene"), key("engine"), key("method"), *figures(
+        "cells", "failed", "median position error, m", "largest, m")], [
+        (scene, engine, method, str(len(rows)), str(int((rows["status"] != "success").sum())),
+         f"{rows['position_error'].median():.3g}", f"{rows['position_error'].max():.3g}")
+        for (scene, engine, method), rows in counts])
+    say(f"{counted(len(frame), 'cell')}, {report['computed']} computed in {report['seconds']:.1f} s with "
+        f"{counted(report['workers'], 'worker')}: truth {report['truth_seconds']:.1f} s, runs "
+        f"{report['run_seconds']:.1f} s, overhead {1e3 * report['overhead']:.1f} ms a cell")
+    for text in report["trouble"]:
+        say(f"without truth: {text}")
+    page = target / "index.html"
+    typer.echo(f"page: {page}" if page.exists() else f"results: {target / 'parts'} (no page: pip install "
+               "'lieeuler-crosscheck[report]')")

@@ -124,7 +124,7 @@ def document(frame: pd.DataFrame, parameters: list[str], report: Report, meta: O
             parameters=", ".join(f"{name} = {row[name]}" for name in parameters), status=row["status"],
             position_error=float(row["position_error"]), attitude_error=float(row["attitude_error"]),
             energy_error=float(row["energy_error"]),
-            command=shlex.join(["crosscheck", "sweep", f"{out}/request.json", "--cell", row["cell"]]))
+            command=shlex.join(["crosscheck", "study", "sweep", f"{out}/request.json", "--cell", row["cell"]]))
 
     ways = []
     frame = frame.assign(form=frame["form"].fillna(""))  # engines with one form only have NaN here

@@ -157,7 +157,8 @@ def test_progress_names_the_file_of_the_user(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("old", "new", "told"), [
     (("diff", "double_pendulum", "double_pendulum"), "inspect", "the same motion"),
     (("support", "--engine", "lieeuler", "--no-reasons"), "list --support", "loop with redundant rows"),
-    (("paper", "nowhere"), "report --format paper", ""), (("law", "--help"), "advise", "--error")])
+    (("paper", "nowhere"), "report --format paper", ""), (("law", "--help"), "advise", "--error"),
+    (("sweep", "--help"), "study sweep", "--dry-run")])
 def test_a_former_command_names_the_new_one_once_and_runs_it(old, new, told):
     done = crosscheck(*old)
     assert done.stderr.splitlines()[0] == f"crosscheck: crosscheck {old[0]} is now: crosscheck {new}"

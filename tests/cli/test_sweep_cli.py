@@ -1,4 +1,4 @@
-"""`crosscheck sweep`: what it says before and after."""
+"""`crosscheck study sweep`: what it says before and after."""
 
 from typer.testing import CliRunner
 
@@ -17,7 +17,7 @@ count = {count}
 
 
 def said(*words):
-    told = CliRunner().invoke(app, ["sweep", "masses.toml", *words])
+    told = CliRunner().invoke(app, ["study", "sweep", "masses.toml", *words])
     assert told.exit_code == 0, told.output
     return " ".join(told.stdout.split())
 

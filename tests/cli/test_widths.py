@@ -87,7 +87,8 @@ def told(name, folder):
         verify.print_verdicts(made_up(), Path("reports/latest/index.html"))
     elif name == SWEEP:
         with mock.patch.object(job, "estimate", return_value=(100_000, 99_950, 4100.0)):
-            print(CliRunner().invoke(app.app, ["sweep", "masses-of-both-pendulums.toml", "--dry-run"]).stdout, end="")
+            words = ["study", "sweep", "masses-of-both-pendulums.toml", "--dry-run"]
+            print(CliRunner().invoke(app.app, words).stdout, end="")
     elif name == "advise":
         advice = Advice(scene="heavy_top", engine="mujoco", wanted=1e-4, until=1.0, least=1e-12, method="RK4",
                         form="tree", step=2.9412e-4, error=8.1e-5, cost=0.0297, breaks_at=1.25e-3,

@@ -34,7 +34,7 @@ def commands(folder):
     (folder.parent / "sweep.json").write_text(json.dumps(SWEEP))
     yield "verify", (*QUICK, "--out", str(folder / "report")), "report"
     yield "nightly", (*QUICK, "--out", str(folder / "nights")), "nights"
-    yield "sweep", (str(folder.parent / "sweep.json"), "--out", str(folder / "sweep")), "sweep"
+    yield "study", ("sweep", str(folder.parent / "sweep.json"), "--out", str(folder / "sweep")), "sweep"
     yield "run", (*PENDULUM, "--csv", str(folder / "run.csv")), "run.csv"
     yield "truth", ("single_pendulum", "--csv", str(folder / "truth.csv")), "truth.csv"
     yield "export", ("chain_64", "--out", str(folder / "chain.xml")), "chain.xml"

@@ -190,7 +190,8 @@ def rows_in_the_table():
 def test_a_killed_client_goes_on_where_it_was(local, tmp_path):
     request = tmp_path / "sweep.json"
     request.write_text(json.dumps(SWEEP))
-    command = [sys.executable, "-m", "crosscheck", "sweep", str(request), "-o", str(tmp_path / "out"), "--workers", "1"]
+    command = [sys.executable, "-m", "crosscheck", "study", "sweep", str(request), "-o", str(tmp_path / "out"),
+               "--workers", "1"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while not rows_in_the_table() and process.poll() is None:
@@ -218,7 +219,8 @@ def test_a_sweep_of_300_cells_killed_at_thirty_random_moments(where, tmp_path):
             cluster = stack.enter_context(distributed.LocalCluster(n_workers=2, threads_per_worker=1,
                                                                    dashboard_address=None))
             words = ["--scheduler", cluster.scheduler_address]
-        command = [sys.executable, "-m", "crosscheck", "sweep", str(request), "-o", str(tmp_path / "out"), *words]
+        command = [sys.executable, "-m", "crosscheck", "study", "sweep", str(request), "-o", str(tmp_path / "out"),
+                   *words]
         pause = np.random.default_rng(35).uniform(0.0, 1.5, 30)
         kept = 0
         for extra in pause:

@@ -83,7 +83,9 @@ def asking_again_computes_nothing(undisturbed, tmp_path):
 
 def test_ci_computes_everything_anew_by_default():
     code = ("from typer.main import get_command\nfrom crosscheck.cli.app import app\n"
-            "print(*(each.default for name in ('sweep', 'verify') for each in get_command(app).commands[name].params\n"
+            "commands = get_command(app).commands\n"
+            "both = commands['study'].commands['sweep'], commands['verify']\n"
+            "print(*(each.default for one in both for each in one.params\n"
             "        if each.name == 'fresh'))")
     done = subprocess.run([sys.executable, "-c", code], env={**os.environ, "CI": "true"}, text=True,
                           capture_output=True, check=True)

@@ -513,7 +513,6 @@ def inspect(random: Random, path: Path, folder: Path) -> list[str]:
             (0.2, ("--form", random.choice(("tree", "maximal", "pivot")))),
             (0.3, ("--states", random.choice("0159"))),
             (0.1, ("--torques",)),
-            (0.1, ("--derivatives",)),
             (0.1, (str(random.choice((path, "double_pendulum"))),)),
         ),
     ]
@@ -581,8 +580,9 @@ def _scene_alone(*choices: tuple[float, tuple[str, ...]]) -> Callable[[Random, P
     return lambda random, path, folder: [str(path), *model_options(random, path), *maybe(random, *choices)]
 
 
-def modes(random: Random, path: Path, folder: Path) -> list[str]:
-    return [
+def linearise(random: Random, path: Path, folder: Path) -> list[str]:
+    return _scene_alone((0.3, ("--source", "mujoco")), (0.3, ("--json",)))(random, path, folder) * (
+        random.random() < 0.5) or [
         str(path),
         *model_options(random, path),
         *maybe(
@@ -677,9 +677,8 @@ COMMANDS: dict[str, Callable[[Random, Path, Path], list[str]]] = {
     "verify": verify,
     "explain": explain,
     "truth": _scene_alone((0.3, ("--floor",)), (0.1, ("--csv", "-"))),
-    "modes": modes,
     "import": import_,
-    "derivatives": _scene_alone((0.3, ("--source", "mujoco")), (0.3, ("--json",))),
+    "linearise": linearise,
     "export": export,
     "reproduce": _scene_alone((0.3, ("--method", "Euler")), (0.2, ("--step", "0")), (0.2, ("--issue", "issue.md"))),
     "history": history,

@@ -23,7 +23,7 @@ from crosscheck.errors import CrosscheckError, missing, named
 
 COMMANDS = {
     "verify": "verify", "judge": "runs", "run": "runs", "advise": "runs", "inspect": "engines", "explain": "runs",
-    "study": "study", "derivatives": "models", "modes": "models", "truth": "runs", "import": "models",
+    "study": "study", "linearise": "models", "truth": "runs", "import": "models",
     "export": "models", "nightly": "verify", "history": "history", "list": "engines",
     "reproduce": "models", "bisect": "models", "report": "verify"}
 """The file of each command. The first five answer most questions."""
@@ -39,7 +39,8 @@ REPORT = ("please report it where you have crosscheck from, with the command, it
           "CROSSCHECK_TRACEBACK=1 in the environment shows")
 
 RENAMED = {"diff": ("inspect",), "support": ("list", "--support"), "paper": ("report", "--format", "paper"),
-           "law": ("advise",), "sweep": ("study", "sweep")}
+           "law": ("advise",), "sweep": ("study", "sweep"),
+           "derivatives": ("linearise",), "modes": ("linearise", "--modes")}
 """Former commands, and the words that replace them."""
 
 

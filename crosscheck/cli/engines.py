@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli.console import console, figures, key, print_table, say, waiting, words
-from crosscheck.cli.models import derivatives as judge_derivatives
 from crosscheck.cli.options import EngineNames, SceneName
 from crosscheck.errors import PINNED, ArgumentError, Unsupported, counted, install, unknown
 
@@ -98,8 +97,6 @@ def inspect(
     torques: Annotated[bool, typer.Option("--torques", help="only what drives have to supply, by inverse dynamics "
                                                             "of truth and engines: at the start for constant rates, "
                                                             "and compared at random states")] = False,
-    derivatives: Annotated[bool, typer.Option("--derivatives", help="only derivatives of accelerations at the start: "
-                                              "`crosscheck derivatives`, with --engine for its --source")] = False,
 ) -> None:
     """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations.
 
@@ -117,8 +114,6 @@ def inspect(
 
     if torques:
         raise typer.Exit(_torques(scene, engine, states, seed))
-    if derivatives:
-        judge_derivatives(scene, engine)
     if form is not None and form not in CHOICES["form"]:
         raise ArgumentError(unknown("--form", form, CHOICES["form"]))
     if other is not None:

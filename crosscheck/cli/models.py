@@ -1,4 +1,4 @@
-"""Models and their equations: `crosscheck import`, `export`, `derivatives`, `modes`, `reproduce`, `bisect`."""
+"""Models and their equations: `crosscheck import`, `export`, `linearise`, `reproduce`, `bisect`."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from crosscheck.files import put
 
 if TYPE_CHECKING:
     from crosscheck.jointspace.verdicts import Verdict
+    from crosscheck.scene.model import Scene
 
 
 @options.starting
@@ -86,26 +87,41 @@ SOURCES = (*(f"pinocchio:{way}" for way in ("aba", "rnea", "constrained")),
 
 
 @options.starting
-def derivatives(
+def linearise(
     scene: options.SceneName,
     source: Annotated[list[str] | None, typer.Option("--source", help="an engine, engine:way (aba, rnea, constrained, "
                                                      "inverseFD@1e-6, transitionFD, differences) or a class of "
                                                      "your own as module:Class; may be repeated")] = None,
+    modes: Annotated[bool, typer.Option("--modes", help="instead, the eigenvalues of small motions about the start, an "
+                                        "equilibrium or a steady motion")] = False,
+    over: Annotated[str | None, typer.Option(help="modes over a number of the scene and its range, "
+                                             "bodies.bob.mass=1:2 or speed=0:10")] = None,
+    points: Annotated[int, typer.Option(help="values of that number", min=2, max=1001)] = 11,
     as_json: options.AsJson = False,
     out: options.Page = None,
     drop: options.Drop = False,
     at: options.Start = options.REFERENCE,
 ) -> None:
-    """Derivatives of the acceleration at a scene's start: truth, and each source with a verdict.
+    """Derivatives of the acceleration at a scene's start, truth and each source with a verdict; or its modes.
 
     Exit code 0: all are right; 1: one is wrong; 2: it could not be done.
     """
+    asked = options.loaded(scene, drop, at)
+    if modes or over is not None:
+        if source:
+            raise ArgumentError("--source: derivatives have sources, modes are those of truth; leave one out")
+        _modes(asked, over, points, as_json, out)
+    else:
+        _derivatives(asked, source, as_json, out)
+
+
+def _derivatives(scene: Scene, source: list[str] | None, as_json: bool, out: Path | None) -> None:
     from crosscheck.cli.linear_pages import write_derivatives
     from crosscheck.jointspace.derivatives import truth
     from crosscheck.jointspace.laws import smooth
     from crosscheck.jointspace.verdicts import judge
 
-    asked = smooth(options.loaded(scene, drop, at))
+    asked = smooth(scene)
     exact = truth(asked)
     verdicts: list[Verdict] = []
     skipped: dict[str, str] = {}
@@ -152,18 +168,7 @@ def _print_derivatives(exact: Any, verdicts: Any, skipped: dict[str, str]) -> No
         say(f"left out: {', '.join(names)}: {reason}")
 
 
-@options.starting
-def modes(
-    scene: options.SceneName,
-    over: Annotated[str | None, typer.Option(help="a number of the scene and its range, bodies.bob.mass=1:2 or "
-                                             "speed=0:10")] = None,
-    points: Annotated[int, typer.Option(help="values of that number", min=2, max=1001)] = 11,
-    as_json: options.AsJson = False,
-    out: options.Page = None,
-    drop: options.Drop = False,
-    at: options.Start = options.REFERENCE,
-) -> None:
-    """Eigenvalues of small motions about a scene's start, an equilibrium or a steady motion."""
+def _modes(scene: Scene, over: str | None, points: int, as_json: bool, out: Path | None) -> None:
     import numpy as np
 
     from crosscheck.cli.linear_pages import write_modes
@@ -171,28 +176,27 @@ def modes(
     from crosscheck.jointspace.modes import modes as find
     from crosscheck.scene.paths import changed, unit
 
-    asked = options.loaded(scene, drop, at)
-    small, path, over_numbers = find(asked), "", {}
+    small, path, over_numbers = find(scene), "", {}
     if over is not None:
         path, _, span = over.partition("=")
         try:
             low, high = (float(each) for each in span.split(":"))
         except ValueError:
             raise ArgumentError(f"--over: {over!r} is not understood; write PATH=FROM:TO, such as speed=0:10") from None
-        over_numbers = {value: find(at_speed(asked, value) if path == "speed" else changed(asked, {path: value})
+        over_numbers = {value: find(at_speed(scene, value) if path == "speed" else changed(scene, {path: value})
                                     ).eigenvalues for value in np.linspace(low, high, points).tolist()}
     told = {f"{value:.10g}": values for value, values in over_numbers.items()} or {"": small.eigenvalues}
     if out is not None:
-        print(f"page: {write_modes(out, asked, small, path, over_numbers)}", file=sys.stderr)
+        print(f"page: {write_modes(out, scene, small, path, over_numbers)}", file=sys.stderr)
     if as_json:
-        options.print_json({"scene": asked.name, "over": path, "unit": unit(path), "eigenvalues": {
+        options.print_json({"scene": scene.name, "over": path, "unit": unit(path), "eigenvalues": {
             key: [[value.real, value.imag] for value in values] for key, values in told.items()}})
         return
     for key, values in told.items():
         zeros = int(np.count_nonzero(values == 0))
         text = "  ".join(f"{value.real:.14g}" if value.imag == 0 else f"{value.real:.14g} {value.imag:+.14g}i"
                          for value in values if value != 0)
-        say(f"{asked.name}{f', {path} = {key} {unit(path)}'.rstrip() if key else ''}: {text or 'none'}"
+        say(f"{scene.name}{f', {path} = {key} {unit(path)}'.rstrip() if key else ''}: {text or 'none'}"
             + (f"; {zeros} of zero" if zeros else "") + " (1/s)")
 
 

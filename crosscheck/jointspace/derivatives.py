@@ -75,7 +75,7 @@ def derivatives(scene: Scene | str | os.PathLike[str], source: object = "truth",
     Parameters
     ----------
     scene : a Scene, a built-in name or a path
-    source : "truth"; an engine, "engine:way", where ways are listed by `crosscheck derivatives`; or an object or
+    source : "truth"; an engine, "engine:way", where ways are listed by `crosscheck linearise`; or an object or
         "module:Class" of an own engine that has `derivatives(scene, state)`
     state : (q, v), (n,) each in the order of `scene.coordinates`; None: the start
 

@@ -15,7 +15,7 @@ def pages(tmp_path_factory):
     (out / "hung.json").write_text(json.dumps(described(0.0)), "utf-8")
     for name, *arguments in (("modes", str(out / "hung.json"), "--over", "gravity.2=-12:-8", "--points", "3"),
                              ("derivatives", "hinge_pendulum")):
-        answer = CliRunner().invoke(app, [name, *arguments, "--out", str(out / name)])
+        answer = CliRunner().invoke(app, ["linearise", *arguments, "--out", str(out / name)])
         assert (out / name / "index.html").exists(), answer.output
     return out
 

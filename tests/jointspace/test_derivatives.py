@@ -462,10 +462,10 @@ def test_blocks_claim_what_they_are():
 
 
 def test_the_command_finds_pinocchios_damping_and_mujocos_curve():
-    answer = CliRunner().invoke(app, ["derivatives", "hinge_pendulum", "--source", "mujoco", "--json"])
+    answer = CliRunner().invoke(app, ["linearise", "hinge_pendulum", "--source", "mujoco", "--json"])
     assert answer.exit_code == 0, answer.output
     assert json.loads(answer.output)["verdicts"][0]["right"]
-    answer = CliRunner().invoke(app, ["derivatives", "branching_tree"])
+    answer = CliRunner().invoke(app, ["linearise", "branching_tree"])
     assert answer.exit_code == 1
     assert "✗ pinocchio:aba" in answer.output
     assert "the damping of joints is left out (da_dv)" in answer.output
@@ -486,7 +486,7 @@ def test_a_model_file_is_inspected(tmp_path):
 @pytest.mark.parametrize(("scene", "name"), [("hinge_pendulum", "da_dq"), ("four_bar", "tangent")])
 def test_the_page_of_derivatives(tmp_path, scene, name):
     sources = ("pinocchio:differences", *(f"mujoco:inverseFD@1e-{k}" for k in (4, 5, 6)))
-    answer = CliRunner().invoke(app, ["derivatives", scene, "--out", str(tmp_path), *(
+    answer = CliRunner().invoke(app, ["linearise", scene, "--out", str(tmp_path), *(
         word for source in sources for word in ("--source", source))])
     assert answer.exit_code == (scene == "four_bar"), answer.output
     text = (tmp_path / "index.html").read_text("utf-8")

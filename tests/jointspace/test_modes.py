@@ -125,23 +125,23 @@ def test_shapes_are_eigenvectors_on_the_bodies():
 
 
 def test_the_command_over_speed():
-    answer = CliRunner().invoke(app, ["modes", "bicycle", "--over", "speed=4:6", "--points", "3", "--json"])
+    answer = CliRunner().invoke(app, ["linearise", "bicycle", "--over", "speed=4:6", "--points", "3", "--json"])
     assert answer.exit_code == 0, answer.output
     told = json.loads(answer.output)["eigenvalues"]
     assert list(told) == ["4", "5", "6"]
     assert min(abs(complex(*value) - BICYCLE[5][0]) for value in told["5"]) < 1e-12
-    answer = CliRunner().invoke(app, ["modes", "bicycle"])
+    answer = CliRunner().invoke(app, ["linearise", "--modes", "bicycle"])
     assert "-0.7753418821958" in answer.output
     assert "6 of zero" in answer.output
     for wrong in ("speed", "speed=1", "weight=1:2"):
-        assert CliRunner().invoke(app, ["modes", "bicycle", "--over", wrong]).exception is not None
+        assert CliRunner().invoke(app, ["linearise", "bicycle", "--over", wrong]).exception is not None
 
 
 def test_the_page_has_eigenvalues_with_units_and_shapes_in_motion(tmp_path):
     file = tmp_path / "hung.json"
     file.write_text(json.dumps(described(0.0)), "utf-8")
-    answer = CliRunner().invoke(app, ["modes", str(file), "--over", "bodies.body.mass=1:3", "--points", "3", "--out",
-                                      str(tmp_path / "page")])
+    answer = CliRunner().invoke(app, ["linearise", str(file), "--over", "bodies.body.mass=1:3", "--points", "3",
+                                      "--out", str(tmp_path / "page")])
     assert answer.exit_code == 0, answer.output
     assert "bodies.body.mass = 2 kg: " in answer.output
     text = (tmp_path / "page/index.html").read_text("utf-8")

@@ -114,7 +114,7 @@ def test_what_overlaps_at_the_start_is_listed_and_the_rest_watched(tmp_path):
     assert len(scene.monitors) == 2
 
 
-@pytest.mark.parametrize("command", ["run", "truth", "judge", "explain", "advise", "import", "derivatives", "modes",
+@pytest.mark.parametrize("command", ["run", "truth", "judge", "explain", "advise", "import", "linearise",
                                      "reproduce", "bisect", "verify"])
 def test_every_command_takes_a_start(command):
     told = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output

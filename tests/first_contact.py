@@ -1,7 +1,7 @@
 """Commands on random arms, logs and engines of the user's own: whatever is typed, none ends in an internal error.
 
     python -m tests.first_contact 300 --budget 5                    # of each of judge, inspect, run, advise
-    python -m tests.first_contact 30 --only verify,truth,import     # of others
+    python -m tests.first_contact 30 --only verify,truth,convert    # of others
 
 Draws that once ended in one are in `tests/seeds/first_contact.txt`.
 """
@@ -677,9 +677,8 @@ COMMANDS: dict[str, Callable[[Random, Path, Path], list[str]]] = {
     "verify": verify,
     "explain": explain,
     "truth": _scene_alone((0.3, ("--floor",)), (0.1, ("--csv", "-"))),
-    "import": import_,
+    "convert": lambda random, path, folder: random.choice((import_, export))(random, path, folder),
     "linearise": linearise,
-    "export": export,
     "reproduce": _scene_alone((0.3, ("--method", "Euler")), (0.2, ("--step", "0")), (0.2, ("--issue", "issue.md"))),
     "history": history,
     "study": lambda random, path, folder: random.choice((study, sweep))(random, path, folder),
@@ -694,8 +693,7 @@ COMMANDS: dict[str, Callable[[Random, Path, Path], list[str]]] = {
 def drawn(command: str, seed: int, folder: Path) -> list[str]:
     """The words of a case, whose files are written to the folder."""
     random = Random(f"{command} {seed}")
-    kinds = ("urdf", "xml") if command == "import" else ("urdf", "xml", "toml")
-    return [command, *COMMANDS[command](random, arm(random, folder, kinds), folder)]
+    return [command, *COMMANDS[command](random, arm(random, folder, ("urdf", "xml", "toml")), folder)]
 
 
 def outcome(words: list[str], folder: Path, budget: float) -> SimpleNamespace:

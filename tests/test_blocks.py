@@ -41,7 +41,7 @@ BLOCK = re.compile(r"(?:<!-- run: (?P<how>[^\n]+) -->\n)?^```(?P<language>[\w{}-
                    re.DOTALL | re.MULTILINE)
 SHOWN = {"math", "{toctree}", "{eval-rst}", "{code-cell}", "text"}
 """Blocks that are only read: formulas, parts of the site, cells that run when it is built, output."""
-QUICK = {"list", "import", "history"}
+QUICK = {"list", "convert", "history"}
 SMOKE = "--profile smoke --jobs 1 --out out"
 SHORTER = {
     "run": "--duration 0.1", "verify": SMOKE, "nightly": f"{SMOKE} --scene single_pendulum --engine lieeuler",
@@ -127,7 +127,7 @@ def desk(block: Block, place, report=None) -> None:
                                started=f"2026-11-{day}T02:00:00+00:00")
             save(store, run_from_document(f"2026-11-{day}T02-00-00Z-00ff", content, good=True))
     if "robot.toml" in block.text:
-        assert CliRunner().invoke(app, ["import", str(place / "robot.urdf"), "-o", str(place / "robot.toml"), "--drop"
+        assert CliRunner().invoke(app, ["convert", str(place / "robot.urdf"), "-o", str(place / "robot.toml"), "--drop"
                                         ]).exit_code == 0
 
 

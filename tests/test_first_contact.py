@@ -6,7 +6,7 @@ from tests import first_contact
 
 
 @pytest.mark.parametrize(("command", "seed"), [
-    *first_contact.seeds(), ("judge", 3), ("inspect", 2), ("run", 6), ("advise", 4), ("import", 1), ("history", 0)])
+    *first_contact.seeds(), ("judge", 3), ("inspect", 2), ("run", 6), ("advise", 4), ("convert", 1), ("history", 0)])
 def test_no_command_ends_in_an_internal_error(command, seed):
     words, result = first_contact.case(command, seed, 5.0)
     assert not first_contact.wrong(result), " ".join(words)

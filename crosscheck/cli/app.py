@@ -23,12 +23,12 @@ from crosscheck.errors import CrosscheckError, missing, named
 
 COMMANDS = {
     "verify": "verify", "judge": "runs", "run": "runs", "advise": "runs", "inspect": "engines", "explain": "runs",
-    "study": "study", "linearise": "models", "truth": "runs", "import": "models",
-    "export": "models", "nightly": "verify", "history": "history", "list": "engines",
+    "study": "study", "linearise": "models", "truth": "runs", "convert": "models",
+    "nightly": "verify", "history": "history", "list": "engines",
     "reproduce": "models", "bisect": "models", "report": "verify"}
 """The file of each command. The first five answer most questions."""
 
-FUNCTIONS = {"list": "list_", "import": "import_", "history": "alone", "study": "alone"}
+FUNCTIONS = {"list": "list_", "history": "alone", "study": "alone"}
 """The function of a command with another name. Those with commands of their own have `alone`, and an `app`."""
 
 
@@ -40,7 +40,8 @@ REPORT = ("please report it where you have crosscheck from, with the command, it
 
 RENAMED = {"diff": ("inspect",), "support": ("list", "--support"), "paper": ("report", "--format", "paper"),
            "law": ("advise",), "sweep": ("study", "sweep"),
-           "derivatives": ("linearise",), "modes": ("linearise", "--modes")}
+           "derivatives": ("linearise",), "modes": ("linearise", "--modes"),
+           "import": ("convert",), "export": ("convert",)}
 """Former commands, and the words that replace them."""
 
 

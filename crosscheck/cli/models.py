@@ -1,7 +1,8 @@
-"""Models and their equations: `crosscheck import`, `export`, `linearise`, `reproduce`, `bisect`."""
+"""Models and their equations: `crosscheck convert`, `linearise`, `reproduce`, `bisect`."""
 
 from __future__ import annotations
 
+import inspect
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,9 +20,10 @@ if TYPE_CHECKING:
 
 
 @options.starting
-def import_(
-    model: Annotated[Path, typer.Argument(help="an MJCF (.xml) or URDF (.urdf) file")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="the scene file, .toml")],
+def convert(
+    model: options.SceneName,
+    out: Annotated[Path, typer.Option("--out", "-o", help="of a model a scene, .toml; of both .xml (MJCF), .urdf, or "
+                                      ".py, which runs Exudyn")],
     drop: options.Drop = False,
     at: options.Start = options.REFERENCE,
     base: Annotated[str, typer.Option(help="fixed or free: the body or link that everything hangs on")] = "fixed",
@@ -38,43 +40,49 @@ def import_(
     duration: Annotated[float, typer.Option(help="s, of the scene")] = 2.0,
     samples: Annotated[int, typer.Option(help="number of output times of the scene")] = 101,
 ) -> None:
-    """Convert an MJCF or URDF model to a scene file; refuse what a scene cannot hold, or drop and list it.
+    """Convert a model, MJCF or URDF, to a scene, or a scene to a model; refuse what does not fit, or drop and list it.
 
     Exit code 0: written; 2: refused, and nothing is written.
     """
+    from crosscheck.adapters.export import export_model
+    from crosscheck.scene.models import import_file, import_model, is_model
+
+    given: dict[str, Any] = {
+        "drop": drop, "base": base, "balance": balance, "root": root, "actuators": actuators, "limits": limits,
+        "contacts": contacts, "friction": friction, "start": int(start) if start.isdigit() else start,
+        "controls": options.controls(control) or None, "within": within, "duration": duration, "samples": samples,
+        **at.given}
+    if is_model(model):
+        with waiting(f"reading {model}"):
+            scene: Any = import_file(model, out, **given) if out.suffix == ".toml" else import_model(model, **given)
+        _print_imported(scene)
+    else:
+        scene, usual = model, inspect.signature(import_model).parameters
+        if changed := [name for name, value in given.items() if value != usual[name].default]:
+            raise ArgumentError(f"{', '.join(changed)}: options of a model file, .xml or .urdf, not of {model}")
+        if out.suffix == ".toml":
+            raise ArgumentError(f"{model} is a scene already; --out ends in .xml (MJCF), .urdf or .py")
+    left_out = () if out.suffix == ".toml" else export_model(scene, out)
+    typer.echo(f"written: {out}")
+    for words in left_out:
+        typer.echo(f"left out: {words}")
+
+
+def _print_imported(scene: Scene) -> None:
+    """Print what a scene of a model has, holds until and leaves out, and whether lieeuler can run it."""
     from crosscheck import adapters
     from crosscheck.adapters.base import RunSpec
-    from crosscheck.scene.models import import_file
     from crosscheck.scene.models.words import shortened
 
-    with waiting(f"reading {model.name}"):
-        scene = import_file(model, out, drop=drop, base=base, duration=duration, samples=samples,
-                            balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
-                            friction=friction, start=int(start) if start.isdigit() else start,
-                            controls=options.controls(control), within=within, **at.given)
     typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
                f"{counted(len(scene.forces), 'force')}")
     if scene.monitors:
         typer.echo(f"it holds until the first of {counted(len(scene.monitors), 'monitor')}: a joint leaves its range, "
                    "or two bodies touch")
-    typer.echo(f"written: {out}")
     for words in shortened(scene.left_out):
         typer.echo(f"left out: {words}")
     if (reason := adapters.get("lieeuler").unsupported(scene, RunSpec("taylor", rtol=1e-9))) is not None:
         typer.echo(f"lieeuler cannot run it: {reason}")
-
-
-def export(
-    scene: options.SceneName,
-    out: Annotated[Path, typer.Option("--out", "-o", help="the file: .xml (MJCF), .urdf, or .py, which runs Exudyn")],
-) -> None:
-    """Convert a scene to MJCF, URDF or a script for Exudyn; refuse, by name, what the format cannot hold."""
-    from crosscheck.adapters.export import export_model
-
-    left_out = export_model(scene, out)
-    typer.echo(f"written: {out}")
-    for words in left_out:
-        typer.echo(f"left out: {words}")
 
 
 STEPS = ("1e-2", "1e-3", "1e-4", "1e-5", "1e-6", "1e-7", "1e-8", "1e-9")

@@ -179,7 +179,7 @@ def _truth(scene: Scene) -> tuple[States | None, str]:
         return None, f"no truth of the scene's law: {error}"
     if at_rest(scene, exact.states):
         raise Unsupported(f"{scene.name}: nothing moves in it, so that no law shows; let it start in motion, a model "
-                          "file by crosscheck import FILE --start random -o SCENE.toml")
+                          "file by crosscheck convert FILE --start random -o SCENE.toml")
     return exact.states, ""
 
 

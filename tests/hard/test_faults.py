@@ -37,7 +37,7 @@ def commands(folder):
     yield "study", ("sweep", str(folder.parent / "sweep.json"), "--out", str(folder / "sweep")), "sweep"
     yield "run", (*PENDULUM, "--csv", str(folder / "run.csv")), "run.csv"
     yield "truth", ("single_pendulum", "--csv", str(folder / "truth.csv")), "truth.csv"
-    yield "export", ("chain_64", "--out", str(folder / "chain.xml")), "chain.xml"
+    yield "convert", ("chain_64", "--out", str(folder / "chain.xml")), "chain.xml"
 
 
 def ask(name, words, **more):

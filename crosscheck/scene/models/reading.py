@@ -98,7 +98,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
                         if any(each.what.startswith(begins) for each in reading.lost))
         offer = "give --drop (drop=True) to leave all this out"
         if all(each.what.startswith(tuple(DROPPED.values())) for each in reading.lost):
-            offer = f"crosscheck import {some} leaves this out, --drop all actuators, friction, limits and contacts"
+            offer = f"crosscheck convert {some} leaves this out, --drop all actuators, friction, limits and contacts"
         raise SceneError(f"{model.path}: a scene cannot hold {words}; {offer}")
     left_out = [*(each._replace(what=ACTS + each.what) if str(each.value).startswith(AT_START) else each
                   for each in reading.lost), *reading.noted]

@@ -114,7 +114,7 @@ def test_what_overlaps_at_the_start_is_listed_and_the_rest_watched(tmp_path):
     assert len(scene.monitors) == 2
 
 
-@pytest.mark.parametrize("command", ["run", "truth", "judge", "explain", "advise", "import", "linearise",
+@pytest.mark.parametrize("command", ["run", "truth", "judge", "explain", "advise", "convert", "linearise",
                                      "reproduce", "bisect", "verify"])
 def test_every_command_takes_a_start(command):
     told = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
@@ -123,7 +123,7 @@ def test_every_command_takes_a_start(command):
 
 def test_a_start_from_the_command_line(tmp_path):
     path = written(tmp_path, MJCF, "arm.xml")
-    told = CliRunner().invoke(app, ["import", str(path), "-o", str(tmp_path / "arm.toml"), "--qpos", ".2,.4,.5",
+    told = CliRunner().invoke(app, ["convert", str(path), "-o", str(tmp_path / "arm.toml"), "--qpos", ".2,.4,.5",
                                     "--qvel", "0 1 -1"])
     assert told.exit_code == 0
     scene = crosscheck.load_scene(tmp_path / "arm.toml")

@@ -214,7 +214,7 @@ def test_a_bad_file_is_one_clear_line_and_leaves_nothing_behind(name, tmp_path, 
     with pytest.raises(crosscheck.SceneError, match=WORDS[name]) as caught:
         crosscheck.import_model(name)
     assert "\n" not in str(caught.value)
-    assert CliRunner().invoke(app, ["import", name, "-o", "scene.toml"]).exit_code != 0
+    assert CliRunner().invoke(app, ["convert", name, "-o", "scene.toml"]).exit_code != 0
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
@@ -302,7 +302,7 @@ def test_the_command_writes_a_scene_that_is_the_model(tmp_path, monkeypatch):
 
     monkeypatch.chdir(tmp_path)
     path = written(tmp_path, ARM_URDF, "arm.urdf")
-    told = CliRunner().invoke(app, ["import", "arm.urdf", "-o", "arm.toml", "--drop"])
+    told = CliRunner().invoke(app, ["convert", "arm.urdf", "-o", "arm.toml", "--drop"])
     assert told.exit_code == 0, told.output
     assert "it holds until the first of 1 monitor: a joint leaves its range" in told.output
     scene = crosscheck.load_scene("arm.toml")
@@ -310,6 +310,11 @@ def test_the_command_writes_a_scene_that_is_the_model(tmp_path, monkeypatch):
     assert not scene.left_out
     assert [monitor.joint for monitor in scene.monitors] == ["reach"]  # its limits are watched
     assert CliRunner().invoke(app, ["run", "arm.urdf", "--drop", "--duration", "0.1"]).exit_code == 0
+    assert CliRunner().invoke(app, ["convert", "arm.urdf", "-o", "arm.xml", "--drop"]).exit_code == 0
+    assert crosscheck.import_model("arm.xml", drop=True).bodies[0].mass == scene.bodies[0].mass
+    for words, said in ((["arm.toml", "-o", "b.toml"], "is a scene already"),
+                        (["arm.toml", "-o", "b.xml", "--base", "free"], "base: options of a model file")):
+        assert said in str(CliRunner().invoke(app, ["convert", *words]).exception)
     refused = CliRunner().invoke(app, ["run", "single_pendulum", "--limits", "keep"])
     assert "--limits go with a model file" in " ".join(str(refused.exception or refused.output).split())
 

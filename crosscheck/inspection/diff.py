@@ -22,7 +22,7 @@ from crosscheck.errors import SceneError
 from crosscheck.inspection import admissible
 from crosscheck.scene.coordinates import relative_pose
 from crosscheck.scene.file import as_scene
-from crosscheck.scene.laws import Shape
+from crosscheck.scene.laws import DryFriction, Shape
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import (
     GROUND,
@@ -47,6 +47,9 @@ STATES, SEED = 3, 0
 _PLACES = frozenset({"name", "type", "parent", "child", "parent_anchor", "child_anchor", "parent_axis", "child_axis",
                      "reference", "start", "mimic", "damping", "stiffness", "rest_position"})
 """Fields of a joint that are compared by themselves; any other is compared as it is."""
+
+_HELD = {"dry friction of joint": "dry_friction", "limits of joint": "limits", "mimic of joint": "mimic"}
+"""The field of a joint that holds what an import may have left out."""
 
 
 JointData = dict[str, dict[str, tuple[float | str, ...]]]
@@ -469,8 +472,20 @@ class _Comparison:
             a, b = (("there" if side[each].value == "" else side[each].value) if each in side else "missing"
                     for side in (here, there))
             if not _alike(a, b):
-                where, what, _ = here.get(each) or there[each]
-                self._tell(where if each in here else back.get(where, where), what.removesuffix(" of joint"), a, b)
+                where, what, value = here.get(each) or there[each]
+                where = where if each in here else back.get(where, where)
+                if not self._held(where, what, each in here, f"left out ({_shown(_plain(value))})"):
+                    self._tell(where, what.removesuffix(" of joint"), a, b)
+
+    def _held(self, where: str, what: str, first: bool, left_out: str) -> bool:
+        """Whether one scene holds what the other, the `first` or not, left out; the difference then says so."""
+        for k, each in enumerate(self.differences):
+            if each.where == where and each.what == _HELD.get(what):
+                held = each.b if first else each.a
+                pair = (left_out, held) if first else (held, left_out)
+                self.differences[k] = Difference(where, what.removesuffix(" of joint"), *pair)
+                return True
+        return False
 
     def _shapes(self) -> dict[str, str]:
         """Compare the shapes of matched bodies; those of the second model by their names in the first."""
@@ -628,7 +643,9 @@ def _outline(shape: Shape, turn: np.ndarray, shift: np.ndarray) -> dict[str, Any
 
 
 def _plain(value: object) -> Any:
-    """Arrays and records as tuples of numbers."""
+    """Arrays and records as tuples of numbers; friction with one value as that value."""
+    if isinstance(value, DryFriction) and value.static == value.sliding:
+        return float(value.sliding)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = dataclasses.astuple(value)
     if isinstance(value, Iterable) and not isinstance(value, str):
@@ -665,5 +682,5 @@ def _shown(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.7g}"
     if isinstance(value, tuple):
-        return "(" + ", ".join(map(_shown, value)) + ")"
+        return _shown(value[0]) if len(value) == 1 else "(" + ", ".join(map(_shown, value)) + ")"
     return str(value) if value not in ("", None) else "nothing"

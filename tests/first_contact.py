@@ -534,6 +534,8 @@ def run(random: Random, path: Path, folder: Path) -> list[str]:
             (0.1, ("--csv", "-")),
             (0.1 if path.suffix != ".toml" else 0, ("--limits", "keep")),
             (0.1, ("--reduce", random.choice(("off", "planar", "joints")))),
+            (0.1, ("--script",)),
+            (0.05, ("--script", "--issue", "issue.md")),
         ),
     ]
 
@@ -679,7 +681,6 @@ COMMANDS: dict[str, Callable[[Random, Path, Path], list[str]]] = {
     "truth": _scene_alone((0.3, ("--floor",)), (0.1, ("--csv", "-"))),
     "convert": lambda random, path, folder: random.choice((import_, export))(random, path, folder),
     "linearise": linearise,
-    "reproduce": _scene_alone((0.3, ("--method", "Euler")), (0.2, ("--step", "0")), (0.2, ("--issue", "issue.md"))),
     "history": history,
     "study": lambda random, path, folder: random.choice((study, sweep))(random, path, folder),
     "report": lambda random, path, folder: [

@@ -25,7 +25,7 @@ COMMANDS = {
     "verify": "verify", "judge": "runs", "run": "runs", "advise": "runs", "inspect": "engines", "explain": "runs",
     "study": "study", "linearise": "models", "truth": "runs", "convert": "models",
     "nightly": "verify", "history": "history", "list": "engines",
-    "reproduce": "models", "bisect": "models", "report": "verify"}
+    "bisect": "models", "report": "verify"}
 """The file of each command. The first five answer most questions."""
 
 FUNCTIONS = {"list": "list_", "history": "alone", "study": "alone"}
@@ -41,7 +41,8 @@ REPORT = ("please report it where you have crosscheck from, with the command, it
 RENAMED = {"diff": ("inspect",), "support": ("list", "--support"), "paper": ("report", "--format", "paper"),
            "law": ("advise",), "sweep": ("study", "sweep"),
            "derivatives": ("linearise",), "modes": ("linearise", "--modes"),
-           "import": ("convert",), "export": ("convert",)}
+           "import": ("convert",), "export": ("convert",),
+           "reproduce": ("run", "--script", "--engine", "mujoco", "--method", "RK4", "--step", "1e-3")}
 """Former commands, and the words that replace them."""
 
 

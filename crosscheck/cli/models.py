@@ -1,9 +1,10 @@
-"""Models and their equations: `crosscheck convert`, `linearise`, `reproduce`, `bisect`."""
+"""Models and their equations: `crosscheck convert`, `linearise`, `bisect`."""
 
 from __future__ import annotations
 
 import inspect
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -208,30 +209,20 @@ def _modes(scene: Scene, over: str | None, points: int, as_json: bool, out: Path
             + (f"; {zeros} of zero" if zeros else "") + " (1/s)")
 
 
-Method = Annotated[str, typer.Option(help="an integrator of the engine")]
-Step = Annotated[float, typer.Option(help="fixed step, s")]
-Issue = Annotated[Path | None, typer.Option(help="write a text ready to file: versions, script, expected, observed")]
+def write_script(scene: str, engine: str, method: str, step: float | None, given: Mapping[str, Any], at: options.Start,
+                 out: Path | None, issue: Path | None) -> None:
+    """Write the script of `crosscheck run --script` to a file or the terminal, and a text ready to file.
 
-
-@options.starting
-def reproduce(
-    scene: options.SceneName,
-    engine: Annotated[str, typer.Option(help="mujoco")] = "mujoco",
-    method: Method = "RK4",
-    step: Step = 1e-3,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="file for the script; default: the terminal")] = None,
-    issue: Issue = None,
-    duration: options.Duration = None,
-    at: options.Start = options.REFERENCE,
-) -> None:
-    """Print a script that imports the engine and NumPy alone and prints the engine's error against truth.
-
-    Exit code 0: written; 2: no script can hold it.
+    Of the other options given a script holds the duration alone.
     """
     from crosscheck.inspection.bisect import issue as filed
-    from crosscheck.inspection.reproduce import reproduce as written
+    from crosscheck.inspection.reproduce import reproduce
 
-    script = written(scene, engine, method, step, duration, **at.given)
+    if others := [name for name, value in given.items() if value and name != "duration"]:
+        raise ArgumentError(f"--script: a script does not hold {', '.join(others)}; leave it out")
+    if step is None:
+        raise ArgumentError("--script: give --step, s")
+    script = reproduce(scene, engine, method, step, given.get("duration"), **at.given)
     for path, text in ((out, script.text), (issue, filed(script, engine))):
         if path is not None:
             put(path, text)
@@ -245,9 +236,9 @@ def bisect(
     scene: options.SceneName,
     versions: Annotated[str, typer.Option(help="the first and the last release, as 3.1.0..4.0.0")],
     engine: Annotated[str, typer.Option(help="mujoco")] = "mujoco",
-    method: Method = "RK4",
-    step: Step = 1e-3,
-    issue: Issue = None,
+    method: Annotated[str, typer.Option(help="an integrator of the engine")] = "RK4",
+    step: Annotated[float, typer.Option(help="fixed step, s")] = 1e-3,
+    issue: options.Issue = None,
     duration: options.Duration = None,
     at: options.Start = options.REFERENCE,
 ) -> None:

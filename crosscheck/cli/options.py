@@ -51,6 +51,7 @@ Duration = Annotated[float | None, typer.Option(min=1e-6, help="s; default: the 
 Jobs = Annotated[int, typer.Option(help="worker processes")]
 TimeLimit = Annotated[float, typer.Option(help="s for one run and its order study")]
 MemoryLimit = Annotated[float, typer.Option(help="GB resident of one worker process")]
+Issue = Annotated[Path | None, typer.Option(help="write a text ready to file: versions, script, expected, observed")]
 AsJson = Annotated[bool, typer.Option("--json", help="print everything as JSON")]
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]

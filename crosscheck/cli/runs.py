@@ -36,6 +36,10 @@ def run(
     step: Annotated[float | None, typer.Option(help="fixed step, s")] = None,
     rtol: Annotated[float | None, typer.Option(help="relative tolerance of an adaptive method")] = None,
     csv_file: Annotated[str | None, typer.Option("--csv", help="file for the trajectory; - for the terminal")] = None,
+    script: Annotated[bool, typer.Option("--script", help="instead, print a script that imports the engine and NumPy "
+                                         "alone and prints the engine's error against truth (mujoco)")] = False,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="file for the script; default: the terminal")] = None,
+    issue: options.Issue = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the best for the scene")] = None,
     coordinate_map: options.CoordinateMap = None,
     softness: options.Softness = None,
@@ -74,6 +78,12 @@ def run(
              "beta": beta, "spectral_radius": spectral_radius, "correction": correction,
              "conserve": conserve, "reduce": reduce, "samples": samples, "duration": duration}
     given = {key: value for key, value in given.items() if value is not None}
+    if script or out is not None or issue is not None:
+        from crosscheck.cli.models import write_script
+
+        write_script(scene, engine, method, step, {
+            **given, "rtol": rtol, "csv": csv_file, "drop": drop, "control": control}, at, out, issue)
+        return
     prepared = options.loaded(scene, drop, at, control, limits)
     with _ending(engine), waiting(f"{engine} {method} runs {prepared.name}"):
         traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **given)

@@ -41,7 +41,7 @@ SCRIPT = '''"""{title}
 
 prints the largest error of {bodies} at {times} times, each quantity over its size, for STEP and its halvings, with the
 observed order. It needs mujoco and numpy. Expected: {source}.
-Written by crosscheck reproduce.
+Written by crosscheck run --script.
 """
 
 import sys
@@ -158,7 +158,7 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
     name = engine.partition("==")[0]
     if name not in ENGINES:
         raise ArgumentError(f"engine: {engine!r}: scripts are written for {', '.join(ENGINES)}; other engines have no "
-                            "integrator or no model format of their own, crosscheck export writes one for Exudyn")
+                            "integrator or no model format of their own, crosscheck convert writes one for Exudyn")
     if method not in INTEGRATORS:
         raise ArgumentError(unknown("method", method, tuple(INTEGRATORS)))
     if not step > 0:

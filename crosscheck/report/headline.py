@@ -165,7 +165,7 @@ MENDS = {"unresolved rest": "give it a start that moves",
 
 
 SCRIPTED = {"--engine", "--method", "--step", "--duration", "--keyframe", "--qpos", "--qvel"}
-"""The options of `crosscheck reproduce`, whose script needs MuJoCo alone."""
+"""The options that `crosscheck run --script` takes, whose script needs MuJoCo alone."""
 
 
 def ending(record: Record, command: str = "") -> str:
@@ -178,7 +178,7 @@ def ending(record: Record, command: str = "") -> str:
     scripted = record.engine.partition("==")[0] == "mujoco" and record.step is not None
     given = {word for word in shlex.split(command) if word.startswith("--")}
     if command.startswith("crosscheck run ") and scripted and given <= SCRIPTED:
-        command = command.replace("crosscheck run ", "crosscheck reproduce ", 1)
+        command += " --script"
     return f"reproduce: {command}" if command else ""
 
 

@@ -162,7 +162,9 @@ def test_progress_names_the_file_of_the_user(tmp_path, monkeypatch):
     (("derivatives", "hinge_pendulum", "--source", "mujoco"), "linearise", "known to"),
     (("modes", "bicycle"), "linearise --modes", "1/s"),
     (("import", "nowhere.urdf", "-o", "x.toml"), "convert", ""),
-    (("export", "heavy_top", "-o", "x.txt"), "convert", "")])
+    (("export", "heavy_top", "-o", "x.txt"), "convert", ""),
+    (("reproduce", "heavy_top", "--duration", "0.1"), "run --script --engine mujoco --method RK4 --step 1e-3",
+     "import mujoco")])
 def test_a_former_command_names_the_new_one_once_and_runs_it(old, new, told):
     done = crosscheck(*old)
     assert done.stderr.splitlines()[0] == f"crosscheck: crosscheck {old[0]} is now: crosscheck {new}"

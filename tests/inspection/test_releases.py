@@ -124,8 +124,8 @@ def test_the_commands_write_the_script_and_the_text_to_file(tmp_path, monkeypatc
 
     from crosscheck.cli.app import app
 
-    told = CliRunner().invoke(app, ["reproduce", "heavy_top", "--engine", "mujoco", "--method", "RK4", "--step", "1e-3",
-                                    "--issue", str(tmp_path / "issue.md")])
+    told = CliRunner().invoke(app, ["run", "heavy_top", "--script", "--engine", "mujoco", "--method", "RK4", "--step",
+                                    "1e-3", "--issue", str(tmp_path / "issue.md")])
     assert told.exit_code == 0, told.output
     assert "import mujoco" in told.output
     assert "```python" in (tmp_path / "issue.md").read_text()

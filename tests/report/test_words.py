@@ -185,7 +185,8 @@ def test_what_is_wrong_or_open_has_a_code_and_an_end(results):
                   command="crosscheck run heavy_top --engine mujoco --method RK4 --step 0.001 --samples 9")
     run = replace(run, code=verdict.code(run))
     assert headline.sentence(run) == "CC103: observed order 2.01, documented 3"
-    assert headline.ending(run) == "reproduce: crosscheck reproduce heavy_top --engine mujoco --method RK4 --step 0.001"
+    assert headline.ending(run) == (
+        "reproduce: crosscheck run heavy_top --engine mujoco --method RK4 --step 0.001 --script")
     assert headline.ending(replace(run, engine="exudyn", command="crosscheck run a --engine exudyn --step 1.0")) == (
         "reproduce: crosscheck run a --engine exudyn --step 1.0")
     assert [outcomes.code("fail", kind) for kind in outcomes.KINDS] == [each.code for each in outcomes.KINDS.values()]

@@ -28,7 +28,7 @@ SCRIPT = '''"""A scene as a model of Exudyn: a node for every body, a constraint
 
 SI units. Nodes are at the centres of mass, with axes along the world's at t = 0; R0 maps the body axes of the scene to
 node axes. Columns: t, then x (world), R (rows, body to world), v (world), w (body axes) of every body.
-Written by crosscheck export with Exudyn {version}.
+Written by crosscheck convert with Exudyn {version}.
 """
 
 import sys

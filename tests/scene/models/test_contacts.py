@@ -115,7 +115,7 @@ def test_what_overlaps_at_the_start_is_listed_and_the_rest_watched(tmp_path):
 
 
 @pytest.mark.parametrize("command", ["run", "truth", "judge", "explain", "advise", "convert", "linearise",
-                                     "reproduce", "bisect", "verify"])
+                                     "bisect", "verify"])
 def test_every_command_takes_a_start(command):
     told = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
     assert all(f"--{name}" in told for name in ("keyframe", "qpos", "qvel"))

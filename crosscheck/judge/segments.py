@@ -168,7 +168,7 @@ def segments_of(scene: Scene, traj: Motion, truth: Reference | None, open_joints
     for first, last in itertools.pairwise(cut or marks(growth(scene, truth, traj.t), inside, scene.key, claim)):
         given = begun(scene, traj, first, last, modes.get(first)).replace(
             name="elsewhere", description="", source="", tags=())
-        start = (closed(given) or given) if open_joints else given
+        start = (closed(given, scene) or given) if open_joints else given
         made.append(Segment(first, last, given, start, modes.get(first)))
     return made
 

@@ -66,7 +66,7 @@ def moved(start: Scene, sizes: Mapping[str, float], share: float, seed: int = 0,
     x, turn, v, w = (sizes[name] * kick for name, kick in zip(STATE, kicks, strict=True))
     made = start.replace(bodies=bodies_at(start, Configuration(
         start.x0 + x, quaternion_from_rotation(start.R0 @ exponential(turn)), start.v0 + v, start.w0 + w)))
-    return closed(made) if closing else made
+    return closed(made, start) if closing else made
 
 
 def grown(beside: States, states: States, sizes: Mapping[str, float], size: float, keep: np.ndarray) -> float:

@@ -38,8 +38,10 @@ _NEAR = 0.05  # parts of the scene's length, and rad: steps smaller than this co
 _LARGEST_TURN = 0.5  # rad in one correction: for larger ones the chart of a rotation is far from linear
 
 
-def completed(draft: Draft) -> Scene:
+def completed(draft: Draft, keeping: Scene | None = None) -> Scene:
     """The scene with its whole initial state, joints closed to rounding level in position and velocity.
+
+    Prismatic and fixed joints keep the relative attitudes of the scene `keeping`, by default those given.
 
     Raises
     ------
@@ -57,7 +59,7 @@ def completed(draft: Draft) -> Scene:
                 joint.parent_axis @ scene.R0[joint.child] @ joint.child_axis) > _UPRIGHT:
             raise EntryError(f'joints[{index}] "{joint.name}"', "the disk lies flat on its plane, so that no point of "
                              "its rim is the lowest", f'tilt the attitude of "{scene.bodies[joint.child].name}"')
-    constraints = Constraints(scene)  # before any correction: prismatic and fixed joints keep this relative attitude
+    constraints = Constraints(keeping or scene)  # before any correction
     state = _tree_positions(draft, state, shifts)
     if not draft.assemble:
         phi = constraints.position(state.x[None], state.R[None])[0]
@@ -84,11 +86,14 @@ def completed(draft: Draft) -> Scene:
     return done
 
 
-def closed(scene: Scene) -> Scene | None:
-    """The scene with its joints closed by the least change of its state; None if that fails."""
+def closed(scene: Scene, keeping: Scene | None = None) -> Scene | None:
+    """The scene with its joints closed by the least change of its state; None if that fails.
+
+    `keeping`: the scene whose relative attitudes prismatic and fixed joints keep, where this one has drifted from it.
+    """
     given = (True,) * scene.n
     try:
-        return completed(Draft(scene, given, given, assemble=True))
+        return completed(Draft(scene, given, given, assemble=True), keeping)
     except EntryError:
         return None
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from msgspec.structs import replace
 
 from crosscheck import references
@@ -9,6 +11,7 @@ from crosscheck.compare.sizes import sizes
 from crosscheck.document import AS_PLANNED, Asked, Plan, SceneTruth, Truth
 from crosscheck.errors import Unsupported, said
 from crosscheck.judge.rounding import rounding_of
+from crosscheck.judge.segments import claimed
 from crosscheck.references import TruthError
 from crosscheck.references.base import GROWN
 from crosscheck.scene.file import load_scene
@@ -38,10 +41,13 @@ def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED
     try:
         try:
             reference = references.truth(load(name, planned(None, most_seconds)))
+            ends = claimed(reference)
         except references.Chaotic as early:  # before the first output time, where a monitor fires
             if asked.duration is not None:
                 raise
-            most_seconds = early.horizon
+            ends = early.horizon
+        if asked.duration is None and ends < math.inf:  # outputs beyond the end of a claim show nothing
+            most_seconds = ends
             reference = references.truth(load(name, planned(None, most_seconds)))
     except (Unsupported, TruthError) as error:
         plan = planned(None, most_seconds)

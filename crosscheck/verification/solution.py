@@ -32,7 +32,7 @@ from crosscheck.document import Finding, Order, Record, Rung
 from crosscheck.errors import Unsupported
 from crosscheck.judge.rounding import EPS, grading
 from crosscheck.judge.rules import RESOLVED, WHY, Check, Rule, findings, limit_check, shares, told, visible
-from crosscheck.judge.segments import Segment, fill, growth, segments_of
+from crosscheck.judge.segments import SEGMENTS, Segment, fill, growth, segments_of
 from crosscheck.judge.system_flow import MOVED, Flowed, Jump, SystemFlow, grown, moved
 from crosscheck.references import TruthError
 from crosscheck.references.base import Reference
@@ -124,7 +124,7 @@ class Solution:
         self.checks: list[Check] = []
         opened = max(float(np.max(traj.constraint_position)) / self.sizes["position"],
                      float(np.max(traj.constraint_velocity)) / self.sizes["velocity"])
-        self.open = opened > self.grading * max(EPS, self.engine.eps) * max(1, traj.steps)
+        self.open = opened > self.grading * max(EPS, self.engine.eps) * max(1.0, traj.steps / SEGMENTS)
 
     # What rounding and iterations leave
 
@@ -411,7 +411,7 @@ class Solution:
                     break
                 made[k] = _refined(made[k], self.judge_segment(k, *asked[k]))
             if any(check.rule == "limit" and check.status == "fail" for check in made[k]) and self.confirm(*asked[k]):
-                made[k] = self.judge_segment(k, *asked[k])
+                made[k] = _refined(made[k], self.judge_segment(k, *asked[k]))
             if any(check.status == "fail" for check in made[k]):
                 break  # one is enough: the other segments stand as they were asked
             if accused:  # by a coarse answer, which the engine has to give again

@@ -272,6 +272,15 @@ def test_a_loop_that_cannot_close_names_the_joint_with_the_largest_gap():
     assert 5 / 4 - 0.01 <= gap < 5.0
 
 
+def test_a_state_that_has_drifted_is_closed_to_the_attitudes_that_the_scene_keeps():
+    scene = load_scene("prismatic_slider")
+    body = scene.bodies[1]
+    turned = dataclasses.replace(body, attitude=np.asarray(body.attitude) + 1e-6 * np.array([0.0, 1.0, -2.0, 3.0]))
+    off = scene.replace(bodies=(scene.bodies[0], turned))
+    rows = Constraints(scene)
+    assert residuals(assembly.closed(off, scene), rows)[0] < 1e-14 < 1e-8 < residuals(assembly.closed(off), rows)[0]
+
+
 def test_assembly_keeps_the_relative_attitude_of_a_fixed_joint():
     rng = np.random.default_rng(9)
     guess = jointed_pair(rng, "fixed")

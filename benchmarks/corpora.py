@@ -179,7 +179,7 @@ def row(judged: Callable[[], Record]) -> dict[str, Any]:
         return {"outcome": "error", "why": f"{type(error).__name__}: {error}", "seconds": time.process_time() - begun}
     bad = [each for each in run.findings if each.status == "fail"]
     worst = max(bad, key=lambda each: each.severity, default=None)
-    return {"outcome": run.outcome, "share": run.share, "seconds": time.process_time() - begun,
+    return {"outcome": run.outcome, "share": run.share, "cost": run.asked_steps, "seconds": time.process_time() - begun,
             "why": run.message or run.not_judged, "worst": None if worst is None else
             [worst.kind, worst.value, worst.bound, worst.detail[:600]]}
 
@@ -202,6 +202,10 @@ def table(file: pathlib.Path) -> None:
     lines = [json.loads(line) for line in file.read_text().splitlines()]
     for (corpus, outcome), count in sorted(Counter((line["corpus"], line["outcome"]) for line in lines).items()):
         print(f"{corpus:12} {outcome:12} {count}")
+    for what, unit in (("cost", "engine steps over the run's"), ("seconds", "s of processor time")):
+        known = [line[what] for line in lines if line.get(what)]
+        if known:
+            print(f"{unit}: median {np.median(known):.3g}, 95 % below {np.quantile(known, 0.95):.3g}")
     for line in lines:
         wanted = "fail" if line["corpus"] in WRONG else "pass"
         if line["outcome"] != wanted:

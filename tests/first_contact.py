@@ -533,7 +533,7 @@ def run(random: Random, path: Path, folder: Path) -> list[str]:
             (0.1, ("--form", random.choice(("tree", "maximal", "pivot", "x")))),
             (0.1, ("--csv", "-")),
             (0.1 if path.suffix != ".toml" else 0, ("--limits", "keep")),
-            (0.1, ("--reduce", random.choice(("off", "planar", "joints")))),
+            (0.2, ("--set", random.choice(("reduce=off", "reduce=x", "softness=tight", "alpha=-1", "x", "x=", "=1")))),
             (0.1, ("--script",)),
             (0.05, ("--script", "--issue", "issue.md")),
         ),

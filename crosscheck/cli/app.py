@@ -45,6 +45,11 @@ RENAMED = {"diff": ("inspect",), "support": ("list", "--support"), "paper": ("re
            "reproduce": ("run", "--script", "--engine", "mujoco", "--method", "RK4", "--step", "1e-3")}
 """Former commands, and the words that replace them."""
 
+SETTINGS = {"--map": "coordinate_map", "--softness": "softness", "--node": "node", "--alpha": "alpha", "--beta": "beta",
+            "--spectral-radius": "spectral_radius", "--correction": "correction", "--reduce": "reduce",
+            "--conserve": "conserve=true", "--no-conserve": "conserve=false"}
+"""Former options, and what --set takes in their place."""
+
 
 @functools.cache
 def loaded(name: str) -> Any:
@@ -83,6 +88,8 @@ class Commands(TyperGroup):
         if args[0] in RENAMED:
             complain(f"crosscheck {args[0]} is now: crosscheck {shlex.join(RENAMED[args[0]])}")
             args = [*RENAMED[args[0]], *args[1:]]
+        if args[0] in COMMANDS:
+            args = list(_renewed(args))
         return super().resolve_command(ctx, args)
 
     def format_help(self, *given: Any) -> None:
@@ -96,6 +103,21 @@ class Commands(TyperGroup):
                          for name, text in summaries.items()}
         super().format_help(*given)
         self.commands = _Commands()
+
+
+def _renewed(args: list[str]) -> Iterator[str]:
+    """The words with --set in place of former options, each of which is named once."""
+    words = iter(args)
+    for word in words:
+        option, equals, value = word.partition("=")
+        setting = SETTINGS.get(option)
+        if setting is None:
+            yield word
+            continue
+        if "=" not in setting:
+            setting = f"{setting}={value if equals else next(words, '')}"
+        complain(f"{option} is now: --set {setting}")
+        yield from ("--set", setting)
 
 
 app = typer.Typer(name="crosscheck", cls=Commands, add_completion=False, rich_markup_mode=None, no_args_is_help=True,

@@ -19,29 +19,10 @@ if TYPE_CHECKING:
     from crosscheck.scene.model import Scene
 
 
-def _known_map(given: str | Sequence[str] | None) -> object:
-    """The map or maps of an option; raises `ArgumentError` for an unknown one."""
-    from crosscheck.adapters.base import CHOICES
-
-    for name in (given,) if isinstance(given, str) else given or ():
-        if name not in CHOICES["coordinate_map"]:
-            raise ArgumentError(unknown("--map", name, CHOICES["coordinate_map"]))
-    return given
-
-
-CoordinateMap = Annotated[str | None, typer.Option("--map", callback=_known_map, help=(
-    "exp, cayley or ccsk: the map from rotation vectors to rotations (lieeuler); default: exp"))]
-Softness = Annotated[str | None, typer.Option(help="tight or default: MuJoCo's equality constraints")]
-Node = Annotated[str | None, typer.Option(help="lie or euler_parameters: Exudyn's rigid bodies")]
-Alpha = Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")]
-Beta = Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")]
-Correction = Annotated[str | None, typer.Option(help="mass or plain: weight of the correction of stabilised methods")]
-Conserve = Annotated[bool | None, typer.Option("--conserve", help="keep energy and momentum of free bodies in twice "
-                                               "the digits: taylor, rkmk54 and rkmk853 of lieeuler with --rtol")]
-SpectralRadius = Annotated[float | None, typer.Option(help="0 to 1, of generalized_alpha; default 0.8")]
-Reduce = Annotated[str | None, typer.Option(help="welded, planar, axis, joints or off (lieeuler)")]
-CoordinateMaps = Annotated[list[str] | None, typer.Option("--map", callback=_known_map, help=(
-    "exp, cayley or ccsk; may be repeated: tables have all, figures the first; default: exp"))]
+Settings = Annotated[list[str] | None, typer.Option("--set", help="KEY=VALUE, an option of the engine's own, such as "
+                                                    "reduce=off; may be repeated; a wrong key lists those that it has")]
+MapSetting = Annotated[list[str] | None, typer.Option("--set", help="coordinate_map=exp, cayley or ccsk: from rotation "
+                                                      "vectors to rotations, of engines that have this option")]
 Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step methods; default: one that suits the scene"
                                             )]
 Scheduler = Annotated[str | None, typer.Option(help="use a Dask scheduler, tcp://host:port, or another executor, "
@@ -118,6 +99,35 @@ def starting(command: Callable[..., None]) -> Callable[..., None]:
     asked.__annotations__ = {each.name: each.annotation for each in every}
     vars(asked)["__signature__"] = inspect.Signature(every)
     return asked
+
+
+def settings(given: Iterable[str] | None) -> dict[str, Any]:
+    """The engine's own options, which are checked where the engine is known; raises `ArgumentError`."""
+    read: dict[str, Any] = {}
+    for each in given or ():
+        name, _, text = each.partition("=")
+        if not name or not text:
+            raise ArgumentError(f"--set: {each!r} is not KEY=VALUE, such as reduce=off")
+        if name in ("method", "step", "rtol", "form", "samples", "duration"):
+            raise ArgumentError(f"--set: {name} is no option of the engine's own; give --{name}")
+        try:
+            read[name] = text == "true" if text in ("true", "false") else float(text)
+        except ValueError:
+            read[name] = text
+    return read
+
+
+def coordinate_map(given: Iterable[str] | None) -> str | None:
+    """The map for runs of many engines, which take no other option of an engine's own; raises `ArgumentError`."""
+    from crosscheck.adapters.base import CHOICES
+
+    for name, value in settings(given).items():
+        if name != "coordinate_map":
+            raise ArgumentError(unknown("--set", name, ("coordinate_map",)) + "; crosscheck run has the others")
+        if value not in CHOICES[name]:
+            raise ArgumentError(unknown(f"--set {name}", value, CHOICES[name]))
+        return str(value)
+    return None
 
 
 def controls(given: Iterable[str] | None) -> dict[str, float]:

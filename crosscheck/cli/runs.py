@@ -41,15 +41,7 @@ def run(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="file for the script; default: the terminal")] = None,
     issue: options.Issue = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the best for the scene")] = None,
-    coordinate_map: options.CoordinateMap = None,
-    softness: options.Softness = None,
-    node: options.Node = None,
-    alpha: options.Alpha = None,
-    beta: options.Beta = None,
-    spectral_radius: options.SpectralRadius = None,
-    correction: options.Correction = None,
-    conserve: options.Conserve = None,
-    reduce: options.Reduce = None,
+    setting: options.Settings = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: options.Duration = None,
     drop: options.Drop = False,
@@ -74,10 +66,8 @@ def run(
             raise ArgumentError(f"--method: {engine} has {', '.join(methods)}: name one of them")
         else:
             method, = methods
-    given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "alpha": alpha,
-             "beta": beta, "spectral_radius": spectral_radius, "correction": correction,
-             "conserve": conserve, "reduce": reduce, "samples": samples, "duration": duration}
-    given = {key: value for key, value in given.items() if value is not None}
+    named = {"form": form, "samples": samples, "duration": duration}
+    given = {key: value for key, value in named.items() if value is not None} | options.settings(setting)
     if script or out is not None or issue is not None:
         from crosscheck.cli.models import write_script
 
@@ -358,13 +348,7 @@ def explain(
     method: Annotated[str | None, typer.Option(help="default: the engine's best")] = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the engine's choice")] = None,
     step: Annotated[float | None, typer.Option(help="s, of the whole run; default: one that suits the scene")] = None,
-    coordinate_map: options.CoordinateMap = None,
-    softness: options.Softness = None,
-    node: options.Node = None,
-    alpha: options.Alpha = None,
-    beta: options.Beta = None,
-    spectral_radius: options.SpectralRadius = None,
-    reduce: options.Reduce = None,
+    setting: options.Settings = None,
     as_json: options.AsJson = False,
     drop: options.Drop = False,
     at: options.Start = options.REFERENCE,
@@ -377,8 +361,7 @@ def explain(
 
     described = options.loaded(scene, drop, at)
     with _ending(engine), waiting(f"causes for {engine} on {scene}"):
-        answer = explain_run(described, engine, method, form, step, coordinate_map=coordinate_map, softness=softness,
-                             node=node, alpha=alpha, beta=beta, spectral_radius=spectral_radius, reduce=reduce)
+        answer = explain_run(described, engine, method, form, step, **options.settings(setting))
     if as_json:
         options.print_json(answer.plain())
     else:

@@ -46,7 +46,7 @@ def verify(
     method: Annotated[list[str] | None, typer.Option(help="a name; may be repeated; default: all")] = None,
     profile: Annotated[str, typer.Option(help="default; smoke: the first second, no timing; full: every "
                                          "scene, within a budget of steps")] = "default",
-    coordinate_map: options.CoordinateMap = None,
+    setting: options.MapSetting = None,
     step: options.Step = None,
     duration: options.Duration = None,
     jobs: options.Jobs = 2,
@@ -111,7 +111,7 @@ def verify(
     with progress_bar("which runs there are") as progress:
         answer = verify_scenes(
             files, engine, method, step, need, budget, duration=duration, profile=profile,
-            asked=Asked(coordinate_map=coordinate_map), jobs=jobs, scheduler=scheduler,
+            asked=Asked(coordinate_map=options.coordinate_map(setting)), jobs=jobs, scheduler=scheduler,
             limits=limits_of(time_limit, memory_limit), tolerances=own, fresh=fresh, out=out, spoken=spoken,
             command=shlex.join(["crosscheck", *sys.argv[1:]]), progress=progress, note=complain,
             told=provisional)
@@ -239,7 +239,7 @@ def nightly(
     scene: options.SceneNames = None,
     engine: options.Engines = None,
     profile: Annotated[str, typer.Option(help="as in `crosscheck verify`")] = "full",
-    coordinate_map: options.CoordinateMap = None,
+    setting: options.MapSetting = None,
     step: options.Step = None,
     duration: options.Duration = None,
     jobs: options.Jobs = 2,
@@ -265,8 +265,8 @@ def nightly(
     from crosscheck.history import nightly as nights
     from crosscheck.verification.job import limits_of
 
-    wanted = nights.Wanted(profile, scene, engine, jobs, limits_of(time_limit, memory_limit),
-                        Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler, fresh)
+    asked = Asked(coordinate_map=options.coordinate_map(setting), step=step, duration=duration)
+    wanted = nights.Wanted(profile, scene, engine, jobs, limits_of(time_limit, memory_limit), asked, scheduler, fresh)
     with progress_bar("which runs there are") as progress:
         night = nights.nightly(out, wanted, store, keep, progress)
     for line in night.summary.splitlines():

@@ -74,8 +74,9 @@ class Asked(Part, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def words(self) -> list[str]:
         """The command-line options that ask for the same."""
-        given = (("--map", self.coordinate_map), ("--step", self.step), ("--duration", self.duration))
-        return [word for option, value in given if value is not None for word in (option, str(value))]
+        chart = ["--set", f"coordinate_map={self.coordinate_map}"] if self.coordinate_map else []
+        given = (("--step", self.step), ("--duration", self.duration))
+        return chart + [word for option, value in given if value is not None for word in (option, str(value))]
 
 
 AS_PLANNED = Asked()

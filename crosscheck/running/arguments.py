@@ -15,7 +15,8 @@ from crosscheck.scene.checks import MOST_SAMPLES
 from crosscheck.scene.model import Scene
 
 SCENE_OPTIONS = ("samples", "duration")
-OPTIONS = ("step", "rtol", *SCENE_OPTIONS, "monitor", *ENGINE_OPTIONS)
+OF_RUNS = ("step", "rtol", *SCENE_OPTIONS, "monitor")
+OPTIONS = (*OF_RUNS, *ENGINE_OPTIONS)
 
 MOST_STEPS = 1e10
 """Most steps of one run. The fastest engine needs an hour for as many, so that more are taken for a mistyped step."""
@@ -30,7 +31,7 @@ def request(engine: str, adapter: Engine, method: str, options: Mapping[str, Any
         raise ArgumentError(unknown(f"method of {engine}", method, adapter.methods))
     for name in options:
         if name not in OPTIONS:
-            raise ArgumentError(unknown("option", name, OPTIONS))
+            raise ArgumentError(unknown(f"option of {engine}", name, (*OF_RUNS, *sorted(adapter.options))))
     step, rtol = options.get("step"), options.get("rtol")
     if step is not None and rtol is not None:
         raise ArgumentError("step and rtol: only one of them can be given")

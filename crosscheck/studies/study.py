@@ -104,8 +104,10 @@ class Ask:
             value = getattr(self, field.name)
             if field.name == "scenes" or value == field.default:
                 continue
-            flag = {"engines": "engine", "methods": "method", "coordinate_map": "map"}.get(
-                field.name, field.name.replace("_", "-"))
+            if field.name == "coordinate_map":
+                words += ["--set", f"coordinate_map={value}"]
+                continue
+            flag = {"engines": "engine", "methods": "method"}.get(field.name, field.name.replace("_", "-"))
             if isinstance(value, bool):
                 words.append(f"--{flag}" if value else f"--no-{flag}")
                 continue

@@ -44,7 +44,8 @@ class Cell:
         words = ["crosscheck", "run", self.scene, "--engine", way.engine, "--method", way.method]
         words += ["--step", repr(way.step)] if way.step is not None else ["--rtol", repr(way.rtol)]
         words += ["--form", way.form] if way.form else []
-        words += ["--map", way.coordinate_map] if way.coordinate_map else []
+        own = {"coordinate_map": way.coordinate_map, **dict(way.options)}
+        words += [word for name, value in own.items() if value is not None for word in ("--set", f"{name}={value}")]
         words += ["--duration", repr(self.plan.duration)] if self.plan.duration else []
         return shlex.join([*words, "--samples", str(self.plan.samples), "--csv", "run.csv"])
 

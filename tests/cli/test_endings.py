@@ -172,3 +172,14 @@ def test_a_former_command_names_the_new_one_once_and_runs_it(old, new, told):
     assert told in done.stdout
     again = crosscheck(*new.split(), *old[1:])
     assert (again.returncode, again.stdout) == (done.returncode, done.stdout)
+
+
+@pytest.mark.parametrize(("old", "new"), [
+    (("--map", "cayley"), "coordinate_map=cayley"), (("--map=cayley",), "coordinate_map=cayley"),
+    (("--reduce", "off"), "reduce=off"), (("--no-conserve",), "conserve=false")])
+def test_a_former_option_names_the_new_one_once_and_is_taken(old, new):
+    run = "run", "single_pendulum", "--method", "rattle2", "--step", "0.1", "--duration", "0.2", "--csv", "-"
+    done, again = crosscheck(*run, *old), crosscheck(*run, "--set", new)
+    assert done.stderr.splitlines()[0] == f"crosscheck: {old[0].partition('=')[0]} is now: --set {new}"
+    assert done.stderr.count("is now") == 1
+    assert (again.returncode, again.stdout) == (done.returncode, done.stdout)

@@ -196,11 +196,11 @@ def test_the_command_explains_a_method_with_the_options_of_run():
     def command(*words):
         return CliRunner().invoke(app, ["explain", "single_pendulum", "--engine", "lieeuler", "--method", *words])
 
-    assert command("rattle2", "--map", "cayley", "--json").exit_code == 0
-    for words, said in ((("rattle4", "--map", "ccsk"), "rattle4 would fall to order 1 with ccsk"),
-                        (("rattle2", "--map", "caley"), "did you mean 'cayley'"),
-                        (("rattle2", "--softness", "tight"), "softness: lieeuler does not have this option"),
-                        (("generalized_alpha", "--spectral-radius", "2"), "spectral_radius")):
+    assert command("rattle2", "--set", "coordinate_map=cayley", "--json").exit_code == 0
+    for words, said in ((("rattle4", "--set", "coordinate_map=ccsk"), "rattle4 would fall to order 1 with ccsk"),
+                        (("rattle2", "--set", "coordinate_map=caley"), "did you mean 'cayley'"),
+                        (("rattle2", "--set", "softness=tight"), "softness: lieeuler does not have this option"),
+                        (("generalized_alpha", "--set", "spectral_radius=2"), "spectral_radius")):
         done = command(*words)
         assert said in " ".join(f"{done.exception} {done.output}".split()), words
 

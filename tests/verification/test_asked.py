@@ -1,4 +1,4 @@
-"""--map, --step and --duration: what runs takes them, the document keeps them, and the commands repeat them."""
+"""Map, step and duration: what runs takes them, the document keeps them, and the commands repeat them."""
 
 import shlex
 
@@ -33,7 +33,7 @@ def test_a_run_takes_map_step_and_duration_and_its_command_repeats_them():
     assert run.outcome == "pass"
     assert (run.coordinate_map, run.step, run.duration) == ("ccsk", 2e-3, 0.4)
     assert scene.duration == 0.4
-    assert "--step 0.002 --map ccsk --duration 0.4" in run.command
+    assert "--step 0.002 --set coordinate_map=ccsk --duration 0.4" in run.command
     assert labels([run]) == ["lieeuler DAE1L_LSE with ccsk"]
     assert run.order.observed == pytest.approx(1.0, abs=0.1)
     exp, _ = record("DAE1L_LSE", asked=Asked(step=2e-3, duration=0.4))
@@ -57,7 +57,8 @@ def test_a_coarse_step_is_judged_by_where_finer_ones_go():
 
 
 def test_a_night_that_asks_for_more_is_told_apart():
-    assert shlex.split(Wanted(asked=ASKED).command)[-6:] == ["--map", "ccsk", "--step", "0.002", "--duration", "0.4"]
+    assert shlex.split(Wanted(asked=ASKED).command)[-6:] == [
+        "--set", "coordinate_map=ccsk", "--step", "0.002", "--duration", "0.4"]
     assert Asked().words == []
 
 
@@ -83,6 +84,6 @@ def test_a_study_runs_under_the_map(tmp_path):
 
 
 def test_a_wrong_map_names_the_right_one():
-    done = CliRunner().invoke(app, ["study", "drift", "--map", "cskk"])
+    done = CliRunner().invoke(app, ["study", "drift", "--set", "coordinate_map=cskk"])
     assert done.exit_code != 0
     assert "did you mean 'ccsk'" in str(done.exception)

@@ -7,6 +7,7 @@ import functools
 import importlib.metadata
 import io
 import os
+import re
 import shlex
 import sys
 import traceback
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 from typer.main import get_command
 
 from crosscheck.cli.console import INTERRUPTED, at_work, complain, interrupted, warnings_in_one_line
@@ -23,10 +24,12 @@ from crosscheck.errors import CrosscheckError, missing, named
 
 COMMANDS = {
     "verify": "verify", "judge": "runs", "run": "runs", "advise": "runs", "inspect": "engines", "explain": "runs",
-    "study": "study", "linearise": "models", "truth": "runs", "convert": "models",
-    "nightly": "verify", "history": "history", "list": "engines",
-    "bisect": "models", "report": "verify"}
-"""The file of each command. The first five answer most questions."""
+    "study": "study", "linearise": "models", "truth": "runs", "convert": "models", "nightly": "verify",
+    "history": "history", "list": "engines", "bisect": "models", "report": "verify"}
+"""The file of each command."""
+
+FIRST = 5
+"""The number of commands, the first ones, that answer most questions."""
 
 FUNCTIONS = {"list": "list_", "history": "alone", "study": "alone"}
 """The function of a command with another name. Those with commands of their own have `alone`, and an `app`."""
@@ -39,9 +42,8 @@ REPORT = ("please report it where you have crosscheck from, with the command, it
           "CROSSCHECK_TRACEBACK=1 in the environment shows")
 
 RENAMED = {"diff": ("inspect",), "support": ("list", "--support"), "paper": ("report", "--format", "paper"),
-           "law": ("advise",), "sweep": ("study", "sweep"),
-           "derivatives": ("linearise",), "modes": ("linearise", "--modes"),
-           "import": ("convert",), "export": ("convert",),
+           "law": ("advise",), "sweep": ("study", "sweep"), "derivatives": ("linearise",),
+           "modes": ("linearise", "--modes"), "import": ("convert",), "export": ("convert",),
            "reproduce": ("run", "--script", "--engine", "mujoco", "--method", "RK4", "--step", "1e-3")}
 """Former commands, and the words that replace them."""
 
@@ -87,22 +89,23 @@ class Commands(TyperGroup):
         """The command that the words begin with; a former one is named by its new words, and run."""
         if args[0] in RENAMED:
             complain(f"crosscheck {args[0]} is now: crosscheck {shlex.join(RENAMED[args[0]])}")
-            args = [*RENAMED[args[0]], *args[1:]]
-        if args[0] in COMMANDS:
-            args = list(_renewed(args))
-        return super().resolve_command(ctx, args)
+        words = list(_renewed([*RENAMED.get(args[0], args[:1]), *args[1:]]))
+        if sys.argv[1:] == args:
+            sys.argv[1:] = words  # in the commands that are printed
+        return super().resolve_command(ctx, words)
 
-    def format_help(self, *given: Any) -> None:
-        """Write what each function says of itself in its file."""
-        told = {file: {node.name: ast.get_docstring(node) or "" for node in ast.parse(
-            Path(__file__).with_name(f"{file}.py").read_text(encoding="utf-8")).body
-            if isinstance(node, ast.FunctionDef)} for file in set(COMMANDS.values())}
-        summaries = {name: told[file][FUNCTIONS.get(name, name)].partition("\n\n")[0]
-                     for name, file in COMMANDS.items()}
-        self.commands = {name: TyperCommand(name, short_help=" ".join(text.split()))
-                         for name, text in summaries.items()}
-        super().format_help(*given)
-        self.commands = _Commands()
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write what each function says of itself in its file, without importing it."""
+        told: dict[tuple[str, str], str] = {}
+        for file in set(COMMANDS.values()):
+            tree = ast.parse(Path(__file__).with_name(f"{file}.py").read_text(encoding="utf-8"))
+            told |= {(file, node.name): ast.get_docstring(node) or "" for node in tree.body
+                     if isinstance(node, ast.FunctionDef)}
+        rows = [(name, " ".join(re.split(r"\.(?:\s|$)", told[file, FUNCTIONS.get(name, name)])[0].split()))
+                for name, file in COMMANDS.items()]
+        for title, part in (("Commands that answer a question", rows[:FIRST]), ("Others", rows[FIRST:])):
+            with formatter.section(title):
+                formatter.write_dl(part)
 
 
 def _renewed(args: list[str]) -> Iterator[str]:
@@ -111,6 +114,8 @@ def _renewed(args: list[str]) -> Iterator[str]:
     for word in words:
         option, equals, value = word.partition("=")
         setting = SETTINGS.get(option)
+        if option == "--derivatives" and args[0] == "inspect":
+            raise CrosscheckError("inspect --derivatives is now: crosscheck linearise SCENE --source ENGINE")
         if setting is None:
             yield word
             continue

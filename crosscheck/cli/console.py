@@ -177,7 +177,7 @@ def interrupted() -> str:
     """One line that says what an interrupted command has kept."""
     asked = " ".join(sys.argv[1:3])
     return "interrupted; " + (
-        "the same command goes on from here" if asked.startswith(("nightly", "verify", "study sweep", "sweep")) else
+        "the same command goes on from here" if asked.startswith(("nightly", "verify", "study sweep")) else
         "what was finished is in the folder of --out" if asked.startswith("study") else "nothing was written")
 
 

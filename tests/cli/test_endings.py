@@ -83,6 +83,15 @@ def test_help_and_a_mistyped_option_import_neither_scenes_nor_engines():
     assert len(imported) < 500  # of which Typer's are the most
 
 
+def test_help_leads_with_the_commands_that_answer_a_question():
+    told = crosscheck("--help").stdout
+    assert [*COMMANDS] == ["verify", "judge", "run", "advise", "inspect", "explain", "study", "linearise", "truth", "convert", "nightly", "history", "list", "bisect", "report"]
+    places = [told.index(words) for words in ("\nCommands that answer a question:\n", *(
+        f"\n  {name} " for name in [*COMMANDS][:5]), "\nOthers:\n", *(f"\n  {name} " for name in [*COMMANDS][5:]))]
+    assert places == sorted(places)
+    assert max(map(len, told.splitlines())) <= 80
+
+
 NOISY = """import warnings
 import numpy as np
 from crosscheck.adapters.base import steps_per_sample
@@ -172,6 +181,13 @@ def test_a_former_command_names_the_new_one_once_and_runs_it(old, new, told):
     assert told in done.stdout
     again = crosscheck(*new.split(), *old[1:])
     assert (again.returncode, again.stdout) == (done.returncode, done.stdout)
+
+
+def test_the_former_option_of_inspect_names_the_command():
+    done = crosscheck("inspect", "hinge_pendulum", "--derivatives")
+    assert done.returncode == 2
+    assert done.stderr == (
+        "crosscheck: inspect --derivatives is now: crosscheck linearise SCENE --source ENGINE\n")
 
 
 @pytest.mark.parametrize(("old", "new"), [

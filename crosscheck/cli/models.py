@@ -20,20 +20,17 @@ if TYPE_CHECKING:
     from crosscheck.scene.model import Scene
 
 
-@options.starting
+@options.reads_models
 def convert(
     model: options.SceneName,
     out: Annotated[Path, typer.Option("--out", "-o", help="of a model a scene, .toml; of both .xml (MJCF), .urdf, or "
                                       ".py, which runs Exudyn")],
-    drop: options.Drop = False,
-    at: options.Start = options.REFERENCE,
+    reading: options.Reading = options.AS_IT_IS,
     base: Annotated[str, typer.Option(help="fixed or free: the body or link that everything hangs on")] = "fixed",
     balance: Annotated[bool, typer.Option("--balance", help="replace inertias that no body can have, as MuJoCo's "
                                           "balanceinertia does")] = False,
     root: Annotated[str | None, typer.Option(help="take only this link or body and what hangs on it")] = None,
     actuators: Annotated[str, typer.Option(help="keep those of hinges and slides, or drop them")] = "keep",
-    control: options.Control = None,
-    limits: options.Limits = "monitor",
     contacts: Annotated[str, typer.Option(help="monitor: the scene holds until two bodies touch; or drop")] = "monitor",
     friction: Annotated[str, typer.Option(help="keep dry friction, or drop it")] = "keep",
     start: Annotated[str, typer.Option(help="model, random, or the seed of a random start")] = "model",
@@ -49,10 +46,9 @@ def convert(
     from crosscheck.scene.models import import_file, import_model, is_model
 
     given: dict[str, Any] = {
-        "drop": drop, "base": base, "balance": balance, "root": root, "actuators": actuators, "limits": limits,
-        "contacts": contacts, "friction": friction, "start": int(start) if start.isdigit() else start,
-        "controls": options.controls(control) or None, "within": within, "duration": duration, "samples": samples,
-        **at.given}
+        "base": base, "balance": balance, "root": root, "actuators": actuators, "contacts": contacts,
+        "friction": friction, "start": int(start) if start.isdigit() else start, "within": within,
+        "duration": duration, "samples": samples, **reading.given}
     if is_model(model):
         with waiting(f"reading {model}"):
             scene: Any = import_file(model, out, **given) if out.suffix == ".toml" else import_model(model, **given)
@@ -95,7 +91,7 @@ SOURCES = (*(f"pinocchio:{way}" for way in ("aba", "rnea", "constrained")),
 """What is asked by default."""
 
 
-@options.starting
+@options.reads_models
 def linearise(
     scene: options.SceneName,
     source: Annotated[list[str] | None, typer.Option("--source", help="an engine, engine:way (aba, rnea, constrained, "
@@ -108,14 +104,13 @@ def linearise(
     points: Annotated[int, typer.Option(help="values of that number", min=2, max=1001)] = 11,
     as_json: options.AsJson = False,
     out: options.Page = None,
-    drop: options.Drop = False,
-    at: options.Start = options.REFERENCE,
+    reading: options.Reading = options.AS_IT_IS,
 ) -> None:
     """Derivatives of the acceleration at a scene's start, truth and each source with a verdict; or its modes.
 
     Exit code 0: all are right; 1: one is wrong; 2: it could not be done.
     """
-    asked = options.loaded(scene, drop, at)
+    asked = options.loaded(scene, reading)
     if modes or over is not None:
         if source:
             raise ArgumentError("--source: derivatives have sources, modes are those of truth; leave one out")
@@ -209,8 +204,8 @@ def _modes(scene: Scene, over: str | None, points: int, as_json: bool, out: Path
             + (f"; {zeros} of zero" if zeros else "") + " (1/s)")
 
 
-def write_script(scene: str, engine: str, method: str, step: float | None, given: Mapping[str, Any], at: options.Start,
-                 out: Path | None, issue: Path | None) -> None:
+def write_script(scene: str, engine: str, method: str, step: float | None, given: Mapping[str, Any],
+                 reading: options.Reading, out: Path | None, issue: Path | None) -> None:
     """Write the script of `crosscheck run --script` to a file or the terminal, and a text ready to file.
 
     Of the other options given a script holds the duration alone.
@@ -222,7 +217,7 @@ def write_script(scene: str, engine: str, method: str, step: float | None, given
         raise ArgumentError(f"--script: a script does not hold {', '.join(others)}; leave it out")
     if step is None:
         raise ArgumentError("--script: give --step, s")
-    script = reproduce(scene, engine, method, step, given.get("duration"), **at.given)
+    script = reproduce(scene, engine, method, step, given.get("duration"), **reading.only_start())
     for path, text in ((out, script.text), (issue, filed(script, engine))):
         if path is not None:
             put(path, text)
@@ -231,7 +226,7 @@ def write_script(scene: str, engine: str, method: str, step: float | None, given
         typer.echo(script.text, nl=False)
 
 
-@options.starting
+@options.reads_models
 def bisect(
     scene: options.SceneName,
     versions: Annotated[str, typer.Option(help="the first and the last release, as 3.1.0..4.0.0")],
@@ -240,7 +235,7 @@ def bisect(
     step: Annotated[float, typer.Option(help="fixed step, s")] = 1e-3,
     issue: options.Issue = None,
     duration: options.Duration = None,
-    at: options.Start = options.REFERENCE,
+    reading: options.Reading = options.AS_IT_IS,
 ) -> None:
     """Find the releases of an engine that changed its answer to a scene, and by how much beyond rounding.
 
@@ -250,7 +245,7 @@ def bisect(
     from crosscheck.inspection import bisect as releases
     from crosscheck.inspection.reproduce import reproduce as written
 
-    script = written(scene, engine, method, step, duration, **at.given)
+    script = written(scene, engine, method, step, duration, **reading.only_start())
     with progress_bar(f"releases of {engine}") as progress:
         result = releases.bisect(script, engine, versions, say, progress)
     for change in result.changes:

@@ -6,7 +6,7 @@ import hashlib
 import inspect
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
@@ -41,39 +41,51 @@ EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(
     "a name, name==version, or a class of your own as module:Class or path/file.py:Class; may be repeated; "
     "default: all"))]
 Engines = Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")]
-
-
 Page = Annotated[Path | None, typer.Option("-o", "--out", help="folder of a page")]
-Drop = Annotated[bool, typer.Option("--drop", help="model files: leave out what a scene cannot hold")]
-Control = Annotated[list[str] | None, typer.Option(
-    help="model files: NAME=NUMBER of an actuator or its joint; may be repeated")]
-Limits = Annotated[str, typer.Option(
-    help="model files: monitor, the scene holds until a joint reaches one; keep, rigid stops; or drop")]
 SceneName = Annotated[str, typer.Argument(help="a built-in name, a path to .toml or .json, or a model, .xml or .urdf")]
 
 
-class Start(NamedTuple):
-    """Where a model file starts: its keyframe, and what overrides it, as `crosscheck.import_model` has them."""
+class Reading(NamedTuple):
+    """How a model file is read: what is left out, and its start, as `crosscheck.import_model` has them."""
 
+    drop: Annotated[bool, typer.Option("--drop", help="model files: leave out what a scene cannot hold")] = False
     keyframe: Annotated[str | None, typer.Option(help="model files: start from this keyframe")] = None
     qpos: Annotated[str | None, typer.Option(help="model files: start here, .2,.4,.5: coordinates of joints in file "
                                              "order, of a free base its position and quaternion w,x,y,z")] = None
     qvel: Annotated[str | None, typer.Option(help="model files: with these velocities, of joints in file order")] = None
+    control: Annotated[list[str] | None, typer.Option(
+        help="model files: NAME=NUMBER of an actuator or its joint; may be repeated")] = None
+    limits: Annotated[str, typer.Option(
+        help="model files: monitor, the scene holds until a joint reaches one; keep, rigid stops; or drop")] = "monitor"
 
     @property
-    def given(self) -> dict[str, Any]:
-        """As arguments of `crosscheck.import_model`; raises `ArgumentError` for what is no numbers."""
+    def start(self) -> dict[str, Any]:
+        """The start as arguments of `crosscheck.import_model`; raises `ArgumentError` for what is no numbers."""
         return {"keyframe": self.keyframe, "qpos": _numbers("--qpos", self.qpos),
                 "qvel": _numbers("--qvel", self.qvel)}
 
     @property
+    def given(self) -> dict[str, Any]:
+        """All as arguments of `crosscheck.import_model`."""
+        controls = dict(named_number("--control", each, "elbow=0.3") for each in self.control or ())
+        return {"drop": self.drop, "controls": controls or None, "limits": self.limits, **self.start}
+
+    @property
     def words(self) -> list[str]:
         """As they are written in a command."""
-        return [word for key, value in self._asdict().items() if value is not None for word in (f"--{key}", value)]
+        return [word for name, value in self._asdict().items() if value and value != self._field_defaults[name]
+                for each in (value if isinstance(value, list) else [value])
+                for word in ([f"--{name}"] if each is True else [f"--{name}", each])]
+
+    def only_start(self) -> dict[str, Any]:
+        """The start, for scripts, which take a model file as it is; raises `ArgumentError` where more is asked for."""
+        if self != Reading(keyframe=self.keyframe, qpos=self.qpos, qvel=self.qvel):
+            raise ArgumentError("--drop, --control, --limits: a script takes the model file as it is; leave them out")
+        return self.start
 
 
-REFERENCE = Start()
-"""That of the model itself, at rest."""
+AS_IT_IS = Reading()
+"""Of what a scene can hold, all, from the start of the model itself, at rest."""
 
 
 def _numbers(option: str, text: str | None) -> list[float] | None:
@@ -83,17 +95,17 @@ def _numbers(option: str, text: str | None) -> list[float] | None:
         raise ArgumentError(f"{option}: {text!r} is not a list of numbers, such as .2,.4,.5") from None
 
 
-def starting(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with the options of a `Start` in place of its argument `at`."""
+def reads_models(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of a `Reading` in place of its argument `reading`."""
     def asked(*positional: Any, **named: Any) -> None:
-        given = {key: named.pop(key) for key in Start._fields if key in named}
-        command(*positional, **named, **({"at": Start(**given)} if given else {}))
+        given = {key: named.pop(key) for key in Reading._fields if key in named}
+        command(*positional, **named, **({"reading": Reading(**given)} if given else {}))
 
     hints = get_type_hints(command, include_extras=True)
     own = [each.replace(annotation=hints[each.name]) for each in inspect.signature(command).parameters.values()]
-    told = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint)
-            for name, hint in get_type_hints(Start, include_extras=True).items()]
-    place = next(k for k, each in enumerate(own) if each.name == "at")
+    told = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=Reading._field_defaults[name],
+                              annotation=hint) for name, hint in get_type_hints(Reading, include_extras=True).items()]
+    place = next(k for k, each in enumerate(own) if each.name == "reading")
     every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (*own[:place], *told, *own[place + 1:])]
     asked.__name__, asked.__doc__ = command.__name__, command.__doc__
     asked.__annotations__ = {each.name: each.annotation for each in every}
@@ -130,23 +142,17 @@ def coordinate_map(given: Iterable[str] | None) -> str | None:
     return None
 
 
-def controls(given: Iterable[str] | None) -> dict[str, float]:
-    """The numbers of NAME=NUMBER by name."""
-    return dict(named_number("--control", each, "elbow=0.3") for each in given or ())
-
-
-def loaded(name: str, drop: bool, at: Start, control: Iterable[str] | None = None, limits: str = "monitor") -> Scene:
+def loaded(name: str, reading: Reading) -> Scene:
     """The scene of a name, a scene file or a model file; prints what is left out of a model."""
     from crosscheck.scene.file import load_scene
     from crosscheck.scene.models import import_model, is_model
 
     if not is_model(name):
-        if drop or any(at) or control or limits != "monitor":
+        if reading != AS_IT_IS:
             raise ArgumentError("--drop, --keyframe, --qpos, --qvel, --control and --limits go with a model file, .xml "
                                 f"or .urdf, not with {name}")
         return load_scene(name)
-    scene = import_model(name, drop=drop, controls=controls(control), limits=limits,  # type: ignore[arg-type]
-                         **at.given)
+    scene = import_model(name, **reading.given)
     _say_left_out(name, scene)
     return scene
 
@@ -158,8 +164,7 @@ def _say_left_out(name: str, scene: Scene) -> None:
         typer.echo(f"left out of {name}: {words}", err=True)
 
 
-def scene_files(names: Iterable[str] | None, drop: bool, at: Start, control: Sequence[str] | None = None,
-                limits: str = "monitor") -> list[str] | None:
+def scene_files(names: Iterable[str] | None, reading: Reading) -> list[str] | None:
     """The names, with every model file replaced by its scene file, which is written to the cache folder."""
     from crosscheck.scene.models import import_file, is_model
 
@@ -170,19 +175,12 @@ def scene_files(names: Iterable[str] | None, drop: bool, at: Start, control: Seq
         if not is_model(name):
             files.append(name)
             continue
-        key = hashlib.sha256(repr((os.path.abspath(name), drop, at, control, limits)).encode()).hexdigest()[:12]
+        key = hashlib.sha256(repr((os.path.abspath(name), reading)).encode()).hexdigest()[:12]
         target = cache_folder() / "models" / key / f"{Path(name).stem}.toml"
         target.parent.mkdir(parents=True, exist_ok=True)
-        scene = import_file(name, target, drop=drop, controls=controls(control), limits=limits, **at.given)
-        _say_left_out(name, scene)
+        _say_left_out(name, import_file(name, target, **reading.given))
         files.append(str(target))
     return files
-
-
-def model_words(drop: bool, at: Start, control: Sequence[str] | None, limits: str) -> list[str]:
-    """The options of a model file as they are written in a command."""
-    return [*(["--drop"] if drop else []), *at.words, *(word for each in control or () for word in ("--control", each)),
-            *(["--limits", limits] if limits != "monitor" else [])]
 
 
 def scenes(default: str) -> object:
@@ -219,16 +217,17 @@ def chosen(names: Iterable[str] | None) -> tuple[str, ...] | None:
     return tuple(names) if names else None
 
 
-FORMATS = ("text", "github")
+def among(option: str, *allowed: str) -> Callable[[str], str]:
+    """The check of an option that is one of some words."""
+    def checked(given: str) -> str:
+        if given not in allowed:
+            raise ArgumentError(unknown(option, given, allowed))
+        return given
+    return checked
 
-Format = Annotated[str, typer.Option("--format", callback=lambda given: _format(given),
+
+Format = Annotated[str, typer.Option("--format", callback=among("--format", "text", "github"),
                                      help="text, or github: besides, annotations of a workflow")]
-
-
-def _format(given: str) -> str:
-    if given not in FORMATS:
-        raise ArgumentError(unknown("--format", given, FORMATS))
-    return given
 
 
 def figure(value: float | None, missing: str = "", digits: str = ".3g") -> str:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from crosscheck.scene.states import States
 
 
-@options.starting
+@options.reads_models
 def run(
     scene: options.SceneName,
     engine: Annotated[str, typer.Option(help="see `crosscheck list`")] = "lieeuler",
@@ -44,10 +44,7 @@ def run(
     setting: options.Settings = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: options.Duration = None,
-    drop: options.Drop = False,
-    at: options.Start = options.REFERENCE,
-    control: options.Control = None,
-    limits: options.Limits = "monitor",
+    reading: options.Reading = options.AS_IT_IS,
 ) -> None:
     """Run one scene with one method of one engine; print its figures and verdict, or write its trajectory as CSV.
 
@@ -72,9 +69,9 @@ def run(
         from crosscheck.cli.models import write_script
 
         write_script(scene, engine, method, step, {
-            **given, "rtol": rtol, "csv": csv_file, "drop": drop, "control": control}, at, out, issue)
+            **given, "rtol": rtol, "csv": csv_file}, reading, out, issue)
         return
-    prepared = options.loaded(scene, drop, at, control, limits)
+    prepared = options.loaded(scene, reading)
     with _ending(engine), waiting(f"{engine} {method} runs {prepared.name}"):
         traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **given)
     if csv_file is not None:
@@ -173,12 +170,11 @@ def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: floa
         typer.echo(f"written: {csv_file}")
 
 
-@options.starting
+@options.reads_models
 def truth(
     scene: options.SceneName,
     csv_file: Annotated[str | None, typer.Option("--csv", help="file for the states; - for the terminal")] = None,
-    drop: options.Drop = False,
-    at: options.Start = options.REFERENCE,
+    reading: options.Reading = options.AS_IT_IS,
     floor: Annotated[bool, typer.Option("--floor", help="say what rounding leaves in double precision")] = False,
 ) -> None:
     """Print the independent truth of a scene: its sources, its error, the end state."""
@@ -188,7 +184,7 @@ def truth(
     from crosscheck.references import Chaotic, conditioning
     from crosscheck.running.run import truth as truth_of
 
-    shown = options.loaded(scene, drop, at)
+    shown = options.loaded(scene, reading)
     try:
         with waiting(f"truth of {shown.name} by two formulations"):
             reference = truth_of(shown)
@@ -259,7 +255,7 @@ def _stream(target: str) -> Iterator[IO[str]]:
         raise ArgumentError(f"--csv {target}: cannot be written ({error.strerror})") from None
 
 
-@options.starting
+@options.reads_models
 def judge(
     scene: options.SceneName,
     files: Annotated[list[Path], typer.Argument(
@@ -278,8 +274,7 @@ def judge(
     as_json: options.AsJson = False,
     out: Annotated[Path | None, typer.Option(
         "-o", "--out", help="folder of a page a recording, errors over time as CSV, and JUnit's XML")] = None,
-    drop: options.Drop = False,
-    at: options.Start = options.REFERENCE,
+    reading: options.Reading = options.AS_IT_IS,
 ) -> None:
     """Judge recorded runs: how far each is from the scene's true motion, since when, and why.
 
@@ -288,7 +283,7 @@ def judge(
     from crosscheck import recordings
     from crosscheck.document import outcomes
 
-    described = options.loaded(scene, drop, at)
+    described = options.loaded(scene, reading)
     if suggest:
         typer.echo(recordings.suggest(files[0], described, period), nl=False)
         return
@@ -341,7 +336,7 @@ def _judge_probes(scene: Scene, files: list[Path], folder: Path, step: list[floa
     return 3 if record is None else EXIT_CODES[record.outcome]
 
 
-@options.starting
+@options.reads_models
 def explain(
     scene: options.SceneName,
     engine: Annotated[str, typer.Option(help="a name, or a class of your own as module:Class")],
@@ -350,8 +345,7 @@ def explain(
     step: Annotated[float | None, typer.Option(help="s, of the whole run; default: one that suits the scene")] = None,
     setting: options.Settings = None,
     as_json: options.AsJson = False,
-    drop: options.Drop = False,
-    at: options.Start = options.REFERENCE,
+    reading: options.Reading = options.AS_IT_IS,
 ) -> None:
     """Name the likely cause of an engine's difference from truth, with the evidence.
 
@@ -359,7 +353,7 @@ def explain(
     """
     from crosscheck.diagnosis import explain as explain_run
 
-    described = options.loaded(scene, drop, at)
+    described = options.loaded(scene, reading)
     with _ending(engine), waiting(f"causes for {engine} on {scene}"):
         answer = explain_run(described, engine, method, form, step, **options.settings(setting))
     if as_json:
@@ -395,15 +389,14 @@ def _print_cause(answer: Any) -> None:
         say(answer.ending)
 
 
-@options.starting
+@options.reads_models
 def advise(
     scene: options.SceneName,
     engine: Annotated[str, typer.Option(help="a name, name==version, or a class of your own as module:Class")],
     error: Annotated[list[str], typer.Option(help="largest error of position, attitude and both velocities, each over "
                                              "its size; or position=1e-4 in SI, which may be repeated")],
     as_json: options.AsJson = False,
-    drop: options.Drop = False,
-    at: options.Start = options.REFERENCE,
+    reading: options.Reading = options.AS_IT_IS,
 ) -> None:
     """Find the cheapest method of an engine for an error, its largest step, and the step at which it fails.
 
@@ -420,11 +413,11 @@ def advise(
     from crosscheck.document.outcomes import EXIT_CODES
     from crosscheck.verification.advice import advise as advice_for
 
-    loaded, wanted = options.loaded(scene, drop, at), _wanted(error)
+    loaded, wanted = options.loaded(scene, reading), _wanted(error)
     with waiting(f"runs of {engine} at a ladder of steps, against truth"), _ending(engine):
         advice = advice_for(loaded, engine=engine, error=wanted)
     if advice.command is not None:
-        given = shlex.join([scene, *(["--drop"] if drop else []), *at.words])
+        given = shlex.join([scene, *reading.words])
         advice = replace(advice, command=advice.command.replace(
             f"run {shlex.quote(loaded.name)} ", f"run {given} ", 1))
     law = _law(loaded, engine, advice)

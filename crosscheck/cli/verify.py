@@ -15,18 +15,7 @@ import typer
 
 from crosscheck.cli import options
 from crosscheck.cli.console import annotate, complain, console, figures, key, print_table, progress_bar, say
-from crosscheck.cli.options import (
-    REFERENCE,
-    Control,
-    Drop,
-    EngineNames,
-    Limits,
-    SceneNames,
-    Start,
-    model_words,
-    scene_files,
-    starting,
-)
+from crosscheck.cli.options import EngineNames, SceneNames
 from crosscheck.errors import ArgumentError, counted, install
 
 if TYPE_CHECKING:
@@ -38,7 +27,7 @@ COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order"
 STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupported": "dim"}
 
 
-@starting
+@options.reads_models
 def verify(
     scenes: options.Scenes = None,
     scene: SceneNames = None,
@@ -63,10 +52,7 @@ def verify(
     need: Annotated[float, typer.Option(help="share of its time over which the motion of a run has to be judged for it "
                                         "to pass")] = 1.0,
     fresh: options.Fresh = "CI" in os.environ,
-    drop: Drop = False,
-    at: Start = REFERENCE,
-    control: Control = None,
-    limits: Limits = "monitor",
+    reading: options.Reading = options.AS_IT_IS,
     tag: Annotated[list[str] | None, typer.Option(help="scenes with this tag; may be repeated; published: their "
                                                   "figures in the literature, too")] = None,
 ) -> None:
@@ -97,8 +83,8 @@ def verify(
         raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
     asked_for = [*(scenes or ()), *(scene or ()), *tagged(*tag or ())] or None
     check_out(out)
-    files = scene_files(asked_for, drop, at, control, limits)
-    spoken = {file: (name, shlex.join([name, *model_words(drop, at, control, limits)]))
+    files = options.scene_files(asked_for, reading)
+    spoken = {file: (name, shlex.join([name, *reading.words]))
               for file, name in zip(files or (), asked_for or (), strict=True) if file != name}
     own = overrides.read(tolerance_file, tol or (), [sensor.name for each in (files if tol or tolerance_file else None)
                                                      or () for sensor in as_scene(each).sensors])
@@ -151,12 +137,10 @@ def print_verdicts(document: Document, page: Path) -> None:
         say(f"{document.meta.reused} results were computed before, since {(document.meta.reused_since or '')[:10]}; "
             "--fresh computes them anew")
     terminal = console(160)
-    passing = (record for record in document.records if record.outcome == "pass")
-    for (name, engine), records in grouped(passing, lambda record: (record.scene, record.engine)).items():
-        _print_right(name, engine, records)
-    partly = (record for record in document.records if record.outcome == "unresolved" and record.within)
-    for (name, engine), records in grouped(partly, lambda record: (record.scene, record.engine)).items():
-        _print_right(name, engine, records)
+    for outcome in ("pass", "unresolved"):
+        right = (each for each in document.records if each.outcome == outcome and (outcome == "pass" or each.within))
+        for (name, engine), records in grouped(right, lambda record: (record.scene, record.engine)).items():
+            _print_right(name, engine, records)
     told = [record for record in document.records if record.outcome in ("known", "fail", "error")]
     if told:
         print_table(terminal, COLUMNS, [_row(record) for record in told],
@@ -274,12 +258,9 @@ def nightly(
     raise typer.Exit(night.exit_code)
 
 
-RENDERED = ("html", "svg", "paper")
-
-
 def report(
     run: Annotated[Path, typer.Argument(help="folder of a report, or its results.json")] = Path("reports/latest"),
-    format_: Annotated[str, typer.Option("--format", help=(
+    format_: Annotated[str, typer.Option("--format", callback=options.among("--format", "html", "svg", "paper"), help=(
         "html: write the pages again; svg: the main plots in figures/; paper: "
         "figures, tables, LaTeX and BibTeX in paper/"))] = "html",
 ) -> None:
@@ -289,8 +270,6 @@ def report(
     from crosscheck.report.paper import write_paper
 
     folder = run.parent if run.name == "results.json" else run
-    if format_ not in RENDERED:
-        raise ArgumentError(f"--format {format_!r} is unknown: choose {', '.join(RENDERED[:-1])} or {RENDERED[-1]}")
     if not folder.is_dir():
         raise ArgumentError(f"{run}: no such folder; name one that `crosscheck verify` wrote, such as reports/latest")
     if format_ == "svg":

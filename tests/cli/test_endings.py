@@ -85,7 +85,8 @@ def test_help_and_a_mistyped_option_import_neither_scenes_nor_engines():
 
 def test_help_leads_with_the_commands_that_answer_a_question():
     told = crosscheck("--help").stdout
-    assert [*COMMANDS] == ["verify", "judge", "run", "advise", "inspect", "explain", "study", "linearise", "truth", "convert", "nightly", "history", "list", "bisect", "report"]
+    assert [*COMMANDS] == ["verify", "judge", "run", "advise", "inspect", "explain", "study", "linearise", "truth",
+                           "convert", "nightly", "history", "list", "bisect", "report"]
     places = [told.index(words) for words in ("\nCommands that answer a question:\n", *(
         f"\n  {name} " for name in [*COMMANDS][:5]), "\nOthers:\n", *(f"\n  {name} " for name in [*COMMANDS][5:]))]
     assert places == sorted(places)

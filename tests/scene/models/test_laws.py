@@ -261,16 +261,16 @@ def test_the_motor_of_a_transmission_has_no_control(tmp_path):
 
 def test_controls_and_limits_on_the_command_line(tmp_path, monkeypatch):
     """A position servo that is told where to go, and stops instead of monitors."""
-    from crosscheck.cli.options import REFERENCE, loaded
+    from crosscheck.cli.options import Reading, loaded
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.xml").write_text("""<mujoco><compiler angle="radian"/><worldbody><body>
         <joint name="h" limited="true" range="-.5 1" axis="0 1 0"/>
         <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.5" mass="1"/></body></worldbody>
         <actuator><position name="p" joint="h" kp="20"/></actuator></mujoco>""")
-    scene = loaded("arm.xml", False, REFERENCE, ["p=0.7"], "keep")
+    scene = loaded("arm.xml", Reading(control=["p=0.7"], limits="keep"))
     assert [force.parameters["target"] for force in scene.forces if force.type == "servo"] == [0.7]
     assert scene.joints[0].limits[0].rigid
     assert not scene.monitors
     with pytest.raises(crosscheck.ArgumentError, match="'p' is not NAME=NUMBER"):
-        loaded("arm.xml", False, REFERENCE, ["p"])
+        loaded("arm.xml", Reading(control=["p"]))

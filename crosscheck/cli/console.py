@@ -81,13 +81,6 @@ def progress_bar(what: str = "starting") -> Iterator[Progress]:
 
 
 @contextlib.contextmanager
-def waiting(what: str) -> Iterator[None]:
-    """Say what is being done, and how long already, while nothing can be counted."""
-    with progress_bar(what):
-        yield
-
-
-@contextlib.contextmanager
 def at_work(what: str) -> Iterator[Progress]:
     """A line on stderr every `PAUSE` seconds of what is being done, from a thread, however long one task takes.
 

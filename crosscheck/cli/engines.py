@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import console, figures, key, print_table, say, waiting, words
-from crosscheck.cli.options import EngineNames, SceneName
-from crosscheck.errors import PINNED, ArgumentError, Unsupported, counted, install, unknown
+from crosscheck.cli.console import console, figures, key, print_table, progress_bar, say, words
+from crosscheck.cli.options import EngineNames, SceneName, among
+from crosscheck.errors import PINNED, ArgumentError, Unsupported, counted, install
 
 if TYPE_CHECKING:
     from crosscheck.inspection import Deviation, Inspection
@@ -91,7 +91,8 @@ def inspect(
     other: Annotated[str | None, typer.Argument(help="another model or scene: what differs from it, where, and the "
                                                 "motion, whatever names, order and format are")] = None,
     engine: Annotated[list[str] | None, typer.Option("--engine", help="a name; may be repeated; default: all")] = None,
-    form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: every form an engine has")] = None,
+    form: Annotated[str | None, typer.Option(callback=among("--form", "tree", "maximal", "pivot"), help=(
+        "tree, maximal or pivot; default: every form an engine has"))] = None,
     states: Annotated[int, typer.Option(help="random admissible states beside the start", min=0, max=1000)] = 3,
     seed: Annotated[int, typer.Option(help="of the random states", min=0)] = 0,
     torques: Annotated[bool, typer.Option("--torques", help="only what drives have to supply, by inverse dynamics "
@@ -104,7 +105,6 @@ def inspect(
 
     Exit code 0: all agree with truth, or the two are the same motion; 1: one does not; 2: the check itself failed.
     """
-    from crosscheck.adapters.base import CHOICES
     from crosscheck.inspection import inspect as examine
     from crosscheck.inspection.diff import diff
     from crosscheck.inspection.native import inspect as examine_natively
@@ -114,15 +114,13 @@ def inspect(
 
     if torques:
         raise typer.Exit(_torques(scene, engine, states, seed))
-    if form is not None and form not in CHOICES["form"]:
-        raise ArgumentError(unknown("--form", form, CHOICES["form"]))
     if other is not None:
         report = diff(scene, other)
         for line in report.lines:
             say(line)
         raise typer.Exit(0 if report.same else 1)
     if is_model(scene):
-        with waiting(f"every engine reads {scene}"):
+        with progress_bar(f"every engine reads {scene}"):
             native = examine_natively(scene, engine or None, states, seed)
         printed(native, say)
         if rows := native.laws:
@@ -134,7 +132,7 @@ def inspect(
             print_table(console(200), [key("reads such files, not installed"), words("what installs it")],
                         [list(each) for each in native.absent.items()])
         raise typer.Exit(0 if native.agree else 1)
-    with waiting(f"every engine's model of {scene}"):
+    with progress_bar(f"every engine's model of {scene}"):
         result = examine(load_scene(scene), engine or None, form, states, seed)
     _print_inspection(result)
     if not result.probes:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import progress_bar, say, waiting
+from crosscheck.cli.console import progress_bar, say
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, counted
 from crosscheck.files import put
 
@@ -50,7 +50,7 @@ def convert(
         "friction": friction, "start": int(start) if start.isdigit() else start, "within": within,
         "duration": duration, "samples": samples, **reading.given}
     if is_model(model):
-        with waiting(f"reading {model}"):
+        with progress_bar(f"reading {model}"):
             scene: Any = import_file(model, out, **given) if out.suffix == ".toml" else import_model(model, **given)
         _print_imported(scene)
     else:

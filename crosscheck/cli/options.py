@@ -217,10 +217,10 @@ def chosen(names: Iterable[str] | None) -> tuple[str, ...] | None:
     return tuple(names) if names else None
 
 
-def among(option: str, *allowed: str) -> Callable[[str], str]:
-    """The check of an option that is one of some words."""
-    def checked(given: str) -> str:
-        if given not in allowed:
+def among(option: str, *allowed: str) -> Callable[[str | None], str | None]:
+    """The check of an option that is one of some words, if it is given."""
+    def checked(given: str | None) -> str | None:
+        if given is not None and given not in allowed:
             raise ArgumentError(unknown(option, given, allowed))
         return given
     return checked

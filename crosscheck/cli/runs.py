@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import annotate, complain, progress_bar, say, waiting
+from crosscheck.cli.console import annotate, complain, progress_bar, say
 from crosscheck.cli.options import figure
 from crosscheck.errors import ArgumentError, CrosscheckError, SceneError, Unsupported, counted
 from crosscheck.files import cell, replacing
@@ -72,12 +72,12 @@ def run(
             **given, "rtol": rtol, "csv": csv_file}, reading, out, issue)
         return
     prepared = options.loaded(scene, reading)
-    with _ending(engine), waiting(f"{engine} {method} runs {prepared.name}"):
+    with _ending(engine), progress_bar(f"{engine} {method} runs {prepared.name}"):
         traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **given)
     if csv_file is not None:
         write_csv(prepared, traj, csv_file)
     if csv_file != "-":
-        with waiting(f"{engine} {method} has run, truth of {prepared.name}"):
+        with progress_bar(f"{engine} {method} has run, truth of {prepared.name}"):
             judged = traj.verdict(scene)
         say(_first_line(judged))
         _print_run(traj.scene, traj, csv_file, step)
@@ -150,7 +150,6 @@ def _print_energy(judged: Record, traj: Trajectory) -> None:
 
 
 def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: float | None) -> None:
-
     used = traj.stats.get("step")
     say(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.steps} steps"
                + (f" of {used:.6g} s" if used else "") + f", {traj.wall_time:.3g} s of stepping, "
@@ -186,7 +185,7 @@ def truth(
 
     shown = options.loaded(scene, reading)
     try:
-        with waiting(f"truth of {shown.name} by two formulations"):
+        with progress_bar(f"truth of {shown.name} by two formulations"):
             reference = truth_of(shown)
     except Chaotic as error:
         typer.echo(f"{error}. The following is the truth up to that time.", err=True)
@@ -354,7 +353,7 @@ def explain(
     from crosscheck.diagnosis import explain as explain_run
 
     described = options.loaded(scene, reading)
-    with _ending(engine), waiting(f"causes for {engine} on {scene}"):
+    with _ending(engine), progress_bar(f"causes for {engine} on {scene}"):
         answer = explain_run(described, engine, method, form, step, **options.settings(setting))
     if as_json:
         options.print_json(answer.plain())
@@ -414,7 +413,7 @@ def advise(
     from crosscheck.verification.advice import advise as advice_for
 
     loaded, wanted = options.loaded(scene, reading), _wanted(error)
-    with waiting(f"runs of {engine} at a ladder of steps, against truth"), _ending(engine):
+    with progress_bar(f"runs of {engine} at a ladder of steps, against truth"), _ending(engine):
         advice = advice_for(loaded, engine=engine, error=wanted)
     if advice.command is not None:
         given = shlex.join([scene, *reading.words])

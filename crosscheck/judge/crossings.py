@@ -15,6 +15,10 @@ STEPS = 2.0
 """Steps by which an event may be late that a method of order one does not look for."""
 
 
+INSTANT = 1e-9
+"""Part of a run's time within which an output is at the time of an event: event times are known to 1e-12."""
+
+
 class Crossed:
     """The true motion in intervals of a run, each from the run's own state.
 
@@ -60,6 +64,14 @@ def near_impacts(scene: Scene, truth: Reference, position: float, step: float) -
         speed = rates[name][max(after - 1, 0):after + 1].max() * rigid[name]
         near |= np.abs(truth.t - t) <= STEPS * (step + position / speed if speed else np.inf)
     return near
+
+
+def beside_impacts(scene: Scene, run: Motion, truth: Reference, step: float, position: float = 0.0) -> States:
+    """The run with the true velocities at output times near an impact, see `near_impacts`: there two are right."""
+    near = near_impacts(scene, truth, position, max(step, INSTANT * float(truth.t[-1])))
+    near &= not near.all()
+    v, w = (np.where(near[:, None, None], getattr(truth.states, name), getattr(run, name)) for name in "vw")
+    return States(run.t, run.x, run.R, v, w, hinges=run.hinges)
 
 
 def across(events: tuple[Event, ...], pose: float, rate: float, tau: float, sizes: np.ndarray) -> tuple[float, float]:

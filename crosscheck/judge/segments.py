@@ -117,7 +117,7 @@ def marks(grown: np.ndarray, eventful: Sequence[int], seed: str, claim: int | No
     passed = grown + np.linspace(0.0, parts, count + 1)  # so that none is longer than twice the mean
     inner = np.interp(drawn * passed[-1] / parts, passed, np.arange(count + 1))
     plain = {0, count, *np.round(inner).astype(int).tolist()} | ({claim} if claim else set())
-    groups = [[k, k + 1] for k in sorted(set(eventful))]
+    groups = [[k, k + 1] for k in sorted(set(eventful)) if not claim or k < claim]  # none holds the end of the claim
     while True:
         merged = list[list[int]]()
         for first, last in groups:

@@ -102,13 +102,23 @@ class World:
                                    child=None if force.child is None else place[force.child],
                                    joint=names.get(force.joint, force.joint), parameters=given)
 
-    def back(self, states: States) -> States:
-        """States of this world in that of the scene, bodies in its order."""
+    def back(self, states: States, there: Scene) -> States:
+        """States of the scene `there` in this world in that of the scene, bodies and hinges in its order."""
         order = np.argsort(self.bodies)
         x, R, v, w = (part[:, order] for part in (states.x, states.R, states.v, states.w))
         return States(states.t, (x - self.shift) @ self.Q, self.Q.T @ R, v @ self.Q, w,
                       None if states.a is None else states.a[:, order] @ self.Q,
-                      None if states.alpha is None else states.alpha[:, order])
+                      None if states.alpha is None else states.alpha[:, order],
+                      hinges=None if states.hinges is None else self._hinges(states.hinges, there))
+
+    def _hinges(self, angles: np.ndarray, there: Scene) -> np.ndarray:
+        """Angles of hinges in the scene's order; NaN of those to the ground in a turned world: their zero differs."""
+        number = {joint.name: new for new, joint in enumerate(there.joints)}
+        old = [(self.joints[number[name]], k) for name, k in there.hinges]
+        moved = [GROUND in (joint.parent, joint.child) and not np.array_equal(self.Q, np.eye(3))
+                 for joint in (there.joints[number[name]] for name, _ in there.hinges)]
+        order = sorted(range(len(old)), key=old.__getitem__)
+        return np.where(np.array(moved, bool), np.nan, angles)[:, order]
 
 
 def _mixed(rng: np.random.Generator, n: int) -> tuple[int, ...]:

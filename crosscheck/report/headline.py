@@ -186,7 +186,7 @@ def _mend(record: Record) -> str:
     if "was left out" in record.not_judged:
         return "a start at which nothing acts that was left out: --qpos or --keyframe"
     open_ = (MENDS[each.kind] for each in record.findings if each.kind in MENDS and each.status == "unresolved")
-    share = f", or --need {record.least_share:.2g}, which is resolved" if record.share else ""
+    share = f", or --need {record.least_share:.2g}, which is resolved" if record.least_share else ""
     return next(open_, f"a smaller {'--step' if record.step else '--rtol'}{share}")
 
 

@@ -142,8 +142,9 @@ def _walk(node: Any, path: str) -> Any:
             here = ".".join([*walked, word])
             near = difflib.get_close_matches(word, names, n=1)
             guess = f"did you mean {'.'.join([*walked, near[0]])!r}? " if near else ""
-            raise ArgumentError(f"{path}: scene {scene!r} has no {here!r}; {guess}there "
-                                f"{'is' if len(names) == 1 else 'are'} {', '.join(names) or 'nothing below'}")
+            there = f"there {'is' if len(names) == 1 else 'are'} {', '.join(names)}" if names else (
+                f"there is nothing below {'.'.join(walked)!r}")
+            raise ArgumentError(f"{path}: scene {scene!r} has no {here!r}; {guess}{there}")
         node = entry
         walked.append(word)
     return node

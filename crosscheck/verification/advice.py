@@ -32,7 +32,7 @@ from crosscheck.compare.sizes import sizes
 from crosscheck.document import QUANTITIES, Advice, Record, SceneTruth, Way, extended, largest
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said, unknown
 from crosscheck.files import digest
-from crosscheck.judge.crossings import near_impacts
+from crosscheck.judge.crossings import beside_impacts
 from crosscheck.references.base import Reference
 from crosscheck.running import provenance, versions
 from crosscheck.running.attempt import Outcome, Ran, attempt, lasting
@@ -199,10 +199,8 @@ class _Walker:
         found = errors(self._scene, states, self._truth.states, self._walk.until)
         off = found["position"].max
         if self._truth.events and math.isfinite(off):
-            near = near_impacts(self._scene, self._truth, off, step)
-            v, w = (np.where(near[:, None, None], getattr(self._truth.states, name), getattr(states, name))
-                    for name in "vw")
-            found = errors(self._scene, dataclasses.replace(states, v=v, w=w), self._truth.states, self._walk.until)
+            own = beside_impacts(self._scene, states, self._truth, step, off)
+            found = errors(self._scene, own, self._truth.states, self._walk.until)
         return {name: each.max for name, each in found.items()}
 
     def _timed(self, step: Step) -> tuple[Outcome, float]:

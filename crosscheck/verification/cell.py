@@ -16,6 +16,7 @@ from crosscheck.compare.errors import Error, energy_gap, errors, of_sensors
 from crosscheck.compare.sizes import sizes as sizes_of
 from crosscheck.document import LEVELS, Finding, Level, Record, Way, extended
 from crosscheck.errors import Unsupported, said
+from crosscheck.judge.crossings import beside_impacts
 from crosscheck.judge.overrides import Overrides, tolerated
 from crosscheck.judge.verdict import settle, worded
 from crosscheck.references import TruthError, truth
@@ -25,7 +26,7 @@ from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
+from crosscheck.scene.states import Motion, States
 from crosscheck.verification import solution
 from crosscheck.verification.curves import run_curves
 from crosscheck.verification.promises import judge_asked, judge_promises
@@ -105,16 +106,17 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
     planned : whether it was run as the library plans it, so that known defects have to show
     """
     engine, found = adapters.get(run.engine), solution.judge(run, scene, traj, reference, no_truth)
-    missed = {} if reference is None else errors(scene, traj, reference.states, reference.horizon) | of_sensors(
-        scene, traj.sensors, reference.states, reference.horizon)
     per, step = (0, 0.0) if run.step is None else steps_per_sample(scene, run.step)
+    own = traj if reference is None else beside_impacts(scene, traj, reference, step)
+    missed = {} if reference is None else errors(scene, own, reference.states, reference.horizon) | of_sensors(
+        scene, traj.sensors, reference.states, reference.horizon)
     size = sizes_of(scene, States(traj.t, traj.x, traj.R, traj.v, traj.w, traj.a, traj.alpha)
                     if reference is None else reference.states)
     findings = [*judge_asked(run, scene, traj, per, step), *found.findings, *judge_promises(
         scene, traj, held, size, found.eps, max(found.iteration, traj.stats.get("newton_left", 0.0)), engine.on_group)]
     shares = {name: each for name, each in found.shares.items() if name}
     made = replace(
-        _measured(run, scene, traj, reference, missed, held, size), share=found.share, shares=shares,
+        _measured(run, scene, traj, own, reference, missed, held, size), share=found.share, shares=shares,
         resolution=found.visible, asked_steps=found.cost, ladder=found.ladder, not_judged=found.why,
         order=found.order)
     asked, more = tolerated(overrides, made, None if reference is None else reference.horizon)
@@ -122,11 +124,11 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
     return settle(made, findings + asked, defects(engine, run), planned=planned)
 
 
-def _measured(run: Record, scene: Scene, traj: Trajectory, reference: Reference | None, missed: Mapping[str, Error],
-              held: frozenset[str], sizes: Mapping[str, float]) -> Record:
-    """The measured values of a run; `sizes` of its quantities."""
+def _measured(run: Record, scene: Scene, traj: Trajectory, own: Motion, reference: Reference | None,
+              missed: Mapping[str, Error], held: frozenset[str], sizes: Mapping[str, float]) -> Record:
+    """The measured values of a run; `own`: its states as they are compared with truth; `sizes` of its quantities."""
     exact, maxima = None if reference is None else reference.states.until(reference.horizon), traj.maxima
-    gap = energy_gap(scene, traj, exact, maxima, lambda: traj.work)
+    gap = energy_gap(scene, own, exact, maxima, lambda: traj.work)
     kinetic = float(np.nanmax(mechanics.kinetic_energy(scene, traj if exact is None else exact), initial=0.0)) or 1.0
     levels = {}
     for level, unit in LEVELS.items():

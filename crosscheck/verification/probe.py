@@ -126,7 +126,7 @@ def _brought_back(world: World, there: Scene, states: States, steps: int) -> Ans
     found, order = answer_of(there, states, steps), np.argsort(world.bodies)
     turned = {"acceleration": world.Q, "angular acceleration": np.eye(3)}
     pulled = None if found.pulled is None else (found.pulled[0][:, order] @ world.Q, found.pulled[1][:, order])
-    return Answer(world.back(states), pulled, {
+    return Answer(world.back(states, there), pulled, {
         name: each[:, order] @ turned[name] if name in turned else each for name, each in found.own.items()}, steps, {
         f"sensor {sensor.name}": each @ world.Q if sensor.frame == "world" and each.shape[-1] == 3 else each
         for sensor in there.sensors for each in [found.read.get(f"sensor {sensor.name}")] if each is not None})

@@ -591,12 +591,13 @@ class Solution:
                 continue
             own = self.nearest(seq)
             for name, each in seq.answers[own].rows(segment).items():
-                if name in STATE:
+                keep = segment.kept(name, 0.0)
+                if name in STATE and keep.any():
                     parts = {"tolerance": self.tolerated(name, segment, seq.answers[own]),
                              "rounding": self.rounding(name, segment, self.own)}
                     declared = self.engine.interpolation
                     said = f"interpolation between steps, declared: {declared:g} rtol" if declared else ""
-                    self.checks.append(Check("promise", name, k, largest(each), parts, math.inf, said))
+                    self.checks.append(Check("promise", name, k, largest(each[keep]), parts, math.inf, said))
 
     def started(self) -> None:
         """R4: the run begins in the state that was asked for, or in the nearest one with closed joints."""
@@ -700,7 +701,7 @@ class Solution:
         worst = max(open_, key=lambda check: check.uncertainty / max(check.size, np.finfo(float).tiny))
         part = max(worst.parts, key=lambda name: worst.parts[name])
         return (f"{worst.name} is not resolved: U = {worst.uncertainty:.3g} of a size of {worst.size:.3g}, by {part}; "
-                f"ask for a smaller step")
+                f"ask for a smaller {'step' if self.p is not None else 'tolerance'}")
 
 
 def _growth(segment: Segment) -> float:

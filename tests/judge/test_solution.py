@@ -284,7 +284,7 @@ def test_states_come_back_from_another_world_with_their_accelerations():
     scene = load_scene("double_pendulum").replace(duration=0.2, samples=5)
     world = World.drawn(scene, 1.0)
     there, here = truth(world.scene(scene)).states, truth(scene).states
-    back = world.back(there)
+    back = world.back(there, world.scene(scene))
     assert back.x == pytest.approx(here.x, abs=1e-10)
     assert back.a == pytest.approx(here.a, abs=1e-8)
     assert back.alpha == pytest.approx(here.alpha, abs=1e-8)

@@ -56,7 +56,7 @@ def in_scene(made: Callable[[], Any], engine: Any, method: str, steps: dict[int,
 
 
 def strangers() -> Iterator[Case]:
-    """Wrong engines of `tests.strangers`."""
+    """Wrong engines of `tests.engines.strangers`."""
     from tests.judge.test_corpora import CASES, STEPS
 
     for wrong, method, scene in CASES:
@@ -65,9 +65,9 @@ def strangers() -> Iterator[Case]:
 
 
 def mistakes() -> Iterator[Case]:
-    """Wrong engines of `tests.wrong_engines`."""
+    """Wrong engines of `tests.engines.mistakes`."""
+    from tests.engines.mistakes import MISTAKES
     from tests.judge.test_wrong_engines import PLAN
-    from tests.wrong_engines import MISTAKES
 
     for mistake in MISTAKES:
         for scene in mistake.scenes:
@@ -93,9 +93,9 @@ def laws() -> Iterator[Case]:
 
 
 def right() -> Iterator[Case]:
-    """Right engines of `tests.right_engines`."""
+    """Right engines of `tests.engines.right`."""
+    from tests.engines.right import UNUSUAL
     from tests.judge.test_right_engines import CASES, SCENES, plan
-    from tests.right_engines import UNUSUAL
 
     for name, engine, method in [*CASES, *((name, *unusual) for name in SCENES[:5] for unusual in UNUSUAL)]:
         yield f"{engine.__name__} {method}, {name}", lambda name=name, engine=engine, method=method: (

@@ -12,7 +12,7 @@ from crosscheck.errors import ArgumentError
 from crosscheck.testing.agreement import Tol
 from tests import SCENARIOS
 from tests.diagnosis import misbuilt
-from tests.diagnosis.misbuilt import Misbuilt
+from tests.engines.stepper import Misbuilt
 
 HIGH_ORDER = ("mujoco:RK4", "pinocchio:RKMK4", "pinocchio:RKMK8", "exudyn:RK44", "exudyn:RK67")
 # Some swings and five turns of the top.

@@ -10,31 +10,10 @@ from scipy.spatial.transform import Rotation
 from crosscheck.diagnosis.misreadings import placed
 from crosscheck.diagnosis.variants import close
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene, rotation_from_quaternion
-from tests.diagnosis.stepper import Flaws, Stepper
+from tests.engines.equations import Flaws
+from tests.engines.stepper import Misbuilt, Stepper
 
 SPHERICAL_ONLY = ("spherical",)
-
-
-@dataclasses.dataclass
-class Misbuilt:
-    """An engine that runs another scene than it is given, and may report something else than it has computed."""
-
-    base: object
-    alter: tuple = ()  # functions scene -> scene
-    report: tuple = ()  # functions (scene, raw) -> raw
-
-    def __getattr__(self, name):
-        return getattr(self.base, name)
-
-    def run(self, scene, spec):
-        """As the base, with every alteration."""
-        wrong = scene
-        for change in self.alter:
-            wrong = change(wrong)
-        raw = self.base.run(wrong, spec)
-        for change in self.report:
-            raw = change(scene, raw)
-        return raw
 
 
 # --- random scenes ----------------------------------------------------------------------------------------------------

@@ -14,8 +14,6 @@ from crosscheck.diagnosis import explain, of_output
 from crosscheck.diagnosis.observe import scale_of
 from crosscheck.references.maximal import Maximal
 from tests.diagnosis import misbuilt
-from tests.diagnosis.misbuilt import Misbuilt
-from tests.diagnosis.stepper import Stepper
 from tests.diagnosis.wrong_models import (
     Behind,
     Limited,
@@ -60,6 +58,7 @@ from tests.diagnosis.wrong_output import (
     unrepeatable,
     with_states,
 )
+from tests.engines.stepper import Misbuilt, Stepper
 
 ONE, TWO, SPRUNG, DRIVEN = "single_pendulum", "double_pendulum", "spring_pendulum", "driven_double_pendulum"
 

@@ -13,8 +13,10 @@ from crosscheck.cli.app import app
 from crosscheck.diagnosis import explain
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
 from crosscheck.scene.file import load_scene
-from tests.diagnosis import misbuilt, stepper
-from tests.diagnosis.stepper import Flaws, Stepper
+from tests.diagnosis import misbuilt
+from tests.engines import stepper
+from tests.engines.equations import Flaws
+from tests.engines.stepper import Misbuilt, Stepper
 
 TURN = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix()
 
@@ -50,7 +52,7 @@ def test_a_wrong_model_in_mujoco_is_named(pendulum, name):
 
 
 def test_the_fitted_magnitude_is_the_true_one(pendulum):
-    wrong = misbuilt.Misbuilt(adapters.get("mujoco"), (misbuilt.gravity(lambda g: 1.1 * g),))
+    wrong = Misbuilt(adapters.get("mujoco"), (misbuilt.gravity(lambda g: 1.1 * g),))
     answer = explain(pendulum, wrong, "RK4")
     assert "-10.791)" in answer.causes[0].magnitude
 
@@ -87,17 +89,16 @@ def test_two_causes_at_once_are_both_named(pendulum):
     misbuilt.gravity(lambda g: np.roll(g, 2))])
 def test_a_group_update_is_told_from_a_low_order_beside_a_wrong_model(pendulum, wrong):
     # Unless the copy on which rotations should commute allows for the model, they do not.
-    answer = explain(pendulum, misbuilt.Misbuilt(Stepper(Flaws(naive=True)), (wrong,)), "RK4")
+    answer = explain(pendulum, Misbuilt(Stepper(Flaws(naive=True)), (wrong,)), "RK4")
     assert "group update" in answer.names, answer.sentence
     assert "order of the step" not in answer.names
 
 
 def test_a_law_of_stabilisation_nobody_thought_of_is_unknown(pendulum, monkeypatch):
     class Cubic(stepper.Equations):
-        def _constraint_terms(self, motion):
-            G, targets = super()._constraint_terms(motion)
-            gaps = np.concatenate([kind.terms(motion)[0] for kind in self.constraints])
-            return G, targets + 1e5 * gaps**3
+        def rows(self, *state):
+            value, speed, G, gamma = super().rows(*state)
+            return value, speed, G, gamma + 1e5 * value**3
 
     monkeypatch.setattr(stepper, "Equations", Cubic)
     assert explain(pendulum, Stepper(Flaws()), "RK4").outcome == "unresolved"
@@ -106,7 +107,7 @@ def test_a_law_of_stabilisation_nobody_thought_of_is_unknown(pendulum, monkeypat
 def test_velocities_may_be_misread_after_attitudes():
     # A misread attitude hands on another velocity to the next body, which is then read in the wrong frame.
     scene = load_scene("double_pendulum")
-    wrong = misbuilt.Misbuilt(adapters.get("lieeuler"), (
+    wrong = Misbuilt(adapters.get("lieeuler"), (
         lambda s: misbuilt._relative(s, attitude=lambda R: R.T),
         lambda s: misbuilt._relative(s, spin=lambda w, R, p: R.T @ w)))
     answer = explain(scene, wrong, "rattle4")
@@ -149,7 +150,7 @@ def test_a_cause_nobody_thought_of_is_unknown_and_lists_what_was_tried(pendulum)
         moved = misbuilt.inertia(lambda s, k: s.inertias[k] + np.diag([0.05, 0.0, 0.02]))(scene)
         return moved.replace(gravity=moved.gravity + np.array([0.3, 0.1, 0.5]))
 
-    answer = explain(pendulum, misbuilt.Misbuilt(adapters.get("mujoco"), (two_more,)), "RK4")
+    answer = explain(pendulum, Misbuilt(adapters.get("mujoco"), (two_more,)), "RK4")
     assert (answer.outcome, answer.exit_code) == ("unresolved", 3)
     assert answer.tried > 5
     assert any(not each.holds for each in answer.evidence)

@@ -9,7 +9,7 @@ import crosscheck
 from crosscheck import adapters
 from crosscheck.diagnosis import explain
 from tests import SCENARIOS
-from tests.diagnosis.misbuilt import Misbuilt
+from tests.engines.stepper import Misbuilt
 
 pytest.importorskip("pinocchio")
 

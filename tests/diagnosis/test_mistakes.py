@@ -9,8 +9,8 @@ from crosscheck.diagnosis import explain, of_verdict
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.document import Way
 from tests.diagnosis.mistakes import LIKE, MISTAKES, made, method_of, scene_of, scored
-from tests.diagnosis.stepper import Stepper
-from tests.right_engines import TABLEAUX, Adaptive, Floats, Matrices, Millimetres, Projected, Rotations
+from tests.engines.right import Adaptive, Floats, Millimetres, Projected, Rotations
+from tests.engines.stepper import TABLEAUX, Matrices, Stepper
 
 SEED = 41
 RIGHT = ("single_pendulum", "double_pendulum", "heavy_top", "hinge_pendulum", "four_bar", "universal_pendulum",

@@ -17,7 +17,8 @@ from crosscheck.scene.coordinates import hinge_angles, starting
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.states import States
 from tests.diagnosis import misbuilt
-from tests.diagnosis.stepper import Flaws, Stepper
+from tests.engines.equations import Flaws
+from tests.engines.stepper import Stepper
 from tests.jointspace.arms import arm
 
 SCENES = ("double_pendulum", "spring_pendulum", "torsion_wheel", "damped_pendulum", "loaded_pendulum", "four_bar",

@@ -20,7 +20,7 @@ from crosscheck.scene.sensors import readings
 from crosscheck.scene.states import States
 from crosscheck.verification import solution
 from crosscheck.verification.probe import answer_of
-from tests.diagnosis.misbuilt import Misbuilt
+from tests.engines.stepper import Misbuilt
 from tests.scene.test_sensors import watched
 
 STEP, COUNT = 3e-3, 40

@@ -15,8 +15,8 @@ from crosscheck.scene.file import load_scene
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 from tests.diagnosis import misbuilt
-from tests.diagnosis.misbuilt import Misbuilt
-from tests.right_engines import Adaptive
+from tests.engines.right import Adaptive
+from tests.engines.stepper import Misbuilt
 
 NAME, METHOD = "single_pendulum", "rkmk4"
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from crosscheck import adapters
 from crosscheck.diagnosis.variants import close
 from tests.diagnosis import misbuilt
-from tests.diagnosis.misbuilt import Misbuilt
-from tests.diagnosis.stepper import Flaws, Stepper
+from tests.engines.equations import Flaws
+from tests.engines.stepper import Misbuilt, Stepper
 
 
 def altered(change):

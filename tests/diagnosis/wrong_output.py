@@ -14,7 +14,7 @@ from crosscheck.diagnosis.observe import scale_of, window
 from crosscheck.diagnosis.of_run import restarted
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene import mechanics
-from tests.diagnosis.misbuilt import Misbuilt
+from tests.engines.stepper import Misbuilt
 
 
 def told(change):

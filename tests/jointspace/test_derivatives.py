@@ -23,7 +23,7 @@ from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import starting
 from crosscheck.scene.laws import DryFriction, Limits
 from crosscheck.scene.states import States
-from tests.diagnosis.misbuilt import Misbuilt
+from tests.engines.stepper import Misbuilt
 from tests.jointspace.arms import arm
 
 TREES = {"arm": lambda: arm(), "hanging": lambda: hanging(),

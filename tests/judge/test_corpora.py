@@ -1,4 +1,4 @@
-"""No wrong engine of `tests.strangers` passes, and the honest one passes over the whole run."""
+"""No wrong engine of `tests.engines.strangers` passes, and the honest one passes over the whole run."""
 
 import dataclasses
 
@@ -10,7 +10,8 @@ from crosscheck.adapters.foreign.own import completed
 from crosscheck.document import Plan, Way
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
-from tests.strangers import KINDS, METHODS, TABLE, Honest
+from tests.engines.stepper import HONEST, Honest
+from tests.engines.strangers import KINDS, TABLE
 
 STEPS = {"first": 2e-4, "second": 1e-3, "fourth": 2e-3, "RK4": 4e-3, "DP5": 1e-3}
 CASES = [(wrong, method, scene) for wrong in TABLE for method in wrong.methods for scene in wrong.scenes]
@@ -35,7 +36,7 @@ def test_no_wrong_engine_passes(wrong, method, scene):
 
 
 @pytest.mark.parametrize("scene", ["single_pendulum", "double_pendulum"])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", HONEST)
 def test_the_honest_one_passes_over_the_whole_run(method, scene):
     run = judged(Honest(), method, scene)
     assert run.outcome == "pass", [(each.kind, each.value, each.bound, each.status) for each in run.findings]

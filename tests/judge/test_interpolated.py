@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from tests.engines.mistakes import pulled
+from tests.engines.right import Dense, Floats
 from tests.judge.test_right_engines import judged
-from tests.right_engines import Dense, Floats
 
 
 class Lines(Dense):
@@ -33,15 +34,15 @@ class Careless(Dense):
 class Late(Dense):
     """Gravity is .1 % off after three quarters of a long run."""
 
-    def slope(self, scene, t, y):
-        return super().slope(scene.replace(gravity=1.001 * scene.gravity) if t > 0.075 else scene, t, y)
+    def accelerations(self, scene, t, *state):
+        return super().accelerations(pulled(scene, 1.001) if t > 0.075 else scene, t, *state)
 
 
 class Noisy(Dense):
     """Noise of 3e-7 in attitudes."""
 
-    def unpacked(self, scene, t, y):
-        x, R, v, w = super().unpacked(scene, t, y)
+    def after(self, scene, t, state):
+        x, R, v, w = super().after(scene, t, state)
         return [x, R + 3e-7 * np.sin(1e6 * t + np.arange(9.0)).reshape(3, 3) * (t > 0), v, w]
 
 

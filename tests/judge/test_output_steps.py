@@ -3,7 +3,7 @@
 import crosscheck
 from crosscheck import adapters
 from crosscheck.verification.cell import judge_alone
-from tests.right_engines import Adaptive
+from tests.engines.right import Adaptive
 
 
 def test_answers_that_are_the_same_at_three_tolerances_accuse_nobody():

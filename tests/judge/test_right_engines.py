@@ -10,18 +10,9 @@ from crosscheck.verification.cell import run_cell
 from crosscheck.verification.plan import plan_of
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell
+from tests.engines.right import UNUSUAL, Adaptive, Angles, Floats, Millimetres, Projected, Rotations
+from tests.engines.stepper import TABLEAUX, Matrices
 from tests.fake_engine import install
-from tests.right_engines import (
-    TABLEAUX,
-    UNUSUAL,
-    Adaptive,
-    Angles,
-    Floats,
-    Matrices,
-    Millimetres,
-    Projected,
-    Rotations,
-)
 
 SCENES = ("single_pendulum", "double_pendulum", "triple_pendulum", "heavy_top", "hinge_pendulum", "four_bar",
           "cylindrical_pendulum", "universal_pendulum", "prismatic_slider", "spring_pendulum", "planar_slider",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from crosscheck.document import QUANTITIES
+from tests.engines.right import Floats, Rotations
 from tests.judge.test_right_engines import judged
-from tests.right_engines import Floats, Rotations
 
 
 class Wrong(Floats):
@@ -33,8 +33,8 @@ class Held(Floats):
 class Open(Held):
     """In double precision whatever it says, its joint open by what single precision may leave."""
 
-    def after(self, scene, state):
-        return Rotations.after(self, scene, state)
+    def after(self, scene, t, state):
+        return Rotations.after(self, scene, t, state)
 
     def run(self, scene, spec):
         found = super().run(scene, spec)

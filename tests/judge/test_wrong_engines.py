@@ -7,11 +7,11 @@ import pytest
 
 from crosscheck.adapters.base import steps_per_sample
 from crosscheck.document import Plan, Way
-from crosscheck.scene import mechanics
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
+from tests.engines.mistakes import MISTAKES, STEP
+from tests.engines.stepper import CLASSIC, Turning
 from tests.fake_engine import install
-from tests.wrong_engines import MISTAKES, STEP, TABLEAUX, Right
 
 PLAN = Plan({1: STEP}, samples=26, duration=1.0)
 SCENES = ("single_pendulum", "double_pendulum")
@@ -29,10 +29,10 @@ def failing(run):
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("order", [1, 2, 4])
 def test_the_right_stepper_is_accused_of_nothing(monkeypatch, scene, order):
-    assert not failing(judged(monkeypatch, Right(), scene, order))
+    assert not failing(judged(monkeypatch, Turning(), scene, order))
 
 
-class Silent(Right):
+class Silent(Turning):
     """Does not say which step it takes."""
 
     def run(self, scene, spec):
@@ -43,7 +43,7 @@ def test_an_engine_that_does_not_tell_its_step_is_accused_of_nothing(monkeypatch
     assert not failing(judged(monkeypatch, Silent(), "single_pendulum", 4))
 
 
-class Lagging(Right):
+class Lagging(Turning):
     """Reports accelerations of a step before, as engines of first order do that store them when they begin a step."""
 
     def run(self, scene, spec):
@@ -51,12 +51,11 @@ class Lagging(Right):
         return super().run(scene, spec)
 
     def reported(self, scene, states):
-        before = [self.step(scene, [part[k:k + 1] for part in (states.x, states.R, states.v, states.w)], -self.h,
-                            *TABLEAUX[4]) for k in range(1, len(states.t))]
-        a, alpha, lam = mechanics.index1(scene, *(np.concatenate(parts) for parts in zip(*before, strict=True)))
-        later = {"a": a, "alpha": alpha, "lam": lam}
-        return dataclasses.replace(states, **{name: np.concatenate([getattr(states, name)[:1], part])
-                                              for name, part in later.items()})
+        before = [self.step(scene, 0.0, [getattr(states, name)[k] for name in "xRvw"], -self.h, CLASSIC[4])
+                  for k in range(1, len(states.t))]
+        later = zip(*(self.told(scene, 0.0, state)[4:] for state in before), strict=True)
+        return dataclasses.replace(states, **{name: np.array([getattr(states, name)[0], *part])
+                                              for name, part in zip(("a", "alpha", "lam"), later, strict=True)})
 
 
 @pytest.mark.parametrize("scene", SCENES)

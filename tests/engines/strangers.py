@@ -7,68 +7,32 @@ of itself. It shares nothing with the mends of the judge. Kinds are those of `KI
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from crosscheck import adapters
-from crosscheck.adapters.base import Engine, RawRun, RunSpec, steps_per_sample
+from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.references import truth
 from crosscheck.scene import mechanics
-from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
-from tests.right_engines import Adaptive, Floats, Rotations
+from tests.engines.mistakes import fattened, once, pulled
+from tests.engines.right import Adaptive, Floats, Rotations
+from tests.engines.stepper import Honest
 
-METHODS = {"first": ("DAE1L_LSE", 1), "second": ("rattle2", 2), "fourth": ("rkmk4", 4)}
 KINDS = ("late", "claims", "name", "truth", "clock", "samples", "frame", "places", "outputs", "float32", "history")
 
 
-class Honest(Engine):
-    """lieeuler's methods of orders 1, 2 and 4, restarted at every output time."""
+@once
+def heavier(scene, factor):
+    """The scene with the inertia of its last body times a factor."""
+    return scene.replace(bodies=(*scene.bodies[:-1], fattened(scene, factor).bodies[-1]))
 
-    name = "stranger"
-    checks_sizes = True
-    methods = tuple(METHODS)
 
-    def unsupported(self, scene, spec):
-        return None
-
-    def version(self):
-        return "1"
-
-    def documented_order(self, scene, spec):
-        return METHODS[spec.method][1]
-
-    def physics(self, scene, states, k):
-        """The scene by which the interval from sample `k` on is stepped."""
-        return scene
-
-    def run(self, scene, spec):
-        """One interval after the other, each from the state at the end of the one before."""
-        per, h = steps_per_sample(scene, spec.step)
-        adapter, method, began = adapters.get("lieeuler"), METHODS[spec.method][0], time.perf_counter()
-        states = States(scene.t, *(np.repeat(np.array(part)[None], scene.samples, axis=0)
-                                   for part in (scene.x0, scene.R0, scene.v0, scene.w0)))
-        k = 0
-        while k < scene.samples - 1:
-            now = self.physics(scene, states, k)
-            last = k + 1
-            while last < scene.samples - 1 and self.same and now is scene:
-                last += 1
-            there = restarted(now, states, k, float(scene.t[last] - scene.t[k]), last - k + 1)
-            found = adapter.run(there, RunSpec(method, step=h, monitor=False)).states
-            for name in "xRvw":
-                getattr(states, name)[k + 1:last + 1] = getattr(found, name)[1:]
-            k = last
-        raw = RawRun(states, time.perf_counter() - began, per * (scene.samples - 1), h)
-        return self.told(scene, raw)
-
-    same = False  # whether the physics is that of the scene everywhere, so that one call does
-
-    def told(self, scene, raw):
-        return raw
+@once
+def blown(scene, factor):
+    """The scene with wind: an acceleration of (factor - 1) g along x."""
+    return scene.replace(gravity=scene.gravity + np.array([9.81 * (factor - 1.0), 0.0, 0.0]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,22 +44,6 @@ class Wrong:
     make: Callable[[], Engine]
     methods: tuple[str, ...] = ("first", "second", "fourth")
     scenes: tuple[str, ...] = ("double_pendulum",)
-
-
-def pulled(scene, factor):
-    """The scene with its gravity times a factor."""
-    return scene.replace(gravity=np.asarray(scene.gravity) * factor)
-
-
-def heavier(scene, factor):
-    """The scene with the inertia of its last body times a factor."""
-    body = dataclasses.replace(scene.bodies[-1], inertia=np.asarray(scene.bodies[-1].inertia) * factor)
-    return scene.replace(bodies=(*scene.bodies[:-1], body))
-
-
-def blown(scene, factor):
-    """The scene with wind: an acceleration of (factor - 1) g along x."""
-    return scene.replace(gravity=scene.gravity + np.array([9.81 * (factor - 1.0), 0.0, 0.0]))
 
 
 def when(place: Callable[..., bool], change: Callable[[Any, float], Any] = pulled, factor: float = 1.001
@@ -172,9 +120,9 @@ class Stepped(Rotations):
         self.count, self.scene = 0, scene
         return super().run(scene, spec)
 
-    def step(self, scene, t, state, h, stages, weights):
+    def step(self, scene, t, state, h, tableau):
         self.count += 1
-        return super().step(*self.changed(scene, t, state, h), stages, weights)
+        return super().step(*self.changed(scene, t, state, h), tableau)
 
     def changed(self, scene, t, state, h):
         """What the step is made of."""
@@ -213,29 +161,27 @@ class Halves(Stepped):
 class Injected(Stepped):
     """The energy is projected after every step, to one that grows by a ten-thousandth a second."""
 
-    def after(self, scene, state):
-        here = States(np.zeros(1), *(part.copy() for part in super().after(scene, state)))
+    def after(self, scene, t, state):
+        here = States(np.zeros(1), *(part[None] for part in super().after(scene, t, state)))
         energy, moving = mechanics.energy(scene, here)[0], mechanics.kinetic_energy(scene, here)[0]
         factor = np.sqrt(1.0 + 1e-4 * abs(energy) * scene.duration / (moving * 1000.0))
-        return [here.x, here.R, factor * here.v, factor * here.w]
+        return [here.x[0], here.R[0], factor * here.v[0], factor * here.w[0]]
 
 
 class Coupled(Stepped):
     """The last joint pulls its bodies unlike: of the force on the inner one a ten-thousandth is lost."""
 
-    def rates(self, scene, t, x, R, v, w):
-        moved, turned, a, alpha = super().rates(scene, t, x, R, v, w)
-        missing = scene.masses[-1] * (a[:, -1] - scene.gravity)
-        a = a.copy()
-        a[:, -2] += 1e-4 * missing / scene.masses[-2]
-        return moved, turned, a, alpha
+    def accelerations(self, scene, t, *state):
+        a, alpha = super().accelerations(scene, t, *state)
+        a[-2] += 1e-4 * scene.masses[-1] * (a[-1] - scene.gravity) / scene.masses[-2]
+        return a, alpha
 
 
 class Rounded(Stepped):
     """Angular velocities pass through 32 bits in every hundredth step, undeclared."""
 
-    def after(self, scene, state):
-        x, R, v, w = super().after(scene, state)
+    def after(self, scene, t, state):
+        x, R, v, w = super().after(scene, t, state)
         return [x, R, v, w.astype(np.float32).astype(float) if self.count % 100 == 0 else w]
 
 
@@ -268,8 +214,7 @@ class Stale(Honest):
 
     def physics(self, scene, states, k):
         self.first = getattr(self, "first", scene)
-        return scene.replace(bodies=tuple(dataclasses.replace(body, inertia=1.02 * np.asarray(body.inertia))
-                                          for body in scene.bodies)) if scene.name != self.first.name else scene
+        return fattened(scene, 1.02) if scene.name != self.first.name else scene
 
 
 def interpolated(change: Callable[..., dict]) -> Callable[[], Engine]:

@@ -112,7 +112,8 @@ def folder(tmp_path_factory):
     return keep(tmp_path_factory.mktemp("history"))
 
 
-@pytest.mark.parametrize("name", [*WHOLE, "list --support", "list", "--help", "verify --help",
+@pytest.mark.parametrize("name", [*WHOLE, "list --support", "list", "--help",
+                                  *(f"{each} --help" for each in app.COMMANDS),
                                   "inspect heavy_top --engine mujoco --engine exudyn --states 1"])
 def test_nothing_is_wider_than_the_terminal_and_no_figure_is_cut(name, folder, monkeypatch, capsys):
     shown = {}

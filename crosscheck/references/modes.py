@@ -26,7 +26,7 @@ Number = Any  # a number, or an array of them over times
 RESTING = 1e-12
 """Rates below this part of the largest of the scene (1 at least) are zero at the start and after impacts."""
 SLACK = 1e-11
-"""N m or N: a stop that carries nothing lets go beyond rounding."""
+"""N m or N: what begins to hold with no more to spare than that, as a stop that carries nothing, lets go beyond it."""
 CLOSED = 1e-6
 """Relative distance from a stop at which a motion that was held there still is."""
 COUPLED = 1e-12
@@ -86,6 +86,7 @@ class Part:
     """The mode of one coordinate, and the memory of its sampled servo."""
 
     held: bool = False
+    slack: float = 0.0  # N m or N beyond what can hold it, before it lets go
     side: int = 0  # of the rigid stop at which it is held: -1 lower, +1 upper
     slip: int = 0  # direction in which dry friction slips
     soft: int = 0  # side of the range beyond which it is
@@ -182,7 +183,7 @@ class Machine:
         for i, (law, part) in enumerate(zip(self.laws, mode, strict=True)):
             if part.held:
                 lo, hi = _box(law, part.side)
-                rooms = (("lo", holding[i] - lo + SLACK), ("hi", hi - holding[i] + SLACK))
+                rooms = (("lo", holding[i] - lo + part.slack), ("hi", hi - holding[i] + part.slack))
                 values |= {(i, name): room for name, room in rooms if np.isfinite(room).all()}
             elif part.slip:
                 values[i, "rest"] = part.slip * rate[i]
@@ -460,7 +461,7 @@ class _Change:
             efforts = self.form.efforts(tuple(mode), self.t, q, rate)
             free = (b + S @ efforts)[still]
             boxes = np.array([_box(self.laws[i], self.parts[i].side) for i in still]).reshape(-1, 2)
-            _, a = self.form.choose(free, S[np.ix_(still, still)], boxes[:, 0], boxes[:, 1])
+            f, a = self.form.choose(free, S[np.ix_(still, still)], boxes[:, 0], boxes[:, 1])
             size = 1e-11 * np.abs(free).max(initial=0.0)
             leaving = {i: int(np.sign(a[k])) for k, i in enumerate(still) if abs(a[k]) > max(size, SLACK * S[i, i])}
             if not leaving:
@@ -474,6 +475,8 @@ class _Change:
             released |= leaving
         for i in rest:
             self.rest_or_go(i, released.get(i, 0))
+        for i, effort, (lo, hi) in zip(still, f, boxes, strict=True):
+            self.change(i, slack=SLACK if min(effort - lo, hi - effort) < SLACK else 0.0)
 
     def rest_or_go(self, i: int, direction: int) -> None:
         part, law = self.parts[i], self.laws[i]

@@ -54,6 +54,15 @@ def test_a_braked_block(tmp_path):
     assert not reference.states.v[-1].any()  # rest is rest
 
 
+@pytest.mark.parametrize(("joint", "level"), [
+    ({"dry_friction": {"sliding": 0.2, "static": 0.25}}, 0.25), ({"limits": {"lower": 0.0}, "position": 0.0}, 0.0)])
+def test_what_holds_lets_go_when_a_slow_force_reaches_it(tmp_path, joint, level):
+    """.5 sin(.1 t) - .2: to rounding, however slowly it grows."""
+    force = {"type": "joint_force", "joint": "s", "force": {"type": "sine", "terms": [[0.5, 0.1, 0.0]], "offset": -0.2}}
+    reference = compute(slide(tmp_path, joint, forces=[force], duration=20.0, samples=5))
+    np.testing.assert_allclose(times(reference)[:1], [10.0 * np.arcsin((level + 0.2) / 0.5)], rtol=2e-15)
+
+
 def test_a_bouncing_hinge_without_weight(tmp_path):
     """Between two stops the rate is constant; each impact halves it."""
     reference = compute(pendulum(tmp_path, {"velocity": 4.0, "limits": {"lower": -0.3, "upper": 0.5,

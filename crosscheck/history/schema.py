@@ -25,21 +25,44 @@ class Tables:
 
 
 @functools.cache
+def _kinds() -> dict[str, Any]:
+    """Types of columns that refuse a value of another type: SQLite keeps any in any column, as a damaged file has."""
+    import sqlalchemy
+
+    def kind(name: str, *allowed: type) -> Any:
+        class Kept(sqlalchemy.TypeDecorator[Any]):
+            impl, cache_ok = getattr(sqlalchemy, name), True
+
+            def process_result_value(self, value: Any, dialect: Any) -> Any:
+                if value is not None and not isinstance(value, allowed):
+                    raise ArgumentError(f"--store: it is damaged, with {value!r:.40} in place of {name.lower()}; name "
+                                        "another store, or a copy of this one")
+                return value
+
+        return Kept
+
+    return {"Text": kind("Text", str), "Float": kind("Float", int, float), "Integer": kind("Integer", int)}
+
+
+@functools.cache
 def tables() -> Tables:
     """The tables, for queries."""
-    from sqlalchemy import Boolean, Column, Float, ForeignKey, Integer, MetaData, Table, Text, UniqueConstraint
+    from sqlalchemy import Boolean, Column, ForeignKey, MetaData, Table, UniqueConstraint
+    from sqlalchemy import Integer as Whole
+
+    Text, Float, Integer = (_kinds()[name] for name in ("Text", "Float", "Integer"))
 
     def needed(name: str, kind: Any = Text, **more: Any) -> Column[Any]:
         return Column(name, kind, nullable=False, **more)
 
     def owner(name: str, of: str, **more: Any) -> Column[Any]:
-        return Column(name, Integer, ForeignKey(f"{of}.id", ondelete="CASCADE"), **more)
+        return Column(name, Whole, ForeignKey(f"{of}.id", ondelete="CASCADE"), **more)
 
     metadata = MetaData()
     return Tables(
         metadata,
         Table("runs", metadata,
-              Column("id", Integer, primary_key=True),
+              Column("id", Whole, primary_key=True),
               needed("name", unique=True),  # also the name of its folder
               needed("started"),  # UTC, ISO 8601, which sorts by time
               needed("profile"),
@@ -56,7 +79,7 @@ def tables() -> Tables:
               Column("kind", Text, primary_key=True),  # "engine" or "package"
               Column("name", Text, primary_key=True), needed("version")),
         Table("results", metadata,
-              Column("id", Integer, primary_key=True),
+              Column("id", Whole, primary_key=True),
               owner("run_id", "runs", nullable=False, index=True),
               needed("scene"), needed("scene_hash"), needed("engine"), needed("method"),
               needed("form"),  # empty if the engine chose it

@@ -10,7 +10,7 @@ from crosscheck.judge.crossings import beside_impacts
 from crosscheck.judge.segments import marks
 from crosscheck.judge.world import World
 from crosscheck.scene.coordinates import hinge_angles
-from tests.cases.inputs import body, joint, scene
+from tests.cases.inputs import CART, body, gantry, joint, scene
 
 
 def wound(samples=7):
@@ -79,3 +79,17 @@ def test_events_beyond_the_end_of_truth_leave_what_is_before_it_to_be_judged():
         cuts = marks(np.zeros(101), busy, "made", 15)
         assert 15 in cuts
         assert len([each for each in cuts if each <= 15]) <= 17
+
+
+@pytest.mark.parametrize("name", ["reversed.xml", "reversed.urdf"])
+def test_a_lower_limit_above_the_upper_one_is_refused_and_listed(name, tmp_path):
+    """MuJoCo takes such a range for none, and other engines for a range."""
+    text = gantry().replace('lower="-2" upper="2"', 'lower="2" upper="-2"')
+    if name.endswith("xml"):
+        text = CART.format(damping=0.7).replace('type="slide"', 'type="slide" range="2 -2"')
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(crosscheck.SceneError, match="limits of joint"):
+        crosscheck.import_model(path)
+    listed = crosscheck.import_model(path, limits="drop").left_out
+    assert [each.what for each in listed if each.what.startswith("limits of joint")]

@@ -120,9 +120,14 @@ def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants
     if off(m, "LIMIT", "CONSTRAINT"):
         return
     for j in range(m.njnt):
-        if not m.jnt_limited[j] or np.abs(m.jnt_range[j]).min() >= UNREACHABLE:
+        reversed_ = bool(m.jnt_range[j, 0] > m.jnt_range[j, 1])  # MuJoCo takes these for none, other engines do not
+        if not (m.jnt_limited[j] or reversed_) or np.abs(m.jnt_range[j]).min() >= UNREACHABLE:
             continue
         mine = LeftOut(label(m, j), "limits of joint", tuple(m.jnt_range[j].tolist()))
+        if reversed_ and wants.limits != "drop":
+            low, high = m.jnt_range[j]
+            reading.lost.append(mine._replace(value=f"whose lower end {low:.4g} is above the upper one, {high:.4g}"))
+            continue
         if wants.limits == "drop":
             reading.noted.append(mine)
             continue

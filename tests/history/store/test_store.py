@@ -1,8 +1,10 @@
 """The history in real databases: values are read back as written, also with several writers and after kills."""
 
+import contextlib
 import dataclasses
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -230,6 +232,24 @@ def test_a_file_with_flipped_bytes_answers_or_is_refused_in_one_line(tmp_path, s
             done = crosscheck("history", *words, "--store", str(path))
             assert done.returncode in (0, 2)
             assert done.stderr.count("\n") == (done.returncode == 2)
+
+
+@pytest.mark.parametrize("change", [
+    "metrics SET unit = x'00'", "metrics SET value = 'x'", "results SET label = x'00ff'", "versions SET version = x'01'",
+    "runs SET exit_code = 'x'"])
+def test_a_value_of_another_type_is_refused_in_one_line(tmp_path, change):
+    """A flipped byte in the head of a row makes text a number; SQLite keeps any value in any column."""
+    path = tmp_path / "damaged.sqlite"
+    store = open_store(path)
+    save(store, run_from_document("first", document(many(5)), good=True))
+    store.dispose()
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        base.execute(f"UPDATE {change}")
+        base.commit()
+    done = crosscheck("history", "show", "--store", str(path))
+    assert done.returncode == 2
+    assert "it is damaged" in done.stderr
+    assert done.stderr.count("\n") == 1
 
 
 def test_the_environment_names_the_store(tmp_path, monkeypatch):

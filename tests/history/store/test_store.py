@@ -235,8 +235,8 @@ def test_a_file_with_flipped_bytes_answers_or_is_refused_in_one_line(tmp_path, s
 
 
 @pytest.mark.parametrize("change", [
-    "metrics SET unit = x'00'", "metrics SET value = 'x'", "results SET label = x'00ff'", "versions SET version = x'01'",
-    "runs SET exit_code = 'x'"])
+    "metrics SET unit = x'00'", "metrics SET value = 'x'", "results SET label = x'00ff'",
+    "versions SET version = x'01'", "runs SET exit_code = 'x'"])
 def test_a_value_of_another_type_is_refused_in_one_line(tmp_path, change):
     """A flipped byte in the head of a row makes text a number; SQLite keeps any value in any column."""
     path = tmp_path / "damaged.sqlite"

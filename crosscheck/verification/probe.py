@@ -11,8 +11,11 @@ from crosscheck.judge.segments import Pulled, Segment, reactions_of, rows
 from crosscheck.judge.world import World
 from crosscheck.running.attempt import Ran, Refused, attempt, lasting
 from crosscheck.scene import mechanics
+from crosscheck.scene.assembly import closed
 from crosscheck.scene.model import Scene
 from crosscheck.scene.sensors import SENSOR_TYPES, readings
+from crosscheck.scene.spanning import spanning_tree
+from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
 
 
@@ -113,9 +116,17 @@ def answer_of(scene: Scene, states: States, steps: int) -> Answer:
 
 
 def _accelerated(scene: Scene, states: States) -> dict[str, np.ndarray]:
-    """Accelerations less those of the states, in the middle and at the end; to solve for all takes long; else 0."""
+    """Accelerations less those of the states, in the middle and at the end; to solve for all takes long; else 0.
+
+    With closed loops: opened by anything, rows that depend on each other are at odds, and lock a mechanism.
+    """
     rows = [len(states.t) // 2, len(states.t) - 1]
     at = states.at(rows)
+    if spanning_tree(scene)[1]:
+        begun = [restarted(scene, states, k, 1.0) for k in rows]
+        shut = [closed(each, scene) or each for each in begun]
+        x, R, v, w = (np.array([getattr(each, name) for each in shut]) for name in ("x0", "R0", "v0", "w0"))
+        at = dataclasses.replace(at, x=x, R=R, v=v, w=w)
     a, alpha, _ = mechanics.index1(scene, at.x, at.R, at.v, at.w, mechanics.torsion_angles(scene, at), at.t)
     found = {"acceleration": np.zeros_like(states.x), "angular acceleration": np.zeros_like(states.x)}
     found["acceleration"][rows], found["angular acceleration"][rows] = at.a - a, at.alpha - alpha

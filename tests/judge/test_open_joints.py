@@ -11,9 +11,17 @@ from crosscheck.adapters.foreign.own import completed
 from crosscheck.adapters.lieeuler import LieEuler
 from crosscheck.adapters.mujoco.adapter import MuJoCo
 from crosscheck.adapters.pinocchio.adapter import Pinocchio
+from crosscheck.compare.sizes import sizes
 from crosscheck.document import Plan, Way
+from crosscheck.judge.system_flow import moved
+from crosscheck.references import truth
+from crosscheck.scene import mechanics
+from crosscheck.scene.file import load_scene
 from crosscheck.scene.spanning import spanning_tree
+from crosscheck.scene.starts import restarted
+from crosscheck.scene.states import States
 from crosscheck.verification.cell import run_cell
+from crosscheck.verification.probe import answer_of
 from crosscheck.verification.task import Cell
 
 DRIFTING = Plan({1: 6e-4}, samples=41, duration=0.96)
@@ -81,6 +89,22 @@ def test_a_mechanism_that_open_joints_would_lock_begins_in_closed_ones(change):
     run = judged(engine, "bricard", Plan({1: 0.01}, samples=126), ("TrapezoidalIndex2", None))
     wrong = {finding.kind for finding in run.findings if finding.status == "fail"} - {"promise level velocity"}
     assert bool(wrong) == bool(change), wrong
+
+
+def test_accelerations_are_those_of_a_mechanism_with_closed_joints():
+    """Opened by 1e-6, a mechanism with more rows than it needs is locked by those that are at odds."""
+    scene = load_scene("bricard").replace(samples=5).lasting(1.0)
+    states = truth(scene).states
+    shut = restarted(scene, states, 3, 0.5)
+    opened = moved(shut, sizes(scene, states), 1e-6, closing=False)
+    rows = {name: np.repeat(getattr(opened, f"{name}0")[None], 2, axis=0) for name in "xRvw"}
+
+    def accelerations(at):
+        return mechanics.index1(at, at.x0[None], at.R0[None], at.v0[None], at.w0[None], np.zeros((1, 0)), np.zeros(1))
+
+    a, alpha, _ = (np.repeat(each, 2, axis=0) for each in accelerations(shut))
+    own = answer_of(opened, States(np.array([0.0, 0.1]), **rows, a=a, alpha=alpha), 1).own["angular acceleration"]
+    assert np.abs(own).max() < 1e-4 < 0.1 < np.abs(accelerations(opened)[1] - alpha[:1]).max()
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-7])

@@ -53,6 +53,16 @@ class Segment:
         """Its output times, s since its beginning."""
         return self.start.t
 
+    @property
+    def intervals(self) -> int:
+        """Intervals between outputs from where an answer begins to its end."""
+        return self.last - (0 if self.whole else self.first)
+
+    @property
+    def growth(self) -> float:
+        """The factor by which an error of its start grows; 1 where that is not known."""
+        return 1.0 if self.flowed is None else self.flowed.growth
+
     def smooth(self, steps: Sequence[float]) -> bool:
         """Whether the true motion is smooth in every step of methods with these steps."""
         return self.flowed is not None and all(jump.due and all(

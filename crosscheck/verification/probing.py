@@ -49,10 +49,11 @@ def judge_probes(scene: Scene, log: Path, folder: Path, step: float, order: int)
         if not isinstance(outcome, Ran):
             raise outcome.error
         traj, reference = outcome.trajectory, truth(shown)
-        asked = Solution(run, shown, traj, reference)
+        found = Solution(run, shown, traj, reference)
+        asked = found.questions
         per, _ = steps_per_sample(shown, step)
         missing = []
-        for segment in segments_of(shown, asked.own_states, reference, asked.open):
+        for segment in segments_of(shown, asked.states, reference, found.open):
             for count in counts(per, asked.multiple):
                 question = probes.ask(asked.probe.worlds[0].scene(segment.start), asked.dt / count)
                 missing += [] if probes.answer(question) else [question]

@@ -23,7 +23,8 @@ from crosscheck.references import truth
 from crosscheck.scene.model import Sensor, Site
 from crosscheck.scene.starts import restarted
 from crosscheck.verification.cell import run_cell
-from crosscheck.verification.solution import _refined, judge
+from crosscheck.verification.limits import refined
+from crosscheck.verification.solution import judge
 from crosscheck.verification.task import Cell
 from tests.gate.measure import case
 from tests.gate.right import Braked
@@ -114,9 +115,9 @@ def test_what_coarser_answers_say_of_a_row_stands_where_finer_ones_say_less():
 
     before = [check("position", 1e-4, 1e-3), check("velocity", 1e-4, 0.5), check("energy", 0.3, 0.2)]
     after = [check("position", 0.1, 0.3), check("velocity", 1e-4, 0.1), check("energy", 0.1, 0.3)]
-    assert _refined(before, after) == [before[0], after[1], after[2]]
+    assert refined(before, after) == [before[0], after[1], after[2]]
     accused = [check("position", 0.4, 0.3), *after[1:]]
-    assert _refined(before, accused) == accused
+    assert refined(before, accused) == accused
 
 
 def test_an_order_that_has_shown_stays_where_an_iteration_ends():
@@ -333,7 +334,8 @@ def test_the_judge_has_at_most_fifteen_constants_each_with_its_source(capsys):
     """Every other number in the rooms that judge is 0, 1, -1, 2 or a shape; what engines declare is printed."""
     root = pathlib.Path(crosscheck.__file__).parent
     files = [*(root / f"compare/{name}.py" for name in ("apart", "ladder", "order", "sizes")),
-             *(root / f"verification/{name}.py" for name in ("probe", "promises", "solution")),
+             *(root / f"verification/{name}.py" for name in (
+                     "limits", "probe", "promises", "questions", "restart_defects", "solution", "uncertainty")),
              *(root / "judge" / f"{name}.py" for name in (
                  "known", "overrides", "rounding", "rules", "segments", "system_flow", "verdict", "world"))]
     named = []

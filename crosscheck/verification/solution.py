@@ -177,7 +177,8 @@ class Solution:
         gaps = apart(self.questions.states.at(slice(0, 1)), start_of(self.scene))
         for name in STATE:
             value = largest(gaps[name])
-            parts = {"rounding": self.uncertainty.grading * eps * self.uncertainty.extent(name)}
+            # It rounds on the way into an engine's coordinates, and on the way back.
+            parts = {"rounding": 2 * self.uncertainty.grading * eps * self.uncertainty.extent(name)}
             near = closed(self.scene) if value > parts["rounding"] else None
             if near is not None:
                 parts["closing"] = SAFETY * largest(apart(start_of(near), start_of(self.scene))[name])

@@ -92,14 +92,14 @@ def _on_loops(scene: Scene, source: object, known: float) -> Verdict:
     worst = max(condition(mass), float(sizes[0] / sizes[sizes > DEPENDENT * sizes[0]].min()))
     rate = float(max(np.abs(scene.v0).max(), np.abs(scene.w0).max()))
     bound, error, cause = max(allowed(blocks, size, worst, rate), known), off(exact.a), ""
-    if not error <= bound:
-        cause = next((words for words, changed in itertools.chain([("the sign is reversed", -exact.a)], (
-            (words, tangent_space(each).a) for words, each in _models(scene)))
-            if off(changed) <= bound + EXPLAINED * error), "")
-    if not error <= bound and not cause and blocks.order == 1 and isinstance(source, str):
+    if not error <= bound and blocks.order == 1 and isinstance(source, str):  # no mistake of a model grows with a step
         others = (apart(f"{label.partition('@')[0]}@{blocks.eps * k:g}")[-1](exact.a) / k for k in (0.1, 10.0))
         if any(abs(other / error - 1) < LINEAR for other in others):
             cause = f"forward differences of soft loops: their error is {error / blocks.eps:.0e} times their step"
+    if not error <= bound and not cause:
+        cause = next((words for words, changed in itertools.chain([("the sign is reversed", -exact.a)], (
+            (words, tangent_space(each).a) for words, each in _models(scene)))
+            if off(changed) <= bound + EXPLAINED * error), "")
     if not error <= bound and not cause:
         cause = _of_its_own(scene, source, label, error)
     return Verdict(label, {"tangent": error}, bound, error <= bound, cause)

@@ -116,6 +116,10 @@ def _renewed(args: list[str]) -> Iterator[str]:
         setting = SETTINGS.get(option)
         if option == "--derivatives" and args[0] == "inspect":
             raise CrosscheckError("inspect --derivatives is now: crosscheck linearise SCENE --source ENGINE")
+        if option == "--against" and args[0] == "inspect":
+            complain("inspect A --against B is now: crosscheck inspect A B")
+            yield from [value] if equals else []
+            continue
         if setting is None:
             yield word
             continue

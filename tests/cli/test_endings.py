@@ -191,6 +191,12 @@ def test_the_former_option_of_inspect_names_the_command():
         "crosscheck: inspect --derivatives is now: crosscheck linearise SCENE --source ENGINE\n")
 
 
+def test_the_former_option_of_a_second_model_is_taken():
+    done, again = (crosscheck("inspect", "double_pendulum", *more, "heavy_top") for more in (("--against",), ()))
+    assert done.stderr.splitlines()[0] == "crosscheck: inspect A --against B is now: crosscheck inspect A B"
+    assert (done.returncode, done.stdout) == (again.returncode, again.stdout)
+
+
 @pytest.mark.parametrize(("old", "new"), [
     (("--map", "cayley"), "coordinate_map=cayley"), (("--map=cayley",), "coordinate_map=cayley"),
     (("--reduce", "off"), "reduce=off"), (("--no-conserve",), "conserve=false")])

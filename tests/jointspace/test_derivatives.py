@@ -472,11 +472,11 @@ def test_the_command_finds_pinocchios_damping_and_mujocos_curve():
     assert re.search(r"of MuJoCo's steps 1e-0[678] is the best", answer.output)
 
 
-def test_a_model_file_is_inspected(tmp_path):
+def test_a_model_file_is_linearised(tmp_path):
     file = tmp_path / "arm.xml"
     crosscheck.export_model(arm(2, stiffness=0.0, forces=[]), file)
-    answer = CliRunner().invoke(app, ["inspect", str(file), "--derivatives", "--engine", "pinocchio", "--engine",
-                                      "mujoco"])
+    answer = CliRunner().invoke(app, ["linearise", str(file), "--source", "pinocchio:aba", "--source",
+                                      "mujoco:inverseFD"])
     assert answer.exit_code == 1, answer.output
     assert "✗ pinocchio:aba" in answer.output
     assert "the damping of joints is left out" in answer.output

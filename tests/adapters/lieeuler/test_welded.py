@@ -33,7 +33,8 @@ def test_errors_are_those_of_the_method(name, method, step):
     problem = library(name)
     best = both(problem, rtol=1e-13)[0]
     off, on = both(problem, method, **({"step": step} if step else {"rtol": 1e-11}))
-    assert largest_difference(best, on) < 2 * largest_difference(best, off) + 1e-11
+    room = 1e-11 * (1 if step else on.stats.steps)  # each step of an adaptive method keeps its tolerance
+    assert largest_difference(best, on) < 2 * largest_difference(best, off) + room
     assert largest_difference(best, on) < (1e-4 if method == "generalized_alpha" else 1e-7)
     if step:
         finer = both(problem, method, step=step / 2)[1]

@@ -47,7 +47,7 @@ def run_of(steps=100, orthogonality=0.0, maxima=None, told=0.01, **levels):
                            orthogonality=np.array([orthogonality]), stats={"step": told}, status="success", **series)
 
 
-SIZES = {"position": 1.0, "velocity": 2.0, "acceleration": 4.0}
+SIZES = {"position": 1.0, "velocity": 2.0, "acceleration": 4.0, "angular velocity": 5.0}
 
 
 def failing(traj, held=(), iteration=0.0, on_group=False, eps=EPS):
@@ -70,6 +70,12 @@ def test_held_levels_hold_to_rounding_at_every_step(level, size):
 def test_what_an_iteration_is_declared_to_leave_is_allowed(level, rate):
     assert not failing(run_of(**{level: rate * 3e-6}), [level], iteration=1e-6)
     assert failing(run_of(**{level: rate * 3.03e-6}), [level], iteration=1e-6)
+
+
+def test_rows_of_another_form_differ_by_the_turn_of_an_opening_below():
+    assert not failing(run_of(position=1e-6, velocity=14.9e-6), ["velocity"])
+    assert failing(run_of(position=1e-6, velocity=15.1e-6), ["velocity"]) == {"level velocity"}
+    assert failing(run_of(position=1e-6, velocity=1e-6), ["position", "velocity"]) == {"level position"}
 
 
 def test_rotation_matrices_that_are_declared_to_stay_on_the_group_are_orthogonal_to_rounding():

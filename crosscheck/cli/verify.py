@@ -70,7 +70,7 @@ def verify(
     from crosscheck.document import Asked
     from crosscheck.judge import overrides
     from crosscheck.recordings import published
-    from crosscheck.report import check_out, schema
+    from crosscheck.report import schema
     from crosscheck.report.headline import ending, sentence
     from crosscheck.scene.file import as_scene, tagged
     from crosscheck.verification.job import limits_of
@@ -82,7 +82,6 @@ def verify(
     if tag and not tagged(*tag):
         raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
     asked_for = [*(scenes or ()), *(scene or ()), *tagged(*tag or ())] or None
-    check_out(out)
     files = options.scene_files(asked_for, reading)
     spoken = {file: (name, shlex.join([name, *reading.words]))
               for file, name in zip(files or (), asked_for or (), strict=True) if file != name}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from crosscheck.compare.apart import ROUNDED
 from crosscheck.references.base import Reference
 from crosscheck.references.restarts import Begin, Event, restarts_of
 from crosscheck.scene.coordinates import histories
@@ -13,10 +14,6 @@ from crosscheck.scene.states import Motion, States
 
 STEPS = 2.0
 """Steps by which an event may be late that a method of order one does not look for."""
-
-
-INSTANT = 1e-9
-"""Part of a run's time within which an output is at the time of an event: event times are known to 1e-12."""
 
 
 class Crossed:
@@ -68,7 +65,7 @@ def near_impacts(scene: Scene, truth: Reference, position: float, step: float) -
 
 def beside_impacts(scene: Scene, run: Motion, truth: Reference, step: float, position: float = 0.0) -> States:
     """The run with the true velocities at output times near an impact, see `near_impacts`: there two are right."""
-    near = near_impacts(scene, truth, position, max(step, INSTANT * float(truth.t[-1])))
+    near = near_impacts(scene, truth, position, max(step, ROUNDED * float(truth.t[-1])))
     near &= not near.all()
     v, w = (np.where(near[:, None, None], getattr(truth.states, name), getattr(run, name)) for name in "vw")
     return States(run.t, run.x, run.R, v, w, hinges=run.hinges)

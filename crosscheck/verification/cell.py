@@ -26,10 +26,11 @@ from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import Motion, States
+from crosscheck.scene.states import Motion
 from crosscheck.verification import solution
 from crosscheck.verification.curves import run_curves
 from crosscheck.verification.promises import judge_asked, judge_promises
+from crosscheck.verification.questions import own_states
 from crosscheck.verification.task import Cell, load
 
 MANY = 16
@@ -110,8 +111,7 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
     own = traj if reference is None else beside_impacts(scene, traj, reference, step)
     missed = {} if reference is None else errors(scene, own, reference.states, reference.horizon) | of_sensors(
         scene, traj.sensors, reference.states, reference.horizon)
-    size = sizes_of(scene, States(traj.t, traj.x, traj.R, traj.v, traj.w, traj.a, traj.alpha)
-                    if reference is None else reference.states)
+    size = sizes_of(scene, own_states(traj) if reference is None else reference.states)
     findings = [*judge_asked(run, scene, traj, per, step), *found.findings, *judge_promises(
         scene, traj, held, size, found.eps, max(found.iteration, traj.stats.get("newton_left", 0.0)), engine.on_group)]
     shares = {name: each for name, each in found.shares.items() if name}

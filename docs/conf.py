@@ -43,8 +43,7 @@ html_static_path = ["static"]
 
 os.environ["PATH"] = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])  # notebooks call crosscheck
 DOCS = Path(__file__).parent
-ELSEWHERE = {"readme": "README.md", "changes": "CHANGELOG.md", "contributing": "CONTRIBUTING.md",
-             "written": "reports/README.md"}
+ELSEWHERE = {"readme": "README.md", "changes": "CHANGELOG.md", "contributing": "CONTRIBUTING.md"}
 """Pages whose text stands elsewhere in the repository."""
 
 STRUCT = re.compile(r'^class (\w+)\((\w+), frozen=True[^)]*\):\n    """(.*?)"""\n(.*?)(?=^\S|\Z)',

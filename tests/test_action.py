@@ -112,9 +112,9 @@ for name, gain in (("right", 1.0), ("wrong", 1.01)):
 """
 
 
-def test_the_workflow_of_the_readme_from_an_empty_repository(tmp_path):
-    shown = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    job = next(yaml.safe_load(each) for each in shown if "uses: OWNER/REPOSITORY" in each)["jobs"]["judge"]
+def test_the_workflow_of_the_page_from_an_empty_repository(tmp_path):
+    (shown,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "nightly.md").read_text(), re.DOTALL)
+    job = yaml.safe_load(shown)["jobs"]["judge"]
     (tmp_path / "robot.urdf").write_text(ROBOT)
     (tmp_path / "simulate.py").write_text(SIMULATE)
     (tmp_path / "simulate.sh").write_text(f"#!/bin/sh\n{sys.executable} simulate.py\n")
@@ -198,11 +198,6 @@ def test_workflows_use_what_is_there():
                     assert set(each.get("with", {})) <= set(ACTION["inputs"])
                 if each.get("run", "").startswith(".ci/"):
                     assert (ROOT / each["run"]).is_file()
-
-
-def test_pages_show_the_workflows_as_they_are():
-    shown = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "nightly.md").read_text(), re.DOTALL)
-    assert [yaml.safe_load(each) for each in shown] == [WORKFLOWS["nightly.yml"]]
 
 
 def test_oldest_and_newest_python_and_both_compilers():

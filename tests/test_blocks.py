@@ -15,6 +15,7 @@ from __future__ import annotations
 import configparser
 import dataclasses
 import json
+import os
 import re
 import shlex
 import shutil
@@ -86,8 +87,6 @@ def blocks() -> list[Block]:
         text = path.read_text("utf-8")
         found += [Block(str(path.relative_to(ROOT)), text[:match.start("language")].count("\n") + 1, match["language"],
                         match["text"], match["how"] or "") for match in BLOCK.finditer(text)]
-        found += [Block(path.name, text[:match.start()].count("\n") + 1, "sh", match[1] + "\n", "")
-                  for match in re.finditer(r"\| `(crosscheck [^`]+)` \|", text) if path.name == "README.md"]
     return [block for block in found if block.language not in SHOWN and block.document != "docs/papers.md"]
 
 
@@ -201,6 +200,25 @@ def assert_runs(words: list[str]) -> None:
     done = CliRunner().invoke(app, shortened(words[1:]))
     assert isinstance(done.exception, SystemExit | None), (done.output, done.exception)
     assert done.exit_code in (0, 1), done.output
+
+
+SESSION = re.compile(r"^\$ (crosscheck .+)\n((?:(?!\$ |```).*\n)+)", re.MULTILINE)
+"""A command of the front page and what it prints, to the next one."""
+SESSIONS = SESSION.findall((ROOT / "README.md").read_text("utf-8"))
+
+
+def test_the_front_page_shows_three_answers():
+    assert [command.split()[1] for command, _ in SESSIONS] == ["advise", "judge", "inspect"]
+
+
+@pytest.mark.parametrize(("command", "shown"), SESSIONS, ids=[command.split()[1] for command, _ in SESSIONS])
+def test_a_command_prints_what_the_front_page_shows(command, shown):
+    """At 100 columns; the line of the cost is a time."""
+    done = subprocess.run([sys.executable, "-m", "crosscheck", *shlex.split(command)[1:]], cwd=ROOT,
+                          env={**os.environ, "COLUMNS": "100"}, capture_output=True, text=True)
+    printed, expected = ([line.rstrip() for line in text.splitlines() if line.strip() and not line.startswith("cost ")]
+                         for text in (done.stdout, shown))
+    assert printed == expected, done.stderr
 
 
 FIXTURES = re.compile(r"def test_\w+\(\w")

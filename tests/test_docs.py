@@ -159,9 +159,9 @@ def test_the_site_is_built_without_warnings_and_asks_no_network(tmp_path):
     for page in tmp_path.rglob("*.html"):
         text = page.read_text("utf-8")
         assert not re.findall(r"<(?:script|link)[^>]+(?:src|href)=\"(?:https?:)?//[^\"]+", text), page.name
-    for notebook in (ROOT / "docs" / "notebooks").glob("*.md"):
-        ran = (tmp_path / "notebooks" / f"{notebook.stem}.html").read_text("utf-8")
-        assert ran.count('class="cell docutils') == notebook.read_text("utf-8").count("```{code-cell}")
+    for tutorial in (ROOT / "docs" / "tutorials").glob("*.md"):
+        ran = (tmp_path / "tutorials" / f"{tutorial.stem}.html").read_text("utf-8")
+        assert ran.count('class="cell docutils') == tutorial.read_text("utf-8").count("```{code-cell}")
         assert "Traceback" not in ran
     theory = (tmp_path / "theory.html").read_text("utf-8")
     assert theory.count("<math") > 300

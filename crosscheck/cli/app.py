@@ -131,8 +131,10 @@ def _renewed(args: list[str]) -> Iterator[str]:
 
 app = typer.Typer(name="crosscheck", cls=Commands, add_completion=False, rich_markup_mode=None, no_args_is_help=True,
                   pretty_exceptions_enable=False,
-                  help="One multibody scene, many engines, every result measured against independent truth. Begin with "
-                       "`crosscheck list` and `crosscheck verify --scene double_pendulum --profile smoke`.")
+                  help="Does an engine, a method or a log solve the equations of motion, and to which error? Each is "
+                       "compared with truth, a reference solution by two independent formulations. A scene is a name "
+                       "of `crosscheck list`, a .toml, an MJCF or a URDF. Begin with `crosscheck verify --scene "
+                       "double_pendulum --profile smoke`.")
 
 
 @app.callback()

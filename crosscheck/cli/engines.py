@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli.console import console, figures, key, print_table, progress_bar, say, words
-from crosscheck.cli.options import EngineNames, SceneName, among
+from crosscheck.cli.options import FORM, EngineNames, SceneName, among
 from crosscheck.errors import PINNED, ArgumentError, Unsupported, counted, install
 
 if TYPE_CHECKING:
@@ -88,18 +88,20 @@ def _cell(entry: Support, methods: int, notes: dict[tuple[str, str], int]) -> st
 
 def inspect(
     scene: SceneName,
-    other: Annotated[str | None, typer.Argument(help="another model or scene: what differs from it, where, and the "
-                                                "motion, whatever names, order and format are")] = None,
+    other: Annotated[str | None, typer.Argument(help="another model or scene: print what differs, whatever the names, "
+                                                "order and format")] = None,
     engine: Annotated[list[str] | None, typer.Option("--engine", help="a name; may be repeated; default: all")] = None,
     form: Annotated[str | None, typer.Option(callback=among("--form", "tree", "maximal", "pivot"), help=(
-        "tree, maximal or pivot; default: every form an engine has"))] = None,
+        FORM + "every form"))] = None,
     states: Annotated[int, typer.Option(help="random admissible states beside the start", min=0, max=1000)] = 3,
     seed: Annotated[int, typer.Option(help="of the random states", min=0)] = 0,
     torques: Annotated[bool, typer.Option("--torques", help="only what drives have to supply, by inverse dynamics "
                                                             "of truth and engines: at the start for constant rates, "
                                                             "and compared at random states")] = False,
 ) -> None:
-    """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations.
+    """Compare models without integrating: of all engines for a scene or file, or two files with each other.
+
+    Of a scene: masses, energies, mass matrix, forces and accelerations, against truth.
 
     A model file, .xml or .urdf, is loaded by every engine itself, and what an engine reads differently is named.
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli.console import console, figures, key, print_table, say, words
+from crosscheck.cli.options import FORM
 from crosscheck.errors import ArgumentError, counted, unknown
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def trend(
     scene: Annotated[str, typer.Option(help="name of the scene")],
     engine: Annotated[str, typer.Option(help="name of the engine")],
     method: Annotated[str, typer.Option(help="name of the method")],
-    form: Annotated[str, typer.Option(help="tree, maximal or pivot; default: the engine's own choice")] = "",
+    form: Annotated[str, typer.Option(help=FORM + "the engine's choice")] = "",
     page: Annotated[Path | None, typer.Option(help="also write a page with the curve")] = None,
     store: Store = None,
 ) -> None:

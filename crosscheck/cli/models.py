@@ -31,14 +31,14 @@ def convert(
                                           "balanceinertia does")] = False,
     root: Annotated[str | None, typer.Option(help="take only this link or body and what hangs on it")] = None,
     actuators: Annotated[str, typer.Option(help="keep those of hinges and slides, or drop them")] = "keep",
-    contacts: Annotated[str, typer.Option(help="monitor: the scene holds until two bodies touch; or drop")] = "monitor",
+    contacts: Annotated[str, typer.Option(help="monitor: the scene ends when two bodies touch; or drop")] = "monitor",
     friction: Annotated[str, typer.Option(help="keep dry friction, or drop it")] = "keep",
     start: Annotated[str, typer.Option(help="model, random, or the seed of a random start")] = "model",
     within: Annotated[Path | None, typer.Option(help="a folder above the model in which its files are read")] = None,
     duration: Annotated[float, typer.Option(help="s, of the scene")] = 2.0,
     samples: Annotated[int, typer.Option(help="number of output times of the scene")] = 101,
 ) -> None:
-    """Convert a model, MJCF or URDF, to a scene, or a scene to a model; refuse what does not fit, or drop and list it.
+    """Convert a model, MJCF or URDF, to a scene, or a scene to a model; what does not fit is refused.
 
     Exit code 0: written; 2: refused, and nothing is written.
     """
@@ -74,7 +74,7 @@ def _print_imported(scene: Scene) -> None:
     typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
                f"{counted(len(scene.forces), 'force')}")
     if scene.monitors:
-        typer.echo(f"it holds until the first of {counted(len(scene.monitors), 'monitor')}: a joint leaves its range, "
+        typer.echo(f"it ends at the first of {counted(len(scene.monitors), 'monitor')}: a joint leaves its range, "
                    "or two bodies touch")
     for words in shortened(scene.left_out):
         typer.echo(f"left out: {words}")
@@ -106,7 +106,7 @@ def linearise(
     out: options.Page = None,
     reading: options.Reading = options.AS_IT_IS,
 ) -> None:
-    """Derivatives of the acceleration at a scene's start, truth and each source with a verdict; or its modes.
+    """Compare derivatives of the acceleration at a scene's start with truth; or print its modes (--modes).
 
     Exit code 0: all are right; 1: one is wrong; 2: it could not be done.
     """
@@ -230,7 +230,7 @@ def write_script(scene: str, engine: str, method: str, step: float | None, given
 def bisect(
     scene: options.SceneName,
     versions: Annotated[str, typer.Option(help="the first and the last release, as 3.1.0..4.0.0")],
-    engine: Annotated[str, typer.Option(help="mujoco")] = "mujoco",
+    engine: Annotated[str, typer.Option(help="mujoco; no other is known")] = "mujoco",
     method: Annotated[str, typer.Option(help="an integrator of the engine")] = "RK4",
     step: Annotated[float, typer.Option(help="fixed step, s")] = 1e-3,
     issue: options.Issue = None,

@@ -19,44 +19,50 @@ if TYPE_CHECKING:
     from crosscheck.scene.model import Scene
 
 
-Settings = Annotated[list[str] | None, typer.Option("--set", help="KEY=VALUE, an option of the engine's own, such as "
-                                                    "reduce=off; may be repeated; a wrong key lists those that it has")]
-MapSetting = Annotated[list[str] | None, typer.Option("--set", help="coordinate_map=exp, cayley or ccsk: from rotation "
-                                                      "vectors to rotations, of engines that have this option")]
-Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step methods; default: one that suits the scene"
-                                            )]
+Settings = Annotated[list[str] | None, typer.Option("--set", help="KEY=VALUE, an option of this engine, such as "
+                                                    "reduce=off; may be repeated; an unknown key lists all")]
+MapSetting = Annotated[list[str] | None, typer.Option("--set", help="coordinate_map=exp, cayley or ccsk: how rotation "
+                                                      "vectors become rotations, in engines that have a choice")]
+Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step methods; default: chosen for the scene")]
 Scheduler = Annotated[str | None, typer.Option(help="use a Dask scheduler, tcp://host:port, or another executor, "
                                                "module:factory; default: processes on this machine")]
-Fresh = Annotated[bool, typer.Option(help="compute everything anew; default: where CI is set")]
+Fresh = Annotated[bool, typer.Option(help="take no results of earlier runs; default: where CI is set")]
 Duration = Annotated[float | None, typer.Option(min=1e-6, help="s; default: the scene's")]
 Jobs = Annotated[int, typer.Option(help="worker processes")]
-TimeLimit = Annotated[float, typer.Option(help="s for one run and its order study")]
-MemoryLimit = Annotated[float, typer.Option(help="GB resident of one worker process")]
+TimeLimit = Annotated[float, typer.Option(help="s for one run and its verdict")]
+MemoryLimit = Annotated[float, typer.Option(help="GB of memory of one worker process")]
 Issue = Annotated[Path | None, typer.Option(help="write a text ready to file: versions, script, expected, observed")]
 AsJson = Annotated[bool, typer.Option("--json", help="print everything as JSON")]
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
 Scenes = Annotated[list[str] | None, typer.Argument(help="scenes, as by --scene; default: those of the profile")]
 EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(
-    "a name, name==version, or a class of your own as module:Class or path/file.py:Class; may be repeated; "
-    "default: all"))]
+    "a name, name==version, a class of your own, module:Class or path/file.py:Class, or a program, "
+    "\"order=4 ./program {scene} {step} {out}\"; may be repeated; default: all"))]
 Engines = Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")]
 Page = Annotated[Path | None, typer.Option("-o", "--out", help="folder of a page")]
 SceneName = Annotated[str, typer.Argument(help="a built-in name, a path to .toml or .json, or a model, .xml or .urdf")]
 
 
+FORM = "how the scene is modelled: tree (joint coordinates), maximal (free bodies with constraints) or pivot; default: "
+"""What --form chooses; what follows says who chooses where it is not given."""
+
+
 class Reading(NamedTuple):
     """How a model file is read: what is left out, and its start, as `crosscheck.import_model` has them."""
 
-    drop: Annotated[bool, typer.Option("--drop", help="model files: leave out what a scene cannot hold")] = False
+    drop: Annotated[bool, typer.Option(
+        "--drop", help="model files: leave out, and list, what a scene cannot represent")] = False
     keyframe: Annotated[str | None, typer.Option(help="model files: start from this keyframe")] = None
-    qpos: Annotated[str | None, typer.Option(help="model files: start here, .2,.4,.5: coordinates of joints in file "
-                                             "order, of a free base its position and quaternion w,x,y,z")] = None
+    qpos: Annotated[str | None, typer.Option(
+        help="model files: start here, such as .2,.4,.5: coordinates of joints in file order, of a free base its "
+             "position and quaternion w,x,y,z")] = None
     qvel: Annotated[str | None, typer.Option(help="model files: with these velocities, of joints in file order")] = None
     control: Annotated[list[str] | None, typer.Option(
         help="model files: NAME=NUMBER of an actuator or its joint; may be repeated")] = None
     limits: Annotated[str, typer.Option(
-        help="model files: monitor, the scene holds until a joint reaches one; keep, rigid stops; or drop")] = "monitor"
+        help="model files: monitor, the scene ends when a joint reaches a limit; keep, limits are rigid stops; or "
+             "drop")] = "monitor"
 
     @property
     def start(self) -> dict[str, Any]:

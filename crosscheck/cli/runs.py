@@ -40,7 +40,7 @@ def run(
                                          "alone and prints the engine's error against truth (mujoco)")] = False,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="file for the script; default: the terminal")] = None,
     issue: options.Issue = None,
-    form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the best for the scene")] = None,
+    form: Annotated[str | None, typer.Option(help=options.FORM + "the best for the scene")] = None,
     setting: options.Settings = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: options.Duration = None,
@@ -122,9 +122,9 @@ def _first_line(judged: Record | None) -> str:
     sizes = [f"{name} {error.max:.2g} {error.unit}" for name, error in judged.errors.items()
              if name in QUANTITIES and error.max is not None]
     off = f"error against truth: {', '.join(sizes)}" if sizes else "compared with no truth"
-    judging = "" if judged.share is None else (
-        f"; resolved over {percent(judged.least_share)} of its {judged.duration:g} s")
     first = judged.worst
+    judging = "" if judged.share is None or judged.message else (
+        f"; resolved over {percent(judged.least_share)} of its {judged.duration:g} s")
     reason = judged.message or ("" if first is None or judged.outcome == "pass" else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
                                 f"({first.why})")
@@ -174,9 +174,10 @@ def truth(
     scene: options.SceneName,
     csv_file: Annotated[str | None, typer.Option("--csv", help="file for the states; - for the terminal")] = None,
     reading: options.Reading = options.AS_IT_IS,
-    floor: Annotated[bool, typer.Option("--floor", help="say what rounding leaves in double precision")] = False,
+    floor: Annotated[bool, typer.Option(
+        "--floor", help="also print the error that double precision leaves to any method")] = False,
 ) -> None:
-    """Print the independent truth of a scene: its sources, its error, the end state."""
+    """Print the truth of a scene, a reference solution: its error, until when it holds, its end state."""
     import numpy as np
 
     from crosscheck.compare.errors import up_to
@@ -258,26 +259,32 @@ def _stream(target: str) -> Iterator[IO[str]]:
 def judge(
     scene: options.SceneName,
     files: Annotated[list[Path], typer.Argument(
-        help="recordings, .csv, .sto, .npz or .parquet; with --step they are one run, each at another step")],
-    columns: Annotated[Path | None, typer.Option(help="TOML file with names and units of the columns")] = None,
-    suggest: Annotated[bool, typer.Option("--suggest", help="print such a file, of the names recognised")] = False,
-    start: Annotated[str, typer.Option(help="scene, or recorded: truth starts from the first row")] = "scene",
-    tol: Annotated[list[str] | None, typer.Option(help="allowed error as quantity=value (SI); may be repeated")] = None,
-    step: Annotated[list[float] | None, typer.Option(help="s; once for each file, in their order")] = None,
-    order: Annotated[int | None, typer.Option(help="the order that is claimed")] = None,
-    period: Annotated[float | None, typer.Option(help="s between two rows, of files without times")] = None,
+        help="logs, .csv, .sto, .mot, .npz or .parquet; with --step they are one run, each at another step")],
+    columns: Annotated[Path | None, typer.Option(
+        help="TOML file with names and units of the columns; --suggest prints one")] = None,
+    suggest: Annotated[bool, typer.Option(
+        "--suggest", help="print a file for --columns, with the names recognised")] = False,
+    start: Annotated[str, typer.Option(
+        help="scene: truth starts as the scene does; or recorded: from the first row")] = "scene",
+    tol: Annotated[list[str] | None, typer.Option(
+        help="allowed error, such as joint_position=1e-3 (SI); may be repeated")] = None,
+    step: Annotated[list[float] | None, typer.Option(
+        help="s, with which a file was made; once for each file, in their order")] = None,
+    order: Annotated[int | None, typer.Option(help="order of accuracy that the simulator should have")] = None,
+    period: Annotated[float | None, typer.Option(help="s between two rows, for files without times")] = None,
     probes: Annotated[Path | None, typer.Option(
-        help="folder of starts for the simulator that made the file, and of its answers")] = None,
-    need: Annotated[float, typer.Option(help="share of a recording's time that has to be judged")] = 1.0,
+        help="folder of initial states for the simulator that made the file, and of its runs from these")] = None,
+    need: Annotated[float, typer.Option(help="share of a log's time that has to be judged for it to pass")] = 1.0,
     form: options.Format = "text",
     as_json: options.AsJson = False,
     out: Annotated[Path | None, typer.Option(
-        "-o", "--out", help="folder of a page a recording, errors over time as CSV, and JUnit's XML")] = None,
+        "-o", "--out", help="folder of pages, errors over time as CSV, and JUnit's XML")] = None,
     reading: options.Reading = options.AS_IT_IS,
 ) -> None:
-    """Judge recorded runs: how far each is from the scene's true motion, since when, and why.
+    """Judge logs of any simulator: how far each is from the scene's true motion, since when, and why.
 
-    Exit code 0: within the tolerances; 1: not; 2: a file cannot be read; 3: unresolved, and why.
+    Exit code 0: within the tolerances; 1: not; 2: a file cannot be read; 3: unresolved (truth ends earlier, digits are
+    too coarse, no --tol), and what to change.
     """
     from crosscheck import recordings
     from crosscheck.document import outcomes
@@ -340,7 +347,7 @@ def explain(
     scene: options.SceneName,
     engine: Annotated[str, typer.Option(help="a name, or a class of your own as module:Class")],
     method: Annotated[str | None, typer.Option(help="default: the engine's best")] = None,
-    form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the engine's choice")] = None,
+    form: Annotated[str | None, typer.Option(help=options.FORM + "the engine's choice")] = None,
     step: Annotated[float | None, typer.Option(help="s, of the whole run; default: one that suits the scene")] = None,
     setting: options.Settings = None,
     as_json: options.AsJson = False,
@@ -399,8 +406,8 @@ def advise(
 ) -> None:
     """Find the cheapest method of an engine for an error, its largest step, and the step at which it fails.
 
-    Where the scene has friction, stops or servos, also three answers about them: does the engine converge, to which
-    law, how far is that from the scene's.
+    Where the scene has friction, stops or servos, also: does the engine converge, to which law, and how far is that
+    from the scene's.
 
     The first call for a scene and engine compares runs with truth, for at most half a minute of processor time; later
     calls read the results. Exit code 0: a method reaches the error; 3: none within the
@@ -413,7 +420,7 @@ def advise(
     from crosscheck.verification.advice import advise as advice_for
 
     loaded, wanted = options.loaded(scene, reading), _wanted(error)
-    with progress_bar(f"runs of {engine} at a ladder of steps, against truth"), _ending(engine):
+    with progress_bar(f"runs of {engine} at a series of steps, against truth"), _ending(engine):
         advice = advice_for(loaded, engine=engine, error=wanted)
     if advice.command is not None:
         given = shlex.join([scene, *reading.words])
@@ -471,11 +478,12 @@ def words(each: Advice) -> list[str]:
         least = "no run ended" if each.least is None else f"the least error found is {each.least:.1e} of its size"
         return [f"unresolved: {asked}: not {each.tried}; {least}"]
     size = f"step     {figure(each.step)} s" if each.step else f"rtol     {figure(each.rtol)}"
-    breaks = "at no step tried; the longest is the time between two outputs" if each.breaks_at is None else (
-        f"at {'step' if each.step else 'rtol'} {figure(each.breaks_at)}{' s' if each.step else ''}: there it fails, "
-        "or a quantity is wrong by a tenth of its size")
+    fails = "at no step up to the time between two outputs" if each.breaks_at is None else (
+        f"at {'step' if each.step else 'rtol'} {figure(each.breaks_at)}{' s' if each.step else ''}: it does not "
+        "end, or a quantity is wrong by a tenth of its size")
     errors = ", ".join(f"{name} {value:.1e} {QUANTITIES[name]}" for name, value in each.errors.items())
     return [asked, f"method   {each.method}{f', form {each.form}' if each.form else ''}", size,
-            f"error    {each.error:.1e} of its size{f' ({errors})' if errors else ''}",
-            f"cost     {each.cost or 0.0:.3g} s of stepping",
-            f"breaks   {breaks}", f"command  {each.command}"]
+            f"error    {errors}" if isinstance(each.wanted, dict) else
+            f"error    {each.error:.1e} of the size of a quantity{f' ({errors})' if errors else ''}",
+            f"cost     {each.cost or 0.0:.3g} s of computing for {each.until:g} s",
+            f"fails    {fails}", f"command  {each.command}"]

@@ -54,7 +54,7 @@ def work_precision(
     engine: Engines = None,
     method: Annotated[Names, options.methods("all")] = None,
     repeats: Annotated[int, typer.Option(min=1, help="interleaved rounds; their medians count")] = 5,
-    time_limit: Annotated[float, options.time_limit("stepping only; longer rungs are left out")] = 1.0,
+    time_limit: Annotated[float, options.time_limit("stepping only; longer runs are left out")] = 1.0,
     bound: Annotated[bool, typer.Option(help="also heyoka's Taylor series, which bounds what is possible")] = True,
     setting: options.MapSetting = None,
     duration: options.Duration = None,
@@ -136,10 +136,10 @@ def stability(
     scene: Annotated[Names, options.scenes('the scenes tagged "hard", both pendulums and the heavy top')] = None,
     engine: Engines = None,
     jobs: Annotated[int, typer.Option(min=1, help="worker processes")] = 2,
-    fresh: Annotated[bool, typer.Option(help="take no ladders, which have times, from earlier studies")] = True,
+    fresh: Annotated[bool, typer.Option(help="take no runs, which have times, of earlier studies")] = True,
     out: Out = Path("reports/stability"),
 ) -> None:
-    """Tell the largest usable step of every method, and how larger ones fail, from the ladders that `advise` climbs.
+    """Tell the largest usable step of every method, and how larger ones fail, from runs at a series of steps.
 
     A study that was killed continues when it is started again with the same arguments.
     """

@@ -33,8 +33,8 @@ def verify(
     scene: SceneNames = None,
     engine: EngineNames = None,
     method: Annotated[list[str] | None, typer.Option(help="a name; may be repeated; default: all")] = None,
-    profile: Annotated[str, typer.Option(help="default; smoke: the first second, no timing; full: every "
-                                         "scene, within a budget of steps")] = "default",
+    profile: Annotated[str, typer.Option(help="default: four scenes; smoke: their first second, no timing; "
+                                         "full: every scene, within a budget of steps")] = "default",
     setting: options.MapSetting = None,
     step: options.Step = None,
     duration: options.Duration = None,
@@ -42,13 +42,15 @@ def verify(
     scheduler: options.Scheduler = None,
     time_limit: options.TimeLimit = 1800.0,
     memory_limit: options.MemoryLimit = 4.0,
-    tolerance_file: Annotated[Path | None, typer.Option("--tolerances", help="TOML file with your own bounds")] = None,
-    tol: Annotated[list[str] | None, typer.Option(help="your own bound, as quantity=value; may be repeated")] = None,
+    tolerance_file: Annotated[Path | None, typer.Option(
+        "--tolerances", help="TOML file with your own tolerances")] = None,
+    tol: Annotated[list[str] | None, typer.Option(
+        help="largest error against truth, such as position=1e-3 (SI); may be repeated")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
     form: options.Format = "text",
-    budget: Annotated[float | None, typer.Option(help="s, after which what has ended is told and on the page, "
-                                                 "provisionally; cheap runs come first, and the rest goes on")] = None,
+    budget: Annotated[float | None, typer.Option(help="s, after which what has ended is printed and on the page, "
+                                                 "as provisional; cheap runs come first, and the rest goes on")] = None,
     need: Annotated[float, typer.Option(help="share of its time over which the motion of a run has to be judged for it "
                                         "to pass")] = 1.0,
     fresh: options.Fresh = "CI" in os.environ,
@@ -59,13 +61,13 @@ def verify(
     """Run every method and engine over the scenes, judge the runs, and write the report. Where there is none yet, its
     page comes after seconds and fills as runs end.
 
-    With --budget, a first line "provisional" is printed after that time. A kill from then on loses nothing: the same
-    command goes on from there.
+    A run passes if it converges to truth with its documented order as the step vanishes; its error at this step is a
+    figure beside that, and fails only by --tol. Results of earlier runs of the same code and versions are taken, also
+    after a kill; times are measured anew.
 
-    Results that were computed before, by this code and these versions, are taken from the table of rows, also after a
-    kill; times are measured anew. Exit code 0: every run passes or shows only known defects; 1: one
-    fails or did not run, or a scene lacks the truth that it should have; 3: nothing fails, and a run could not be
-    judged over --need of its time.
+    Exit code 0: every run passes or shows only known defects; 1: one fails or did not run, or a scene lacks the truth
+    that it should have; 3: nothing fails, and a run is unresolved: over a part of its time, more
+    than --need allows, the uncertainty is too large.
     """
     from crosscheck.document import Asked
     from crosscheck.judge import overrides
@@ -133,8 +135,8 @@ def print_verdicts(document: Document, page: Path) -> None:
     say(f"{document.outcome}: {headline(document)} ({document.meta.seconds:.0f} s)")
     say("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
     if document.meta.reused:
-        say(f"{document.meta.reused} results were computed before, since {(document.meta.reused_since or '')[:10]}; "
-            "--fresh computes them anew")
+        say(f"{counted(document.meta.reused, 'result')} from earlier runs, since "
+            f"{(document.meta.reused_since or '')[:10]}; --fresh computes them anew")
     terminal = console(160)
     for outcome in ("pass", "unresolved"):
         right = (each for each in document.records if each.outcome == outcome and (outcome == "pass" or each.within))

@@ -211,8 +211,13 @@ def _gaps(scene: Scene, runs: Sequence[Motion], law: States | None) -> tuple[Gap
 
 
 def gap(scene: Scene, one: Motion, other: Motion) -> Gap:
-    """The largest difference of a joint coordinate between two motions, at the times that both have."""
+    """The largest difference of a joint coordinate between two motions, at the times that both have.
+
+    Truth is NaN after a monitor has ended the scene; nothing is compared from there on.
+    """
     count, worst = min(len(one.t), len(other.t)), Gap(0.0, "", 0.0, 0.0)
+    known = np.isfinite(one.x[:count]).all(axis=(1, 2)) & np.isfinite(other.x[:count]).all(axis=(1, 2))
+    count = int(np.argmin([*known, False]))
     first, second = histories(scene, one), histories(scene, other)
     position = float(np.linalg.norm(one.x[:count] - other.x[:count], axis=-1).max(initial=0.0))
     for name, history in first.items():

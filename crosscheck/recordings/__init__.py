@@ -289,8 +289,9 @@ def _truth(scene: Scene, recording: Recording, truth: Any, start: str
             notes.append(f"the first row makes sense with {mistake}, and truth starts from it so")
         moved = {group.key: norms(gaps(group, group.values, value, True))[0] for group, value in
                  zip(first.groups, Shown(scene, first.groups).of(states), strict=True)}
-        notes.append("truth starts from the recorded state, " + ", ".join(
-            f"{key.replace('_', ' ')} moved by {size:.1e}" for key, size in moved.items()) + " onto the joints")
+        shifts = ", ".join(f"{key.replace('_', ' ')} changed by {size:.1e} to satisfy the joints"
+                           for key, size in moved.items() if size > 0)
+        notes.append("truth starts from the first row" + (f", {shifts}" if shifts else ""))
         if first.t[0] > 0.0 and any(servo.period is not None for _, servo in scene.servos.values()):
             notes.append("sampled servos are taken to give nothing before their first sample")
         length = float(recording.t[-1] - first.t[0])
@@ -375,11 +376,12 @@ def _defects(scene: Scene, seen: Differences, since: float, allowed: Mapping[str
         beyond = np.maximum(defect.sizes - defect.floor, 0.0)
         at = int(np.argmax(beyond))
         size, usual, name = defect.sizes[at], float(np.median(defect.sizes)), key.replace("_", " ")
-        where = f"by {size:.3g} between t = {t[at]:.6g} s and the next row"
         if beyond[at] > max(JUMP * defect.step, STANDING_OUT * usual):
-            failed.append(f"{name} jumps {where}; intervals usually miss {usual:.1e}")
+            failed.append(f"{name} jumps by {size:.3g} after the row at {t[at]:.6g} s; elsewhere it is off by "
+                          f"{usual:.1e}")
         elif key in allowed and beyond[at] > allowed[key]:
-            failed.append(f"{name} misses the true motion from the recorded state {where}; {allowed[key]:g} is allowed")
+            failed.append(f"{name}: from the row at {t[at]:.6g} s to the next the motion is off by {size:.3g}; "
+                          f"{allowed[key]:g} is allowed")
     return failed
 
 
@@ -388,7 +390,7 @@ def _figures(scene: Scene, recording: Recording, truth: object, since: float, ve
     """Energy, momentum and levels, where the states of all bodies are recorded."""
     figures = comparing.invariants(scene, recording, truth, since)
     verdict.figures = figures or {}
-    notes.append("not judged: energy, momentum and joints, which need position, attitude and velocities of every body"
+    notes.append("not judged: energy, momentum, constraint levels; they need the state of every body in the log"
                  if figures is None else "largest errors: " + ", ".join(
                      f"{name} {value:.1e}" for name, value in figures.items()) + " (energy over the largest kinetic "
                  "energy)")
@@ -423,14 +425,14 @@ def _orders(runs: list[Differences], steps: list[float], order: int | None, verd
         verdict.order[key], verdict.limit_error[key], verdict.limit_unsure[key] = seen, tends.size, tends.uncertainty
         name, unit = key.replace("_", " "), fine.groups[which[0]].unit
         told = (f"{seen:.2f}" if seen is not None else "none, exact" if tends.by == "rounding" else
-                "not told by these files")
+                "not determined by these files")
         lines.append(f"{name}: observed order {told}; the limit for vanishing steps is {tends.size:.2g} {unit} from "
                      f"truth, known to {tends.uncertainty:.1g}")
         if tends.size > tends.uncertainty:
             failed.append(f"wrong limit: {name} converges to another motion, {tends.size:.3g} {unit} from the scene's, "
                           "whatever the step")
         elif order is not None and seen is not None and seen < order - MARGIN:
-            failed.append(f"order: {name} falls with order {seen:.2f}, and {order} is claimed")
+            failed.append(f"order: {name} falls with order {seen:.2f}, and --order is {order}")
     if not any(each.startswith("wrong limit") for each in failed):
         return None, failed
     kept, exact = part_of(fine, rows[0]), [value[rows[0]] for value in runs[0].values]

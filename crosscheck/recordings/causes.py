@@ -25,6 +25,7 @@ from crosscheck.diagnosis.stepping import munthe_kaas
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import ArgumentError, CrosscheckError
 from crosscheck.recordings.comparing import POSES, RATES, Differences, Shown, gaps, norms, part_of, restored
+from crosscheck.recordings.reading import Recording
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.batch import State, integrate
 from crosscheck.scene.constraints import Constraints
@@ -489,38 +490,50 @@ INSTANT = 1e-4
 
 
 def _euler(case: Case) -> Iterator[Cause]:
-    """Rows that are steps of Euler's methods: what they make of each row, beside the next one."""
+    """Rows that are steps of Euler's methods: what they make of each row, beside the next one.
+
+    Rows of the true motion miss such a step by its truncation error. A method explains rows that miss less than these.
+    """
     rows = np.flatnonzero(np.all(case.known, axis=0))[:ROWS]
     places = {(g.key, g.owner, g.parts): k for k, g in enumerate(case.groups)}
     pairs = [(k, places.get((RATES[POSES.index(key)], owner, parts))) for (key, owner, parts), k in places.items()
              if key in POSES and key != "attitude"]
     if case.scene.has_laws or not pairs or len(rows) < 12 or np.any(np.diff(rows) != 1):
         return
-    t, piece = case.t[rows], part_of(case.recording, rows)
-    h = np.diff(t)[:, None]
+    piece = part_of(case.recording, rows)
+    true = dataclasses.replace(piece, groups=[
+        dataclasses.replace(g, values=value[rows]) for g, value in zip(piece.groups, case.values, strict=True)])
+    h = float(np.median(np.diff(case.t[rows])))
     for name, (of_pose, of_rate) in EULER.items():
-        groups, rates, off = list(piece.groups), [], 0.0
-        for k, other in pairs:
-            q = piece.groups[k]
-            moved = np.diff(q.values, axis=0) / h
-            v = piece.groups[other].values if other is not None else np.concatenate(
-                [moved[:1], moved] if of_pose else [moved, moved[-1:]])
-            change = np.abs(np.diff(v, axis=0)).max()
-            off = max(off, float(np.abs(moved - v[of_pose:len(t) - 1 + of_pose]).max() / max(change, 1e-300)))
-            rate = dataclasses.replace(q, key=RATES[POSES.index(q.key)], values=v, angle=False)
-            rates.append((len(groups), rate) if other is None else (other, rate))
-            groups += [rate] if other is None else []
-        states = restored(case.scene, dataclasses.replace(piece, groups=groups), case.truth.at(t))
-        if off > LEFT[0] or states is None:
-            continue
-        shown, tau = Shown(case.scene, groups), np.full(len(t), min(INSTANT, 0.1 * float(h.min())))
-        ahead, behind = (shown.of(integrate(case.scene, states, sign * tau, 1)[0]) for sign in (1, -1))
-        left = off
-        for k, rate in rates:
-            a = ((ahead[k] - behind[k]) / (2 * tau[:, None]))[of_rate:len(t) - 1 + of_rate]
-            change = np.diff(rate.values, axis=0)[1:-1]
-            left = max(left, float(np.linalg.norm(change - (h * a)[1:-1]) / max(float(np.linalg.norm(change)), 1e-300)))
-        yield Cause(name, f"every row is a step of {float(np.median(h)):.6g} s of it", left)
+        missed, usual = (_steps_missed(case, each, pairs, case.t[rows], of_pose, of_rate) for each in (piece, true))
+        if missed is not None and usual is not None:
+            left = max(float(a / max(b, 1e-300)) if a else 0.0 for a, b in zip(missed, usual, strict=True))
+            yield Cause(name, f"every row is a step of {h:.6g} s of it", left)
+
+
+def _steps_missed(case: Case, piece: Recording, pairs: list[tuple[int, int | None]], t: np.ndarray, of_pose: int,
+                  of_rate: int) -> list[float] | None:
+    """By how much rows miss a step of one of `EULER` from the row before: of each pair of position and rate, the
+    position (0 where the rate follows from it) and the rate; None where the rows determine no states."""
+    h, groups, rates, missed = np.diff(t)[:, None], list(piece.groups), [], []
+    for k, other in pairs:
+        q = piece.groups[k]
+        moved = np.diff(q.values, axis=0) / h
+        v = piece.groups[other].values if other is not None else np.concatenate(
+            [moved[:1], moved] if of_pose else [moved, moved[-1:]])
+        missed.append(float(np.abs(moved - v[of_pose:len(t) - 1 + of_pose]).max()))
+        rate = dataclasses.replace(q, key=RATES[POSES.index(q.key)], values=v, angle=False)
+        rates.append((len(groups), rate) if other is None else (other, rate))
+        groups += [rate] if other is None else []
+    states = restored(case.scene, dataclasses.replace(piece, groups=groups), case.truth.at(t))
+    if states is None:
+        return None
+    shown, tau = Shown(case.scene, groups), np.full(len(t), min(INSTANT, 0.1 * float(h.min())))
+    ahead, behind = (shown.of(integrate(case.scene, states, sign * tau, 1)[0]) for sign in (1, -1))
+    for k, rate in rates:
+        a = ((ahead[k] - behind[k]) / (2 * tau[:, None]))[of_rate:len(t) - 1 + of_rate]
+        missed.append(float(np.linalg.norm((np.diff(rate.values, axis=0) - h * a)[1:-1])))
+    return missed
 
 
 # --- another motion ---------------------------------------------------------------------------------------------------

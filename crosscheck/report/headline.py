@@ -187,6 +187,8 @@ def _mend(record: Record) -> str:
         return "a start at which nothing acts that was left out: --qpos or --keyframe"
     open_ = (MENDS[each.kind] for each in record.findings if each.kind in MENDS and each.status == "unresolved")
     share = f", or --need {record.least_share:.2g}, which is resolved" if record.least_share else ""
+    if share and record.duration and "truth ends" in record.not_judged:
+        return f"--duration {record.least_share * record.duration:.2g}, before truth ends{share}"
     return next(open_, f"a smaller {'--step' if record.step else '--rtol'}{share}")
 
 

@@ -167,3 +167,14 @@ def test_a_robot_that_does_not_move_gets_no_green(monkeypatch):
     monkeypatch.setattr(laws, "truth", lambda each: types.SimpleNamespace(states=still))
     with pytest.raises(Unsupported, match="nothing moves in it, so that no law shows"):
         laws.which_law(scene, "mujoco", "RK4", 4e-3)
+
+
+def test_motions_are_compared_until_truth_ends():
+    """A monitor ends truth: all after it is NaN, which is no agreement."""
+    scene = crosscheck.load_scene("hinge_pendulum").replace(duration=1.0, samples=11)
+    run = crosscheck.run(scene, "lieeuler", "rattle2", step=0.02)
+    exact = crosscheck.truth(scene).states
+    found = laws.gap(scene, run, exact.until(0.5))
+    assert found.joint
+    assert found.t <= 0.5 + 1e-9
+    assert found.size == laws.gap(scene, run, exact.at(slice(6))).size > 0.0

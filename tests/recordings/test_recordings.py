@@ -167,6 +167,15 @@ def euler(step, g=9.81, semi=True):
     return {"t": t, "pivot.position": angle, "pivot.velocity": rate}
 
 
+@pytest.mark.parametrize(("changed", "cause"), [({"damping": 0.03}, "damping"), ({"g": 9.7}, "gravity")])
+def test_positions_alone_of_another_model_are_no_steps_of_euler(scenes, changed, cause):
+    """The second differences of any smooth motion are those of such a step, but for its truncation error."""
+    log = {name: values for name, values in arm(**changed).items() if name in ("t", "pivot.position")}
+    verdict = crosscheck.judge_recording(scenes["arm"], log, tolerance={"joint_position": 1e-4})
+    assert "Euler" not in verdict.cause, str(verdict)
+    assert cause in verdict.cause, str(verdict)
+
+
 @pytest.mark.parametrize(("make", "steps", "order", "cause", "observed"), [
     (lambda h: euler(h), (2e-3, 1e-3), 1, None, 1.0), (lambda h: euler(h), (2e-3, 1e-3), 2, "order", 1.0),
     (lambda h: euler(h, semi=False), (1e-3, 2e-3, 4e-3), 1, None, 1.0),

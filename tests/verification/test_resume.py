@@ -74,10 +74,10 @@ def asking_again_computes_nothing(undisturbed, tmp_path):
     before = rows()
     done = here(tmp_path / "second", *QUICK)
     assert rows() == before
-    assert said(done, "4 results were computed before, since ")
+    assert said(done, "4 results from earlier runs, since ")
     assert document(results(tmp_path / "second")) == document(undisturbed)
     anew = here(tmp_path / "third", *QUICK, "--fresh")
-    assert not said(anew, "were computed before")
+    assert not said(anew, "from earlier runs")
     assert sorted(key for key, _ in rows()) == sorted(2 * [key for key, _ in before])
 
 
@@ -161,11 +161,11 @@ def test_asking_for_more_computes_the_rest(tmp_path):
     assert here(tmp_path / "few", *few).returncode == 0
     before = rows()
     done = here(tmp_path / "more", *QUICK)
-    assert said(done, f"{len(before)} results were computed before")
+    assert said(done, f"{len(before)} results from earlier runs")
     assert len(rows()) == len(before) + 2
     strict = here(tmp_path / "strict", *QUICK, "--tol", "position=1e-30")
     assert strict.returncode == 1  # another bound is another verdict
-    assert said(strict, "1 results were computed before")  # the truth
+    assert said(strict, "1 result from earlier runs")  # the truth
 
 
 def test_an_edited_engine_is_computed_again(tmp_path, monkeypatch):

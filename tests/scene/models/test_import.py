@@ -304,7 +304,7 @@ def test_the_command_writes_a_scene_that_is_the_model(tmp_path, monkeypatch):
     path = written(tmp_path, ARM_URDF, "arm.urdf")
     told = CliRunner().invoke(app, ["convert", "arm.urdf", "-o", "arm.toml", "--drop"])
     assert told.exit_code == 0, told.output
-    assert "it holds until the first of 1 monitor: a joint leaves its range" in told.output
+    assert "it ends at the first of 1 monitor: a joint leaves its range" in told.output
     scene = crosscheck.load_scene("arm.toml")
     assert scene.hash == crosscheck.import_model(path, drop=True).hash
     assert not scene.left_out

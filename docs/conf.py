@@ -43,13 +43,11 @@ html_static_path = ["static"]
 
 os.environ["PATH"] = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])  # notebooks call crosscheck
 DOCS = Path(__file__).parent
+sys.path.insert(0, str(DOCS))  # gallery.py and reference.py are beside this file
+import reference  # noqa: E402
+
 ELSEWHERE = {"readme": "README.md", "changes": "CHANGELOG.md", "contributing": "CONTRIBUTING.md"}
 """Pages whose text stands elsewhere in the repository."""
-
-STRUCT = re.compile(r'^class (\w+)\((\w+), frozen=True[^)]*\):\n    """(.*?)"""\n(.*?)(?=^\S|\Z)',
-                    re.DOTALL | re.MULTILINE)
-FIELD = re.compile(r"^    (\w+): ([^=#\n]+?)(?: = [^#\n]*?)?(?:  # (.*))?$", re.MULTILINE)
-"""A type of the results with its base, docstring and body, and a field with its type and comment."""
 
 LINK = re.compile(r"\]\(([^)#:\s]+)(#[^)\s]*)?\)")
 
@@ -68,56 +66,14 @@ def take(app: Sphinx, docname: str, source: list[str]) -> None:
     source[0] = LINK.sub(led, source[0]) + MADE.get(docname, str)()
 
 
-def commands() -> str:
-    """All commands with their options."""
-    from typer.cli import get_docs_for_click
-    from typer.main import get_command
-
-    from crosscheck.cli.app import app
-
-    command = get_command(app)
-    context = command.make_context("crosscheck", ["list"], resilient_parsing=True)
-    text = get_docs_for_click(obj=command, ctx=context, name="crosscheck")
-    return text[text.index("\n## "):]
-
-
-def verdicts() -> str:
-    """Codes of verdicts, and the known defects of all engines."""
-    from crosscheck.adapters.common.known import table
-    from crosscheck.document.outcomes import KINDS
-
-    kinds = "".join(row(each.code, each.title, each.mend) for each in KINDS.values())
-    known = "".join(row(each.engine, ", ".join(each.methods), ", ".join(each.scenes) or each.where,
-                        ", ".join(f"{name} {size:g}" for name, size in each.rows.items()), each.reason)
-                    for each in table())
-    return (f"\n| code | what | what to look at |\n|---|---|---|\n{kinds}\n## Known defects\n\n"
-            f"| engine | methods | where | rows, of the size | reason |\n|---|---|---|---|---|\n{known}")
-
-
-def fields() -> str:
-    """All types of results.json with their fields, and what the comments beside them say."""
-    text = ""
-    for file in ("part.py", "__init__.py"):
-        source = (DOCS.parent / "crosscheck" / "document" / file).read_text(encoding="utf-8")
-        for name, base, said, body in STRUCT.findall(source):
-            rows = "".join(row(f"`{key}`", f"`{kind}`", comment) for key, kind, comment in FIELD.findall(body))
-            more = "" if base == "Part" else f" It has the keys of `{base}`, too."
-            text += f"\n## {name}\n\n{' '.join(said.split())}{more}\n\n| key | type | what |\n|---|---|---|\n{rows}"
-    return text
-
-
-def row(*cells: object) -> str:
-    """A row of a table."""
-    return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in cells) + " |\n"
-
-
 def drawn(name: str) -> str:
     """What a function of gallery.py draws."""
     return str(getattr(importlib.import_module("gallery"), name)())
 
 
-sys.path.insert(0, str(DOCS))  # gallery.py is beside this file
-MADE = {"commands": commands, "verdicts": verdicts, "results-schema": fields,
+MADE = {"commands": reference.commands, "verdicts": reference.verdicts, "engine-modes": reference.engines,
+        "lieeuler": reference.methods, "adding-a-scene": reference.scene_files,
+        "adding-an-engine": reference.declarations, "results-schema": reference.fields,
         "scenes": functools.partial(drawn, "gallery"), "papers": functools.partial(drawn, "gains")}
 """What is added to a page when the site is built."""
 

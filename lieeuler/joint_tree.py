@@ -2,7 +2,8 @@
 
 Every joint becomes a chain of nodes: slides along axes of its parent, then hinges or a ball. A universal joint is two
 hinges, a planar one two slides and a hinge, a point on a line a slide and a ball. Links between the nodes of a joint
-have no mass. The kernel computes all bodies; their multipliers are restored at the samples.
+have no mass. The kernel computes all bodies by (16.5) and (16.6) of docs/theory.md; their multipliers are restored at
+the samples.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ Sources
 [P1] constraint-stabilized implicit methods on Lie group, doi:10.1177/1687814019842406
 [P2] Lie group Euler methods for DAEs of multibody dynamics, doi:10.1177/1687814018764154
      This project has the prose of both papers but not their equations. The methods are reconstructed from the prose,
-     those with H in the form of [BM]; docs/theory.md, section 4, has the equations, docs/papers.md what is known.
+     those with H in the form of [BM]: (4.1) to (4.5) of docs/theory.md; docs/papers.md says what is known.
 [BM] Bou-Rabee and Marsden, Hamilton-Pontryagin integrators, doi:10.1007/s10208-008-9030-4
 [MK] Munthe-Kaas, High order Runge-Kutta methods on manifolds, doi:10.1016/S0168-9274(98)00030-0
 [B]  Baumgarte, Stabilization of constraints, doi:10.1016/0045-7825(72)90018-7
@@ -65,7 +65,7 @@ class Method:
         None if the method chooses its order itself.
     source : str
     composition : tuple of float
-        Weights of the stages of a composition of RATTLE steps, equation (9.1) of docs/theory.md.
+        Weights of the stages of a composition of RATTLE steps, equations (9.1) and (9.2) of docs/theory.md.
     tableau : Tableau or None
         The coefficients of an explicit Runge-Kutta method.
     maps : tuple of str
@@ -188,7 +188,7 @@ class Implicit(Method):
 
 @dataclasses.dataclass(frozen=True)
 class Euler(Implicit, order=1, index1_output=False, maps=COORDINATE_MAPS):
-    """Methods of order one. polish: make attitudes rotations again after every step (docs/theory.md, section 3)."""
+    """Methods of order one. polish: make attitudes rotations again after every step, (3.2) of docs/theory.md."""
 
     polish: bool = True
 
@@ -202,7 +202,7 @@ class Euler(Implicit, order=1, index1_output=False, maps=COORDINATE_MAPS):
 @dataclasses.dataclass(frozen=True)
 class CorrectedEuler(Euler, formulation="lagrange"):
     """correction: the weight of G_n^T mu, which closes the positions: "mass" is M^-1, which costs the least kinetic
-    energy, "plain" is none (docs/theory.md, section 4)."""
+    energy, "plain" is none: (4.1) of docs/theory.md."""
 
     correction: str = "mass"
 
@@ -253,7 +253,7 @@ def _symmetric(*half: float) -> tuple[float, ...]:
 
 # Published weights. They sum to one, which fixes the middle one. METHODS uses for each order the weights of least error
 # at equal cost: rattle4 has a tenth of the error of FOREST_RUTH_4 and half that of MCLACHLAN_4, rattle6 0.3 times that
-# of YOSHIDA_6, rattle8 that of KAHAN_LI_8 (docs/theory.md, section 9).
+# of YOSHIDA_6, rattle8 that of KAHAN_LI_8.
 FOREST_RUTH_4 = _symmetric(1 / (2 - 2 ** (1 / 3)))
 """Order 4, 3 stages; Forest and Ruth, doi:10.1016/0167-2789(90)90019-L."""
 SUZUKI_4 = _symmetric(*2 * (1 / (4 - 4 ** (1 / 3)),))

@@ -3,7 +3,8 @@
 Within a piece every law is a spring, a damper and a torque on its coordinate, or a row that holds the coordinate still.
 A piece ends where a surface is crossed. Methods of higher order solve for that time with the method itself, so
 they keep their order. What comes next is the mode that agrees with its own accelerations (Gauss' principle: for dry
-friction there is one). Impulses of stops follow from the accelerations that a torque on the coordinate adds.
+friction there is one). Impulses of stops follow from the accelerations that a torque on the coordinate adds. These are
+(20.1) and (20.2) of docs/theory.md.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 If joints connect every body to the ground, and each joint turns about one common direction e, slides normal to e, or is
 rigid, no point leaves its plane normal to e. Only the rows of a joint within the plane are kept: two of a hinge, one
 and the relative angle of a slide, and none of a hinge on the ground if the method writes the motion about its point.
-Forces and torques that the other rows would carry are left out, and so are the heights along e:
+Forces and torques that the other rows would carry are left out, and so are the heights along e, (16.2) of
+docs/theory.md:
 
     m x'' = f - (f . e) e - ...,    (e . J e) theta'' = e . torque - ...
 

@@ -198,7 +198,7 @@ def project(problem: Problem, state: Sequence[ArrayLike]) -> State:
     """A state that satisfies the joints and their velocity constraints to rounding, from one that does not.
 
     Positions and attitudes change by the least in the metric of the masses, to first order in the change, velocities
-    then by the least kinetic energy (docs/theory.md, section 10). Drives are those at `problem.time`.
+    then by the least kinetic energy, (10.2) of docs/theory.md. Drives are those at `problem.time`.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ class Accelerations:
 
 
 def accelerations(problem: Problem, state: Sequence[ArrayLike] | None = None) -> Accelerations:
-    """Accelerations, multipliers and reactions of the index-1 system, equation (4.3) of docs/theory.md.
+    """Accelerations, multipliers and reactions of the index-1 system, equation (1.4) of docs/theory.md.
 
     Laws of joint coordinates do not act. Angles of springs lie in (-pi, pi], a rotation counts as none.
 

@@ -322,7 +322,7 @@ def rattle_step(system: Bodies, q0: Place, u0: np.ndarray, h: float, guess: np.n
 
 
 def alpha_steps(system: Bodies, method: GeneralizedAlpha, q: Place, u: np.ndarray) -> Iterator[tuple[Any, ...]]:
-    """q, u, lam after every step of generalized-alpha, stabilised index 2 (docs/theory.md, section 11)."""
+    """q, u, lam after every step of generalized-alpha, equation (4.3) of docs/theory.md."""
     nu, m, h, radius = 6 * system.n, system.m, method.step, method.spectral_radius
     alpha_m, alpha_f = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
     gamma = 0.5 + alpha_f - alpha_m

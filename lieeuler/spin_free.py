@@ -2,7 +2,7 @@
 
 Take a body whose inertia is the same about every normal of an axis e, and whose joints, springs and loads all act on
 that axis. Its angular velocity Omega = e . w about e is constant. In the frame R' = R exp(-Omega t hat(e)) its
-equations are
+equations, (13.1) of docs/theory.md, are
 
     J dw'/dt + w' x (J w' + Omega J e) = torque,    w' = w - Omega e at the start,
 

@@ -1,7 +1,7 @@
 """Bodies that fixed joints weld together are integrated as one body.
 
 The composite body has the sum of the masses, its centre of mass, and the inertia about it, in the axes of the first of
-its bodies. Anchors, points and axes of the others move into these axes:
+its bodies. Anchors, points and axes of the others move into these axes, (16.1) of docs/theory.md:
 
     point of body b:  c_b + P_b point,    P_b = R_0^T R_b,    c_b = R_0^T (x_b - X)
 

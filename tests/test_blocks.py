@@ -40,8 +40,8 @@ from tests.scene_making import ARM
 
 BLOCK = re.compile(r"(?:<!-- run: (?P<how>[^\n]+) -->\n)?^```(?P<language>[\w{}-]*)[^\n]*\n(?P<text>.*?)^```$",
                    re.DOTALL | re.MULTILINE)
-SHOWN = {"math", "{toctree}", "{eval-rst}", "{code-cell}", "text"}
-"""Blocks that are only read: formulas, parts of the site, cells that run when it is built, output."""
+SHOWN = {"math", "{toctree}", "{eval-rst}", "{code-cell}", "{literalinclude}", "text"}
+"""Blocks that are only read: formulas, parts of the site, cells that run when it is built, examples, output."""
 QUICK = {"list", "convert", "history"}
 SMOKE = "--profile smoke --jobs 1 --out out"
 SHORTER = {
@@ -242,8 +242,7 @@ def test_python_runs(block, tmp_path, monkeypatch):
         assert done.returncode == 0, done.stdout
 
 
-READERS = {"compound_pendulum.toml": crosscheck.load_scene, "door.toml": crosscheck.load_scene,
-           "sweep.toml": plan.read, "my.toml": overrides.read}
+READERS = {"compound_pendulum.toml": crosscheck.load_scene, "sweep.toml": plan.read, "my.toml": overrides.read}
 
 
 @pytest.mark.parametrize("block", [block for block in RUN if block.language in ("toml", "ini")],
@@ -290,12 +289,13 @@ def test_a_wrong_command_is_found(wrong, tmp_path, monkeypatch):
     ("cg3.py", ("24 / 17", "24 / 19")), ("variational.py", ("composition=MCLACHLAN_4", "composition=(0.5, 0.5)"))])
 def test_methods_of_ones_own_pass_and_fail_with_a_wrong_digit(file, wrong, tmp_path, monkeypatch):
     """The page says that they pass: exit code 0; and that a misread weight is found."""
-    (block,) = (block for block in BLOCKS if block.document == "docs/own-method.md" and block.told("as") == file)
     (command,) = (line for block in BLOCKS if block.document == "docs/own-method.md" for line in block.commands
                   if file in line)
+    example = (ROOT / "examples" / file).read_text("utf-8")
     monkeypatch.chdir(tmp_path)
-    assert block.text.count(wrong[0]) == 1
-    for text, code in ((block.text, 0), (block.text.replace(*wrong), 1)):
-        (tmp_path / file).write_text(text, "utf-8")
+    (tmp_path / "examples").mkdir()
+    assert example.count(wrong[0]) == 1
+    for text, code in ((example, 0), (example.replace(*wrong), 1)):
+        (tmp_path / "examples" / file).write_text(text, "utf-8")
         done = CliRunner().invoke(app, [*words_of(command)[1:], "--jobs", "1", "--out", f"out{code}"])
         assert done.exit_code == code, done.output

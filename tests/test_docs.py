@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import re
 import subprocess
@@ -12,8 +13,14 @@ import pytest
 
 import crosscheck
 import lieeuler
+from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.built_in import ENTRIES
+from crosscheck.adapters.common import known
+from crosscheck.document.outcomes import KINDS
 from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.laws import SIZES
 from crosscheck.scene.schema import FORCE_ENTRIES
+from crosscheck.scene.sensors import SENSOR_TYPES
 from tests import ROOT
 
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -111,12 +118,18 @@ def test_what_is_missing_is_found(tmp_path):
     assert missing_names(document) == {"GoneStepper", "gone_hook(z)"}
 
 
-def test_every_joint_and_force_is_in_the_tables_of_scenes():
-    rows = [line for line in (ROOT / "docs/adding-a-scene.md").read_text("utf-8").splitlines() if line.startswith("|")]
-    listed = {name for row in rows for name in CODE.findall(row.split("|")[1])}
-    assert {*JOINT_TYPES, *FORCE_ENTRIES} <= listed
-    scenes = {name for row in rows for name in CODE.findall(row.rstrip("| ").rpartition("|")[2]) if name[0].islower()}
-    assert {"hinge_pendulum", "rolling_disk"} <= scenes & {path.stem for path in (ROOT / "scenarios").glob("*.toml")}
+sys.path.insert(0, str(ROOT / "docs"))
+import reference  # noqa: E402
+
+
+@pytest.mark.parametrize(("made", "names"), [
+    (reference.scene_files, {*JOINT_TYPES, *FORCE_ENTRIES, *SENSOR_TYPES, *SIZES, "rolling_disk"}),
+    (reference.engines, {*ENTRIES, *(entry.reason for entry in known.table())}),
+    (reference.methods, lieeuler.METHODS.keys()), (reference.verdicts, {kind.code for kind in KINDS.values()}),
+    (reference.declarations, {field.name for field in dataclasses.fields(RunSpec)} | {"held_levels", "eps"})])
+def test_the_reference_has_all_that_the_code_has(made, names):
+    text = made()
+    assert {name for name in names if name not in text} == set()
 
 
 @pytest.mark.parametrize("package", [crosscheck, lieeuler])
@@ -126,15 +139,31 @@ def test_every_public_name_is_in_the_reference(package):
     assert listed == set(package.__all__)
 
 
-def test_equations_are_numbered_once_and_cited_ones_exist():
+def cited_equations(text: str) -> set[str]:
+    """The numbers of equations before "of docs/theory.md": (1.1), (1.2) or (1.4); (1.1) to (1.4)."""
+    text = re.sub(r"\s*\n\s*(?://|#)? ?", " ", text)
+    found = set[str]()
+    for run in re.findall(r"((?:\(\d+\.\d+\)[^.;()]{0,60}?)+) ?of docs/theory\.md", text):
+        numbers = re.findall(r"\((\d+)\.(\d+)\)( to (?=\())?", run)
+        for (section, first, upto), (_, last, _) in zip(numbers, [*numbers[1:], ("", "0", "")], strict=True):
+            found |= {f"{section}.{k}" for k in range(int(first), int(last) + 1 if upto else int(first) + 1)}
+    return found
+
+
+def test_equations_are_numbered_once_and_cited():
     theory = (ROOT / "docs" / "theory.md").read_text("utf-8")
     tags = re.findall(r"\\tag\{([\d.]+)\}|\| \((\d+\.\d+)\) \|$", theory, re.MULTILINE)
     numbers = [tag or row for tag, row in tags]
     assert len(numbers) == len(set(numbers)) == theory.count("```math") + theory.count("$$") // 2 + 4
-    cited = re.findall(r"\((\d+\.\d+)\)(?: to \((\d+\.\d+)\))? of docs/theory\.md", sources())
-    assert cited
-    assert {number for pair in cited for number in pair if number} <= set(numbers)
-    assert "METHODS section" not in sources()
+    within = set(re.findall(r"\((\d+\.\d+)\)", theory))
+    assert set(numbers) == cited_equations(sources())
+    assert within <= set(numbers)
+    assert not re.search(r"docs/theory\.md, section", sources())
+
+
+def test_citations_are_read():
+    assert cited_equations("(1.1) to (1.3), and (2.1) of docs/theory.md") == {"1.1", "1.2", "1.3", "2.1"}
+    assert cited_equations("// (4.1), (4.2)\n// and (4.4) of docs/theory.md. (9.9) is none") == {"4.1", "4.2", "4.4"}
 
 
 def test_the_bibliography_is_whole():

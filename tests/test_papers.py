@@ -108,7 +108,7 @@ def test_what_the_prose_says_of_a_method(method, sentence, held):
 
 
 FIRST_STEP = {("DAE3L_LE", "acceleration"), ("DAE3H_LE", "acceleration")}
-"""Violated by half of gamma in the first step whatever its size: docs/theory.md, section 5."""
+"""Violated by half of gamma in the first step whatever its size: (5.1) of docs/theory.md."""
 
 
 def test_baumgarte_is_partly_better_than_index_1():

@@ -22,7 +22,7 @@ TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 RECIPES = dict(zip(*[iter(re.split(r"^(?:\*\*|## )(A method|A joint type|A scene|An engine|A study|Release)", TEXT,
                                    flags=re.MULTILINE)[1:])] * 2, strict=True))
 COMMANDS = {"list": "INDEX2_LE",
-            "run single_pendulum --engine lieeuler --method INDEX2_LE --step 1e-3": "pass: error",
+            "run single_pendulum --engine lieeuler --method INDEX2_LE --step 1e-3 --duration 2": "pass: error",
             "truth compound_pendulum": "bob: x(2 s)",
             "run single_pendulum --engine scipy --method DOP853 --rtol 1e-9 --duration 0.5": "pass: error",
             "study slowest --engine lieeuler --out slowest": "page: slowest/index.html"}
@@ -48,12 +48,11 @@ def said(tmp_path_factory):
         shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "lieeuler", copy / "lieeuler", ignore=shutil.ignore_patterns("__pycache__", "_core", "*.so"))
     shutil.copy(_kernel.__file__, copy / "lieeuler")
-    inserted(copy / "lieeuler" / "methods.py", '        Method("INDEX1_LE"', blocks(RECIPES["A method"])[0])
+    inserted(copy / "lieeuler" / "methods.py", "class INDEX1_LE", blocks(RECIPES["A method"])[0])
+    inserted(copy / "lieeuler" / "methods.py", "    GeneralizedAlpha, Rattle2", "    INDEX2_LE,\n")
     scene, *_ = blocks((ROOT / "docs" / "adding-a-scene.md").read_text("utf-8"))
     (copy / "scenarios" / "compound_pendulum.toml").write_text(scene, "utf-8")
-    adapter = next(block for block in blocks((ROOT / "docs" / "adding-an-engine.md").read_text("utf-8"))
-                   if "class SciPy(" in block)
-    (copy / "crosscheck" / "adapters" / "scipy_engine.py").write_text(adapter, "utf-8")
+    shutil.copy(ROOT / "examples" / "scipy_engine.py", copy / "crosscheck" / "adapters")
     inserted(copy / "crosscheck" / "adapters" / "built_in.py", '    "drake":', blocks(RECIPES["An engine"])[0])
     study, page, command = blocks(RECIPES["A study"])
     (copy / "crosscheck" / "studies" / "my_study.py").write_text(study, "utf-8")

@@ -1,7 +1,8 @@
 """Where answers at a few steps go, and how surely: solution verification.
 
 Answers A(h) = A(0) + c h^p + d h^(p+1) + ... of a method of order p, less the truth. T2 cancels h^p from the two finest
-and T3 also h^(p+1) from three; the uncertainty of T3 is 3 |T3 - T2|, and what rounding and noise leave.
+and T3 also h^(p+1) from three; the uncertainty of T3 is 3 |T3 - T2|, and what rounding and noise leave:
+equations (21.1) and (21.2) of docs/theory.md.
 
 Sources: P. J. Roache, J. Fluids Eng. 116 (1994) 405; ASME V&V 20; L. Eca, M. Hoekstra, J. Comput. Phys. 262 (2014) 104;
 E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.9.

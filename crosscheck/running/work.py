@@ -1,7 +1,7 @@
 """Work of loads, dampers, drives and laws along a run.
 
 Output times alone do not tell it: power oscillates and jumps between them. The equations do: from each of the run's own
-states the true motion to the next output time gains what is done on it in between.
+states the true motion to the next output time gains what is done on it in between: (15.2) of docs/theory.md.
 """
 
 from __future__ import annotations

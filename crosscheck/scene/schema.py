@@ -321,10 +321,12 @@ class SceneEntry(msgspec.Struct, frozen=True):
     published: list[PublishedEntry] = []
 
 
-_ENTRIES: dict[str, Any] = {"bodies": BodyEntry, "joints": JointEntry, "shapes": ShapeEntry, "sites": SiteEntry,
+ENTRIES: dict[str, Any] = {"bodies": BodyEntry, "joints": JointEntry, "shapes": ShapeEntry, "sites": SiteEntry,
                             "sensors": SensorEntry, "published": PublishedEntry}
+"""The tables of a scene file whose entries all have the same keys."""
+
 _VECTOR_METRES = "three numbers in m"
-_EXPECTED = {
+EXPECTED = {
     "schema": "2", "name": 'a name in quotes', "description": "one line in quotes", "source": "text in quotes",
     "tags": 'a list of words, ["smooth"]', "gravity": "three numbers in m/s^2, [0.0, 0.0, -9.81]",
     "duration": "a number of seconds > 0", "samples": "a whole number >= 2", "assemble": "true or false",
@@ -365,7 +367,14 @@ _EXPECTED = {
     "margin": "a number of m >= 0",
     "size": "a list of numbers of m > 0", "file": "the name of a mesh file",
     "points": "rows of three numbers in m",
+    "joints position": "a number of rad or m, or a list of the joint's coordinates",
+    "joints velocity": "a number of rad/s or m/s, or a list of the joint's rates", "sensors frame": '"site" or "world"',
 }
+
+
+def expected(table: object, key: str) -> str:
+    """What a key of a table takes, for messages and the reference."""
+    return EXPECTED.get(f"{table} {key}", EXPECTED[key])
 
 
 _PLAIN_TYPES = {"float": "a number", "int": "a whole number", "str": "text", "bool": "true or false",
@@ -487,7 +496,7 @@ def _check_keys(data: Content) -> None:
             if group in typed:
                 allowed = ("type", *typed[group][str(kind)].__struct_fields__)
             else:
-                allowed = _ENTRIES[group].__struct_fields__
+                allowed = ENTRIES[group].__struct_fields__
             _check_table_keys(data, (group, index), allowed)
 
 
@@ -520,8 +529,8 @@ def _translated(data: object, message: str) -> EntryError:
     missing = re.search(r"missing required field `(\w+)`", problem)
     if missing:
         key = missing.group(1)
-        return EntryError(entry_name(data, (*path, key)), "missing", f"add {key}: {_EXPECTED[key]}")
+        return EntryError(entry_name(data, (*path, key)), "missing", f"add {key}: {expected([*path, ''][0], key)}")
     keys = [part for part in path if isinstance(part, str)]
     problem = re.sub(r"`(\w+)`", lambda match: _PLAIN_TYPES.get(match.group(1), match.group(1)), problem)
     return EntryError(entry_name(data, path), problem[:1].lower() + problem[1:],
-                      f"write {_EXPECTED[keys[-1]]}" if keys else "write a table of keys")
+                      f"write {expected(keys[0], keys[-1])}" if keys else "write a table of keys")

@@ -1,4 +1,4 @@
-"""The correction of stabilised Lagrangian methods weighted with the mass, or plain (docs/theory.md, section 4)."""
+"""The correction of stabilised Lagrangian methods weighted with the mass, or plain: (4.1) of docs/theory.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each method must show (docs/theory.md, section 5): constraint levels and invariants."""
+"""What each method must show (equations (5.1) and (6.1) of docs/theory.md): constraint levels and invariants."""
 
 from __future__ import annotations
 

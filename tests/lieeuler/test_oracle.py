@@ -1,4 +1,4 @@
-"""The kernel against the dense reference, and against the prototype figures in section 5 of docs/theory.md."""
+"""The kernel against the dense reference, and against the figures of a prototype."""
 
 from __future__ import annotations
 

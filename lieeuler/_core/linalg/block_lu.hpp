@@ -1,4 +1,4 @@
-// Sparse LU in blocks of 3 x 3, a list of operations planned once (docs/theory.md, section 8). The last nodes, the
+// Sparse LU in blocks of 3 x 3, a list of operations planned once. The last nodes, the
 // tail, belong to joints that close loops: they are factored densely with full pivoting, to a rank found beforehand.
 #pragma once
 

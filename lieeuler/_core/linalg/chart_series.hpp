@@ -1,5 +1,5 @@
-// Taylor coefficients of the even functions of |theta| in the maps of docs/theory.md, section 3, for one number or
-// several at once: without Eigen, because several instruction sets share this header.
+// Taylor coefficients of the even functions of |theta| in the maps (3.1) of docs/theory.md, for one number or several
+// at once: without Eigen, because several instruction sets share this header.
 #pragma once
 
 namespace lieeuler {

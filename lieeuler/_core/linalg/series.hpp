@@ -1,4 +1,4 @@
-// Cauchy products of truncated power series of vectors (docs/theory.md, section 12).
+// Cauchy products of truncated power series of vectors, for (12.1) of docs/theory.md.
 //
 // Coefficients are stored order by order, with the components of one order side by side in registers of two. A product
 // of series then multiplies whole columns by one number and adds up in registers of four, without shuffling.

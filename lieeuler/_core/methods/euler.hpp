@@ -1,6 +1,6 @@
 // What the Lagrangian and Hamiltonian Euler methods share: a step with its unknowns and Newton's matrix, which a family
-// fills with its equations, and the stepper that
-// solves them by Newton's iteration, to rounding level.
+// fills with its equations, and the stepper that solves them by Newton's iteration, to rounding of (7.4) of
+// docs/theory.md.
 #pragma once
 
 #include <array>

@@ -1,6 +1,6 @@
 // Symplectic Lie group Euler methods for the constrained Hamilton equations, reconstructed from
-// doi:10.1177/1687814019842406, in Hamilton-Pontryagin form (doi:10.1007/s10208-008-9030-4), with Lam = h lam and
-// D*, Ad* acting on the rotational part:
+// doi:10.1177/1687814019842406, in Hamilton-Pontryagin form (doi:10.1007/s10208-008-9030-4), (4.4) of docs/theory.md,
+// with Lam = h lam and D*, Ad* acting on the rotational part:
 //
 //   D*(h xi) M xi = p_n + h f_app(q_n, xi) - G_n^T Lam,   q = q_n * (h xi),   p = Ad*(h xi) D*(h xi) M xi
 //
@@ -14,7 +14,7 @@
 // p <- p + h/2 f_app(q, xi) before the projection. It is symmetric and of second order. For the rows of slip it takes
 // (A(q_n) + A(q)) xi = 0, and A M^-1 p = 0 after the projection.
 //
-// Unknowns: xi of each body, Lam of each joint.
+// Unknowns: xi of each body, Lam of each joint. Newton's matrix is (7.3) of docs/theory.md.
 #pragma once
 
 #include "linalg/compensated.hpp"
@@ -333,7 +333,7 @@ class HamiltonEquations {
 template <class Map>
 using HamiltonStepper = EulerStepper<HamiltonEquations<Map>>;
 
-// Symmetric compositions of RATTLE (docs/theory.md, section 9): successive steps of weights[0] h, weights[1] h, ...
+// Symmetric compositions of RATTLE, (9.2) of docs/theory.md: successive steps of weights[0] h, weights[1] h, ...
 template <class Map>
 class CompositionStepper : public HamiltonStepper<Map> {
   using Rattle = HamiltonStepper<Map>;

@@ -1,5 +1,5 @@
 // Implicit Lie group Euler methods for the Lagrangian equations, reconstructed from
-// doi:10.1177/1687814019842406, all at n+1:
+// doi:10.1177/1687814019842406, (4.1) and (4.5) of docs/theory.md, all at n+1:
 //
 //   M (u - u_n) = h f(q, u) - G^T Lam,   Lam = h lam,   q = q_n * (h xi)
 //
@@ -8,13 +8,14 @@
 //   stabilised    Phi(q) = 0, G u = 0                           M xi = M u - G_n^T mu     DAE2L_LSE, DAE1L_LSE
 //   acceleration  G a + gamma + 2 alpha G u + beta^2 Phi = 0    xi = u, a = (u - u_n)/h   INDEX1_LE, BAUMGARTE_LE
 //
-// Rows of slip, A u = 0 alone, have no mu (docs/theory.md, section 18). The correction of xi is weighted with the mass;
+// Rows of slip, A u = 0 alone, have no mu, (18.1) of docs/theory.md. The correction of xi is weighted with the mass;
 // the plain one, xi = u - G_n^T mu, is that of Gear, Gupta and Leimkuhler.
 //
 // And the stabilised generalized-alpha method, which has other numbers in the equations of the first and third column
 // (methods/generalized_alpha.hpp).
 //
-// Unknowns: u of each body, Lam of each joint; when stabilised also xi and mu.
+// Unknowns: u of each body, Lam of each joint; when stabilised also xi and mu. Newton's matrix is (7.1), or (7.2) of
+// docs/theory.md.
 #pragma once
 
 #include <optional>

@@ -1,5 +1,6 @@
-// Extrapolation of DAE1L_LSE to step size zero, with order and step control (docs/theory.md, section 11). The table is
-// formed in y = (x, log(R_n^T R), v, w); the step ends with one projection onto Phi = 0 and G u = 0.
+// Extrapolation of DAE1L_LSE to step size zero, with order and step control: the table (11.1) and the
+// filtered velocities (11.2) of docs/theory.md. The table is formed in y = (x, log(R_n^T R), v, w); the step ends with
+// one projection onto Phi = 0 and G u = 0.
 #pragma once
 
 #include <array>

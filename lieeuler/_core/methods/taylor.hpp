@@ -1,4 +1,5 @@
-// Taylor series integration of the index-1 system, after Jorba and Zou, doi:10.1080/10586458.2005.10128904.
+// Taylor series integration of the index-1 system, after Jorba and Zou, doi:10.1080/10586458.2005.10128904; the step is
+// (12.2) of docs/theory.md.
 #pragma once
 
 #include "linalg/root.hpp"

@@ -1,4 +1,4 @@
-// Series of the terms of a motion (docs/theory.md, section 12): bodies, carried vectors, reactions, springs.
+// Series of the terms of a motion, (12.1) of docs/theory.md: bodies, carried vectors, reactions, springs.
 #pragma once
 
 #include "linalg/series.hpp"

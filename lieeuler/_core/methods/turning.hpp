@@ -1,4 +1,5 @@
 // Taylor series of bodies that turn about axes fixed in the ground, all along the third axis: one angle a body,
+// (16.3) and (16.4) of docs/theory.md,
 //
 //   I theta'' = P cos theta - Q sin theta + constant torques and torsional springs,
 //   P = r_x F_y - r_y F_x,  Q = r_x F_x + r_y F_y,

@@ -33,7 +33,7 @@ inline std::vector<int> minimum_degree_order(int nodes, const std::set<std::pair
 }
 
 // Nodes 0 .. n-1 are bodies, n + j is joint j. Leaves first along a spanning tree, a body before the joint that
-// connects it to its parent (docs/theory.md, section 8).
+// connects it to its parent.
 struct EliminationOrder {
   std::vector<int> tree;   // bodies and joints
   std::vector<int> loops;  // joints

@@ -1,4 +1,5 @@
-// Constraint rows of one joint at one configuration: Phi, G, gamma, and the second derivatives for Newton's matrix.
+// Constraint rows of one joint at one configuration: Phi, G, gamma, and the second derivatives for Newton's matrix,
+// (2.1) to (2.6) of docs/theory.md.
 //
 // All vectors below are in world axes. A carried vector z (see Carrier) changes with the quasi-velocities of body b as
 // D z[u] = sign_b v_b + w_b^world x arm_b, and D_d D_u z = R_b (d x (w x local arm)): each constraint and its

@@ -2,7 +2,7 @@
 //
 // Each map m gives, at theta:
 //   rotation()       E = m(theta); turn() = E - I, accurate relative to its own size (except for ccsk)
-//   left_tangent()   T with  m(theta + d) = E exp(hat(T d)) + O(d^2)
+//   left_tangent()   T with  m(theta + d) = E exp(hat(T d)) + O(d^2), (3.1) of docs/theory.md
 //   momentum(L)      y = D* L, D* = inverse transpose of the right-trivialised tangent (Hamilton-Pontryagin equations)
 //   momentum_slope   dy/dxi for theta = h xi, L = J xi
 // set() returns false outside the map's domain.

@@ -1,4 +1,5 @@
-// The mechanical system, constant during a run, its configuration, and the sizes of both.
+// The mechanical system, constant during a run, its configuration, and the sizes of both: (1.1) to (1.3) of
+// docs/theory.md.
 #pragma once
 
 #include <Eigen/Eigenvalues>

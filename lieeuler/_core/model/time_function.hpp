@@ -1,4 +1,5 @@
-// A function of time: a piecewise polynomial plus a sum of sines.
+// A function of time: a piecewise polynomial plus a sum of sines. Constraint levels with one are (15.1) of
+// docs/theory.md.
 #pragma once
 
 #include <algorithm>

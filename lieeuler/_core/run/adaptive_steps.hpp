@@ -1,5 +1,5 @@
 // Runs an adaptive method from step to step: attempts the step it proposes and retries a shorter one when it fails, up
-// to a singular position (docs/theory.md, section 8).
+// to a singular position.
 #pragma once
 
 #include "run/watch.hpp"

@@ -1,5 +1,5 @@
-// Independent constraint rows of joints that close loops, chosen loop by loop, and the least-norm multipliers of all
-// rows (docs/theory.md, section 8).
+// Independent constraint rows of joints that close loops, chosen loop by loop, and the least-norm multipliers (8.2) of
+// docs/theory.md of all rows.
 //
 // All of it is a function of the rows' Jacobian alone. What was found where a run starts is kept in the plan and taken
 // wherever the Jacobian has the same bits.

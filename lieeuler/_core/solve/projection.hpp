@@ -1,5 +1,5 @@
-// Projection of a state onto Phi = 0 and G u = 0, by the least change in the metric of the masses (docs/theory.md,
-// section 10):
+// Projection of a state onto Phi = 0 and G u = 0, by the least change in the metric of the masses, (10.2) of
+// docs/theory.md:
 //
 //   q <- q * d,  M d + G^T mu = 0,  G d = -Phi      repeated with one matrix (simplified Newton)
 //   u <- M^-1 (M u - G^T nu),       G u = 0         at the new q

@@ -1,8 +1,8 @@
-// The saddle-point system of every method at one configuration,
+// The saddle-point system of every method at one configuration, (1.4) of docs/theory.md,
 //
 //   M y + G^T lam = f,   G y = rows
 //
-// by block elimination (solve/delassus.hpp; docs/theory.md, section 8), either with all rows and the null space of
+// by block elimination (solve/delassus.hpp), either with all rows and the null space of
 // redundant ones removed, or with independent rows only. If masses or moments differ too much for that, the whole
 // matrix is factored.
 #pragma once

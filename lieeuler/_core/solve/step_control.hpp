@@ -1,4 +1,4 @@
-// Step size control from error estimates (docs/theory.md, section 10).
+// Step size control from error estimates in the norm (10.3) of docs/theory.md.
 #pragma once
 
 #include <algorithm>

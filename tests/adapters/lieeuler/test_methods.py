@@ -1,4 +1,4 @@
-"""What each method must show (docs/theory.md, section 5): order."""
+"""What each method must show: order."""
 
 from __future__ import annotations
 

@@ -241,7 +241,7 @@ class PreparedRun:
         solution = Solution(t, x, R, v, w, a, alpha, lam, STATUSES[status], stats, self.method.name,
                             self._begin + reached)
         if self._step is None:
-            solution.again = functools.partial(self._between, start)
+            solution.resample = functools.partial(self._between, start)
         if opened == NONE_OPEN and self._plain:
             return solution
         if self.problem.custom:

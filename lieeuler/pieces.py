@@ -215,9 +215,9 @@ class Pieces:
         if coordinate.relative is None:
             return Dot("parent", "difference", coordinate.parent_axis, constant=float(state.q[i]))
         n1, n2 = normals(coordinate.parent_axis)
-        seen = state.R[child].T @ (n2 if parent == GROUND else state.R[parent] @ n2)
-        seen = seen - (seen @ coordinate.child_axis) * coordinate.child_axis
-        return Dot("parent", "child", n1, seen / np.linalg.norm(seen))
+        direction = state.R[child].T @ (n2 if parent == GROUND else state.R[parent] @ n2)
+        direction = direction - (direction @ coordinate.child_axis) * coordinate.child_axis
+        return Dot("parent", "child", n1, direction / np.linalg.norm(direction))
 
     def _forces(self, i: int, state: State, torque: float) -> list[Force]:
         """The forces of a law: one with all that is linear or constant, and one for each function of time."""
@@ -406,7 +406,7 @@ class Pieces:
 
     # --- changes
 
-    def _tell(self, t: float, i: int, what: str, side: int = 0) -> None:
+    def _record(self, t: float, i: int, what: str, side: int = 0) -> None:
         self.events.append((t, self.laws[i].joint, what + ("", "_upper", "_lower")[side]))
 
     def _change(self, state: State, key: Key) -> State:
@@ -419,21 +419,21 @@ class Pieces:
             self.rested[i] = state.t, count + 1 if last == state.t else 1
             state = self._still(state, i)
             if (count := self.rested[i][1]) <= AGAIN:
-                self._settle(state, {i})
+                self._choose_modes(state, {i})
             if mode.held and (count > AGAIN or self.freed.get(i) == state.t):  # as good as at rest: it stays for a step
                 self.stays[i] = state.t
                 self.events = [event for event in self.events if event[:2] != (state.t, law.joint) or event[2] not in (
                     "slips", "reverses")]
             elif mode.held:
-                self._tell(state.t, i, "sticks")
+                self._record(state.t, i, "sticks")
             elif mode.sign != was:
-                self._tell(state.t, i, "reverses")
+                self._record(state.t, i, "reverses")
         elif kind == "held":
             self.freed[i] = state.t
             self._release(state, i, which)
-            self._settle(state, set(), i)
+            self._choose_modes(state, set(), i)
         elif kind == "hits":
-            self._tell(state.t, i, "hits", which)
+            self._record(state.t, i, "hits", which)
             mode.stop = which
             assert law.stops is not None
             if law.stops.stiffness is None:
@@ -441,14 +441,14 @@ class Pieces:
             else:
                 mode.pushes = True
         elif kind == "leaves":
-            self._tell(state.t, i, "leaves", which)
+            self._record(state.t, i, "leaves", which)
             mode.stop, mode.pushes = 0, False
         elif kind == "pushes":
             mode.pushes = not mode.pushes
         elif kind.startswith("cut"):
             mode.cut[which] = int(kind.split()[1])
             mode.region[which] = self._region(law.servos[which], state.rate[i], mode)
-            self._tell(state.t, i, "saturates" if mode.cut[which] else "unsaturates")
+            self._record(state.t, i, "saturates" if mode.cut[which] else "unsaturates")
         else:
             speed = law.servos[which].no_load_speed or math.inf
             sign = 1 if mode.region[which] > 0 else -1
@@ -463,10 +463,10 @@ class Pieces:
         law, mode = self.laws[i], self.modes[i]
         mode.held, mode.sign = False, sign
         if mode.stop:
-            self._tell(state.t, i, "leaves", mode.stop)
+            self._record(state.t, i, "leaves", mode.stop)
             mode.stop = 0
         elif law.static:
-            self._tell(state.t, i, "slips")
+            self._record(state.t, i, "slips")
 
     def _still(self, state: State, i: int) -> State:
         """The state with a coordinate at rest, by the least impulse along it."""
@@ -527,12 +527,12 @@ class Pieces:
         for k, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
             if law.static and not mode.held and k not in group:
                 if k in loose:
-                    self._tell(state.t, k, "slips")
+                    self._record(state.t, k, "slips")
                 mode.sign = 1 if state.rate[k] > 0 else -1
         for k in group:
             mode, sign = self.modes[k], (1 if state.rate[k] > 0 else -1) if self.laws[k].static else 0
             if k not in closed and k != i:
-                self._tell(state.t, k, "hits", sides[k])
+                self._record(state.t, k, "hits", sides[k])
                 state.q[k] = self.laws[k].stops.edge(sides[k])  # type: ignore[union-attr]
             if state.rate[k] == 0.0:
                 mode.held, mode.stop, mode.sign = True, sides[k], 0
@@ -541,8 +541,8 @@ class Pieces:
             else:
                 mode.stop, mode.sign = 0, sign
         if fresh := {k for k in group if self.modes[k].held} - closed:
-            self._settle(state, fresh | rest)
-        self._cuts(state, told=True)
+            self._choose_modes(state, fresh | rest)
+        self._cuts(state, recorded=True)
         return state
 
     def _rebound(self, state: State, sides: dict[int, int], kicks: dict[int, Kick], pressing: float) -> State:
@@ -574,7 +574,7 @@ class Pieces:
         state.rate[group] = np.where(np.abs(after) <= scale, 0.0, after) if len(group) > 1 else after
         return state
 
-    def _settle(self, state: State, fresh: set[int], freed: int = -1) -> None:
+    def _choose_modes(self, state: State, fresh: set[int], freed: int = -1) -> None:
         """Choose, among the coordinates at rest, those that stay: Gauss' principle by single changes.
 
         fresh: held since just now, so that letting them go is no event. freed: let go just now. Its acceleration is as
@@ -616,29 +616,29 @@ class Pieces:
         sign = (1 if rate > 0 else -1) if rate else (mode.sign or 1)
         return sign * (2 if abs(rate) > servo.no_load_speed else 1)
 
-    def _cut(self, state: State, i: int, k: int, told: bool) -> float:
+    def _cut(self, state: State, i: int, k: int, recorded: bool) -> float:
         """The force of a servo, after noting whether it is cut."""
         servo, mode = self.laws[i].servos[k], self.modes[i]
         wanted, (lower, upper) = servo.wanted(state.t, state.q[i], state.rate[i]), servo.bounds(state.rate[i])
         cut = int(wanted > upper) - int(wanted < lower)
-        if told and cut != mode.cut[k]:
-            self._tell(state.t, i, "saturates" if cut else "unsaturates")
+        if recorded and cut != mode.cut[k]:
+            self._record(state.t, i, "saturates" if cut else "unsaturates")
         mode.cut[k] = cut
         return float(np.clip(wanted, lower, upper))
 
-    def _cuts(self, state: State, told: bool) -> None:
+    def _cuts(self, state: State, recorded: bool) -> None:
         """The cuts of all continuous servos, from the state: at the start, and after a jump of the rates."""
         for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
             for k, servo in enumerate(law.servos):
                 if servo.period is None:
-                    self._cut(state, i, k, told)
+                    self._cut(state, i, k, recorded)
                     mode.region[k] = self._region(servo, float(state.rate[i]), mode)
 
-    def _tick(self, state: State, told: bool) -> None:
+    def _tick(self, state: State, recorded: bool) -> None:
         """Evaluate the sampled servos that are due."""
         for i, k in self.ticks.get(state.t, ()):
             waiting = self.modes[i].waiting
-            waiting[k] = [*waiting[k], self._cut(state, i, k, told)][-2 - self.laws[i].servos[k].delay:]
+            waiting[k] = [*waiting[k], self._cut(state, i, k, recorded)][-2 - self.laws[i].servos[k].delay:]
 
     # --- the loop
 
@@ -655,10 +655,10 @@ class Pieces:
         state = State(float(self.t[0]), p.x, p.R, p.v, p.w, q, np.array([float(each[1][0]) for each in measures]))
         for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
             self._begin_law(state, i, law, mode)
-        self._tick(state, told=False)
-        self._cuts(state, told=False)
+        self._tick(state, recorded=False)
+        self._cuts(state, recorded=False)
         if any(mode.held for mode in self.modes):
-            self._settle(state, set(range(len(self.laws))))
+            self._choose_modes(state, set(range(len(self.laws))))
         return state
 
     @staticmethod
@@ -715,7 +715,7 @@ class Pieces:
             while here < len(self.grid) and self.grid[here][-1] <= state.t:
                 here += 1
             if state.t > before.t:
-                self._tick(state, told=True)
+                self._tick(state, recorded=True)
             if changes > CHATTER:
                 self._fail(Status.STEP_TOO_SMALL, "changes of friction and stops follow each other without end: "
                            "the motion has no unique continuation from here on")

@@ -290,13 +290,13 @@ def _check(problem: Problem, e: np.ndarray) -> None:
     if not problem.opening <= ROUNDING:
         raise NotPlanar(f"the start leaves joints open by {problem.opening:.1g} of the system's size, more than "
                         "rounding")
-    beside: dict[int, set[int]] = {}
+    neighbours: dict[int, set[int]] = {}
     for joint in problem.joints:
-        beside.setdefault(joint.parent, set()).add(joint.child)
-        beside.setdefault(joint.child, set()).add(joint.parent)
+        neighbours.setdefault(joint.parent, set()).add(joint.child)
+        neighbours.setdefault(joint.child, set()).add(joint.parent)
     hung, new = {GROUND}, {GROUND}
     while new:
-        new = {other for body in new for other in beside.get(body, ())} - hung
+        new = {other for body in new for other in neighbours.get(body, ())} - hung
         hung |= new
     if len(hung) <= problem.n:
         raise NotPlanar("a body is not held in the plane by joints")

@@ -121,10 +121,10 @@ class Solution:
     method: str
     t_end: float
     events: tuple[tuple[float, int, str], ...] = ()
-    again: Callable[[np.ndarray], Solution] | None = dataclasses.field(default=None, repr=False, compare=False)
+    resample: Callable[[np.ndarray], Solution] | None = dataclasses.field(default=None, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "again": None}
+        return {**vars(self), "resample": None}
 
     def at(self, times: ArrayLike) -> Solution:
         """The solution at any times (K,) within the run, s: dense output of methods that choose their steps.
@@ -137,14 +137,14 @@ class Solution:
         ArgumentError
             A time lies outside of the run, or the run has fixed steps or laws, or is a copy from another process.
         """
-        if self.again is None:
+        if self.resample is None:
             raise ArgumentError("states between samples are those of methods that choose their steps (rtol), of runs "
                                 "without laws in this process; otherwise give more output times")
         t = real(times)
         if t is None or t.ndim != 1 or not (
                 len(t) and t[0] >= self.t[0] and t[-1] <= self.t[-1] and (np.diff(t) > 0).all()):
             raise ArgumentError(f"times must increase between {self.t[0]:g} and {self.t[-1]:g} s, not {times!r}")
-        return self.again(t)
+        return self.resample(t)
 
     @property
     def success(self) -> bool:

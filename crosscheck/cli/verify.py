@@ -101,7 +101,7 @@ def verify(
             asked=Asked(coordinate_map=options.coordinate_map(setting)), jobs=jobs, scheduler=scheduler,
             limits=limits_of(time_limit, memory_limit), tolerances=own, fresh=fresh, out=out, spoken=spoken,
             command=shlex.join(["crosscheck", *sys.argv[1:]]), progress=progress, note=complain,
-            told=provisional)
+            on_budget=provisional)
     results, page = answer.document, answer.page or out
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")
@@ -142,10 +142,10 @@ def print_verdicts(document: Document, page: Path) -> None:
         right = (each for each in document.records if each.outcome == outcome and (outcome == "pass" or each.within))
         for (name, engine), records in grouped(right, lambda record: (record.scene, record.engine)).items():
             _print_right(name, engine, records)
-    told = [record for record in document.records if record.outcome in ("known", "fail", "error")]
-    if told:
-        print_table(terminal, COLUMNS, [_row(record) for record in told],
-                    styles=[STYLES.get(record.outcome, "") for record in told])
+    findings = [record for record in document.records if record.outcome in ("known", "fail", "error")]
+    if findings:
+        print_table(terminal, COLUMNS, [_row(record) for record in findings],
+                    styles=[STYLES.get(record.outcome, "") for record in findings])
     for group in worst_first(document.records):
         symbol, word, _ = OUTCOMES[group.outcome]
         loud = word.upper() if group.outcome in ("fail", "error") else word

@@ -118,7 +118,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
             ask, wanted.command, job.ROW_TYPES, wanted.fresh) as session:
         name = f"{session.started[:19].replace(':', '-')}Z-{session.token}"
         results = job.verify(wanted.profile, wanted.scenes, wanted.engines, wanted.jobs, progress, session,
-                             wanted.limits, walk=wanted.profile == "full", asked=wanted.asked,
+                             wanted.limits, search=wanted.profile == "full", asked=wanted.asked,
                              scheduler=wanted.scheduler)
         results = replace(results, meta=replace(
             results.meta, command=wanted.command, started=session.started,

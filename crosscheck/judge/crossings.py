@@ -63,7 +63,7 @@ def near_impacts(scene: Scene, truth: Reference, position: float, step: float) -
     return near
 
 
-def beside_impacts(scene: Scene, run: Motion, truth: Reference, step: float, position: float = 0.0) -> States:
+def corrected_at_impacts(scene: Scene, run: Motion, truth: Reference, step: float, position: float = 0.0) -> States:
     """The run with the true velocities at output times near an impact, see `near_impacts`: there two are right."""
     near = near_impacts(scene, truth, position, max(step, ROUNDED * float(truth.t[-1])))
     near &= not near.all()

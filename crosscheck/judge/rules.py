@@ -77,7 +77,8 @@ def limit_check(rule: Rule, name: str, segment: int, found: Limit, more: Mapping
     return Check(rule, name, segment, found.size, {**found.parts, **more}, size, where)
 
 
-def told(scene: Scene, times: np.ndarray, answers: Sequence[tuple[float, np.ndarray]], found: Limit, what: str) -> str:
+def detail_of(scene: Scene, times: np.ndarray, answers: Sequence[tuple[float, np.ndarray]], found: Limit,
+              what: str) -> str:
     """The place of the largest value, and the differences there from which it follows by hand, by step or tolerance."""
     norms = np.nan_to_num(np.linalg.norm(found.value, axis=-1), nan=np.inf)
     k, body = np.unravel_index(int(np.argmax(norms)), norms.shape) if norms.size else (0, 0)
@@ -124,8 +125,8 @@ def shares(checks: Sequence[Check], spans: Sequence[tuple[float, float]], blind:
 
 def visible(checks: Sequence[Check]) -> dict[str, float]:
     """By row the share of its size above which an error of the model would have been seen, from resolved checks."""
-    seen: dict[str, float] = {}
+    least: dict[str, float] = {}
     for check in checks:
         if check.rule == "limit" and check.status == "ok" and check.size:
-            seen[check.name] = max(seen.get(check.name, 0.0), (check.value + check.uncertainty) / check.size)
-    return seen
+            least[check.name] = max(least.get(check.name, 0.0), (check.value + check.uncertainty) / check.size)
+    return least

@@ -109,7 +109,7 @@ def reactions_of(scene: Scene, states: States, lam: np.ndarray) -> Pulled:
     return pull[..., :3], pull[..., 3:]
 
 
-def marks(grown: np.ndarray, eventful: Sequence[int], seed: str, claim: int | None = None) -> list[int]:
+def marks(grown: np.ndarray, eventful: Sequence[int], seed: str, until: int | None = None) -> list[int]:
     """Samples at which a run is cut into intervals, the first and the last included.
 
     Intervals with events are segments of their own, up to `EVENTFUL` times the segments; beyond, the nearest ones share
@@ -118,7 +118,7 @@ def marks(grown: np.ndarray, eventful: Sequence[int], seed: str, claim: int | No
     Parameters
     ----------
     grown : (T,) logarithm of the growth of errors from the start to each sample. An error grows by about e in a segment
-    claim : the last sample of which there is truth, where that ends before the run
+    until : the last sample of which there is truth, where that ends before the run
     """
     count = len(grown) - 1
     parts = min(count, max(SEGMENTS, math.ceil(grown[-1])))
@@ -126,8 +126,8 @@ def marks(grown: np.ndarray, eventful: Sequence[int], seed: str, claim: int | No
     drawn = np.arange(1, parts) + QUARTER * rng.uniform(-1.0, 1.0, parts - 1)
     passed = grown + np.linspace(0.0, parts, count + 1)  # so that none is longer than twice the mean
     inner = np.interp(drawn * passed[-1] / parts, passed, np.arange(count + 1))
-    plain = {0, count, *np.round(inner).astype(int).tolist()} | ({claim} if claim else set())
-    groups = [[k, k + 1] for k in sorted(set(eventful)) if not claim or k < claim]  # none holds the end of the claim
+    plain = {0, count, *np.round(inner).astype(int).tolist()} | ({until} if until else set())
+    groups = [[k, k + 1] for k in sorted(set(eventful)) if not until or k < until]  # none holds the end of truth
     while True:
         merged = list[list[int]]()
         for first, last in groups:
@@ -164,7 +164,7 @@ def growth(scene: Scene, truth: Reference | None, t: np.ndarray) -> np.ndarray:
     return np.asarray(np.interp(np.minimum(t, until), known.times, most) * np.maximum(1.0, t / until))
 
 
-def claimed(truth: Reference | None) -> float:
+def end_of_truth(truth: Reference | None) -> float:
     """The time (s) at which truth ends by what acts there; by chaos none ends, as each segment has its own."""
     return math.inf if truth is None or truth.horizon_cause in ("", GROWN) else truth.horizon
 
@@ -173,9 +173,9 @@ def segments_of(scene: Scene, traj: Motion, truth: Reference | None, open_joints
                 cut: Sequence[int] | None = None) -> list[Segment]:
     """The segments of a run, between the samples `cut` or, by default, those of `marks`."""
     inside, modes = eventful(scene, traj)
-    claim = int(np.searchsorted(traj.t, claimed(truth) * (1 + ROUNDED), side="right")) - 1
+    until = int(np.searchsorted(traj.t, end_of_truth(truth) * (1 + ROUNDED), side="right")) - 1
     made = []
-    for first, last in itertools.pairwise(cut or marks(growth(scene, truth, traj.t), inside, scene.key, claim)):
+    for first, last in itertools.pairwise(cut or marks(growth(scene, truth, traj.t), inside, scene.key, until)):
         given = begun(scene, traj, first, last, modes.get(first)).replace(
             name="elsewhere", description="", source="", tags=())
         start = (closed(given, scene) or given) if open_joints else given
@@ -185,11 +185,11 @@ def segments_of(scene: Scene, traj: Motion, truth: Reference | None, open_joints
 
 def fill(segments: Sequence[Segment], flow: SystemFlow, traj: Motion, truth: Reference) -> None:
     """Sets the true motion of each segment, or why it has none."""
-    claim = claimed(truth)
+    end = end_of_truth(truth)
     for segment in segments:
         since = float(traj.t[segment.first])
-        if float(traj.t[segment.last]) > claim * (1 + ROUNDED):
-            segment.why = f"truth ends at {claim:g} s: {truth.horizon_cause}"
+        if float(traj.t[segment.last]) > end * (1 + ROUNDED):
+            segment.why = f"truth ends at {end:g} s: {truth.horizon_cause}"
             continue
         try:
             flowed = flow.from_(segment.start, since, segment.t, segment.mode)

@@ -15,7 +15,7 @@ from crosscheck.document.outcomes import Outcome, percent
 from crosscheck.judge import known
 
 
-def settle(run: Record, findings: list[Finding], defects: Sequence[Known] = (), message: str = "",
+def with_outcome(run: Record, findings: list[Finding], defects: Sequence[Known] = (), message: str = "",
            planned: bool = True) -> Record:
     """The verdict on a run: mark known defects, notice those that no longer show, and determine the outcome.
 

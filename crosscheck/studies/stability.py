@@ -16,7 +16,7 @@ from crosscheck.jobs.drive import Crash, Limits, run_tasks
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.scene.file import load_scene, tagged
 from crosscheck.studies.study import STAGE, Ask, StudyDocument, StudyMeta, Work
-from crosscheck.verification.advice import Walk, prepare
+from crosscheck.verification.advice import Search, prepare
 
 ALSO = ("single_pendulum", "double_pendulum", "heavy_top")
 """Ordinary scenes, for comparison with those tagged "hard"."""
@@ -52,7 +52,7 @@ class Stability:
     """How large can steps be? A killed study continues."""
 
     name = "stability"
-    row_type = Walk
+    row_type = Search
 
     rows = staticmethod(operator.attrgetter("lines"))
 
@@ -67,21 +67,21 @@ class Stability:
         keys = [work.key(load_scene(scene), engine, self.name) for scene, engine in tasks]
         found: dict[int, list[Line]] = {}
 
-        def kept(index: int, result: Walk | str | Crash) -> None:
+        def kept(index: int, result: Search | str | Crash) -> None:
             scene, engine = tasks[index]
             reason = result.message if isinstance(result, Crash) else result
-            found[index] = lines(result) if isinstance(result, Walk) else [
+            found[index] = lines(result) if isinstance(result, Search) else [
                 Line(engine, "", scene=load_scene(scene).name, reason=str(reason))]
             work.keep([line for place in sorted(found) for line in found[place]])
             work.progress(len(found), len(tasks), f"{scene}: {engine}")
 
-        def ended(index: int, result: Walk | str | Crash) -> None:
+        def ended(index: int, result: Search | str | Crash) -> None:
             # Only ladders are put: a crash may have been due to a busy machine.
-            kept(index, work.session.put(STAGE, keys[index], result) if isinstance(result, Walk) else result)
+            kept(index, work.session.put(STAGE, keys[index], result) if isinstance(result, Search) else result)
 
         for index, key in enumerate(keys):
-            if (walk := work.session.get(STAGE, key)) is not None:
-                kept(index, walk)
+            if (search := work.session.get(STAGE, key)) is not None:
+                kept(index, search)
         left = [index for index in range(len(tasks)) if index not in found]
         run_tasks(prepare, [tasks[index] for index in left], work.ask.jobs,
                   lambda place, result: ended(left[place], result), LIMITS)
@@ -91,14 +91,14 @@ class Stability:
         return StabilityDocument(study=self.name, meta=meta, lines=results)
 
 
-def lines(walk: Walk) -> list[Line]:
-    """A line for every method of a walk: the coarsest of its runs of which no finer one is useless."""
+def lines(search: Search) -> list[Line]:
+    """A line for every method of a search: the coarsest of its runs of which no finer one is useless."""
     made = []
-    for method in dict.fromkeys(step.method for step in walk.steps):
-        runs = walk.of(method)
-        useless = [place for place, run in enumerate(runs) if walk.useless(run)]
+    for method in dict.fromkeys(step.method for step in search.steps):
+        runs = search.of(method)
+        useless = [place for place, run in enumerate(runs) if search.useless(run)]
         usable, broken = runs[useless[-1] + 1:] if useless else runs, runs[useless[-1]] if useless else None
-        line = Line(walk.engine, method, scene=walk.scene, form=runs[-1].form)
+        line = Line(search.engine, method, scene=search.scene, form=runs[-1].form)
         if broken:
             line = replace(line, breaks_at=broken.step or broken.rtol,
                            reason=broken.reason or f"an error of {broken.error:.2g} of the size")

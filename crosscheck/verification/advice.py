@@ -1,12 +1,12 @@
 """Advice: the method and step of an engine that reach an error on a scene at the lowest cost, found by runs.
 
-A walk is the errors and times of every method of one engine on one scene at finer and finer steps, made once for all
+A search is the errors and times of every method of one engine on one scene at finer and finer steps, made once for all
 errors. First all methods, in the default form, are run with halved steps, or with tolerances that fall by half a power
 of ten. The cheapest next run always comes first. Then steps between two halvings are searched for the errors of
 `SEARCHED`, and the cheapest runs take turns to measure their times. An engine gets `BUDGET` seconds on a scene, without
 the time to load its package and to compute the truth. They are seconds of the processor, so that a busy machine finds
 as much as an idle one, or of the clock for engines with processes of their own. Steps divide the interval between two
-output times, as in `crosscheck.run`. Where a document has no walk, its records say what to expect: the error and time
+output times, as in `crosscheck.run`. Where a document has no search, its records say what to expect: the error and time
 of a run at one step, and the observed order.
 """
 
@@ -32,7 +32,7 @@ from crosscheck.compare.sizes import sizes
 from crosscheck.document import QUANTITIES, Advice, Record, SceneTruth, Way, extended, largest
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said, unknown
 from crosscheck.files import digest
-from crosscheck.judge.crossings import beside_impacts
+from crosscheck.judge.crossings import corrected_at_impacts
 from crosscheck.references.base import Reference
 from crosscheck.running import provenance, versions
 from crosscheck.running.attempt import Outcome, Ran, attempt, lasting
@@ -105,7 +105,7 @@ class Step(Way, frozen=True, kw_only=True):
 
 
 @dataclasses.dataclass
-class Walk:
+class Search:
     """All runs of one engine on one scene."""
 
     scene: str
@@ -133,49 +133,49 @@ class Walk:
         return sorted(coarsest.values(), key=lambda step: step.cost or 0.0)
 
 
-def walk(scene: Scene, engine: str) -> Walk:
-    """The walk of an engine.
+def search(scene: Scene, engine: str) -> Search:
+    """The search of an engine for its steps.
 
     Raises `Unsupported` if the engine cannot model the scene, and `TruthError` or `Unsupported` if it has no truth.
     """
     chosen, refused = ways(scene, [engine], default_form=True)
     if not chosen:
         raise Unsupported(f"{engine} on scene {scene.name!r}: {refused[0][1] if refused else 'it has no method'}")
-    return _Walker(scene, engine, references.truth(scene)).go(chosen)
+    return _Searcher(scene, engine, references.truth(scene)).go(chosen)
 
 
 def key(scene: Scene, engine: str) -> str:
-    """Digest of all that a walk depends on."""
-    return digest("walk", provenance.code_digest([engine], []), scene.hash, BUDGET)
+    """Digest of all that a search depends on."""
+    return digest("search", provenance.code_digest([engine], []), scene.hash, BUDGET)
 
 
-class _Walker:
-    """Makes one walk."""
+class _Searcher:
+    """Makes one search."""
 
     def __init__(self, scene: Scene, engine: str, truth: Reference) -> None:
         self._scene, self._engine, self._truth = scene, engine, truth
         self._last = max(1, int(np.count_nonzero(up_to(truth.t, truth.horizon))) - 1)
         self._interval = scene.duration / (scene.samples - 1)
         self._sizes = sizes(scene, truth.states)
-        self._walk = Walk(scene.name, engine, float(truth.t[self._last]))
+        self._search = Search(scene.name, engine, float(truth.t[self._last]))
         # Of engines in processes of their own, this process sees only the clock.
         apart = adapters.is_own(engine) or adapters.has_own_environment(engine)
         self._busy = time.perf_counter if apart else time.process_time
         self._began = math.inf  # set after the first run, which imports the engine and fills caches
 
-    def go(self, chosen: Sequence[GradedWay]) -> Walk:
+    def go(self, chosen: Sequence[GradedWay]) -> Search:
         """Run with halved steps, search between them, and measure times."""
         self._run(chosen[0], 1e-1 if chosen[0].adaptive else self._interval)
         self._began = self._busy()
         self._halve(chosen)
         for level in SEARCHED:
-            if self._walk.reaching(level):
+            if self._search.reaching(level):
                 for way in chosen:
                     if not way.adaptive:
                         self._bisect(way, level)
         self._turns()
-        self._walk.seconds = self._busy() - self._began
-        return self._walk
+        self._search.seconds = self._busy() - self._began
+        return self._search
 
     def _left(self, share: float = 1.0) -> float:
         return share * BUDGET - (self._busy() - self._began)
@@ -196,11 +196,11 @@ class _Walker:
 
     def _errors(self, states: States, step: float) -> dict[str, float]:
         """The largest errors by quantity; velocities count where no impact is within a step (s)."""
-        found = errors(self._scene, states, self._truth.states, self._walk.until)
+        found = errors(self._scene, states, self._truth.states, self._search.until)
         off = found["position"].max
         if self._truth.events and math.isfinite(off):
-            own = beside_impacts(self._scene, states, self._truth, step, off)
-            found = errors(self._scene, own, self._truth.states, self._walk.until)
+            own = corrected_at_impacts(self._scene, states, self._truth, step, off)
+            found = errors(self._scene, own, self._truth.states, self._search.until)
         return {name: each.max for name, each in found.items()}
 
     def _timed(self, step: Step) -> tuple[Outcome, float]:
@@ -232,14 +232,14 @@ class _Walker:
             if value is None:
                 continue
             step, taken = self._run(way, value)
-            self._walk.steps.append(step)
+            self._search.steps.append(step)
             if not self._done(way, step):
                 grown = 1.5 if way.adaptive else 2.0
                 heapq.heappush(heap, (grown * max(taken, 0.5 * last), next(order), way, values, taken))
 
     def _done(self, way: GradedWay, step: Step) -> bool:
         """Whether finer runs of this way are useless, because of rounding or because another way is much better."""
-        own = [each.error for each in self._walk.of(way.method) if each.error is not None]
+        own = [each.error for each in self._search.of(way.method) if each.error is not None]
         if len(own) > 1 and own[-2] < ROUND_OFF and own[-1] > GAIN * own[-2]:
             return True
         if step.error is None or step.cost is None:
@@ -248,11 +248,11 @@ class _Walker:
         return any(other.method != way.method and other.error is not None and other.cost is not None
                    and (math.inf if other.rtol else other.order or 0) >= rank
                    and max(LOST * other.cost, SHORT) < step.cost and other.error < step.error / LOST
-                   for other in self._walk.steps)
+                   for other in self._search.steps)
 
     def _bisect(self, way: GradedWay, level: float) -> None:
         while True:
-            steps = self._walk.of(way.method)
+            steps = self._search.of(way.method)
             good = next((k for k, step in enumerate(steps) if step.error is not None and step.error <= level), None)
             if not good:  # no run reaches the level, or even the coarsest one does
                 return
@@ -260,19 +260,19 @@ class _Walker:
                             (steps[good - 1], steps[good]))
             middle = round(math.sqrt(coarse * fine))
             pace = (steps[good].cost or 0.0) / fine
-            least = self._walk.reaching(level)[0].cost or 0.0
+            least = self._search.reaching(level)[0].cost or 0.0
             if (middle in (coarse, fine) or fine < CLOSE * coarse or coarse * pace > least
                     or 2 * middle * pace > self._left(SEARCH)):
                 return
-            self._walk.steps.append(self._run(way, self._interval / middle)[0])
+            self._search.steps.append(self._run(way, self._interval / middle)[0])
 
     def _turns(self) -> None:
         """Measure the times of the cheapest runs in turns."""
         times: dict[int, list[float]] = {}  # by the place among the steps
-        steps = self._walk.steps
+        steps = self._search.steps
         places = {id(step): place for place, step in enumerate(steps)}
         for level in SEARCHED:
-            rivals = self._walk.reaching(level)
+            rivals = self._search.reaching(level)
             least = rivals[0].cost or 0.0 if rivals else 0.0
             times |= {places[id(step)]: [] for step in rivals[:6]
                       if (step.cost or 0.0) <= max(NEAR * least, least + SHORT)}
@@ -330,7 +330,7 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str,
     loaded = as_scene(scene)
     versions.need([engine])
     name = scene.name if isinstance(scene, Scene) else os.fspath(scene)
-    return choose(walked(loaded, engine), wanted, name)
+    return choose(stored_search(loaded, engine), wanted, name)
 
 
 def _positive(error: object) -> float:
@@ -344,37 +344,37 @@ def _positive(error: object) -> float:
     return wanted
 
 
-def walked(scene: Scene, engine: str) -> Walk:
-    """The walk of an engine from the table, where it is put if it is new; errors as `walk`."""
+def stored_search(scene: Scene, engine: str) -> Search:
+    """The search of an engine from the table, where it is put if it is new; errors as `search`."""
     from crosscheck.jobs.table import Table  # a database, which workers do not need
 
     name = key(scene, engine)
     with contextlib.closing(Table.opened()) as table, table.session(
-            name, f"advise {scene.name} {engine}", {"walk": Walk}) as session:
-        kept: Walk | None = session.get("walk", name)
-        return kept or session.put("walk", name, walk(scene, engine))
+            name, f"advise {scene.name} {engine}", {"search": Search}) as session:
+        kept: Search | None = session.get("search", name)
+        return kept or session.put("search", name, search(scene, engine))
 
 
-def choose(walk: Walk, wanted: float | dict[str, float], scene: str) -> Advice:
+def choose(search: Search, wanted: float | dict[str, float], scene: str) -> Advice:
     """The advice for an error from all runs of an engine. `scene` is the name or path for the command."""
-    known = [step.error for step in walk.steps if step.error is not None]
-    reaching = walk.reaching(wanted)
-    advice = Advice(scene=walk.scene, engine=walk.engine, wanted=wanted, until=walk.until,
+    known = [step.error for step in search.steps if step.error is not None]
+    reaching = search.reaching(wanted)
+    advice = Advice(scene=search.scene, engine=search.engine, wanted=wanted, until=search.until,
                     least=min(known, default=None),
-                    tried=f"within the budget of {BUDGET:g} s; {_finest(walk.steps)}")
+                    tried=f"within the budget of {BUDGET:g} s; {_finest(search.steps)}")
     if not reaching:
         return advice
     best = reaching[0]
     size = f"--step {best.step!r}" if best.step else f"--rtol {best.rtol!r}"
-    words = f"crosscheck run {shlex.quote(scene)} --engine {shlex.quote(walk.engine)} --method {best.method} {size}"
+    words = f"crosscheck run {shlex.quote(scene)} --engine {shlex.quote(search.engine)} --method {best.method} {size}"
     return replace(
         advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error,
-        errors=best.errors, cost=best.cost, breaks_at=breaks_at(walk, best), command=words)
+        errors=best.errors, cost=best.cost, breaks_at=breaks_at(search, best), command=words)
 
 
-def breaks_at(walk: Walk, best: Step) -> float | None:
+def breaks_at(search: Search, best: Step) -> float | None:
     """Step (s) or rtol of the finest of the useless runs that are coarser than `best`. None if no run is useless."""
-    broken = [step for step in walk.of(best.method) if step.fineness < best.fineness and walk.useless(step)]
+    broken = [step for step in search.of(best.method) if step.fineness < best.fineness and search.useless(step)]
     return (broken[-1].step or broken[-1].rtol) if broken else None
 
 
@@ -385,21 +385,21 @@ def _finest(runs: Sequence[Way]) -> str:
                       *([f"finest rtol tried {min(rtols):.2g}"] if rtols else ())]) or "no run was made"
 
 
-def of_walks(scenes: Sequence[str], walks: Sequence[object]) -> list[Advice]:
-    """The advice for all `LEVELS` from the walks on scenes (names or paths) that could be made."""
-    return [choose(walk, level, name) for name, walk in zip(scenes, walks, strict=True) if isinstance(walk, Walk)
-            for level in LEVELS]
+def of_searches(scenes: Sequence[str], searches: Sequence[object]) -> list[Advice]:
+    """The advice for all `LEVELS` from the searches on scenes (names or paths) that could be made."""
+    return [choose(search, level, name) for name, search in zip(scenes, searches, strict=True)
+            if isinstance(search, Search) for level in LEVELS]
 
 
 def from_records(scenes: Sequence[SceneTruth], records: Sequence[Record], known: Sequence[Advice]) -> list[Advice]:
     """The advice for all `LEVELS` that records allow, for scenes and engines for which none is known."""
-    walks_of = {(each.scene, each.engine) for each in known}
+    searched = {(each.scene, each.engine) for each in known}
     return [_estimate(scene, [record for record in records if (record.scene, record.engine) == (scene.name, engine)],
                       level)
             for scene in scenes if scene.truth is not None and scene.plan is not None
             for engine in dict.fromkeys(record.engine for record in records if record.scene == scene.name
                                         and record.outcome != "unsupported")
-            if (scene.name, engine) not in walks_of for level in LEVELS]
+            if (scene.name, engine) not in searched for level in LEVELS]
 
 
 def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Advice:
@@ -447,11 +447,11 @@ def _expected(scene: SceneTruth, record: Record, asked: Advice) -> Advice | None
                    cost=record.wall_time / stretch, command=command, estimated=estimated)
 
 
-def prepare(task: tuple[str, str]) -> Walk | str:
-    """The walk of an engine on a scene, or why it cannot be made."""
+def prepare(task: tuple[str, str]) -> Search | str:
+    """The search of an engine on a scene, or why it cannot be made."""
     scene, engine = task
     try:
-        return walk(load_scene(scene), engine)
+        return search(load_scene(scene), engine)
     except EngineDied:
         raise
     except (CrosscheckError, ImportError) as error:

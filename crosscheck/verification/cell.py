@@ -16,9 +16,9 @@ from crosscheck.compare.errors import Error, energy_gap, errors, of_sensors
 from crosscheck.compare.sizes import sizes as sizes_of
 from crosscheck.document import LEVELS, Finding, Level, Record, Way, extended
 from crosscheck.errors import Unsupported, said
-from crosscheck.judge.crossings import beside_impacts
+from crosscheck.judge.crossings import corrected_at_impacts
 from crosscheck.judge.overrides import Overrides, tolerated
-from crosscheck.judge.verdict import settle, worded
+from crosscheck.judge.verdict import with_outcome, worded
 from crosscheck.references import TruthError, truth
 from crosscheck.references.base import Reference
 from crosscheck.running.attempt import Failed, Refused, attempt, lasting
@@ -58,7 +58,7 @@ def run_cell(cell: Cell) -> Record:
     if isinstance(outcome, Refused):
         return replace(run, outcome="unsupported", message=outcome.why)
     if isinstance(outcome, Failed):
-        return settle(replace(run, status="failed"), [Finding.ended_early(outcome.why)],
+        return with_outcome(replace(run, status="failed"), [Finding.ended_early(outcome.why)],
                       defects(engine, run), outcome.why, cell.as_planned)
     reference = None if cell.no_truth else truth(scene)
     return judged(run, scene, outcome.trajectory, engine.held_levels(scene, spec), reference, cell.no_truth,
@@ -108,7 +108,7 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
     """
     engine, found = adapters.get(run.engine), solution.judge(run, scene, traj, reference, no_truth)
     per, step = (0, 0.0) if run.step is None else steps_per_sample(scene, run.step)
-    own = traj if reference is None else beside_impacts(scene, traj, reference, step)
+    own = traj if reference is None else corrected_at_impacts(scene, traj, reference, step)
     missed = {} if reference is None else errors(scene, own, reference.states, reference.horizon) | of_sensors(
         scene, traj.sensors, reference.states, reference.horizon)
     size = sizes_of(scene, own_states(traj) if reference is None else reference.states)
@@ -121,7 +121,7 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
         order=found.order)
     asked, more = tolerated(overrides, made, None if reference is None else reference.horizon)
     made = replace(made, shares=shares | more)
-    return settle(made, findings + asked, defects(engine, run), planned=planned)
+    return with_outcome(made, findings + asked, defects(engine, run), planned=planned)
 
 
 def _measured(run: Record, scene: Scene, traj: Trajectory, own: Motion, reference: Reference | None,

@@ -88,17 +88,17 @@ def guarded_cell(cell: Cell) -> Record:
     lines = [line for line in output.heard().splitlines() if line.strip()]
     if not lines:
         return judged
-    shown = "".join(letter if letter.isprintable() else "?" for letter in lines[0].strip()[:SHOWN])
-    shown = f"it printed {len(lines)} lines, first: {shown}"
+    printed = "".join(letter if letter.isprintable() else "?" for letter in lines[0].strip()[:SHOWN])
+    printed = f"it printed {len(lines)} lines, first: {printed}"
     return beyond(judged, Finding("asked end", "fail", None, None, "", "an engine answers by what it returns; what it "
-                                  "prints is lost on its user", shown), shown)
+                                  "prints is lost on its user", printed), printed)
 
 
 Progress = Callable[[int, int, str], None]
 """Called with (number of finished tasks, number of all tasks, name of the last finished one)."""
 
 ROW_TYPES = {"truth": SceneTruth, "cell": Record, "timing": tuple[list[list[Point]], dict[int, str]],
-             "speed": list[list[tuple[float, float]]], "walk": advice.Walk | str}
+             "speed": list[list[tuple[float, float]]], "search": advice.Search | str}
 """Types of the results of each stage, for `crosscheck.jobs.table`."""
 
 
@@ -136,10 +136,10 @@ def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[st
 
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
            jobs: int = 2, progress: Progress | None = None, session: Session | None = None,
-           limits: Limits | None = None, overrides: Overrides = (), walk: bool = False,
+           limits: Limits | None = None, overrides: Overrides = (), search: bool = False,
            methods: Sequence[str] | None = None, asked: Asked = AS_PLANNED, scheduler: str | None = None,
-           shown: Callable[[Document], object] | None = None, need: float = 1.0, budget: float | None = None,
-           told: Callable[[Document], object] | None = None) -> Document:
+           on_results: Callable[[Document], object] | None = None, need: float = 1.0, budget: float | None = None,
+           on_budget: Callable[[Document], object] | None = None) -> Document:
     """Run the main job and return its document. Nothing is written except rows.
 
     Parameters
@@ -152,13 +152,13 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     session : every result is put into its table; what is there already is not computed again
     limits : of one cell; None: those of `crosscheck.verification.job`
     overrides : tolerances of the user, from `crosscheck.judge.overrides.read`
-    walk : also make the runs for advice, half a minute of processor time per scene and engine
+    search : also make the runs for advice, half a minute of processor time per scene and engine
     asked : map, step and duration of main runs instead of those of the plan
     scheduler : where truths and runs are computed, for `crosscheck.running.cluster.connect`; timings are made here
-    shown : called now and then with the document of what has ended, see `PAUSE`
+    on_results : called now and then with the document of what has ended, see `PAUSE`
     need : the share of its time over which the motion of a run has to be judged for it to pass
-    budget : cheap runs come first, and after this time (s) `told` is called, from a thread, with the document of what
-        has ended by then, if anything is left: `meta.left` counts it. The job goes on
+    budget : cheap runs come first, and after this time (s) `on_budget` is called, from a thread, with the document of
+        what has ended by then, if anything is left: `meta.left` counts it. The job goes on
 
     Raises
     ------
@@ -181,7 +181,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         cells = [cell for cell in all_cells(scene_names, engine_names, settings, within, near)
                  if not methods or cell.way.method in methods]
         left = total = (len(scene_names) * (1 + bool(settings.timing) + settings.speed)
-                        + len(cells) + walk * len(scene_names) * len(engine_names))
+                        + len(cells) + search * len(scene_names) * len(engine_names))
 
         def ended(label: str) -> None:
             nonlocal left
@@ -200,12 +200,13 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
                 "reused_since": session.since if session is not None else None} | more, Meta)
 
         truths: list[SceneTruth] = []
-        paced = Paced(lambda records: shown(document(meta(left=left), truths, records)) if shown is not None else None)
+        paced = Paced(lambda records: None if on_results is None else on_results(
+            document(meta(left=left), truths, records)))
 
         stages = Stages(jobs, session, ended)
         far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
-        with (contextlib.nullcontext() if budget is None or told is None else _after(
-                budget, lambda: left and told(document(meta(left=left), truths, paced.latest()))),
+        with (contextlib.nullcontext() if budget is None or on_budget is None else _after(
+                budget, lambda: left and on_budget(document(meta(left=left), truths, paced.latest()))),
               contextlib.nullcontext() if far is None else contextlib.closing(far),
               contextlib.nullcontext(near) if far is None else Place(far.workers, far.executor) as place):
             elsewhere = dataclasses.replace(stages, place=place)
@@ -221,7 +222,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         calibration = None
         if settings.speed:
             records, calibration = measure_speed(records, profile, alone, within)
-        advised = _advice(alone, truths, engine_names, within, walk)
+        advised = _advice(alone, truths, engine_names, within, search)
         advised += advice.from_records(truths, records, advised)
         rows = [Support(scene=one.item, engine=one.engine, form=one.form, reason=one.reason, methods=list(one.methods))
                 for one in support.of_scenes(scene_names, engine_names, within, near)]
@@ -267,13 +268,13 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     scenes = []
     for scene in truths:
         own = [record for record in records if record.scene == scene.name]
-        told = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own),
+        added = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own),
                 "engines": trust.by_engine(scene, own)}
-        scenes.append(replace(scene, **told) if isinstance(scene, Scene) else extended(Scene, scene, **told))
+        scenes.append(replace(scene, **added) if isinstance(scene, Scene) else extended(Scene, scene, **added))
     # JSON has no infinity: values that are not finite become None.
-    shown = msgspec.convert(plain(records), list[Record], str_keys=True)
+    finite = msgspec.convert(plain(records), list[Record], str_keys=True)
     outcome = outcome_of(scenes, records)
-    return Document(meta=meta, scenes=scenes, records=shown, outcome=outcome, exit_code=EXIT_CODES[outcome],
+    return Document(meta=meta, scenes=scenes, records=finite, outcome=outcome, exit_code=EXIT_CODES[outcome],
                     support=rows)
 
 
@@ -287,21 +288,21 @@ def _keys(wanted: bool) -> Callable[..., str]:
     return lambda stage, scene, engine, *task: digest(stage, content(scene), code(engine), *task) if wanted else ""
 
 
-def _advice(stages: Stages, truths: list[SceneTruth], engines: Sequence[str], within: Limits, walk: bool
+def _advice(stages: Stages, truths: list[SceneTruth], engines: Sequence[str], within: Limits, search: bool
             ) -> list[Advice]:
-    """The advice for all scenes and engines. Without `walk`, for those that were walked before."""
+    """The advice for all scenes and engines. Without `search`, for those that were made before."""
     # The user's own engines may crash when they are loaded, and engines in their own environments are slow to start.
     tasks = [(scene.name, engine) for scene in truths if scene.truth is not None for engine in engines
-             if walk or not (adapters.is_own(engine) or adapters.has_own_environment(engine))]
-    if stages.session is None and not walk:
+             if search or not (adapters.is_own(engine) or adapters.has_own_environment(engine))]
+    if stages.session is None and not search:
         return []
     keys = [advice.key(load_scene(scene), engine) for scene, engine in tasks]
-    if walk:
+    if search:
         labels = [f"ladders of {scene} {engine}" for scene, engine in tasks]
-        walks = stages.run("walk", advice.prepare, tasks, keys, labels, within, reuse="any rows")
+        searches = stages.run("search", advice.prepare, tasks, keys, labels, within, reuse="any rows")
     else:
-        walks = [stages.kept("walk", key, "any rows") for key in keys]
-    return advice.of_walks([scene for scene, _ in tasks], walks)
+        searches = [stages.kept("search", key, "any rows") for key in keys]
+    return advice.of_searches([scene for scene, _ in tasks], searches)
 
 
 def _truths(stages: Stages, keys: Callable[..., str], names: list[str], settings: Profile, asked: Asked,
@@ -342,11 +343,12 @@ def _failure(result: Record | Crash) -> str:
 
 
 def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths: list[SceneTruth], within: Limits,
-             carried: Carried, shown: Callable[[Callable[[], list[Record]]], None], cheap_first: bool) -> list[Record]:
+             carried: Carried, on_results: Callable[[Callable[[], list[Record]]], None],
+             cheap_first: bool) -> list[Record]:
     """The records of all cells, in their order, also if a worker crashed or a scene could not be prepared.
 
-    `shown` is called as cells end, with a function that returns the records of those that have. The longest cells are
-    run first, so that all workers end at about the same time, or the cheap ones.
+    `on_results` is called as cells end, with a function that returns the records of those that have. The longest cells
+    are run first, so that all workers end at about the same time, or the cheap ones.
     """
     scenes = {scene.name: scene for scene in truths}
     def cost(index: int) -> tuple[float, float]:
@@ -376,7 +378,7 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
         "cell", functools.partial(carried.call, guarded_cell), chosen,
         [keys("cell", cell.scene, cell.way.engine, cell) for cell in chosen],
         [f"{Path(cell.scene).name}: {cell.label}" for cell in chosen], within, failure=_failure,
-        seen=lambda results: shown(functools.partial(recorded, results)))
+        seen=lambda results: on_results(functools.partial(recorded, results)))
     return recorded(results)
 
 

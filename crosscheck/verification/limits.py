@@ -18,7 +18,7 @@ from crosscheck.compare.order import (
     observed_order,
     spread_of_tolerances,
 )
-from crosscheck.judge.rules import RESOLVED, Check, Rule, limit_check, told
+from crosscheck.judge.rules import RESOLVED, Check, Rule, detail_of, limit_check
 from crosscheck.judge.segments import Segment
 from crosscheck.verification.questions import Answers
 from crosscheck.verification.uncertainty import OF_STATE, Uncertainty
@@ -51,7 +51,7 @@ class Limits:
             if _fails(made[asked.k]):
                 break  # one is enough: the other segments stand as they were asked
             if accused:  # by a coarse answer, which the engine has to give again
-                made[asked.k] += self.uncertainty.given_again(asked)
+                made[asked.k] += self.uncertainty.repeated(asked)
         failed = {k for k, checks in made.items() if _fails(checks)}
         finer = {asked.k for asked in answers if asked.steps[3:]}
         return [check for k, checks in made.items() for check in checks
@@ -117,9 +117,9 @@ class Limits:
                     "iteration (declared)": part * found.parts["rounding"]} if "rounding" in found.parts else {}
             if rule == "limit":
                 more["truth"] = SAFETY * asked.flowed.error * self.sizes.get(name, 1.0)
-            shown = [*([] if finer is None else [finer]), *zip(h, own, strict=True)]
-            made.append(limit_check(rule, name, asked.k, found, more, uncertainty.size_of(name), told(
-                self.questions.scene, segment.t[1:][keep], shown, found, "rtol" if self.p is None else "h")))
+            listed = [*([] if finer is None else [finer]), *zip(h, own, strict=True)]
+            made.append(limit_check(rule, name, asked.k, found, more, uncertainty.size_of(name), detail_of(
+                self.questions.scene, segment.t[1:][keep], listed, found, "rtol" if self.p is None else "h")))
         return made
 
     def _limit(self, name: str, segment: Segment, h: Sequence[float], own: list[np.ndarray], smooth: bool,
@@ -148,11 +148,11 @@ class Limits:
         """
         made, order = list[Check](), self.p or 1
         for name in ACCELERATIONS if order > 1 else ():
-            shown = {asked.k: asked.promised[name] for asked in answers if name in asked.promised}
-            if shown and min(shown.values()) >= MARGIN:
-                k = max(shown, key=lambda k: shown[k])
-                made.append(Check("order", name, k, max(0.0, order - shown[k]), {"margin": MARGIN}, math.inf,
-                                  f"less those of the states, observed {shown[k]:.3g} of {order}"))
+            orders = {asked.k: asked.promised[name] for asked in answers if name in asked.promised}
+            if orders and min(orders.values()) >= MARGIN:
+                k = max(orders, key=lambda k: orders[k])
+                made.append(Check("order", name, k, max(0.0, order - orders[k]), {"margin": MARGIN}, math.inf,
+                                  f"less those of the states, observed {orders[k]:.3g} of {order}"))
         return made
 
 

@@ -76,7 +76,7 @@ class Probe:
         got = self._asked(world.scene(scene), step, rtol) if len(self.worlds) > 1 else None
         return None if got is None else _brought_back(world, *got)
 
-    def again(self, step: float | None, rtol: float | None) -> Answer | None:
+    def repeat(self, step: float | None, rtol: float | None) -> Answer | None:
         """The whole run once more, at a step or a tolerance."""
         got = self._asked(self.whole, step, rtol)
         return None if got is None else answer_of(*got)

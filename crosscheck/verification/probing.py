@@ -40,26 +40,26 @@ def judge_probes(scene: Scene, log: Path, folder: Path, step: float, order: int)
     states = read_states(log.name, scene, log)
     if len(states.t) < 3:
         raise ArgumentError(f"{log}: at least three output times are needed")
-    shown = scene.replace(duration=float(states.t[-1]), samples=len(states.t))
+    logged = scene.replace(duration=float(states.t[-1]), samples=len(states.t))
     probes = Probes(folder, order)
     with adapters.lent(completed(probes, folder.name, "1")) as name:
         run = Record(scene=scene.name, engine=name, version="1", method="fixed", step=step, documented_order=order)
         first = _Log(log, states, order)
-        outcome = attempt(shown, run, completed(first, log.name, "1"))
+        outcome = attempt(logged, run, completed(first, log.name, "1"))
         if not isinstance(outcome, Ran):
             raise outcome.error
-        traj, reference = outcome.trajectory, truth(shown)
-        found = Solution(run, shown, traj, reference)
+        traj, reference = outcome.trajectory, truth(logged)
+        found = Solution(run, logged, traj, reference)
         asked = found.questions
-        per, _ = steps_per_sample(shown, step)
+        per, _ = steps_per_sample(logged, step)
         missing = []
-        for segment in segments_of(shown, asked.states, reference, found.open):
+        for segment in segments_of(logged, asked.states, reference, found.open):
             for count in counts(per, asked.multiple):
                 question = probes.ask(asked.probe.worlds[0].scene(segment.start), asked.dt / count)
                 missing += [] if probes.answer(question) else [question]
         if missing:
             return None, missing
-        record = judged(run, shown, traj, frozenset(), reference, planned=False)
+        record = judged(run, logged, traj, frozenset(), reference, planned=False)
         return replace(record, engine=folder.name), list(dict.fromkeys(probes.open))
 
 

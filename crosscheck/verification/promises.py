@@ -61,10 +61,10 @@ def judge_asked(run: Record, scene: Scene, traj: Trajectory, per: int, step: flo
         Finding.ended_early(f"it says of itself: {traj.status}"))
     if run.step is None:
         return [end]
-    wanted, told = per * (len(traj.t) - 1), traj.stats.get("step") or step
+    wanted, stated = per * (len(traj.t) - 1), traj.stats.get("step") or step
     more = 0.0 if scene.has_laws else traj.steps / wanted  # an event may divide a step
-    value, most = max(wanted / max(1, traj.steps), told / step, more), 1.0 + RESOLVED
+    value, most = max(wanted / max(1, traj.steps), stated / step, more), 1.0 + RESOLVED
     return [end, Finding("asked steps", "ok" if value <= most else "fail", float(value), most, "1", "steps asked for "
                          "over those that the run says it made, or the reverse, or its step over the one asked for: "
                          "speeds and errors are compared at one step",
-                         f"{wanted} steps of {step:.6g} s asked for, {traj.steps} of {told:.6g} s told")]
+                         f"{wanted} steps of {step:.6g} s asked for, {traj.steps} of {stated:.6g} s told")]

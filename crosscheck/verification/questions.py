@@ -96,7 +96,7 @@ class Questions:
     def entire(self, size: float) -> Answer | None:
         """The whole run at a step or tolerance, in its own world."""
         if size not in self._runs:
-            self._runs[size] = self.probe.again(*self.at(size)) if abs(size / self.own - 1) > ROUNDED else answer_of(
+            self._runs[size] = self.probe.repeat(*self.at(size)) if abs(size / self.own - 1) > ROUNDED else answer_of(
                 self.scene, self.states, self.traj.steps)
         return self._runs[size]
 

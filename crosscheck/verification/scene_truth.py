@@ -11,7 +11,7 @@ from crosscheck.compare.sizes import sizes
 from crosscheck.document import AS_PLANNED, Asked, Plan, SceneTruth, Truth
 from crosscheck.errors import Unsupported, said
 from crosscheck.judge.rounding import rounding_of
-from crosscheck.judge.segments import claimed
+from crosscheck.judge.segments import end_of_truth
 from crosscheck.references import TruthError
 from crosscheck.references.base import GROWN
 from crosscheck.scene.file import load_scene
@@ -41,7 +41,7 @@ def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED
     try:
         try:
             reference = references.truth(load(name, planned(None, most_seconds)))
-            ends = claimed(reference)
+            ends = end_of_truth(reference)
         except references.Chaotic as early:  # before the first output time, where a monitor fires
             if asked.duration is not None:
                 raise

@@ -148,9 +148,9 @@ class Solution:
         """
         segment, own, size = asked.segment, asked.answers[0].states, MOVED[0]
         start = moved(segment.start, self.sizes, size)
-        beside = None if start is None else self.probe.answer(start, *self.questions.at(asked.steps[0]))
-        if beside is not None:
-            most = grown(beside.states, own, self.sizes, size, np.ones(len(own.t), bool))
+        perturbed = None if start is None else self.probe.answer(start, *self.questions.at(asked.steps[0]))
+        if perturbed is not None:
+            most = grown(perturbed.states, own, self.sizes, size, np.ones(len(own.t), bool))
             due = tuple(Jump(t, True, {}) for t in segment.start.knots if 0.0 < t < own.t[-1])
             segment.flowed = Flowed(own, due, math.inf, most, most * math.sqrt(len(STATE) * self.scene.x0.size), True)
         segment.why = self.why
@@ -200,23 +200,23 @@ class Solution:
         if spans[-1][1] < self.traj.t[-1]:
             blind.append(len(spans))
             spans.append((spans[-1][1], float(self.traj.t[-1])))
-        reached, told = shares(self.checks, spans, blind), findings(self.checks, spans)
+        reached, listed = shares(self.checks, spans, blind), findings(self.checks, spans)
         if broken:
             reached = dict.fromkeys(reached, 0.0)
         if alone:
-            told.append(Finding("gap", "ok", None, None, "", WHY["gap"], f"{alone}; whole runs alone are judged"))
+            listed.append(Finding("gap", "ok", None, None, "", WHY["gap"], f"{alone}; whole runs alone are judged"))
         if self.probe.status != "success":
-            told.insert(0, Finding.ended_early(f"it says: {self.probe.status}"))
+            listed.insert(0, Finding.ended_early(f"it says: {self.probe.status}"))
         cost = 1.0 + self.probe.steps / max(1, self.traj.steps)
-        return Verdict(told, self.checks, self.why or alone or self._reason(blind, min(reached.values())), reached,
+        return Verdict(listed, self.checks, self.why or alone or self._reason(blind, min(reached.values())), reached,
                        visible(self.checks), cost, self._order(answers), self._ladder(answers),
                        self.uncertainty.spacing, self.uncertainty.left)
 
     def _order(self, answers: Sequence[Answers]) -> Order | None:
         """The documented order and those that smooth segments show; None if none does."""
-        shown = [each.order for each in answers if each.order is not None]
-        return None if self.p is None or not shown else Order(
-            documented=self.p, observed=min(shown), median=float(np.median(shown)), segments=len(shown))
+        orders = [each.order for each in answers if each.order is not None]
+        return None if self.p is None or not orders else Order(
+            documented=self.p, observed=min(orders), median=float(np.median(orders)), segments=len(orders))
 
     def _ladder(self, answers: Sequence[Answers]) -> list[Rung]:
         """The largest |D| by row over all segments at the steps or tolerances of all, the coarsest first."""

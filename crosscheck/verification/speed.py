@@ -251,11 +251,11 @@ def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None)
                           [f"speed of {task.scene}, {which}" for task in tasks], whole, reuse="samples")
 
     def without(task: Round, first: list[list[Pair]] | Crash) -> list[list[Pair]]:
-        def again(left: list[int]) -> list[list[Pair]] | Crash:
+        def repeat(left: list[int]) -> list[list[Pair]] | Crash:
             part = dataclasses.replace(task, bursts=tuple(task.bursts[index] for index in left))
             return measured([part], f"{name}, again")[0]
 
-        return without_culprits(again, len(task.bursts), first)[0]
+        return without_culprits(repeat, len(task.bursts), first)[0]
 
     return [without(task, first) for task, first in zip(tasks, measured(tasks, name), strict=True)]
 
@@ -323,7 +323,7 @@ def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages
 
     Engines in their own environments are left out, because their times are not comparable with others.
     """
-    told = list(records)
+    timed_records = list(records)
     for scene, own in grouped(range(len(cells)), lambda index: cells[index].scene).items():
         chosen = [index for index in own if records[index].duration and not records[index].own_environment]
         if chosen:
@@ -336,9 +336,9 @@ def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages
                 if stages.session is not None:
                     made = stages.session.put("timing", key, made)
             for position, index in enumerate(chosen):
-                told[index] = _with_points(records[index], made[0][position], made[1].get(position))
+                timed_records[index] = _with_points(records[index], made[0][position], made[1].get(position))
         stages.count(f"timing of {Path(scene).name}")
-    return told
+    return timed_records
 
 
 def _with_points(record: Record, points: list[Point], reason: str | None) -> Record:

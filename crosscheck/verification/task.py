@@ -84,11 +84,11 @@ def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: 
     """
     pairs = [(scene, engine) for scene in scene_names for engine in engine_names]
     risky = [pair for pair in pairs if adapters.is_own(pair[1])]
-    told = dict(zip(risky, run_tasks(_cells, [(*pair, profile) for pair in risky], 1, limits=within,
+    cells_by_pair = dict(zip(risky, run_tasks(_cells, [(*pair, profile) for pair in risky], 1, limits=within,
                                           place=place), strict=True))
     cells: list[Cell] = []
     for pair in pairs:
-        own = told[pair] if pair in told else cells_of(*pair, profile)
+        own = cells_by_pair[pair] if pair in cells_by_pair else cells_of(*pair, profile)
         cells += own if not isinstance(own, Crash) else [
             Cell(pair[0], Way(pair[1], method), PENDING)
             for method in adapters.methods(pair[1])]

@@ -103,13 +103,13 @@ class Uncertainty:
             Of the same question, asked twice.
         """
         given, ratios, scatter = max(EPS, self.engine.eps), list[float](), dict[str, list[tuple[float, float]]]()
-        spacings, told, own = list[float](), list[tuple[Answers, list[Rows]]](), self.questions.own
+        spacings, pairs, own = list[float](), list[tuple[Answers, list[Rows]]](), self.questions.own
         step = self.questions.step_of(own)
         for asked in answers[::max(1, len(answers) // ASKED_AGAIN)][:ASKED_AGAIN]:
             segment = asked.segment
-            again = [self._repeated(segment, given, j) for j in range(1 + ASKED_AGAIN)]
-            rows = [each for each in again if each is not None]
-            if len(rows) < len(again):
+            repeat = [self._repeated(segment, given, j) for j in range(1 + ASKED_AGAIN)]
+            rows = [each for each in repeat if each is not None]
+            if len(rows) < len(repeat):
                 continue
             gaps = {name: spread([each[name][segment.kept(name, step)] for each in rows]) for name in rows[0]}
             for name, gap in gaps.items():
@@ -120,14 +120,14 @@ class Uncertainty:
                 last = other.rows(segment)
                 spacings.append(max(largest((rows[0][name] - last[name])[segment.kept(name, step)]) / self.extent(name)
                                     for name in STATE))
-            told.append((asked, [rows[0], self.questions.nearest(asked).rows(segment)]))  # others may go other ways
+            pairs.append((asked, [rows[0], self.questions.nearest(asked).rows(segment)]))  # others may go other ways
         if given > EPS:  # a rounding of a number of the state is in no sum over steps
-            shown = max(EPS, SAFETY * float(np.median(ratios)) * EPS) if ratios else EPS
-            self.eps = given if answers and answers[0].segment.whole else min(given, shown)
+            measured = max(EPS, SAFETY * float(np.median(ratios)) * EPS) if ratios else EPS
+            self.eps = given if answers and answers[0].segment.whole else min(given, measured)
             self.spacing = min(given, max(EPS, SAFETY * float(np.median(spacings)))) if spacings else given
         self.noise = {name: max(max(0.0, gap - 2 * least * self.eps) for gap, least in each)
                       for name, each in scatter.items()}
-        return [check for asked, pair in told
+        return [check for asked, pair in pairs
                 for check in self.noisy(asked, pair, own, max(1.0, given / self.eps))]
 
     def noisy(self, asked: Answers, pair: Sequence[Rows], size: float, more: float = 1.0) -> list[Check]:
@@ -140,12 +140,12 @@ class Uncertainty:
             made.append(Check("noise", name, asked.k, spread(kept), parts, math.inf))
         return made
 
-    def given_again(self, asked: Answers) -> list[Check]:
+    def repeated(self, asked: Answers) -> list[Check]:
         """The three coarsest answers are asked again."""
         made, segment = list[Check](), asked.segment
         for size, first in list(zip(asked.steps, asked.answers, strict=True))[-3:] if not segment.whole else ():
-            again = self.questions.ask(segment, size)
-            made += [] if again is None else self.noisy(asked, [first.rows(segment), again.rows(segment)], size)
+            repeat = self.questions.ask(segment, size)
+            made += [] if repeat is None else self.noisy(asked, [first.rows(segment), repeat.rows(segment)], size)
         return made
 
     def _repeated(self, segment: Segment, eps: float, k: int) -> Rows | None:
@@ -155,7 +155,7 @@ class Uncertainty:
         """
         probe, at = self.questions.probe, self.questions.at(self.questions.own)
         if segment.whole:
-            got = probe.again(*at)
+            got = probe.repeat(*at)
             return None if got is None else got.within(segment).rows(segment)
         coarse = eps > EPS
         start = moved(segment.start, self.sizes, eps, k, closing=coarse) if k else segment.start

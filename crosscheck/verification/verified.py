@@ -96,7 +96,7 @@ def verify(scene: Given | Sequence[Given] | None = None, engine: str | Sequence[
            tolerances: Overrides = (), fresh: bool = False, out: Path | None = None,
            spoken: Mapping[str, tuple[str, str]] | None = None, command: str = "crosscheck.verify",
            progress: job.Progress | None = None, note: Callable[[str], object] = lambda text: None,
-           told: Callable[[Verification], object] = print) -> Verification:
+           on_budget: Callable[[Verification], object] = print) -> Verification:
     """Run methods and engines over scenes and judge every run, as `crosscheck verify` does.
 
     Results that were computed before, by this code and these versions, are taken from the table of rows, also after a
@@ -108,7 +108,7 @@ def verify(scene: Given | Sequence[Given] | None = None, engine: str | Sequence[
     engine, method : one or more names; None: all
     step : s, of methods with a fixed step; None: one that suits the scene
     need : share of its time over which the motion of a run has to be judged for it to pass, up to 1
-    budget : cheap runs come first, and after this time (s) `told` is called, from a thread, with what has ended by
+    budget : cheap runs come first, and after this time (s) `on_budget` is called, from a thread, with what has ended by
         then, if anything is left; the job goes on
     duration : s; None: the scene's
     profile : "default"; "smoke", the first second without timing; "full", every scene within a budget of steps
@@ -172,8 +172,8 @@ def verify(scene: Given | Sequence[Given] | None = None, engine: str | Sequence[
         fills = None if out is None or (report.is_complete(out) and budget is None) else filled
         document = named(job.verify(
             profile, scenes, engines, jobs, going, session, within, tolerances, methods=methods, asked=asked,
-            scheduler=scheduler, shown=fills, need=need, budget=budget,
-            told=lambda part: told(Verification(named(part), filled(part)))))
+            scheduler=scheduler, on_results=fills, need=need, budget=budget,
+            on_budget=lambda part: on_budget(Verification(named(part), filled(part)))))
     return Verification(document, None if out is None else report.write(document, out))
 
 
@@ -202,7 +202,7 @@ def _named(document: Document, names: Mapping[str, tuple[str, str]]) -> Document
     known = {file: name for file, (name, _) in names.items()}
     replace = msgspec.structs.replace
     commands = [renamed(record.command, words) for record in document.records]
-    told: Document = renamed(replace(document, records=[replace(record, command="") for record in document.records]),
+    bare: Document = renamed(replace(document, records=[replace(record, command="") for record in document.records]),
                              known)
-    return replace(told, meta=renamed(document.meta, words), records=[
-        replace(record, command=command) for record, command in zip(told.records, commands, strict=True)])
+    return replace(bare, meta=renamed(document.meta, words), records=[
+        replace(record, command=command) for record, command in zip(bare.records, commands, strict=True)])

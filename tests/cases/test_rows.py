@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import crosscheck
-from crosscheck.judge.crossings import beside_impacts
+from crosscheck.judge.crossings import corrected_at_impacts
 from crosscheck.judge.segments import marks
 from crosscheck.judge.world import World
 from crosscheck.scene.coordinates import hinge_angles
@@ -62,7 +62,7 @@ def test_a_wrong_velocity_beside_an_impact_is_one():
                                           limits={"lower": 0.0, "restitution": 0.5})], 1.9, 20, -1.0, axis=0)
     made, reference = crosscheck.run(data, "lieeuler", "rkmk4", step=1e-3), crosscheck.truth(data)
     made.v[:] += 0.25
-    own = beside_impacts(data, made, reference, 1e-3)
+    own = corrected_at_impacts(data, made, reference, 1e-3)
     off = np.abs(own.v - reference.states.v)[:, 0, 0]
     assert off[10] == 0.0
     assert np.delete(off, 10) == pytest.approx(0.25, abs=1e-9)

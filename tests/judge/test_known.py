@@ -10,7 +10,7 @@ from crosscheck.adapters.common import known
 from crosscheck.document import Finding, Plan, Record, Way
 from crosscheck.document.known import Known
 from crosscheck.document.outcomes import KINDS
-from crosscheck.judge.verdict import settle
+from crosscheck.judge.verdict import with_outcome
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 from tests import SCENARIOS
@@ -76,7 +76,7 @@ def test_newtons_rk4_is_known_to_be_naive_on_the_fast_top():
 def test_naive_rk4_shows_as_known_and_fails_once_it_is_fourth_order(scene, lack, outcome):
     run = Record(scene=scene, engine="pinocchio", version="4.1", method="RK4naive", form="tree", step=1e-3,
                    documented_order=4, share=1.0)
-    found = settle(run, [Finding("order", "fail" if lack > 0.5 else "ok", lack, 0.5, "1", "")],
+    found = with_outcome(run, [Finding("order", "fail" if lack > 0.5 else "ok", lack, 0.5, "1", "")],
                    about("pinocchio", "RK4naive", scene))
     assert found.outcome == outcome
     assert (found.findings[-1].kind == "asked vanished") == (lack == 0.0 and outcome == "fail")

@@ -15,7 +15,7 @@ def found(kind, status, value=1.0, bound=2.0, size=1.0):
 
 def settled(findings, entry=None, share=1.0, planned=True, **more):
     run = Record(scene="single_pendulum", engine="fake", version="1", method="Plain", duration=1.0, share=share, **more)
-    return verdict.settle(run, findings, () if entry is None else (entry,), planned=planned)
+    return verdict.with_outcome(run, findings, () if entry is None else (entry,), planned=planned)
 
 
 @pytest.mark.parametrize(("statuses", "outcome"), [

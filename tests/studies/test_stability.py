@@ -11,12 +11,12 @@ from crosscheck.studies import stability, study
 from crosscheck.studies.stability import Stability, StabilityAsk, lines
 from crosscheck.studies.study import conduct
 from crosscheck.verification import advice
-from crosscheck.verification.advice import Step, Walk
+from crosscheck.verification.advice import Search, Step
 
 
 def ladder(**errors):
     """A walk at steps .4, .2, .1, ... s; None: the run failed."""
-    return Walk("scene", "engine", until=1.0, steps=[
+    return Search("scene", "engine", until=1.0, steps=[
         Step("engine", method, 0.4 / 2**place, order=2, error=error, cost=0.01, reason="" if error else "it diverged")
         for method, own in errors.items() for place, error in enumerate(own)])
 

@@ -15,7 +15,7 @@ from crosscheck.compare.sizes import sizes
 from crosscheck.document import Errors, Order, Record, Rung, Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
 from crosscheck.verification import advice as walks
-from crosscheck.verification.advice import MARGIN, Step, Walk, choose, from_records
+from crosscheck.verification.advice import MARGIN, Search, Step, choose, from_records
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell, load
@@ -32,7 +32,7 @@ def step(method, size, error, cost, order=2):
                 errors={} if error is None else {"position": 3 * error, "attitude": error / 2})
 
 
-KNOWN = Walk("scene", "engine", until=1.0, steps=[
+KNOWN = Search("scene", "engine", until=1.0, steps=[
     step("fine", 0.1, 1e-3, 2.0), step("fine", 0.05, 2e-4, 4.0), step("fine", 0.2, 0.5, 1.0),
     step("cheap", 0.1, 2e-2, 0.1), step("cheap", 0.01, 9e-4, 1.5), step("cheap", 0.2, None, None)])
 

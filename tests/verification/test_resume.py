@@ -97,7 +97,7 @@ def test_the_page_fills_as_runs_end(tmp_path, monkeypatch):
     monkeypatch.setattr(job, "SHARE", 1e9)
     parts = []
     whole = job.verify("smoke", ["single_pendulum"], ["lieeuler"], 1, methods=["DAE1L_LSE", "rattle2", "rattle4"],
-                       shown=parts.append)
+                       on_results=parts.append)
     assert [(len(part.records), part.meta.left) for part in parts] == [(0, 3), (1, 2), (2, 1), (3, 0)]
     assert parts[-1].records == whole.records
     for part, filling in ((parts[0], "3 tasks"), (parts[1], "2 tasks"), (whole, "")):
@@ -113,8 +113,8 @@ def test_a_budget_tells_what_has_ended_cheap_runs_first_and_the_rest_goes_on(tmp
     scenes, parts, told = ["single_pendulum", "triple_pendulum"], {}, []
     for budget in (None, 1e-3):
         parts[budget] = []
-        whole = job.verify("smoke", scenes, ["lieeuler"], 1, methods=["rattle2"], shown=parts[budget].append,
-                           budget=budget, told=told.append)
+        whole = job.verify("smoke", scenes, ["lieeuler"], 1, methods=["rattle2"], on_results=parts[budget].append,
+                           budget=budget, on_budget=told.append)
     assert [parts[budget][1].records[0].scene for budget in (None, 1e-3)] == ["triple_pendulum", "single_pendulum"]
     assert [(part.meta.left > 0, len(part.records)) for part in told] == [(True, 0)]
     assert (len(whole.records), whole.meta.left) == (2, 0)

@@ -105,19 +105,19 @@ class TorsionalSpring(Frozen):
         pointer: np.ndarray = shortest_rotation(self.child_axis, self.parent_axis).T @ normals(self.parent_axis)[0]
         return pointer
 
-    def start_angle(self, R: np.ndarray) -> float:
-        """theta, rad in (-pi, pi], where the bodies have the attitudes R (n, 3, 3)."""
-        n1, n2 = normals(self.parent_axis)
-        pointer = R[self.child] @ self.pointer
+    def start_angle(self, R: np.ndarray) -> np.ndarray:
+        """theta, rad in (-pi, pi], (...), where the bodies have the attitudes R (..., n, 3, 3)."""
+        pointer = R[..., self.child, :, :] @ self.pointer
         if self.parent != GROUND:
-            pointer = R[self.parent].T @ pointer
-        return float(np.arctan2(pointer @ n2, pointer @ n1))
+            pointer = np.einsum("...ji,...j->...i", R[..., self.parent, :, :], pointer)
+        n1, n2 = normals(self.parent_axis)
+        return np.asarray(np.arctan2(pointer @ n2, pointer @ n1))
 
-    def counted_from(self, angle: float) -> TorsionalSpring:
+    def counted_from(self, angle: float | np.ndarray) -> TorsionalSpring:
         """The same spring for an angle theta that is smaller by `angle`, rad."""
         rest = self.rest_angle
-        return dataclasses.replace(self, rest_angle=rest.scaled(1.0, offset=-angle) if isinstance(rest, TimeFunction)
-                                   else rest - angle)
+        return dataclasses.replace(self, rest_angle=rest.scaled(1.0, offset=-float(angle))
+                                   if isinstance(rest, TimeFunction) else rest - float(angle))
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""

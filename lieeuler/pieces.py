@@ -139,7 +139,7 @@ class Pieces:
         self.rested: dict[int, tuple[float, int]] = {}  # when it came to rest last, and how often at that time
         self.stays: dict[int, float] = {}  # and when it was found to be at rest all the same
         self.ends = [self._ends(law) for law in self.laws]
-        self.springs = {k: force.start_angle(problem.R) for k, force in enumerate(problem.forces)
+        self.springs = {k: float(force.start_angle(problem.R)) for k, force in enumerate(problem.forces)
                         if isinstance(force, TorsionalSpring)}
         self.modes = [Mode(cut=[0] * len(law.servos), region=[0] * len(law.servos),
                            waiting=[list(s.earlier) or [0.0] * (s.delay + 1) for s in law.servos]) for law in self.laws]
@@ -749,7 +749,7 @@ class Pieces:
         for k, angle in self.springs.items():
             spring = self.problem.forces[k]
             assert isinstance(spring, TorsionalSpring)
-            path = np.unwrap([spring.start_angle(R) for R in s.solution.R[:row + 1]])
+            path = np.unwrap(spring.start_angle(s.solution.R[:row + 1]))
             self.springs[k] = float(path[-1] + 2 * np.pi * round((angle - path[0]) / (2 * np.pi)))
 
     def _keep(self, s: Stretch, *rows: int) -> None:

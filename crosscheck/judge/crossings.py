@@ -6,7 +6,7 @@ import numpy as np
 
 from crosscheck.compare.apart import ROUNDED
 from crosscheck.references.base import Reference
-from crosscheck.references.restarts import Begin, Event, restarts_of
+from crosscheck.references.restarts import Event, follow
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.model import Scene
 from crosscheck.scene.starts import restarted
@@ -27,9 +27,9 @@ class Crossed:
 
     def __init__(self, scene: Scene, traj: Motion, index: np.ndarray, length: float) -> None:
         self.t, self.index = traj.t, index
-        self.intervals, self.modes = restarts_of(scene, length).follow(
-            (Begin(float(traj.t[k]), restarted(scene, traj, k, 1.0), None) for k in index.tolist()),
-            (traj.t[index + 1] - traj.t[index]).tolist(), 0.0)
+        self.intervals, self.modes = follow(
+            scene, length, ((float(traj.t[k]), restarted(scene, traj, k, 1.0)) for k in index.tolist()),
+            (traj.t[index + 1] - traj.t[index]).tolist())
 
     @property
     def end(self) -> States:

@@ -148,7 +148,7 @@ def eventful(scene: Scene, traj: Motion) -> tuple[list[int], Mapping[int, Mode]]
     if not scene.has_laws:
         return [], {}
     crossed = Crossed(scene, traj, np.arange(len(traj.t) - 1), 1.0)
-    inside = [k for k, each in enumerate(crossed.intervals) if each.events]
+    inside = [k for k, each in enumerate(crossed.intervals) if each.crossings]
     return inside, {k: mode for k, mode in enumerate(crossed.modes) if mode is not None}
 
 

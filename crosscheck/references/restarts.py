@@ -35,109 +35,36 @@ class Event:
     by_rate: float  # s^2, one of 1 rad/s
 
 
-@dataclasses.dataclass(frozen=True)
 class Interval:
-    """One interval."""
+    """The true motion in one interval, on the series of minimal coordinates; `length` (m) is that of the scene."""
 
-    end: States  # one row
-    derivatives: np.ndarray  # (ORDERS + 1,) the largest of x over the length and of R over sqrt 2
-    fast: float  # rad/s, the largest angular speed of a body
-    stiff: float  # 1/s, the rate of the fastest servo or stop that acts in it
-    changes: tuple[float, ...]  # s, since it began: of modes, of sampled values and of pieces of functions
-    events: tuple[Event, ...]  # those shortly after its end, too
+    def __init__(self, series: LawfulTaylor, length: float, begin: End, until: float) -> None:
+        self.series, self.length, self.t, self.changes = series, length, begin.time, list[Change]()
+        self.pieces, self.reached = series.advance(begin, until, self.changes)
 
-
-@dataclasses.dataclass(frozen=True)
-class Begin:
-    """Where an interval begins."""
-
-    t: float  # s
-    scene: Scene  # the scene from the state there
-    mode: Mode | None = None  # that comes there, if it is not that of the interval before
-
-
-class Restarts:
-    """Intervals of a scene, on its series of minimal coordinates; `length` (m) is that of the scene."""
-
-    def __init__(self, series: LawfulTaylor, length: float) -> None:
-        self.series, self.length = series, length
-
-    def follow(self, begins: Iterable[Begin], lengths: Iterable[float], ahead: float
-               ) -> tuple[list[Interval], list[Mode | None]]:
-        """Intervals in order, and the modes that come to their begins and, last, to the end of the last one.
-
-        An event counts up to `ahead` (s) beyond the end of an interval.
-        """
-        made, modes = list[Interval](), list[Mode | None]()
-        before: Mode | None = None
-        for begin, length in zip(begins, lengths, strict=True):
-            before = begin.mode or before
-            modes.append(before)
-            interval, before = self._over(self._begun(begin, before), length, ahead)
-            made.append(interval)
-        return made, [*modes, before]
-
-    def efforts(self, begins: Iterable[Begin]) -> np.ndarray:
-        """(B, L) what all laws give, what holds coordinates included."""
-        return np.array([self._efforts(self._begun(begin, begin.mode)) for begin in begins])
-
-    def _efforts(self, begin: End) -> np.ndarray:
-        series, t = self.series, np.array([begin.time])
-        q, rate = (each[:, 0] for each in series.moving(t, begin.state[None]))
-        efforts = series.efforts(begin.mode, begin.time, q, rate)
-        held = np.array([part.held for part in begin.mode])
-        return efforts + np.where(held, series.holding(begin.mode, t, begin.state[None])[:, 0], 0.0) if held.any() \
-            else efforts
-
-    def _begun(self, begin: Begin, mode: Mode | None) -> End:
-        return self.series.begun(self.series.state_of(begin.scene), begin.t, mode)
-
-    def _over(self, begin: End, length: float, ahead: float) -> tuple[Interval, Mode]:
-        series, t = self.series, begin.time
-        changes = list[Change]()
-        pieces, end = series.advance(begin, t + length, changes)
-        later = list[Change]()
-        if ahead > 0.0:
-            series.advance(end, t + length + ahead, later)
-        last = series.table(end.mode).reshape(1, -1)
-        states = series.dense_states(np.array([end.time]), lambda _: end.state[None], last)
-        sizes = series.derivative_maxima(pieces).max(axis=0) / np.array([[self.length], [np.sqrt(2.0)]])
-        spins = [self._rows(piece, np.array([0.0, 0.5, 1.0])).w for piece in pieces]
-        modes = [begin.mode, *(change.settled.mode for change in changes)]
-        return Interval(
-            states, sizes.max(axis=0), float(max(np.linalg.norm(w, axis=-1).max() for w in spins)),
-            max(self._stiffness(begin, mode) for mode in modes),
-            tuple(change.time - t for change in [*changes, *later]),
-            tuple(self._event(change, t) for change in [*changes, *later] if change.crossing is not None)), end.mode
-
-    def _rows(self, piece: Piece, places: np.ndarray) -> States:
-        assert piece.mode is not None
-        tau = places * piece.length
-        values = _values(piece, tau)
-        return self.series.dense_states(piece.start + tau, lambda _: values, np.tile(piece.mode, (len(tau), 1)))
-
-    def _stiffness(self, begin: End, mode: Mode) -> float:
-        """The rate of the oscillation that the stiffest servo or soft stop of a mode would make."""
-        rates = [0.0]
-        _, S = self.series.response(begin.time, begin.state)
-        for i, (law, part) in enumerate(zip(self.series.laws, mode, strict=True)):
-            springs = [law.limits.stiffness] if part.pushing else []
-            if law.servo is not None and not part.cut and not part.held:
-                springs.append(law.servo.proportional)
-            for stiffness in springs:
-                rates.append(float(np.sqrt(stiffness * S[i, i])))
-        return max(rates)
+    @property
+    def crossings(self) -> list[Change]:
+        """Changes of modes that no clock makes."""
+        return [change for change in self.changes if change.crossing is not None]
 
     @functools.cached_property
-    def decay(self) -> float:
-        """1/s, the fastest that dampers of servos and soft stops are at the start."""
-        begin = self.series.begin
-        S = np.diag(self.series.response(0.0, begin.state)[1])
-        sizes = [max(0.0 if law.limits is None else law.limits.damping, 0.0 if law.servo is None else
-                     law.servo.derivative) for law in self.series.laws]
-        return float(np.max(S * np.array(sizes)))
+    def end(self) -> States:
+        """The state at its end, one row."""
+        return self.series.dense_states(np.array([self.reached.time]), lambda _: self.reached.state[None],
+                                        self.series.table(self.reached.mode).reshape(1, -1))
 
-    def _event(self, change: Change, t: float) -> Event:
+    @property
+    def derivatives(self) -> np.ndarray:
+        """(ORDERS + 1,) the largest derivatives of x over the length and of R over sqrt 2."""
+        sizes = self.series.derivative_maxima(self.pieces).max(axis=0) / np.array([[self.length], [np.sqrt(2.0)]])
+        return np.asarray(sizes.max(axis=0))
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What jumps in it, and when."""
+        return tuple(self._event(change) for change in self.crossings)
+
+    def _event(self, change: Change) -> Event:
         series = self.series
         before, after = (series.dense_states(np.array([change.time]), lambda _, y=y: y[None],  # type: ignore[misc]
                                              series.table(mode).reshape(1, -1))
@@ -147,7 +74,7 @@ class Restarts:
                                  (after.a - before.a, after.alpha - before.alpha))]  # type: ignore[operator]
         leads = [self._leads(change, label) for label in change.crossing.labels] if change.crossing else []
         pose, rate = np.max(leads, axis=0)
-        return Event(change.time - t, float(jumps[0]), float(jumps[1]), float(pose), float(rate))
+        return Event(change.time - self.t, float(jumps[0]), float(jumps[1]), float(pose), float(rate))
 
     def _leads(self, change: Change, label: Label) -> tuple[float, float]:
         """By how much (s) errors of one in coordinates and in rates move the time at which a surface is crossed."""
@@ -172,14 +99,26 @@ class Restarts:
         return (float(np.dot(slopes[:, 0], units)) / falls, float(np.dot(slopes[:, 1], units)) / falls)
 
 
-def restarts_of(scene: Scene, length: float) -> Restarts:
-    """The series of a scene with laws, started again anywhere."""
+def follow(scene: Scene, length: float, begins: Iterable[tuple[float, Scene]], lengths: Iterable[float]
+           ) -> tuple[list[Interval], list[Mode | None]]:
+    """Intervals of a scene with laws in order, and the modes that come to their begins and to the last one's end.
+
+    `begins`: times (s) and the scene from the state there; `lengths`: s.
+
+    Raises
+    ------
+    Unsupported
+        The truth of the scene does not know the laws of joints, as without heyoka.
+    """
     from crosscheck.references import dense
 
-    series = dense(scene).series
+    series, made, modes = dense(scene).series, list[Interval](), list[Mode | None]([None])
     if not isinstance(series, LawfulTaylor):
         raise Unsupported("its truth does not know the laws of joints")
-    return Restarts(series, length)
+    for (t, start), duration in zip(begins, lengths, strict=True):
+        made.append(Interval(series, length, series.begun(series.state_of(start), t, modes[-1]), t + duration))
+        modes.append(made[-1].reached.mode)
+    return made, modes
 
 
 def _values(piece: Piece, tau: np.ndarray) -> np.ndarray:

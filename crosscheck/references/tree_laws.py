@@ -21,7 +21,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import LONGEST, End, Piece, TruthError, rounding, values_at
-from crosscheck.references.generic import ByBody, Matrix, Number, Vector
+from crosscheck.references.generic import Matrix, Number, Vector
 from crosscheck.references.modes import Law, Machine, Mode, Part, Settled, laws_of
 from crosscheck.references.monitors import Monitors
 from crosscheck.references.pieces import Crossing, Label, Values, first_crossing
@@ -168,24 +168,37 @@ class LawfulTaylor(Taylor):
     def holding(self, mode: Mode, t: np.ndarray, Y: np.ndarray) -> np.ndarray:
         """Efforts that hold, (L, T): what a row takes beyond the other efforts of its coordinate."""
         self.switches = self.table(mode).tolist()
-        state, value = [*Y.T], functools.partial(at, t=t)
-        loads, rows, *columns = self._columns(state, value)
-        lam = self._multipliers(state, value, *self._loop_terms(loads, rows, *columns))[-len(self.laws):]
+        rhs, S = self._terms(t, Y)
+        lam = self._multipliers([*Y.T], functools.partial(at, t=t), [*rhs], [[*row] for row in S])[-len(self.laws):]
         held: np.ndarray = np.array([np.broadcast_to(each, len(t)) for each in lam])
         held = held - self.efforts(mode, t, *self.moving(t, Y))
         return held
 
-    def _response(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, ByBody]:
-        loads, rows, *columns = self._columns(y.tolist(), functools.partial(at, t=t))
+    @functools.cached_property
+    def _compiled(self) -> heyoka.cfunc_dbl:
+        """`_loop_terms` as one function of state, time and parameters: what finds events asks for them most."""
+        import heyoka
+
+        symbols = [heyoka.make_vars(f"y{k}") for k in range(len(self.initial))]
+        loads, rows, *columns = self._columns(symbols, self._expression)
         rhs, S = self._loop_terms(loads, rows, *columns)
-        return -np.array(rhs, float), np.array(S, float), np.zeros(0), columns[2]
+        return heyoka.cfunc([heyoka.expression(each) if isinstance(each, float | int) else each
+                             for each in [*rhs, *(entry for row in S for entry in row)]],
+                            symbols, compact_mode=True, opt_level=0)
+
+    def _terms(self, t: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Right side (n, T) and response (n, n, T) of all multipliers' equations in states (T, dimension)."""
+        given = np.array([self._piece_values(float(each)) for each in t])[:, :self._compiled.nparams]
+        values = self._compiled(np.ascontiguousarray(Y.T), time=t, pars=np.ascontiguousarray(given.T))
+        n = math.isqrt(len(values))  # n + n^2 values
+        return values[:n], values[n:].reshape(n, n, -1)
 
     def response(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """b, S: accelerations of coordinates without efforts of laws, and by unit efforts."""
-        free, S, _, _ = self._response(t, y)
-        n = len(free) - len(self.laws)
+        rhs, S = (each[..., 0] for each in self._terms(np.array([t]), y[None]))
+        n = len(rhs) - len(self.laws)
         closing = S[n:, :n] @ np.linalg.pinv(S[:n, :n], rcond=1e-9, hermitian=True)
-        return free[n:] - closing @ free[:n], S[n:, n:] - closing @ S[:n, n:]
+        return closing @ rhs[:n] - rhs[n:], S[n:, n:] - closing @ S[:n, n:]
 
     def choose(self, b: np.ndarray, S: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(f, a) of the box problem: the first choice of bounds whose solution has the right signs, nothing at bounds
@@ -207,7 +220,8 @@ class LawfulTaylor(Taylor):
 
     def kicked(self, t: float, y: np.ndarray, impulses: np.ndarray) -> np.ndarray:
         """The state after impulses on the coordinates; loops and mimics stay closed."""
-        _, S, _, speeding = self._response(t, y)
+        loads, rows, *columns = self._columns(y.tolist(), functools.partial(at, t=t))
+        S, speeding = np.array(self._loop_terms(loads, rows, *columns)[1], float), columns[2]
         n = len(S) - len(self.laws)
         closing = -np.linalg.pinv(S[:n, :n], rcond=1e-9, hermitian=True) @ S[:n, n:] @ impulses
         y = y.copy()
@@ -284,7 +298,7 @@ class LawfulTaylor(Taylor):
 
     def advance(self, end: End, until: float, changes: list[Change] | None = None, watched: bool = True
                 ) -> tuple[list[Piece], End]:
-        """The pieces from an end on, cut at events, and their end; monitors count if `watched`.
+        """The pieces from an end on, cut at events, and their end; monitors count if `watched` and without `changes`.
 
         The last piece ends after `until`, so that what is due there has happened. With `changes`, to which those of
         modes are added, it ends at `until`, and what is due there has not happened then.
@@ -325,7 +339,7 @@ class LawfulTaylor(Taylor):
                 state, time = integrator.state.copy(), integrator.dtime
                 if time[0] >= scheduled:
                     settled = self.machine.settle(time[0], state, mode, ())
-            if watched and self.monitors is not None and piece.start < horizon and piece.length > 0.0:
+            if watched and not exactly and self.monitors is not None and piece.start < horizon and piece.length > 0.0:
                 fired = self.monitors.first(before, length, functools.partial(_polynomial, series),
                                             functools.partial(np.add, piece.start), 0.0 if pieces else instant)
                 if fired is not None and piece.start + fired.after < horizon:

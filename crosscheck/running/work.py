@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from crosscheck.errors import CrosscheckError
-from crosscheck.references.restarts import Begin, restarts_of
+from crosscheck.references.restarts import follow
 from crosscheck.scene import mechanics
 from crosscheck.scene.batch import integrate
 from crosscheck.scene.coordinates import hinge_angles
@@ -50,9 +50,9 @@ def _lawful(scene: Scene, states: Motion) -> np.ndarray:
     """The energy at the end of each interval of a scene with laws of joints, by the series of its truth."""
     ended = np.full(len(states.t) - 1, np.nan)
     try:
-        followed = restarts_of(scene, 1.0).follow(
-            (Begin(float(t), restarted(scene, states, k, 1.0)) for k, t in enumerate(states.t[:-1])),
-            np.diff(states.t).tolist(), 0.0)[0]
+        followed = follow(
+            scene, 1.0, ((float(t), restarted(scene, states, k, 1.0)) for k, t in enumerate(states.t[:-1])),
+            np.diff(states.t).tolist())[0]
     except CrosscheckError:
         return ended
     for k, until in enumerate(states.t[1:]):

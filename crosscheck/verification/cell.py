@@ -150,4 +150,4 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, own: Motion, referenc
 
 
 def _most(series: np.ndarray, every_step: float | None) -> float:
-    return max(float(series.max()), every_step or 0.0)
+    return max(float(np.nanmax(series, initial=0.0)), every_step or 0.0)

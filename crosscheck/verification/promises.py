@@ -30,7 +30,9 @@ def judge_promises(scene: Scene, traj: Trajectory, held: frozenset[str], sizes: 
     below = {"velocity": "position", "acceleration": "velocity"}
     for level, unit in LEVELS.items():
         series, below_it = getattr(traj, f"constraint_{level}"), rate * opened
-        most = 0.0 if series is None else max(float(series.max()), traj.maxima.get(f"constraint_{level}", 0.0))
+        # An engine may not know its accelerations at the start, which is NaN; in a segment NaN fails as a limit.
+        most = 0.0 if series is None else max(float(np.nanmax(series, initial=0.0)), traj.maxima.get(
+            f"constraint_{level}", 0.0))
         opened = most + below_it
         if level not in held or series is None:
             continue

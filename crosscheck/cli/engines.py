@@ -203,15 +203,15 @@ def _print_inspection(result: Inspection) -> None:
     print_table(terminal, [key("largest relative deviation"), *figures(*(probe.label for probe in result.probes))],
                 [[quantity, *map(_told, cells)] for quantity, cells in rows.items() if any(cells)])
     if result.probes:
-        terminal.print("over the size of each quantity; -: this model does not tell it; !: beyond its bound")
+        terminal.print("over the size of each quantity; -: not available from this model; !: beyond its bound")
     for probe in result.probes:
         for reason in dict.fromkeys(probe.notes.values()):
             missing = ", ".join(quantity for quantity, note in probe.notes.items() if note == reason)
-            terminal.print(f"{probe.label} does not tell {missing}: {reason}", markup=False)
+            terminal.print(f"{probe.label}: not available: {missing}: {reason}", markup=False)
     for label, reason in result.skipped.items():
         terminal.print(f"{label} is left out: {reason}", markup=False)
     if result.offenders:
-        terminal.print(f"FIRST OFFENDER: {result.offenders[0]}", markup=False, style="bold red")
+        terminal.print(f"first deviation beyond its bound: {result.offenders[0]}", markup=False, style="bold red")
     elif result.probes:
         terminal.print(f"all agree with truth: no deviation of {len(result.probes)} models is beyond its bound")
     for offender in result.offenders[1:]:

@@ -439,7 +439,11 @@ def advise(
 def _wanted(error: list[str]) -> float | dict[str, float]:
     """The error of `advise`, or errors by quantity."""
     if len(error) == 1 and "=" not in error[0]:
-        return options.named_number("--error", f"error={error[0]}", "1e-6 or position=1e-4")[1]
+        try:
+            return float(error[0])
+        except ValueError:
+            raise ArgumentError(f"--error: {error[0]!r} is no number; give one, such as 1e-6, of the size of each "
+                                "quantity, or position=1e-4, in m") from None
     return {name.replace("_", " "): value for name, value in (
         options.named_number("--error", each, "position=1e-4") for each in error)}
 

@@ -47,7 +47,7 @@ class Gap:
     position: float  # m, the largest difference of a centre of mass
 
     def __str__(self) -> str:
-        return f"{self.size:.3e} (joint {self.joint!r} at {self.t:.4g} s; {self.position:.2e} m in positions)"
+        return f"{self.size:.3e} rad or m (joint {self.joint!r} at {self.t:.4g} s; {self.position:.2e} m in positions)"
 
 
 @dataclasses.dataclass(frozen=True)

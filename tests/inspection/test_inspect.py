@@ -181,4 +181,4 @@ def test_command_line_fails_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(adapters, "get", lambda name: MisBuilt(lambda s: _body(s, 0, mass=1.001)))
     done = CliRunner().invoke(app.app, ["inspect", "single_pendulum", "--engine", "misbuilt", "--states", "0"])
     assert done.exit_code == 1, done.output
-    assert "FIRST OFFENDER: misbuilt tree: mass of 'pendulum' at t = 0" in done.output
+    assert "first deviation beyond its bound: misbuilt tree: mass of 'pendulum' at t = 0" in done.output

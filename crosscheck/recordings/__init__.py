@@ -290,7 +290,7 @@ def _truth(scene: Scene, recording: Recording, truth: Any, start: str
         moved = {group.key: norms(gaps(group, group.values, value, True))[0] for group, value in
                  zip(first.groups, Shown(scene, first.groups).of(states), strict=True)}
         shifts = ", ".join(f"{key.replace('_', ' ')} changed by {size:.1e} to satisfy the joints"
-                           for key, size in moved.items() if size > 0)
+                           for key, size in moved.items() if size > 1e-12)
         notes.append("truth starts from the first row" + (f", {shifts}" if shifts else ""))
         if first.t[0] > 0.0 and any(servo.period is not None for _, servo in scene.servos.values()):
             notes.append("sampled servos are taken to give nothing before their first sample")

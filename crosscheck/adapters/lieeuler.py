@@ -199,6 +199,7 @@ class LieEuler(Engine):
     options = frozenset({"form", "coordinate_map", "events", "spin_free", "reduce", "polish", "alpha", "beta",
                          "spectral_radius", "correction", "conserve"})
     on_group = True
+    pace = 1
     package = "lieeuler-crosscheck"
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:

@@ -210,7 +210,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
               contextlib.nullcontext() if far is None else contextlib.closing(far),
               contextlib.nullcontext(near) if far is None else Place(far.workers, far.executor) as place):
             elsewhere = dataclasses.replace(stages, place=place)
-            carried = Carried.of(scene_names, engine_names) if far is not None else Carried()
+            carried = Carried.of(scene_names, engine_names if far is not None else ())  # each file is read once
             keys = _keys(session is not None)
             truths = _truths(elsewhere, keys, scene_names, settings, asked, carried)
             cells = _planned(cells, truths, settings, overrides, asked)

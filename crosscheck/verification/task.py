@@ -58,7 +58,7 @@ def load(name: str, plan: Plan) -> Scene:
 
 @dataclasses.dataclass(frozen=True)
 class Carried:
-    """What tasks on other machines need of this one."""
+    """What tasks in other processes and on other machines need of this one."""
 
     scenes: Mapping[str, Content] = dataclasses.field(default_factory=dict)  # contents of files, by names of scenes
     engines: Mapping[str, Mapping[str, bytes]] = dataclasses.field(default_factory=dict)  # as `adapters.sources`

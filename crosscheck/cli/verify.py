@@ -195,8 +195,8 @@ def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
     if math.isfinite(best.error):
         who = best.label.removeprefix(f"{engine} ")
         line += f", least error {best.error:.1e} of its size, by {who} at {_size(best)}"
-    orders = [f"{record.label.removeprefix(f'{engine} ')} {record.order.observed:.2f}, documented {record.documented_order}"
-              for record in right if record.order is not None]
+    orders = [f"{record.label.removeprefix(f'{engine} ')} {record.order.observed:.2f}, documented "
+              f"{record.documented_order}" for record in right if record.order is not None]
     if orders:
         line += f"; observed order: {'; '.join(orders)}"
     say(line)

@@ -66,7 +66,7 @@ def add(subject: Subject, scene: Scene, step: float | None, answer: Explanation)
 
 
 CLAIMS = (
-    ("open {row}", ("promise level position", "promise level velocity", "promise level acceleration"),
+    ("open {level} level", ("promise level position", "promise level velocity", "promise level acceleration"),
      "the engine claims to hold its constraints at this level, and they are open by {value:.2g} {unit}",
      "project or solve at this level too, or do not claim it"),
     ("reported accelerations", ("promise acceleration", "promise angular acceleration"),
@@ -93,7 +93,7 @@ def _causes(failing: dict[str, Finding]) -> list[NamedCause]:
         return []
     if failing.keys() & {"promise acceleration", "promise angular acceleration"}:  # wrong ones violate the constraints
         failing = {kind: finding for kind, finding in failing.items() if kind != "promise level acceleration"}
-    named = {name.format(row=finding.row): (text, mend, finding) for name, kinds, text, mend in CLAIMS
-             for kind, finding in failing.items() if kind in kinds}
+    named = {name.format(level=finding.row.removeprefix("level ")): (text, mend, finding)
+             for name, kinds, text, mend in CLAIMS for kind, finding in failing.items() if kind in kinds}
     return [NamedCause(name, text.format(row=finding.row, value=finding.value, unit=finding.unit,
                                          detail=finding.detail), mend) for name, (text, mend, finding) in named.items()]

@@ -30,9 +30,9 @@ from crosscheck.diagnosis import (
     of_verdict,
     shown,
 )
+from crosscheck.diagnosis.models import of_scene
 from crosscheck.diagnosis.observe import Observation, Subject
 from crosscheck.diagnosis.of_output import Noise
-from crosscheck.diagnosis.physics import of_scene
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.document import Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
@@ -163,7 +163,7 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
             answer.causes.append(cause)
             return answer.conclude([])
     fitted = of_model.diagnose(subject, first) if differs else of_model.ModelFinding()
-    physics = fitted.physics or of_scene(scene).replace(absent=fitted.absent)
+    model = fitted.model or of_scene(scene, absent=fitted.absent)
     start = (scene.R0, scene.w0) if fitted.start is None else misreadings.misread(scene, *fitted.start)
     unexplained = list(fitted.unexplained)
     if first.noise > UNSURE and not fitted.causes:
@@ -177,9 +177,9 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
         unexplained.append("the motion differs, but neither its start nor its accelerations do")
     if differs and fitted.causes and not unexplained and not fitted.soft:
         meant = fitted.reported.undo(first.states) if fitted.reported else first.states
-        after = np.abs(scale.flat(meant) - scale.flat(altered.predict(scene, physics, *start)))
-        if physics.absent is not None:
-            after = np.delete(after, physics.absent, axis=1)
+        after = np.abs(scale.flat(meant) - scale.flat(altered.predict(model, *start)))
+        if fitted.absent is not None:
+            after = np.delete(after, fitted.absent, axis=1)
         answer.explained = float(after.max())
         # Magnitudes are fitted to accelerations and as uncertain as these. Over the time 1 / W that is a velocity.
         unsure = fit.EXPLAINED * shown.accelerations(first)[1]
@@ -187,8 +187,8 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
             unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
         elif answer.explained > fit.CLEAR * deviation:
             unexplained.append(f"the altered model leaves {answer.explained / deviation:.0%} of the difference")
-    known = of_stepping.Known(physics, start, fitted.soft, fitted.reported.undo if fitted.reported else None,
-                              bool(fitted.causes))
+    known = of_stepping.Known(model, start, fitted.soft, fitted.reported.undo if fitted.reported else None,
+                              fitted.absent, bool(fitted.causes))
     # Errors of the step cannot be distinguished from noise.
     steps = of_stepping.NumericsFinding() if noise else of_stepping.diagnose(subject, first, known)
     answer.observed_order = steps.order

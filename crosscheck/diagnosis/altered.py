@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from crosscheck.diagnosis import misreadings
-from crosscheck.diagnosis.physics import Physics, Points, Terms
+from crosscheck.diagnosis.models import Accelerations, Model, Points
 from crosscheck.diagnosis.stepping import munthe_kaas, semi_implicit
 from crosscheck.scene import mechanics
 from crosscheck.scene.batch import State
-from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import followed, hinge_angles, starting
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
@@ -18,29 +17,23 @@ PRECISE = 1e-11
 """rtol of `predict`. A window of one radian takes about ten steps, whose errors add up."""
 
 
-class Model:
-    """Accelerations at single states. It keeps the angles of torsional springs from one call to the next."""
+class Flow:
+    """Accelerations of a model at single states. It keeps the turns of hinges from one call to the next."""
 
-    def __init__(self, scene: Scene, physics: Physics) -> None:
-        self.scene, self.physics = scene, physics
-        self.forces = tuple(range(len(scene.loads)))
-        self.last = starting(scene)
-        self.last.hinges = hinge_angles(scene, self.last)
-        self.constraints = Constraints(scene)
-        self.rank: int | None = None
+    def __init__(self, model: Model) -> None:
+        self.model, self.scene = model, model.scene
+        self.last = starting(self.scene)
+        self.last.hinges = hinge_angles(self.scene, self.last)
+        self.index1 = mechanics.Index1(self.scene)
 
     def rates(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, t: float = 0.0) -> np.ndarray:
         """Accelerations (n, 6) of the state (n, ...) at time t (s): linear in world axes, angular in body axes."""
-        angles: dict[str, np.ndarray] = {}
-        if any(force.type == "torsional_spring" for force in self.scene.loads):
-            now = States(self.last.t, x[None], R[None], v[None], w[None])
+        now = States(self.last.t, x[None], R[None], v[None], w[None])
+        if self.scene.hinges:
             now.hinges = followed(self.scene, now, self.last)
-            angles, self.last = mechanics.torsion_angles(self.scene, now), now
-        points = Points(x[None], R[None], v[None], w[None], np.zeros((1, self.scene.n, 6)), np.zeros(1, int), angles,
-                        np.array([t]))
-        terms = Terms(self.scene, points, self.forces, self.constraints, self.rank)
-        self.rank = terms.rank
-        rates: np.ndarray = terms.rates(self.physics)[0]
+        angles, self.last = mechanics.torsion_angles(self.scene, now), now
+        points = Points(x[None], R[None], v[None], w[None], np.zeros((1, self.scene.n, 6)), angles, np.array([t]))
+        rates: np.ndarray = Accelerations(points, self.index1)(self.model)[0]
         return rates
 
     def flow(self, t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
@@ -49,13 +42,12 @@ class Model:
         return [v, R, a[..., :3], a[..., 3:]]
 
 
-def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> States:
-    """States at the scene's output times, by DOP853, from these attitudes and angular velocities at the start."""
+def predict(model: Model, R: np.ndarray, w: np.ndarray) -> States:
+    """States at the output times of a model, by DOP853, from these attitudes and angular velocities at the start."""
     from scipy.integrate import solve_ivp
 
-    n, model = scene.n, Model(scene, physics)
-    closed = misreadings.positions(scene, R, w)
-    x, v = closed if closed is not None else (scene.x0, scene.v0)
+    scene, n, flow = model.scene, model.scene.n, Flow(model)
+    x, v = misreadings.positions(scene, R, w) or (scene.x0, scene.v0)
 
     def unpack(y: np.ndarray) -> list[np.ndarray]:
         parts = np.split(y, [3 * n, 12 * n, 15 * n])
@@ -63,7 +55,7 @@ def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> Sta
 
     def derivative(t: float, y: np.ndarray) -> np.ndarray:
         x, R, v, w = unpack(y)
-        a = model.rates(x, R, v, w, t)
+        a = flow.rates(x, R, v, w, t)
         return np.concatenate([v.ravel(), np.cross(R, w[:, None, :]).ravel(), a[:, :3].ravel(), a[:, 3:].ravel()])
 
     start = np.concatenate([x.ravel(), R.ravel(), v.ravel(), w.ravel()])
@@ -76,8 +68,9 @@ def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> Sta
 class Joints:
     """Joint coordinates of a tree of ball joints and hinges: relative attitudes and relative angular velocities."""
 
-    def __init__(self, scene: Scene, physics: Physics) -> None:
-        self.model, self.scene = Model(scene, physics), scene
+    def __init__(self, flow: Flow) -> None:
+        self.flow, self.scene = flow, flow.scene
+        scene = flow.scene
         self.order = misreadings.parents_first(scene)
         self.by_child = {joint.child: joint for joint in scene.joints}
 
@@ -110,7 +103,7 @@ class Joints:
     def rates(self, Q: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Derivative of s, (n, 3)."""
         x, R, v, w = self.state(Q, s)
-        alpha = self.model.rates(x, R, v, w)[:, 3:]
+        alpha = self.flow.rates(x, R, v, w)[:, 3:]
         turned = alpha.copy()
         for body in self.order:
             parent = self.by_child[body].parent
@@ -120,10 +113,10 @@ class Joints:
         return turned
 
 
-def stepped(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, steps: int,
-            of_joints: bool) -> States:
-    """The end of the scene after plain steps of order 1 (semi-implicit) or 4, in coordinates of bodies or of joints."""
-    model, joints = Model(scene, physics), Joints(scene, physics)
+def stepped(model: Model, R: np.ndarray, w: np.ndarray, order: int, steps: int, of_joints: bool) -> States:
+    """The end of a motion by plain steps of order 1 (semi-implicit) or 4, in coordinates of bodies or of joints."""
+    scene, flow = model.scene, Flow(model)
+    joints = Joints(flow)
 
     def of_coordinates(_: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
         return [v, R, v, joints.rates(R[0], w[0])[None]]
@@ -134,6 +127,6 @@ def stepped(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order:
     h = np.array([scene.duration / steps])
     step = semi_implicit if order == 1 else munthe_kaas
     for k in range(steps):
-        state = step(of_coordinates if of_joints else model.flow, k * h, state, h)
+        state = step(of_coordinates if of_joints else flow.flow, k * h, state, h)
     x, R, v, w = joints.state(state[1][0], state[3][0]) if of_joints else (part[0] for part in state)
     return States(scene.t[-1:], x[None], R[None], v[None], w[None])

@@ -13,8 +13,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from crosscheck.diagnosis.hypotheses import Cause
-from crosscheck.diagnosis.physics import Physics, Terms
+from crosscheck.diagnosis.alterations import Alteration
+from crosscheck.diagnosis.models import Accelerations, Model
+from crosscheck.errors import CrosscheckError
 
 EXPLAINED = 10.0
 """Largest |z| that noise may leave. The noise estimates the error of the limit to a factor of a few."""
@@ -31,11 +32,14 @@ NEAR = 1e3
 THIN = 3
 """The search uses one in so many instants, the full fit all of them."""
 
+FAILS = (ArithmeticError, ValueError, LookupError, TypeError, CrosscheckError)
+"""What an alteration may raise that makes no sense of a scene: it is left out."""
+
 FAR = 1e15
 """Residual of magnitudes for which the equations have no solution."""
 
 ORDERED = {"inertia point", "inertia frame"}
-"""Families whose order matters in a pair: an inertia may be moved and then turned, or turned and then moved."""
+"""Kinds whose order matters in a pair: an inertia may be moved and then turned, or turned and then moved."""
 
 ITERATIONS, GIVE_UP, DIFFERENCE = 10, 0.97, 1e-6
 """Of the quick fits: the largest number of steps, the ratio of residuals above which they end, and the relative width
@@ -43,19 +47,20 @@ of difference quotients."""
 
 
 @dataclasses.dataclass
-class Group:
-    """The copies with one joint structure: their terms, and the noise of their normalised accelerations."""
+class Copy:
+    """What an engine shows of one copy of a scene, whose model is meant to be `right`."""
 
-    terms: Terms
-    noise: np.ndarray  # (P,)
-    units: np.ndarray  # (6,) units by which accelerations are divided
+    right: Model
+    accelerations: Accelerations  # of models, at the states that were observed
+    noise: float  # of the normalised accelerations
+    units: np.ndarray  # (6,) by which accelerations are divided
 
 
 @dataclasses.dataclass
 class Fit:
     """A combination of causes with its magnitudes and the residual that it leaves."""
 
-    causes: tuple[Cause, ...]
+    causes: tuple[Alteration, ...]
     theta: tuple[np.ndarray, ...]
     left: float  # max |z|
     most: float = EXPLAINED  # max |z| that it may leave
@@ -79,34 +84,39 @@ class Fit:
 class Data:
     """Observed accelerations of a scene and its copies, and the residuals of models with altered parameters."""
 
-    def __init__(self, groups: Sequence[Group], right: Physics, soft: bool = False, quick: bool = False) -> None:
-        self.groups, self.right, self.soft = groups, right, soft
-        self.quick = quick
+    def __init__(self, copies: Sequence[Copy], absent: int | None = None, soft: bool = False, quick: bool = False
+                 ) -> None:
+        self.copies, self.absent, self.soft, self.quick = copies, absent, soft, quick
+
+    @property
+    def right(self) -> list[Model]:
+        """The models that are meant."""
+        return [copy.right for copy in self.copies]
 
     @functools.cached_property
+    def before(self) -> float:
+        """The largest |z| of the models that are meant."""
+        return float(np.abs(self.residual(self.right)).max())
+
+    @property
     def most(self) -> float:
         """The largest |z| that a fit may leave."""
-        return min(EXPLAINED, CLEAR * float(np.abs(self.residual(self.right)).max()))
+        return min(EXPLAINED, CLEAR * self.before)
 
-    def differences(self, physics: Physics) -> list[np.ndarray]:
-        """The normalised differences of accelerations, (P, n, 6) per group."""
-        listed = []
-        for group in self.groups:
-            difference = (group.terms.points.rates - group.terms.rates(physics, self.soft)) / group.units
-            if physics.absent is not None:
-                difference[:, physics.absent] = 0.0
-            if physics.quadratic or physics.coulomb:
-                difference[group.terms.reversing] = 0.0
-            listed.append(difference)
-        return listed
+    def residual(self, models: Sequence[Model]) -> np.ndarray:
+        """The residual z of all copies in one vector."""
+        parts = []
+        for copy, model in zip(self.copies, models, strict=True):
+            there = copy.accelerations
+            z = (there.points.rates - there(model, self.soft)) / (copy.units * copy.noise)
+            if self.absent is not None:
+                z[:, self.absent] = 0.0
+            if model.quadratic or model.coulomb:
+                z[there.reversing(model.scene)] = 0.0
+            parts.append(z.ravel())
+        return np.concatenate(parts)
 
-    def residual(self, physics: Physics) -> np.ndarray:
-        """The residual z of all groups in one vector."""
-        parts = [difference / group.noise[:, None, None]
-                 for difference, group in zip(self.differences(physics), self.groups, strict=True)]
-        return np.concatenate([part.ravel() for part in parts])
-
-    def fit(self, causes: tuple[Cause, ...], starts: Sequence[tuple[float, ...]] | None = None) -> Fit:
+    def fit(self, causes: tuple[Alteration, ...], starts: Sequence[tuple[float, ...]] | None = None) -> Fit:
         """The best fit of a combination of causes from all combinations of `starts`; None: the starts of each cause."""
         from scipy.optimize import least_squares
 
@@ -114,8 +124,8 @@ class Data:
             with np.errstate(all="ignore"):
                 try:
                     z = self.residual(self._altered(causes, values))
-                except np.linalg.LinAlgError:  # these magnitudes make no sense, the next ones may
-                    return np.full(sum(group.terms.points.rates.size for group in self.groups), FAR)
+                except FAILS:  # these magnitudes make no sense, the next ones may
+                    return np.full(sum(copy.accelerations.points.rates.size for copy in self.copies), FAR)
             return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
 
         fits = []
@@ -143,27 +153,22 @@ class Data:
                     break
         return fit
 
-    def _altered(self, causes: tuple[Cause, ...], theta: np.ndarray) -> Physics:
-        physics, at = self.right, 0
+    def _altered(self, causes: tuple[Alteration, ...], theta: np.ndarray) -> list[Model]:
+        models, at = self.right, 0
         for cause in causes:
-            physics = cause.apply(physics, theta[at:at + cause.free])
+            models = [cause.apply(model, theta[at:at + cause.free]) for model in models]
             at += cause.free
-        if physics.pushes:
-            raise np.linalg.LinAlgError("damping that drives a motion")
-        return physics
+        if not all(model.physical(right) for model, right in zip(models, self.right, strict=True)):
+            raise ValueError("damping that drives a motion, or a mass that is none")
+        return models
 
-    def _judged(self, causes: tuple[Cause, ...], theta: np.ndarray) -> Fit:
-        parts, at = [], 0
-        for cause in causes:
-            parts.append(theta[at:at + cause.free])
-            at += cause.free
+    def _judged(self, causes: tuple[Alteration, ...], theta: np.ndarray) -> Fit:
+        parts = np.split(theta, np.cumsum([cause.free for cause in causes])[:-1])
         with np.errstate(all="ignore"):
             try:
-                physics = self._altered(causes, theta)
-                z = self.residual(physics)
-            except np.linalg.LinAlgError:
+                worst = float(np.abs(self.residual(self._altered(causes, theta))).max())
+            except FAILS:
                 return Fit(causes, tuple(parts), np.inf)
-        worst = float(np.abs(z).max())
         return Fit(causes, tuple(parts), worst if np.isfinite(worst) else np.inf, self.most)
 
 
@@ -189,7 +194,7 @@ def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray
     return theta
 
 
-def search(full: Data, thin: Data, causes: Sequence[Cause], pairing: bool = True) -> tuple[list[Fit], list[Fit]]:
+def search(full: Data, thin: Data, causes: Sequence[Alteration], pairing: bool = True) -> tuple[list[Fit], list[Fit]]:
     """(fits that explain, all fits of single causes). Pairs of causes are fitted only if no single one explains."""
     causes, last = [cause for cause in causes if not cause.last], [cause for cause in causes if cause.last]
     singles = [thin.fit((cause,)) for cause in causes]
@@ -200,12 +205,12 @@ def search(full: Data, thin: Data, causes: Sequence[Cause], pairing: bool = True
         return explaining, singles
     begin = {id(fit.causes[0]): fit.theta[0] for fit in singles}
     near = [each for each in singles if each.left <= SEEN]
-    near = [each for each in near if each.left <= CLEAR * float(np.abs(full.residual(full.right)).max())]
+    near = [each for each in near if each.left <= CLEAR * full.before]
     if near:  # what is left for a second cause is hardly more than noise
         return [full.simplest(each) for each in near], singles
     pairs = [pair for pair in itertools.combinations([cause for cause in causes if not cause.alone], 2)
-             if pair[0].family != pair[1].family or (pair[0].target != pair[1].target and pair[0].target)]
-    pairs += [(other, one) for one, other in pairs if {one.family, other.family} == ORDERED]
+             if pair[0].kind != pair[1].kind or (pair[0].target != pair[1].target and pair[0].target)]
+    pairs += [(other, one) for one, other in pairs if {one.kind, other.kind} == ORDERED]
     alone: list[Fit] = []
     for one, other in pairs:
         best = thin.fit((one, other), (tuple(begin[id(one)]), tuple(begin[id(other)])))
@@ -223,7 +228,7 @@ def search(full: Data, thin: Data, causes: Sequence[Cause], pairing: bool = True
     return alone or explaining, singles
 
 
-def _starts(one: Cause, other: Cause) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+def _starts(one: Alteration, other: Alteration) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
     """Starts of a fit of a pair: every start of either cause with the first one of the other."""
     return [(start, other.starts[0]) for start in one.starts] + [(one.starts[0], start) for start in other.starts[1:]]
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from crosscheck.diagnosis import fit
 from crosscheck.diagnosis.misreadings import POINTS
+from crosscheck.diagnosis.models import Accelerations, of_scene
 from crosscheck.diagnosis.observe import REACH
-from crosscheck.diagnosis.physics import Terms, of_scene
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.diagnosis.shown import FAITHFUL, Shown, data, points_of
 from crosscheck.scene import mechanics
@@ -37,16 +37,14 @@ Moves = dict[str, np.ndarray]
 """Displacements (m) of the anchors of one joint and changes of its axes, in the axes of their bodies."""
 
 
-def altered_joints(shown: list[Shown], whole: Scene, scenes: Iterable[Scene]) -> float:
-    """The largest difference of accelerations over its noise from those of other scenes; `whole` has every force."""
-    changed = [dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=scene))
-               for each, scene in zip(shown, scenes, strict=True)]
-    right = of_scene(whole, len(shown))
-    return float(np.abs(data(changed, right, False, 1).residual(right)).max())
+def altered_joints(shown: list[Shown], scenes: Iterable[Scene]) -> float:
+    """The largest difference of accelerations over its noise from those of other scenes."""
+    return data([dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=scene))
+                 for each, scene in zip(shown, scenes, strict=True)], None, False, 1).before
 
 
-def elsewhere(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Evidence] | None:
-    """The causes if the motion is that of joints at other points or about other axes. `whole` has every force."""
+def elsewhere(shown: list[Shown]) -> tuple[list[NamedCause], Evidence] | None:
+    """The causes if the motion is that of joints at other points or about other axes."""
     scene = shown[0].observation.scene
     worst, every = 0.0, [dict[int, Moves]() for _ in shown]
     for k, joint in enumerate(scene.joints):
@@ -62,7 +60,7 @@ def elsewhere(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Evide
                 moves[k] = moves.get(k, {}) | fields
     if not any(every):
         return None
-    left = altered_joints(shown, whole, (moved(each.observation.scene, moves) for each, moves in zip(
+    left = altered_joints(shown, (moved(each.observation.scene, moves) for each, moves in zip(
         shown, every, strict=True)))
     said: dict[str, list[str]] = {}
     for k, fields in next(filter(None, every)).items():
@@ -72,7 +70,7 @@ def elsewhere(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Evide
                    f"turned by {np.degrees(2 * np.arcsin(0.5 * np.linalg.norm(d))):.5g} deg")
             said.setdefault({"anchor": "anchors", "axis": "joint axis"}[what], []).append(
                 f"joint {scene.joints[k].name!r}: {side}'s {what} {off}")
-    right = altered_joints(shown, whole, (each.observation.scene for each in shown))
+    right = altered_joints(shown, (each.observation.scene for each in shown))
     holds = left <= min(fit.EXPLAINED, fit.CLEAR * right)
     evidence = Evidence(" and ".join(said), "model", worst, left, "speed at which joints open, then accelerations with "
                         "the fitted joints, over their noise", "; ".join(itertools.chain(*said.values())), holds)
@@ -162,8 +160,8 @@ EXACT = 1e-6
 """Relative: a fitted ratio nearer than this to one that has a name is that one."""
 
 
-def mimics(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Evidence] | None:
-    """Causes and their evidence; None if all mimics are the scene's. `whole` has every force that any copy has."""
+def mimics(shown: list[Shown]) -> tuple[list[NamedCause], Evidence] | None:
+    """Causes and their evidence; None if all mimics are the scene's."""
     causes: list[NamedCause] = []
     altered: dict[str, Mimic | None] = {}
     worst = 0.0
@@ -176,7 +174,7 @@ def mimics(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Evidence
             causes.append(_named_mimic(joint.name, joint.mimic, altered[joint.name]))
     if not causes:
         return None
-    left = altered_joints(shown, whole, (each.observation.scene.replace(joints=tuple(
+    left = altered_joints(shown, (each.observation.scene.replace(joints=tuple(
         joint if joint.mimic is None else dataclasses.replace(joint, mimic=altered[joint.name])
         for joint in each.observation.scene.joints)) for each in shown))
     return causes, Evidence(
@@ -255,9 +253,7 @@ def lawful(shown: list[Shown], absent: int | None) -> bool:
         inner = slice(REACH, len(each.states.t) - REACH)
         x, R, v, w = (getattr(each.states, name)[inner] for name in ("x", "R", "v", "w"))
         a, alpha = each.accelerations[:, :, :3], each.accelerations[:, :, 3:]
-        points, _ = points_of([(0, each)], 1)
-        physics = of_scene(scene)
-        effort = Terms(scene, points, each.forces).forces(physics).reshape(len(x), -1)
+        effort = Accelerations(points_of(each)).forces(of_scene(scene)).reshape(len(x), -1)
         mass = np.linalg.inv(mechanics.inverse_mass(scene))
         G = constraints.jacobian(x, R)
         left = effort - np.concatenate([a, alpha], axis=2).reshape(len(x), -1) @ mass

@@ -1,4 +1,4 @@
-"""Differences of the force laws of joints: the engine's motion against those of scenes with one altered law.
+"""The alterations of the force laws of joints, and the search for one in an engine's motion.
 
 Events make accelerations useless here. So the whole motion is compared with that of each altered scene, by lieeuler's
 Taylor series with events located, and a number that is unknown is fitted to it.
@@ -7,16 +7,17 @@ Taylor series with events located, and a number that is unknown is fitted to it.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
+from crosscheck.diagnosis.alterations import Alteration
+from crosscheck.diagnosis.fit import FAILS, gauss_newton
+from crosscheck.diagnosis.models import Model, of_scene
 from crosscheck.diagnosis.observe import Silent, Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
-from crosscheck.errors import CrosscheckError
 from crosscheck.running.run import run
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.laws import DryFriction, Limits
@@ -30,18 +31,10 @@ LEFT, SEEN, CLEAR = 0.3, 1e-7, 0.1
 """Part of the difference of the two runs that their limit may be off by; the least difference (rad or m) that is
 looked into; and what an explanation may leave of it."""
 
-EVALUATIONS = 8
-"""Most motions for the fit of a number from one start."""
+FAR = 1e3
+"""Difference (rad or m) that counts where an altered scene cannot run."""
 
-
-@dataclasses.dataclass(frozen=True)
-class Altered:
-    """A scene with an altered law; where `starts` has values, one number of it is fitted from these."""
-
-    name: str
-    what: str  # with {} for the number
-    alter: Callable[[float], Scene]
-    starts: tuple[float, ...] = ()
+MEND = "compare this law in the engine's model with the scene's"
 
 
 def diagnose(subject: Subject, scene: Scene) -> Explanation | None:
@@ -55,34 +48,33 @@ def diagnose(subject: Subject, scene: Scene) -> Explanation | None:
         return None
     seen = fine + (fine - coarse) / (2.0 ** (order or 60) - 1.0)
     noise = max(SEEN, LEFT * float(np.abs(seen - coarse).max()))
+    right = of_scene(scene)
 
-    def gap(altered: Scene) -> np.ndarray:
+    def gap(cause: Alteration | None, theta: np.ndarray) -> np.ndarray:
         try:
-            moved = run(altered, "lieeuler", "taylor", rtol=ACCURATE, reduce="off", monitor=False)
-        except CrosscheckError:
-            return np.full(seen.size, np.inf)
+            model = right if cause is None else cause.apply(right, theta)
+            moved = run(model.scene, "lieeuler", "taylor", rtol=ACCURATE, reduce="off", monitor=False)
+        except FAILS:
+            return np.full(seen.size, FAR)
         return np.ravel(_coordinates(scene, moved) - seen)
 
-    before = float(np.abs(gap(scene)).max())
-    if not noise < CLEAR * before < np.inf:
+    before = float(np.abs(gap(None, np.zeros(0))).max())
+    if not noise < CLEAR * before < CLEAR * FAR:
         return None
     tried = [(each, *_fitted(each, gap, before)) for each in alternatives(scene)]
-    evidence = [Evidence(each.name, "law", before, left, "joint coordinates, rad or m",
-                         each.what.format(f"{theta:.4g}"), left <= noise) for each, theta, left in tried
-                if left < CLEAR * before]
-    holding = [(bool(each.starts), left, each, theta) for each, theta, left in tried
-               if left <= min(noise, CLEAR * before)]
+    evidence = [Evidence(each.name(theta), "law", before, left, "joint coordinates, rad or m", each.words(theta),
+                         left <= noise) for each, theta, left in tried if left < CLEAR * before]
+    holding = [(each.free and theta.tolist() not in [list(special) for special in each.special(theta)], left, each,
+                theta) for each, theta, left in tried if left <= min(noise, CLEAR * before)]
     if not holding:
         return None
-    simplest = [case for case in holding if case[0] == min(free for free, *_ in holding)]
+    simplest = [case for case in holding if bool(case[0]) == min(bool(free) for free, *_ in holding)]
     least = min(left for _, left, *_ in simplest)
     named = [(each, theta) for _, left, each, theta in simplest if left <= max(5.0 * least, 0.1 * noise)]
     answer = Explanation(scene.name, subject.engine.name, subject.way.method, subject.way.form, "fail", "", [], [],
                          evidence, scene.duration, before, noise, least, order, tried=len(tried))
-    answer.causes.append(NamedCause(
-        " or ".join(sorted({each.name for each, _ in named})),
-        ", or equally ".join(each.what.format(f"{theta:.4g}") for each, theta in named),
-        "compare this law in the engine's model with the scene's"))
+    answer.causes.append(NamedCause(" or ".join(sorted({each.name(theta) for each, theta in named})),
+                                    ", or equally ".join(each.words(theta) for each, theta in named), MEND))
     return answer.conclude([])
 
 
@@ -92,131 +84,131 @@ def _coordinates(scene: Scene, states: Motion) -> np.ndarray:
     return np.asarray(np.hstack([each.position.reshape(count, -1) for each in joints]))
 
 
-def _fitted(each: Altered, gap: Callable[[Scene], np.ndarray], before: float) -> tuple[float, float]:
-    """The number of an altered law, and the largest difference that it leaves. It is fitted where a start helps."""
-    def left(theta: float) -> float:
-        return float(np.abs(gap(each.alter(theta))).max())
+def _fitted(cause: Alteration, gap: Callable[[Alteration, np.ndarray], np.ndarray], before: float
+            ) -> tuple[np.ndarray, float]:
+    """The magnitude of an altered law, and the largest difference that it leaves. It is fitted where a start helps."""
+    def left(theta: np.ndarray) -> float:
+        return float(np.abs(gap(cause, theta)).max())
 
-    if not each.starts:
-        return 0.0, left(0.0)
-    least, start = min((left(theta), theta) for theta in each.starts)
-    if not SEEN < least < before:
-        return start, least
-
-    def residual(theta: np.ndarray) -> np.ndarray:
-        return np.asarray(np.nan_to_num(gap(each.alter(float(theta[0]))), posinf=1e3))
-
-    from scipy.optimize import least_squares
-
-    solution = least_squares(residual, [start], x_scale=abs(start) or 0.1, diff_step=1e-5, max_nfev=EVALUATIONS,
-                          xtol=1e-12, ftol=1e-14)
-    left_over = float(np.abs(solution.fun).max())
-    return (float(solution.x[0]), left_over) if left_over < least else (start, least)
+    starts = [np.array(start) for start in (*cause.starts, *cause.special(np.array(cause.starts[0])))]
+    least, start = min(((left(start), start) for start in starts), key=lambda pair: pair[0])
+    if len(start) and SEEN < least < before:
+        fitted = gauss_newton(lambda theta: gap(cause, theta) / SEEN, start)
+        if (further := left(fitted)) < least:
+            return fitted, further
+    return start, least
 
 
-def alternatives(scene: Scene) -> Iterator[Altered]:
-    """The scenes with one altered law."""
+def alternatives(scene: Scene) -> Iterator[Alteration]:
+    """The laws of a scene with one of them altered."""
     for joint in scene.joints:
         if joint.kind.coordinates in (("turn",), ("slide",)):
             for friction in filter(None, joint.dry_friction):
-                yield from _of_friction(scene, joint, friction)
+                yield from _of_friction(joint, friction)
             for limits in filter(None, joint.limits):
-                yield from _of_limits(scene, joint, limits)
+                yield from _of_limits(joint, limits)
     rubbing = [joint for joint in scene.joints if any(joint.dry_friction)]
     for one, other in itertools.combinations(rubbing, 2):
-        yield Altered("friction on the wrong joints", f"that of {one.name} and {other.name} exchanged",
-                      functools.partial(_exchanged, scene, one, other))
-    for index, force in enumerate(scene.forces):
+        yield _law("friction on the wrong joints", f"that of {one.name} and {other.name} exchanged",
+                   lambda m, _, one=one, other=other: _with(  # type: ignore[misc]
+                       _with(m, one, dry_friction=other.dry_friction), other, dry_friction=one.dry_friction))
+    for number, force in enumerate(scene.loads):
         if force.type == "servo":
-            yield from _of_servo(scene, index, force)
+            yield from _of_servo(number, force)
 
 
-def _exchanged(scene: Scene, one: Joint, other: Joint, _: float) -> Scene:
-    return _joint(_joint(scene, one, dry_friction=other.dry_friction), other, dry_friction=one.dry_friction)
+def _law(kind: str, text: str, apply: Callable[[Model, float], Model], *starts: float, zero: str = "") -> Alteration:
+    """One with a number in `text`, fitted from `starts`; with the name `zero` where that number is 0."""
+    return Alteration(kind, lambda m, t: apply(m, float(t[0]) if len(t) else 0.0), tuple((start,) for start in starts)
+                      or ((),), lambda t: text.format(*(f"{value:.6g}" for value in t)), MEND,
+                      (lambda t: kind if t[0] else zero) if zero else None, lambda t: [(0.0,)] if zero else (),
+                      target=text.partition(":")[0])
 
 
-def _of_friction(scene: Scene, joint: Joint, law: DryFriction) -> Iterator[Altered]:
-    def given(sliding: float, static: float) -> Scene:
-        return _joint(scene, joint, dry_friction=(DryFriction(sliding, max(sliding, static)),))
+def _with(m: Model, joint: Joint, **changes: Any) -> Model:
+    """The model with keys of one joint changed."""
+    return m.with_joint(joint.name, lambda each: dataclasses.replace(each, **changes))
 
-    def instead(**keys: object) -> Scene:
-        return _joint(scene, joint, dry_friction=()).replace(
-            forces=(*scene.forces, Force("servo", None, None, joint.name, keys)))
+
+def _of_friction(joint: Joint, law: DryFriction) -> Iterator[Alteration]:
+    def given(m: Model, sliding: float, static: float) -> Model:
+        return _with(m, joint, dry_friction=(DryFriction(abs(sliding), max(abs(sliding), abs(static))),))
+
+    def instead(m: Model, **keys: object) -> Model:
+        return _with(m, joint, dry_friction=()).with_more(Force("servo", None, None, joint.name, keys))
 
     c, s, at = law.sliding, law.static, f"joint {joint.name}"
-    yield Altered("no friction", at, lambda _: _joint(scene, joint, dry_friction=()))
-    yield Altered("friction", f"{at}: {{}} times", lambda k: given(k * c, k * s), (0.5, 0.95, 0.99, 1.01, 1.05, 2.0))
-    yield Altered("viscous friction", f"{at}: {{}} times the rate", lambda k: instead(derivative=k), (0.5 * c, 2 * c))
-    yield Altered("smooth friction", f"{at}: in proportion to the rate below {{}}", lambda k: instead(
-        derivative=c / max(abs(k), 1e-3), effort_limit=(-c, c)), (0.3, 0.1, 0.01))
-    yield Altered("friction as a torque", f"{at}: {{}} in one direction", lambda k: instead(feedforward=k), (c, -c))
+    yield _law("dry friction", f"{at}: {{}} times", lambda m, k: given(m, k * c, k * s), 0.5, 0.95, 0.99, 1.01, 1.05,
+               2.0, zero="missing dry friction")
+    yield _law("viscous friction", f"{at}: {{}} times the rate", lambda m, k: instead(m, derivative=abs(k)), 0.5 * c,
+               2 * c)
+    yield _law("smooth friction", f"{at}: in proportion to the rate below {{}}", lambda m, k: instead(
+        m, derivative=c / max(abs(k), 1e-3), effort_limit=(-c, c)), 0.3, 0.1, 0.01)
+    yield _law("friction as a torque", f"{at}: {{}} in one direction", lambda m, k: instead(m, feedforward=k), c, -c)
+    yield _law("static friction", f"{at}: {{}} times", lambda m, k: given(m, c, k * s), c / s if s > c else 1.5, 1.1,
+               2.0, *([0.9] if s > c else []))
     if s > c:
-        yield Altered("static friction", f"{at}: {{}} times", lambda k: given(c, k * s), (c / s, 0.9, 1.1, 2.0))
-        yield Altered("sliding friction", f"{at}: {{}} times", lambda k: given(k * c, s), (0.9, 1.1, s / c))
+        yield _law("sliding friction", f"{at}: {{}} times", lambda m, k: given(m, k * c, s), 0.9, 1.1, s / c)
 
 
-def _of_limits(scene: Scene, joint: Joint, law: Limits) -> Iterator[Altered]:
-    def given(key: str, value: float) -> Scene:
-        return _joint(scene, joint, limits=(dataclasses.replace(law, **{key: value}),))
+def _of_limits(joint: Joint, law: Limits) -> Iterator[Alteration]:
+    def given(key: str) -> Callable[[Model, float], Model]:
+        return lambda m, value: _with(m, joint, limits=(dataclasses.replace(law, **{key: value}),))
+
+    def times(key: str) -> Callable[[Model, float], Model]:
+        return lambda m, k: given(key)(m, abs(k) * getattr(law, key))
 
     at = f"joint {joint.name}"
-    yield Altered("no limits", at, lambda _: _joint(scene, joint, limits=()))
+    yield _law("no limits", at, lambda m, _: _with(m, joint, limits=()))
     for side in ("lower", "upper"):
         if np.isfinite(end := getattr(law, side)):
-            yield Altered("limits", f"{at}: {side} at {{}}", functools.partial(given, side),
-                          (end - 0.02, end - 0.005, end + 0.005, end + 0.02, 0.5 * end))
+            yield _law(f"stop {side}", f"{at}: {side} at {{}}", given(side), end - 0.02, end - 0.005, end + 0.005,
+                       end + 0.02, 0.5 * end)
     if law.rigid:
-        yield Altered("restitution", f"{at}: {{}}", lambda k: given("restitution", min(max(k, 0.0), 1.0)),
-                      (0.0, 1.0, *(law.restitution + by for by in (-0.2, -0.05, -0.01, 0.01, 0.05, 0.2))))
+        yield _law("stop restitution", f"{at}: {{}}", lambda m, k: given("restitution")(m, min(max(k, 0.0), 1.0)), 0.0,
+                   1.0, *(law.restitution + by for by in (-0.2, -0.05, -0.01, 0.01, 0.05, 0.2)
+                          if 0.0 < law.restitution + by < 1.0))
         return
-    yield Altered("rigid limits", at, lambda _: _joint(scene, joint, limits=(Limits(law.lower, law.upper),)))
-    stiffness, damping = law.stiffness or 0.0, law.damping
-    yield Altered("stiffness of limits", f"{at}: {{}} times", lambda k: given("stiffness", abs(k) * stiffness),
-                  (0.5, 0.95, 1.05, 2.0))
-    yield Altered("damping of limits", f"{at}: {{}} times", lambda k: given("damping", abs(k) * damping),
-                  (0.0, 0.5, 0.95, 1.05, 2.0))
+    yield _law("rigid limits", at, lambda m, _: _with(m, joint, limits=(Limits(law.lower, law.upper),)))
+    for key in ("stiffness", "damping"):
+        yield _law(f"stop {key}", f"{at}: {key} {{}} times", times(key), 0.5, 0.95, 1.05, 2.0,
+                   zero="missing stop damping" if key == "damping" else "")
 
 
-def _of_servo(scene: Scene, index: int, force: Force) -> Iterator[Altered]:
+def _of_servo(number: int, force: Force) -> Iterator[Alteration]:
     p, at = force.parameters, f"servo of joint {force.joint}"
 
-    def given(**keys: object) -> Scene:
-        altered = dataclasses.replace(force, parameters={**p, **keys})
-        return scene.replace(forces=(*scene.forces[:index], altered, *scene.forces[index + 1:]))
+    def given(**keys: object) -> Callable[[Model, float], Model]:
+        return lambda m, _: m.with_force(number, lambda force: keys)
 
-    def scaled(*keys: str) -> Callable[[float], Scene]:
-        return lambda k: given(**{key: k * p[key] for key in keys if isinstance(p.get(key), float | int)})
+    def scaled(*keys: str) -> Callable[[Model, float], Model]:
+        return lambda m, k: m.with_force(number, lambda force: {
+            key: k * p[key] for key in keys if isinstance(p.get(key), float | int)})
 
     if p.get("effort_limit") is not None:
         low, high = p["effort_limit"]
-        yield Altered("no saturation", at, lambda _: given(effort_limit=None, no_load_speed=None))
-        for what, alter in (("limits", lambda k: (k * low, k * high)), ("lower limit", lambda k: (k * low, high)),
-                            ("upper limit", lambda k: (low, k * high))):
-            yield Altered("saturation", f"{at}: {what} {{}} times", functools.partial(
-                lambda cut, k: given(effort_limit=cut(k)), alter), (0.5, 0.9, 0.98, 1.02, 1.1, 2.0))
+        yield _law("no saturation", at, given(effort_limit=None, no_load_speed=None))
+        for what, cut in (("limits", (1, 1)), ("lower limit", (1, 0)), ("upper limit", (0, 1))):
+            yield _law("servo effort limit", f"{at}: {what} {{}} times", lambda m, k, cut=cut: (  # type: ignore[misc]
+                given(effort_limit=(k ** cut[0] * low, k ** cut[1] * high))(m, k)), 0.5, 0.9, 0.98, 1.02, 1.1, 2.0)
     if p.get("no_load_speed") is not None:
-        yield Altered("no motor line", at, lambda _: given(no_load_speed=None))
-        yield Altered("motor line", f"{at}: no-load speed {{}} times", scaled("no_load_speed"), (0.9, 0.98, 1.02, 1.1))
-    yield Altered("gear", f"{at}: gains {{}} times", scaled("proportional", "derivative", "feedforward"),
-                  (0.5, 2.0, 4.0))
-    for key, name in (("proportional", "gain"), ("derivative", "servo damping"), ("feedforward", "feedforward")):
+        yield _law("no motor line", at, given(no_load_speed=None))
+        yield _law("motor line", f"{at}: no-load speed {{}} times", scaled("no_load_speed"), 0.9, 0.98, 1.02, 1.1)
+    yield _law("gear", f"{at}: gains {{}} times", scaled("proportional", "derivative", "feedforward"), 0.5, 2.0, 4.0)
+    for key in ("proportional", "derivative", "feedforward", "target_velocity"):
         if isinstance(p.get(key), float | int) and p[key]:
-            yield Altered(name, f"{at}: {{}} times", scaled(key), (0.0, -1.0, 0.9, 0.98, 1.02, 1.1, 2.0))
-    if isinstance(p.get("target"), float | int):
-        yield Altered("target", f"{at}: {{}}", lambda k: given(target=k),
-                      tuple(p["target"] + by for by in (-0.05, -0.01, 0.01, 0.05)))
-    if p.get("target_velocity"):
-        yield Altered("no target velocity", at, lambda _: given(target_velocity=0.0))
+            yield _law(f"servo {key.replace('_', ' ')}", f"{at}: {key} {{}} times", scaled(key), -1.0, 0.9, 0.98, 1.02,
+                       1.1, 2.0, zero=f"missing servo {key.replace('_', ' ')}")
+    for key in ("target", "derivative", "feedforward"):
+        value = p.get(key, 0.0)
+        if isinstance(value, float | int) and (key == "target" or not value):
+            yield _law(f"servo {key}", f"{at}: {key} {{}} in place of {value:g}",
+                       lambda m, k, key=key: given(**{key: k})(m, k),  # type: ignore[misc]
+                       *(value + by for by in (-0.05, -0.01, 0.01, 0.05)))
     if p.get("period") is None:
-        yield Altered("sampling", f"{at}: every {{}} s", lambda k: given(period=abs(k)), (0.05, 0.025, 0.01, 0.005))
+        yield _law("sampling", f"{at}: every {{}} s", lambda m, k: given(period=abs(k))(m, k), 0.05, 0.025, 0.01, 0.005)
         return
-    yield Altered("no sampling", f"{at}: continuous", lambda _: given(period=None, delay=0))
-    yield Altered("sampling", f"{at}: {{}} of the period", lambda k: given(period=abs(k) * p["period"]), (0.5, 2.0))
-    for delay in {0, 1, 2, 3} - {p.get("delay", 0)}:
-        yield Altered("delay", f"{at}: {delay} periods", functools.partial(lambda delay, _: given(delay=delay), delay))
-
-
-def _joint(scene: Scene, joint: Joint, **changes: Any) -> Scene:
-    """The scene with keys of one joint changed."""
-    return scene.replace(joints=tuple(dataclasses.replace(each, **changes) if each.name == joint.name else each
-                                      for each in scene.joints))
+    yield _law("no sampling", f"{at}: continuous", given(period=None, delay=0))
+    yield _law("sampling", f"{at}: {{}} of the period", lambda m, k: given(period=abs(k) * p["period"])(m, k), 0.5, 2.0)
+    for delay in sorted({0, 1, 2, 3} - {p.get("delay", 0)}):
+        yield _law("servo delay", f"{at}: {delay} in place of {p.get('delay', 0)} periods", given(delay=delay, held=()))

@@ -8,9 +8,9 @@ import itertools
 import numpy as np
 
 from crosscheck.diagnosis import fit, misreadings, of_joints, of_output, of_run, variants
-from crosscheck.diagnosis.hypotheses import Context, causes
+from crosscheck.diagnosis.alterations import alterations
+from crosscheck.diagnosis.models import Accelerations, Model, of_scene
 from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, observe, rates, window
-from crosscheck.diagnosis.physics import Physics, Terms, of_scene
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.diagnosis.shown import AMPLIFIED, FAITHFUL, Shown, data, points_of, undone
 from crosscheck.scene.model import Scene
@@ -34,7 +34,7 @@ class ModelFinding:
     candidates: list[str] = dataclasses.field(default_factory=list)
     evidence: list[Evidence] = dataclasses.field(default_factory=list)
     unexplained: list[str] = dataclasses.field(default_factory=list)
-    physics: Physics | None = None  # of the engine, as fitted; one copy
+    model: Model | None = None  # of the engine, as fitted to the scene itself
     start: tuple[misreadings.Misreading | None, misreadings.Misreading | None, str] | None = None
     tried: int = 0
     reported: misreadings.Report | None = None
@@ -67,7 +67,6 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
     more = None if alone else variants.sprung(scene, scale)
     if more is not None:
         _add(subject, variants.moved(more, scale, COPIES), scale, observations, tuple(range(len(more.loads))))
-    whole = more or scene
     told, evidence = of_output.diagnose([each for each, _ in observations])
     result.evidence += evidence
     result.tried += len(list(of_output.hypotheses(first)))
@@ -82,7 +81,7 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
         return result
     report = _reports([each for each, _ in observations], result)
     shown = [undone(each, forces, report) for each, forces in observations]
-    coupled = of_joints.mimics(shown, whole)
+    coupled = of_joints.mimics(shown)
     if coupled is not None:
         result.tried += 1
         result.evidence.append(coupled[1])
@@ -90,7 +89,7 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
             result.causes += coupled[0]
             result.told = True
             return result
-    elsewhere = of_joints.elsewhere(shown, whole)
+    elsewhere = of_joints.elsewhere(shown)
     result.tried += bool(scene.joints)
     if elsewhere is not None:
         result.causes += elsewhere[0]
@@ -100,7 +99,7 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
     _frozen(shown, result)
     _starts(shown, result)
     result.soft = of_joints.gives_way(shown[0], result.absent)
-    _accelerations(shown, whole, result)
+    _accelerations(shown, result)
     return result
 
 
@@ -168,8 +167,7 @@ def _frozen(shown: list[Shown], result: ModelFinding) -> None:
     moves = np.max([np.abs(each.observation.y - each.observation.y[0]).max(axis=(0, 2)) for each in shown], axis=0)
     still = [int(k) for k in np.flatnonzero(moves <= FAITHFUL)]
     scene = shown[0].observation.scene
-    physics = of_scene(scene)
-    expected = Terms(scene, points_of([(0, shown[0])], 1)[0], shown[0].forces).rates(physics)
+    expected = Accelerations(points_of(shown[0]))(of_scene(scene))
     moving = [k for k in still if scene.v0[k].any() or scene.w0[k].any() or np.abs(expected[:, k]).max() > FAITHFUL]
     if len(moving) == 1 and scene.n > 1 and all(joint.parent != moving[0] for joint in scene.joints):
         result.absent = moving[0]
@@ -222,26 +220,22 @@ def _starts(shown: list[Shown], result: ModelFinding) -> None:
 # --- how it moves -----------------------------------------------------------------------------------------------------
 
 
-def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> None:
-    """Fit altered models to the accelerations. `whole` is the scene with every force that any copy has."""
-    scene = shown[0].observation.scene
-    right = of_scene(whole, len(shown)).replace(absent=result.absent)
-    attitudes = [np.array([each.states.R[0] for each in shown])]
-    given = np.array([each.observation.scene.R0 for each in shown])
-    if np.abs(attitudes[0] - given).max() > FAITHFUL:  # an inertia may be converted before attitudes are misread
-        attitudes.append(given)
-    full, thin = (data(shown, right, result.soft, stride) for stride in (1, fit.THIN))
-    hard = full if not result.soft else data(shown, right, False, 1)
-    wrong = float(np.abs(hard.residual(right)).max())
-    remaining = float(np.abs(full.residual(right)).max())
+def _accelerations(shown: list[Shown], result: ModelFinding) -> None:
+    """Fit altered models to the accelerations."""
+    scene, absent = shown[0].observation.scene, result.absent
+    full, thin = (data(shown, absent, result.soft, stride) for stride in (1, fit.THIN))
+    hard = full if not result.soft else data(shown, absent, False, 1)
+    wrong, remaining = hard.before, full.before
     quantity = "accelerations, largest difference over its noise"
     if wrong <= fit.SEEN and not result.soft:
         if wrong > fit.EXPLAINED:
             result.unexplained.append("accelerations differ by little more than their noise")
         return
-    candidates = causes(Context(scene, tuple(attitudes), right))
+    # An inertia may be converted before attitudes are misread.
+    candidates = alterations(scene, any(np.abs(each.states.R[0] - each.observation.scene.R0).max() > FAITHFUL
+                                        for each in shown))
     if result.soft:
-        fits, _ = fit.search(hard, data(shown, right, False, fit.THIN), candidates, pairing=False)
+        fits, _ = fit.search(hard, data(shown, absent, False, fit.THIN), candidates, pairing=False)
         result.tried += len(candidates)
         if fits:
             result.soft = False
@@ -262,6 +256,9 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
             return
     fits, singles = fit.search(full, thin, candidates)
     result.tried += len(candidates)
+    if failed := sum(not np.isfinite(each.left) for each in singles):
+        result.evidence.append(Evidence("left out", "model", None, None, quantity,
+                                        f"{failed} of {len(singles)} alterations, of which the scene makes no sense"))
     for each in sorted(singles, key=lambda each: each.left)[:8]:
         result.evidence.append(_evidence(each, remaining, quantity))
     if not fits:
@@ -275,7 +272,7 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
 def _evidence(tried: fit.Fit, before: float, quantity: str) -> Evidence:
     pairs = list(zip(tried.causes, tried.theta, strict=True))
     return Evidence(" and ".join(cause.name(theta) for cause, theta in pairs), "model", before, tried.left, quantity,
-                    "; ".join(cause.say(theta) for cause, theta in pairs), tried.explains)
+                    "; ".join(cause.words(theta) for cause, theta in pairs), tried.explains)
 
 
 def _name(fits: list[fit.Fit], data: fit.Data, result: ModelFinding) -> None:
@@ -288,16 +285,16 @@ def _name(fits: list[fit.Fit], data: fit.Data, result: ModelFinding) -> None:
         result.candidates += [" and ".join(each) for each in names]
         return
     if len(names) > 1:
-        said = [" and ".join(cause.say(theta) for cause, theta in zip(each.causes, each.theta, strict=True))
+        said = [" and ".join(cause.words(theta) for cause, theta in zip(each.causes, each.theta, strict=True))
                 for each in fits]
         result.causes.append(NamedCause(" or ".join(" and ".join(each) for each in names),
                                         ", or equally ".join(dict.fromkeys(said)), best.causes[0].mend))
     else:
-        result.causes += [NamedCause(cause.name(theta), cause.say(theta), cause.mend)
+        result.causes += [NamedCause(cause.name(theta), cause.words(theta), cause.mend)
                           for cause, theta in zip(best.causes, best.theta, strict=True)]
-    result.physics = data.right
+    result.model = data.right[0]
     for cause, theta in zip(best.causes, best.theta, strict=True):
-        result.physics = cause.apply(result.physics, theta)
+        result.model = cause.apply(result.model, theta)
 
 
 def _magnitudes(tried: fit.Fit) -> int:

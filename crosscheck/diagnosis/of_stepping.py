@@ -15,6 +15,7 @@ import numpy as np
 
 from crosscheck.compare.order import observed_order
 from crosscheck.diagnosis import altered, fit, misreadings, of_output, of_run
+from crosscheck.diagnosis.models import Model
 from crosscheck.diagnosis.observe import (
     REACH,
     ROUNDING,
@@ -30,7 +31,6 @@ from crosscheck.diagnosis.observe import (
     true_motion,
     window,
 )
-from crosscheck.diagnosis.physics import Physics
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.diagnosis.variants import close
 from crosscheck.scene.constraints import Constraints
@@ -96,10 +96,11 @@ class NumericsFinding:
 class Known:
     """What was found about an engine's model before its stepping is tested."""
 
-    physics: Physics
+    model: Model
     start: tuple[np.ndarray, np.ndarray]  # attitudes and angular velocities
     soft: bool  # whether its joints give way, by an unknown law, so that no plain method can be compared with it
     undo: Callable[[States], States] | None = None  # corrects a misreport
+    absent: int | None = None  # number of a body that the engine does not have
     altered: bool = False  # whether the model differs from the scene's
 
 
@@ -121,9 +122,9 @@ def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFind
     low = ordered is not None and ordered.lower is not None
     if ordered is not None and low:
         _lower_order(subject, first, order, known, ordered, result)
-    if "acceleration" in subject.held(first.scene) and not known.soft and known.physics.centripetal == 1.0:
+    if "acceleration" in subject.held(first.scene) and not known.soft and known.model.centripetal == 1.0:
         gain = _gain(subject, first, known, result)
-        known = dataclasses.replace(known, physics=known.physics.replace(gain=gain))
+        known = dataclasses.replace(known, model=known.model.replace(gain=gain))
     if not low:
         _substeps(subject, first, order, known, result)
     return result
@@ -254,7 +255,7 @@ def _lower_order(subject: Subject, first: Observation, order: int, known: Known,
         result.causes.append(NamedCause("clamp", f"{stuck} in the first {seen.duration:.3g} s", of_run.UNCLAMPED))
         result.evidence.append(Evidence("clamp", "report", ordered.observed, None, quantity, stuck, True))
         return
-    copy = planar(first.scene, first.scale, known.physics.gravity)
+    copy = planar(first.scene, first.scale, known.model.scene.gravity)
     plane = None
     if copy is not None and subject.unsupported(copy) is None and keeps_plane(subject, copy, first.scale):
         plane = _ordered(subject, copy, first.scale, order)
@@ -287,6 +288,7 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
     scene, scale = first.scene, first.scale
     count = None if known.soft else {1: 16, 4: 4}.get(order)
     brief = scene.replace(duration=1.0 / scale.rate, samples=2)
+    model = known.model.altered(duration=brief.duration, samples=2)
     asked = count or 16
     try:
         raw = subject.run(brief, brief.duration / asked)
@@ -308,7 +310,7 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
         return
     for name in ("bodies", "joints") if altered.Joints.fit(scene) else ("bodies",):
         def at(k: int, name: str = name) -> np.ndarray:
-            end = altered.stepped(brief, known.physics, *known.start, order, asked * k, name == "joints")
+            end = altered.stepped(model, *known.start, order, asked * k, name == "joints")
             return _there(scale.flat(end)[0], known)
 
         result.tried += 1
@@ -316,7 +318,7 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
         if not NO_SUBSTEPS <= guess <= MOST_SUBSTEPS:
             continue
         # Each error is the distance from its own limit: fitted magnitudes of the model are less exact than that.
-        settled = _there(scale.flat(altered.predict(brief, known.physics, *known.start))[-1], known)
+        settled = _there(scale.flat(altered.predict(model, *known.start))[-1], known)
         off: dict[int, np.ndarray] = {}
         k = max(2, round(guess))
         while k not in off:  # coarse steps do not show the order yet; the estimate gets better from step to step
@@ -343,7 +345,7 @@ def _meant(states: States, scale: Scale, known: Known) -> np.ndarray:
 
 def _there(y: np.ndarray, known: Known) -> np.ndarray:
     """y without the body that the engine does not have."""
-    return y if known.physics.absent is None else np.delete(y, known.physics.absent, axis=0)
+    return y if known.absent is None else np.delete(y, known.absent, axis=0)
 
 
 def _hidden(count: float, why: str) -> NamedCause:
@@ -368,7 +370,7 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
     Returns alpha (1/s) and beta^2 (1/s^2), or zeros if there is no gain.
     """
     scene, scale = first.scene, first.scale
-    there = [joint for joint in scene.joints if known.physics.absent not in (joint.parent, joint.child)]
+    there = [joint for joint in scene.joints if known.absent not in (joint.parent, joint.child)]
     if not there or any(joint.type in ("prismatic", "fixed") for joint in there):
         return NO_GAIN
     try:
@@ -378,7 +380,7 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
     states, constraints = seen.states if known.undo is None else known.undo(seen.states), Constraints(scene)
     inner = slice(REACH, len(states.t) - REACH)
     x, R, v, w = (getattr(states, name)[inner] for name in ("x", "R", "v", "w"))
-    rows = constraints.rows_without(known.physics.absent)
+    rows = constraints.rows_without(known.absent)
     gaps = constraints.position(x, R)[:, rows] / scale.length
     if float(np.abs(gaps).max()) < 0.01 * PUSH:
         return NO_GAIN  # joint coordinates and projections close the joints at once

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from crosscheck.diagnosis import fit, misreadings
+from crosscheck.diagnosis.models import Accelerations, Points, of_scene
 from crosscheck.diagnosis.observe import REACH, Observation, rates
-from crosscheck.diagnosis.physics import Physics, Points, Terms
 from crosscheck.scene import mechanics
 from crosscheck.scene.states import States
 
@@ -53,38 +53,19 @@ def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
     return slopes, max(noise, LEAST_NOISE)
 
 
-def data(shown: list[Shown], right: Physics, soft: bool, stride: int) -> fit.Data:
-    """Residuals of all copies, in groups of one joint structure."""
-    groups = []
-    def structure(each: Shown) -> tuple[object, ...]:
-        axes = [axis.tobytes() for joint in each.observation.scene.joints
-                for axis in (joint.parent_axis, joint.child_axis) if axis is not None]
-        return tuple(joint.type for joint in each.observation.scene.joints), tuple(axes), each.forces
-
-    for one in dict.fromkeys(structure(each) for each in shown):
-        members = [(k, each) for k, each in enumerate(shown) if structure(each) == one]
-        scene, scale = members[0][1].observation.scene, members[0][1].observation.scale
-        points, noise = points_of(members, stride)
-        units = np.repeat([scale.length * scale.rate**2, scale.rate**2], 3)
-        groups.append(fit.Group(Terms(scene, points, members[0][1].forces), noise, units))
-    return fit.Data(groups, right, soft, quick=stride > 1)
+def data(shown: list[Shown], absent: int | None, soft: bool, stride: int) -> fit.Data:
+    """Residuals of all copies, at every `stride`-th instant."""
+    copies = []
+    for each in shown:
+        scene, scale = each.observation.scene, each.observation.scale
+        copies.append(fit.Copy(of_scene(scene, each.forces, each.states.R[0], absent), Accelerations(
+            points_of(each, stride)), each.noise, np.repeat([scale.length * scale.rate**2, scale.rate**2], 3)))
+    return fit.Data(copies, absent, soft, quick=stride > 1)
 
 
-def points_of(members: list[tuple[int, Shown]], stride: int) -> tuple[Points, np.ndarray]:
-    """Every `stride`-th instant of some copies, and the noise of the accelerations there, (P,)."""
-    pieces: dict[str, list[np.ndarray]] = {name: [] for name in ("t", "x", "R", "v", "w", "rates", "copy", "noise")}
-    angles: dict[str, list[np.ndarray]] = {}
-    for k, each in members:
-        inner = slice(REACH, len(each.states.t) - REACH, stride)
-        for name in ("t", "x", "R", "v", "w"):
-            pieces[name].append(getattr(each.states, name)[inner])
-        pieces["rates"].append(each.accelerations[::stride])
-        count = len(pieces["rates"][-1])
-        pieces["copy"].append(np.full(count, k))
-        pieces["noise"].append(np.full(count, each.noise))
-        twists = mechanics.torsion_angles(each.observation.scene, each.states)
-        for joint, values in twists.items():
-            angles.setdefault(joint, []).append(values[inner])
-    joined = {name: np.concatenate(parts) for name, parts in pieces.items()}
-    noise = joined.pop("noise")
-    return Points(**joined, angles={joint: np.concatenate(parts) for joint, parts in angles.items()}), noise
+def points_of(each: Shown, stride: int = 1) -> Points:
+    """Every `stride`-th instant of a copy at which its accelerations are known."""
+    inner, states = slice(REACH, len(each.states.t) - REACH, stride), each.states
+    angles = mechanics.torsion_angles(each.observation.scene, states)
+    return Points(states.x[inner], states.R[inner], states.v[inner], states.w[inner], each.accelerations[::stride],
+                  {joint: values[inner] for joint, values in angles.items()}, states.t[inner])

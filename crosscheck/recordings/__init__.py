@@ -42,7 +42,6 @@ from crosscheck.recordings.tables import Progress, opened
 from crosscheck.references import dense
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
-from crosscheck.scene.paths import changed, content_of
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.vectors import exponential
 
@@ -477,13 +476,7 @@ def _tends(errors: list[np.ndarray], h: Sequence[float], floor: float, claimed: 
 def _cause(scene: Scene, begun: Callable[[Scene], Scene], seen: Differences, until: float, limit: bool
            ) -> tuple[str | None, list[str]]:
     """(the cause, what to say of it and of the others)."""
-    content, untried = {}, []
-    try:
-        content = content_of(scene) if scene.has_laws else {}
-    except ArgumentError as error:
-        untried = [f"other constants of laws are not tried: {error}"]
-    named, every = find_causes.find(begun(scene), seen, until, content,
-                                    lambda changes: begun(changed(scene, changes)))
+    named, every = find_causes.find(begun(scene), seen, until)
     if len(named) == 1:
         part = "" if named[0].left <= find_causes.CERTAIN else ", in part"
         return named[0].name, [
@@ -494,8 +487,7 @@ def _cause(scene: Scene, begun: Callable[[Scene], Scene], seen: Differences, unt
     best = [each for each in every if each.left < 0.5][:1]
     more = f"; next to it: {best[0]}, which leaves {100 * best[0].left:.2g} %" if best else ""
     step = "" if limit else "; the error of too large a step is one as well, which a second file at another step shows"
-    return None, [f"cause: none of {len(every)} hypotheses explains nine tenths of the difference{more}{step}",
-                  *untried]
+    return None, [f"cause: none of {len(every)} hypotheses explains nine tenths of the difference{more}{step}"]
 
 
 def suggest(data: object, scene: Scene, period: float | None = None) -> str:

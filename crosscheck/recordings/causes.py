@@ -8,32 +8,30 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from crosscheck.adapters.lieeuler import motion
-from crosscheck.diagnosis.altered import Model
-from crosscheck.diagnosis.fit import gauss_newton
-from crosscheck.diagnosis.hypotheses import Cause as Hypothesis
-from crosscheck.diagnosis.hypotheses import Context, causes
+from crosscheck.diagnosis.alterations import Alteration, alterations
+from crosscheck.diagnosis.altered import Flow
+from crosscheck.diagnosis.fit import FAILS, gauss_newton
 from crosscheck.diagnosis.misreadings import placed, rolled
+from crosscheck.diagnosis.models import Model, levers, of_scene
+from crosscheck.diagnosis.of_laws import alternatives
 from crosscheck.diagnosis.of_sensors import filtered, mistakes
-from crosscheck.diagnosis.physics import Physics, levers, of_scene
 from crosscheck.diagnosis.stepping import munthe_kaas
 from crosscheck.diagnosis.variants import close
-from crosscheck.errors import ArgumentError, CrosscheckError
+from crosscheck.errors import ArgumentError
 from crosscheck.recordings.comparing import POSES, RATES, Differences, Shown, gaps, norms, part_of, restored
 from crosscheck.recordings.reading import Recording
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.batch import State, integrate
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import histories
-from crosscheck.scene.functions import at
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import Force, Joint, Scene, quaternion_from_rotation
-from crosscheck.scene.schema import Content
+from crosscheck.scene.model import Scene, quaternion_from_rotation
 from crosscheck.scene.sensors import Reader, read
 from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
@@ -158,18 +156,17 @@ class Case:
         return Cause(name, said, self.left(values), free)
 
 
-def find(scene: Scene, seen: Differences, until: float, content: Content, change: Change
-         ) -> tuple[list[Cause], list[Cause]]:
-    """(causes that explain and are equally simple, all others from the best on); `content` is that of the file."""
+def find(scene: Scene, seen: Differences, until: float) -> tuple[list[Cause], list[Cause]]:
+    """(causes that explain and are equally simple, all others from the best on)."""
     judged = _unhindered(scene, seen, np.flatnonzero(seen.recording.t <= until))
     near = Case(scene, seen, judged[:NEIGHBOURS])
     far = Case(scene, seen, judged[np.unique(np.linspace(0, len(judged) - 1, ROWS).astype(int))])
     every = [*_reports(far), *_times(near, far), *_samples(near), *_euler(near)]
     if not any(cause.left <= CERTAIN and not cause.free for cause in every):  # nothing is simpler than no magnitude
         with np.errstate(all="ignore"):
-            every += [*_started(far), *_models(far, False, content, change)]
+            every += [*_started(far), *_models(far, False)]
             if min(cause.left for cause in every) > LEFT[2]:
-                every += _models(far, True, content, change)
+                every += _models(far, True)
     every = sorted(every, key=lambda cause: cause.left)
     fit = [cause for cause in every if cause.left <= LEFT[min(cause.free, 2)]]
     if not fit:
@@ -539,41 +536,41 @@ def _steps_missed(case: Case, piece: Recording, pairs: list[tuple[int, int | Non
 # --- another motion ---------------------------------------------------------------------------------------------------
 
 
-def _run(case: Case, made: Scene | Physics | None, rows: int | None = None) -> Values | None:
+def _run(case: Case, made: Scene | Model | None, rows: int | None = None) -> Values | None:
     """The values of an altered scene, by lieeuler, or of terms that no scene has, in Python; None if it cannot run."""
     times = np.unique(np.concatenate([[0.0], case.t[:rows]]))
     try:
-        if isinstance(made, Physics):
+        if isinstance(made, Model):
             states = _stepped(case, made, times)
         elif made is not None:
             states = motion(made, "rkmk853", case.step, times)
         else:
             return None
-    except (CrosscheckError, np.linalg.LinAlgError):
+    except FAILS:
         return None
-    shown = case.shown if isinstance(made, Physics) else Shown(made, case.groups)
+    shown = case.shown if isinstance(made, Model) else Shown(made, case.groups)
     values = [value[len(states.t) - len(case.t[:rows]):] for value in shown.of(states)]
     return case.whole(values, values)
 
 
-def _stepped(case: Case, physics: Physics, times: np.ndarray) -> States:
+def _stepped(case: Case, model: Model, times: np.ndarray) -> States:
     """States at `times`; steps are fixed, since friction in nonsensical magnitudes would make those of others tiny."""
-    model, scene = Model(case.scene, physics), case.scene
+    flow, scene = Flow(model).flow, model.scene
     rows: list[State] = [[part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)]]
     for begin, end in itertools.pairwise(times):
         count, state = int(np.ceil((end - begin) / (0.7 * case.step))), rows[-1]
         h = np.array([(end - begin) / count])
         for k in range(count):
-            state = munthe_kaas(model.flow, begin + k * h, state, h)
+            state = munthe_kaas(flow, begin + k * h, state, h)
         rows.append(state)
     return States(times, *(np.concatenate(part) for part in zip(*rows, strict=True)))
 
 
-def _fitted(case: Case, build: Callable[[np.ndarray], Scene | Physics | None], start: Sequence[float]
+def _fitted(case: Case, build: Callable[[np.ndarray], Scene | Model | None], start: Sequence[float]
             ) -> tuple[np.ndarray, float]:
     """(magnitudes, part of the difference that is left) of a hypothesis, over growing parts of the recording."""
     theta = np.array(start, dtype=float)
-    rows = len(case.t)
+    rows, whole = len(case.t), float(np.linalg.norm(case.residual(case.values)))
     for part in (max(8, rows // 6), rows // 2, rows) if len(theta) else ():
         before = case.residual(case.values, slice(0, part))
 
@@ -583,9 +580,10 @@ def _fitted(case: Case, build: Callable[[np.ndarray], Scene | Physics | None], s
 
         try:
             theta = gauss_newton(residual, theta)
-        except np.linalg.LinAlgError:
+        except FAILS:
             return theta, np.inf
-        if part < rows and np.linalg.norm(residual(theta)) > HOPELESS * np.linalg.norm(before) + 1e-12:
+        if part < rows and np.linalg.norm(before) > SHOWS * whole and (  # what acts later shows nothing yet
+                np.linalg.norm(residual(theta)) > HOPELESS * np.linalg.norm(before)):
             return theta, np.inf
     values = _run(case, build(theta))
     return theta, np.inf if values is None else case.left(values)
@@ -613,18 +611,20 @@ def _started(case: Case) -> Iterator[Cause]:
                 "recorded takes the recorded one", left, 3)
 
 
-def _models(case: Case, stepped: bool, content: Content, change: Change) -> Iterator[Cause]:
-    """Altered parameters: the hypotheses of `crosscheck explain` that a scene can express, or the others (`stepped`).
-    """
+def _models(case: Case, stepped: bool) -> Iterator[Cause]:
+    """Alterations of a model that a scene can express, or the others (`stepped`), of one body without laws."""
     scene, right = case.scene, of_scene(case.scene)
-    for cause in [*causes(Context(scene, (scene.R0[None],), right)), *_anchors(scene), *_laws(content, change)]:
-        def build(theta: object, cause: Hypothesis = cause) -> Scene | Physics | None:
-            return _altered(scene, right, cause, np.array(theta, dtype=float))
+    for cause in [*alterations(scene), *_anchors(scene), *alternatives(scene)]:
+        def build(theta: object, cause: Alteration = cause) -> Scene | Model | None:
+            return _altered(right, cause, np.array(theta, dtype=float))
 
         sample = build(np.array(cause.starts[0]) + 1e-3)
-        if cause.last or sample is None or isinstance(sample, Physics) is not stepped:
+        doubled = cause.kind == "armature" and cause.alone  # one that the scene lacks moves a hinge as its inertia does
+        if cause.last or doubled or sample is None or isinstance(sample, Model) is not stepped:
             continue
-        starts = cause.starts[:1] if scene.has_laws else cause.starts  # runs across events take twenty times as long
+        starts = cause.starts
+        if scene.has_laws and len(starts) > 1:  # runs across events take twenty times as long
+            starts = (min(starts, key=lambda start: _off(case, build(start))),)
         theta, left = min((_fitted(case, build, start) for start in starts), key=lambda pair: pair[1])
         free = len(theta)
         for special in cause.special(theta) if np.isfinite(left) else ():
@@ -634,150 +634,44 @@ def _models(case: Case, stepped: bool, content: Content, change: Change) -> Iter
                 theta, left, free = np.array(special), rest, 0 if fixed else free
                 break
         if np.isfinite(left):
-            yield Cause(cause.name(theta), cause.say(theta), left, free + cause.mistakes(theta) - 1)
+            yield Cause(cause.name(theta), cause.words(theta), left, free + cause.mistakes(theta) - 1)
 
 
-NONSENSE = 1e6
-"""Factor of a mass or an inertia beyond which a fit is on a wrong way."""
-
-STEPPED = ("drag", "spin_drag", "quadratic", "gyroscopic", "centripetal", "coulomb")
-"""Parameters that no scene has, for which Python steps a scene of one body without laws."""
-
-SUPPORTED = ("gravity", "masses", "inertias", "stiffness", "rest", "damping", "load", "joint_damping", "point")
+def _off(case: Case, made: Scene | Model | None) -> float:
+    values = _run(case, made)
+    return np.inf if values is None else float(np.linalg.norm(case.residual(values)))
 
 
-def _altered(scene: Scene, right: Physics, cause: Any, theta: np.ndarray) -> Scene | Physics | None:
-    """The scene with a hypothesis' parameters; the parameters where a scene cannot have them; None: neither."""
-    if cause.family in OF_JOINTS:
-        made: Scene | None = cause.apply(scene, theta)
-        return made
-    p = cause.apply(right, theta)
-    if p.pushes:
+def _altered(right: Model, cause: Alteration, theta: np.ndarray) -> Scene | Model | None:
+    """The scene that moves as the altered model; the model where none does and it can be stepped; None: neither."""
+    try:
+        model = cause.apply(right, theta)
+    except FAILS:
         return None
-    beyond = [field.name for field in dataclasses.fields(Physics) if field.name not in SUPPORTED
-              and not np.array_equal(getattr(p, field.name), getattr(right, field.name))]
-    if beyond or (p.joint_damping and any(joint.type != "revolute" for joint in scene.joints)):
-        return p if scene.n == 1 and not scene.has_laws and set(beyond) <= set(STEPPED) else None
-    sizes = np.concatenate([p.masses / scene.masses, *np.linalg.eigvalsh(p.inertias[0]) / np.linalg.eigvalsh(
-        scene.inertias)])
-    if sizes.min() < 1 / NONSENSE or sizes.max() > NONSENSE or min([0.0, *p.damping]) < 0:
+    if not model.physical(right):
         return None
-    loads = []
-    for k, force in enumerate(scene.loads):
-        given = dict(force.parameters)
-        for key, values in (("stiffness", p.stiffness), ("damping", p.damping), ("free_length", p.rest),
-                            ("rest_angle", p.rest), ("rest_position", p.rest)):
-            if isinstance(given.get(key), int | float):
-                given[key] = float(values[k])
-        for key in {"force", "torque"} & set(given) if p.load[k] != 1.0 else ():
-            if force.functions:
-                return None
-            scaled = p.load[k] * np.array(given[key])
-            given[key] = tuple(scaled.tolist()) if scaled.ndim else float(scaled)
-        if p.point is not None and p.point[0] == k:
-            given["child_point"] = tuple(np.array(given["child_point"]) + p.point[1])
-        loads.append(dataclasses.replace(force, parameters=given))
-    given_springs = iter(loads)
-    joints, forces = tuple(_resprung(joint, given_springs) for joint in scene.joints), list(given_springs)
-    if p.joint_damping:
-        forces += [Force("torsional_spring", joint.parent, joint.child, joint.name, {
-            "stiffness": 0.0, "rest_angle": 0.0, "damping": float(p.joint_damping)}) for joint in scene.joints]
-    return scene.replace(gravity=p.gravity, joints=joints, forces=tuple(forces), bodies=tuple(
-        dataclasses.replace(body, mass=float(mass), inertia=J)
-        for body, mass, J in zip(scene.bodies, p.masses, p.inertias[0], strict=True)))
+    return model.as_scene or (model if model.scene.n == 1 and not model.scene.has_laws else None)
 
 
-def _resprung(joint: Joint, springs: Iterator[Force]) -> Joint:
-    """The joint with the next of these as its springs and dampers."""
-    count = joint.kind.positions
-    stiffness, damping, rest = (list(values or (0.0,) * count) for values in (
-        joint.stiffness, joint.damping, joint.rest_position))
-    for own in joint.springs:
-        spring, k = next(springs), joint.kind.coordinates.index("slide" if own.type == "slide_spring" else "turn")
-        stiffness[k], damping[k] = spring.parameters["stiffness"], spring.parameters["damping"]
-        rest[k] = float(at(joint.rest(spring), 0.0))
-    return dataclasses.replace(joint, stiffness=tuple(stiffness), damping=tuple(damping), rest_position=tuple(
-        rest)) if joint.springs else joint
-
-
-OF_JOINTS = ("anchors", "joint axis", "law")
-"""Families of hypotheses about joints, which no `Physics` expresses: they alter the scene."""
-
-
-SERVO = {"target": 0.0, "feedforward": 0.0, "proportional": None, "derivative": 0.0, "effort_limit": None,
-         "no_load_speed": None}
-"""Constants of a servo in a scene file, and what they are where it has none."""
-
-Change = Callable[[Mapping[str, Any]], Scene]
-"""The scene, at the recording's start, with other numbers at some paths of its file."""
-
-
-def _laws(content: Content, change: Change) -> Iterator[Hypothesis]:
-    """Other constants of dry friction, stops and servos, and other delays."""
-    constants: list[tuple[str, str, dict[str, Any]]] = []
-    for k, joint in enumerate(content.get("joints", [])):
-        for key, given in ((key, joint[key]) for key in ("dry_friction", "limits") if joint.get(key)):
-            for place, law in ((f"joints.{k}.{key}.{i}", law) for i, law in enumerate(given)) if isinstance(
-                    given, list) else [(f"joints.{k}.{key}", given)]:
-                if not law:
-                    continue
-                if key == "dry_friction":  # the sliding and the static one have one relative error
-                    paths = {f"{place}.{word}": law[word] for word in ("sliding", "static") if word in law} if (
-                        isinstance(law, dict)) else {place: law}
-                    constants.append((joint["name"], "dry friction", paths))
-                    continue
-                kinds = ({"stiffness": None, "damping": 0.0} if law.get("stiffness") else {"restitution": 0.0})
-                constants += [(joint["name"], f"stop {word}", {f"{place}.{word}": law.get(word, otherwise)})
-                              for word, otherwise in {"lower": None, "upper": None, **kinds}.items()]
-    servos = [(k, force) for k, force in enumerate(content.get("forces", [])) if force["type"] == "servo"]
-    constants += [(servo["joint"], f"servo {key.replace('_', ' ')}",
-                   {f"forces.{k}.{key}": servo.get(key, otherwise)})
-                  for k, servo in servos for key, otherwise in SERVO.items()]
-    for owner, name, paths in constants:
-        if all(isinstance(value, int | float | list) for value in paths.values()):
-            yield _constant(f"{name} of {owner}", name, paths, change)
-    for k, servo in servos:
-        now = servo.get("delay", 0)
-        for delay in {0, 1, 2} - {now} if servo.get("period") is not None else ():
-            yield _constant(f"servo delay of {servo['joint']}", "servo delay", {f"forces.{k}.delay": now}, change,
-                            delay)
-
-
-def _constant(where: str, name: str, paths: Mapping[str, Any], change: Change,
-              exactly: int | None = None) -> Hypothesis:
-    """Other constants than those at these paths, with one relative error; `exactly`: this one, which is not fitted."""
-    def off(value: Any, t: np.ndarray) -> Any:  # relative, unless it is zero
-        return exactly if exactly is not None else [off(each, t) for each in value] if isinstance(
-            value, list) else value * (1 + float(t[0])) or float(t[0])
-
-    def changed(_: Any, t: np.ndarray) -> Any:
-        try:
-            return change({path: off(value, t) for path, value in paths.items()})
-        except ArgumentError:  # no file may have it
-            return None
-
-    first = next(iter(paths.values()))
-    value = first[-1] if isinstance(first, list) else first
-    return Hypothesis(OF_JOINTS[2], changed, ((1e-3,) if exactly is None else (),), lambda t: f"{where} "
-                      f"{off(value, t):.6g} instead of {value:.6g}", "", lambda t: f"missing {name}" if value and len(t)
-                      and t[0] <= CERTAIN - 1 else name, lambda t: ((-1.0,),) if value and len(t) else (), target=where)
-
-
-def _anchors(scene: Scene) -> Iterator[Hypothesis]:
-    for k, joint in enumerate(scene.joints):
+def _anchors(scene: Scene) -> Iterator[Alteration]:
+    for joint in scene.joints:
         has_axis = JOINT_TYPES[joint.type].axes == "parallel" and joint.parent == -1
         for field in ("parent_anchor", "child_anchor", *(["parent_axis"] if has_axis else [])):
             turned, where = field == "parent_axis", f"{field.replace('_', ' ')} of joint {joint.name!r}"
 
-            def moved(given: Any, theta: np.ndarray, k: int = k, field: str = field, turned: bool = turned) -> Any:
-                held = getattr(given.joints[k], field)
-                other = dataclasses.replace(given.joints[k], **{
-                    field: exponential(theta[None])[0] @ held if turned else held + theta})
-                return placed(given.replace(joints=(*given.joints[:k], other, *given.joints[k + 1:])))
+            def moved(m: Model, theta: np.ndarray, name: str = joint.name, field: str = field, turned: bool = turned
+                      ) -> Model:
+                other = m.with_joint(name, lambda each: dataclasses.replace(each, **{
+                    field: exponential(theta[None])[0] @ getattr(each, field) if turned else
+                    getattr(each, field) + theta}))
+                closed = placed(other.scene)
+                if closed is None:
+                    raise ArgumentError(f"joint {name!r} does not say where its bodies are")
+                return other.replace(scene=closed)
 
             def say(theta: np.ndarray, where: str = where, turned: bool = turned) -> str:
                 return f"{where} turned by {_numbers(np.degrees(theta))} deg" if turned else (
                     f"{where} off by {_numbers(theta)} m")
 
-            yield Hypothesis(OF_JOINTS[turned], moved, ((0.0, 0.0, 0.0),), say, "check where the joint holds",
-                             target=joint.name)
+            yield Alteration("joint axis" if turned else "anchors", moved, ((0.0, 0.0, 0.0),), say,
+                             "check where the joint holds", target=joint.name)

@@ -252,8 +252,8 @@ def index1(scene: Scene, *state: Any, **more: Any) -> tuple[np.ndarray, np.ndarr
 class Index1:
     """The accelerations and multipliers of a scene that satisfy G du/dt + gamma = 0."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene, self.constraints = scene, Constraints(scene)
+    def __init__(self, scene: Scene, constraints: Constraints | None = None) -> None:
+        self.scene, self.constraints = scene, constraints or Constraints(scene)
         self.closing = bool(spanning_tree(scene)[1])
         self.turning = any(any(joint.armature) for joint in scene.joints)
         self.sparse = scene.n > FEW_BODIES and self.constraints.m and not self.closing and not self.turning
@@ -262,7 +262,7 @@ class Index1:
             geared = rotors(scene, *(part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)))
             inverse = np.diag([*[0.0] * 6 * scene.n, *(1 / inertia for inertia, *_ in geared)])
             inverse[:6 * scene.n, :6 * scene.n] = self.inverse[0]
-            self.geared = inverse[None]
+            self.inverse = inverse[None]
 
     def __call__(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
                  angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0,
@@ -282,31 +282,52 @@ class Index1:
             rates, lam = (np.array(each) for each in zip(*solved, strict=True))
             a, alpha = np.split(rates.reshape(len(x), scene.n, 6), 2, axis=-1)
             return a, alpha, lam
-        inverse = self.inverse
-        rates = (forces[:, None] @ inverse)[:, 0]
         lam = np.zeros((len(x), constraints.m))
+        rates = self.free(forces)
         if constraints.m:
-            G = constraints.jacobian(x, R)
+            G, bias = self.rows(x, R, v, w, combined)
             if combined is not None:
-                G, gamma = combined @ G, (combined @ gamma[:, :, None])[:, :, 0]
-            rows = G.shape[1]
-            if self.turning:
-                _, S, bias = zip(*rotors(scene, x, R, v, w), strict=True)
-                own = np.vstack([np.zeros((rows, len(S))), -np.eye(len(S))])
-                G = np.concatenate([np.concatenate([G, np.stack(S, axis=1)], axis=1),
-                                    np.broadcast_to(own, (len(x), *own.shape))], axis=2)
-                gamma = np.concatenate([gamma, np.stack(bias, axis=1)], axis=1)
-                rates = np.concatenate([rates, np.zeros((len(x), len(S)))], axis=1)
-                inverse = self.geared
+                gamma = (combined @ gamma[:, :, None])[:, :, 0]
+            rows, gamma = gamma.shape[1], np.concatenate([gamma, bias], axis=1)
             # An open tree has no redundant rows.
-            solve = _schur_solver(G, inverse, independent=not self.closing or combined is not None)
-            # The second pass restores the digits that G M^-1 G^T loses when a light body carries a heavy one.
-            for _ in range(2):
-                more = solve((G @ rates[:, :, None])[:, :, 0] + gamma)
-                rates = rates - ((more[:, None] @ G) @ inverse)[:, 0]
-                lam += more[:, :rows] if combined is None else (more[:, None, :rows] @ combined)[:, 0]
+            solve = self.solver(G, independent=not self.closing or combined is not None)
+            rates, more = self.bound(rates, G, gamma, solve)
+            lam = more[:, :rows] if combined is None else (more[:, None, :rows] @ combined)[:, 0]
         a, alpha = np.split(rates[:, :6 * scene.n].reshape(len(x), scene.n, 6), 2, axis=-1)
         return a, alpha, lam
+
+    def free(self, forces: np.ndarray) -> np.ndarray:
+        """M^-1 f of forces (T, 6n) without constraints, (T, 6n and one of each rotor)."""
+        turning = np.zeros((len(forces), self.inverse.shape[1] - forces.shape[1]))
+        return np.asarray((np.concatenate([forces, turning], axis=1)[:, None] @ self.inverse)[:, 0])
+
+    def rows(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, combined: np.ndarray | None = None
+             ) -> tuple[np.ndarray, np.ndarray]:
+        """G, or `combined` G, with a row and a column of each rotor; the drift (T, k) of the rates of rotors."""
+        G = self.constraints.jacobian(x, R)
+        if combined is not None:
+            G = combined @ G
+        if not self.turning:
+            return G, np.zeros((len(x), 0))
+        _, S, bias = zip(*rotors(self.scene, x, R, v, w), strict=True)
+        own = np.vstack([np.zeros((G.shape[1], len(S))), -np.eye(len(S))])
+        return np.concatenate([np.concatenate([G, np.stack(S, axis=1)], axis=1),
+                               np.broadcast_to(own, (len(x), *own.shape))], axis=2), np.stack(bias, axis=1)
+
+    def bound(self, rates: np.ndarray, G: np.ndarray, gamma: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]
+              ) -> tuple[np.ndarray, np.ndarray]:
+        """The nearest to free `rates` (T, .) with G rates + gamma = 0, and lam (T, .); `solve` of `solver`."""
+        lam = np.zeros_like(gamma)
+        # The second pass restores the digits that G M^-1 G^T loses when a light body carries a heavy one.
+        for _ in range(2):
+            more = solve((G @ rates[:, :, None])[:, :, 0] + gamma)
+            rates = rates - ((more[:, None] @ G) @ self.inverse)[:, 0]
+            lam += more
+        return rates, lam
+
+    def solver(self, G: np.ndarray, independent: bool) -> Callable[[np.ndarray], np.ndarray]:
+        """lam (T, m) of G M^-1 G^T lam = r as a function of r, of the rows of `rows`."""
+        return _schur_solver(G, self.inverse, independent)
 
     def independent(self, x: np.ndarray, R: np.ndarray) -> np.ndarray | None:
         """Combinations (T, r, m) of the rows that say the same as all of them at these states and near them.
@@ -316,7 +337,8 @@ class Index1:
         """
         if not self.closing or not (redundant := redundant_rows(self.scene)):
             return None
-        scaled = self.constraints.jacobian(x, R) @ np.linalg.cholesky(self.inverse)
+        size = 6 * self.scene.n
+        scaled = self.constraints.jacobian(x, R) @ np.linalg.cholesky(self.inverse[:, :size, :size])
         U = np.linalg.svd(scaled, full_matrices=False)[0][..., :scaled.shape[1] - redundant]
         return np.ascontiguousarray(np.swapaxes(U, 1, 2))
 

@@ -7,7 +7,9 @@ import pytest
 
 import crosscheck
 from crosscheck import adapters
-from crosscheck.diagnosis import altered, fit, hypotheses, of_run, physics
+from crosscheck.diagnosis import altered, fit, of_run
+from crosscheck.diagnosis.alterations import alterations
+from crosscheck.diagnosis.models import Accelerations, Points, of_scene
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene import mechanics
 from crosscheck.scene.file import load_scene
@@ -34,15 +36,14 @@ def at(scene, states):
     """What `explain` sees of states."""
     rates = np.concatenate([states.a, states.alpha], axis=2)
     angles = mechanics.torsion_angles(scene, states)
-    return physics.Points(states.x, states.R, states.v, states.w, rates, np.zeros(len(states.t), dtype=int), angles,
-                          states.t)
+    return Points(states.x, states.R, states.v, states.w, rates, angles, states.t)
 
 
 @pytest.mark.parametrize("name", ["driven_double_pendulum", "driven_cart", "driven_slider_crank"])
 def test_unaltered_accelerations_are_those_of_the_motion(name):
     scene = load_scene(name).replace(duration=0.4, samples=5)
     points = at(scene, Maximal(scene).run())
-    found = physics.Terms(scene, points, tuple(range(len(scene.loads)))).rates(physics.of_scene(scene))
+    found = Accelerations(points)(of_scene(scene))
     assert np.abs(found - points.rates).max() < 1e-10 * np.abs(points.rates).max()
 
 
@@ -52,7 +53,7 @@ def test_a_restart_goes_on_at_its_own_time():
     later = of_run.restarted(scene, states, 2, 0.4, 3)
     np.testing.assert_allclose(Maximal(later).run().x, states.x[2:], rtol=0, atol=1e-11)
     free = scene.replace(joints=scene.joints, forces=scene.forces, duration=0.4, samples=3)
-    predicted = altered.predict(free, physics.of_scene(free), free.R0, free.w0)
+    predicted = altered.predict(of_scene(free), free.R0, free.w0)
     np.testing.assert_allclose(predicted.x, states.x[:3], rtol=0, atol=1e-10)
 
 
@@ -74,11 +75,9 @@ def test_a_wrong_drive_is_told_by_its_accelerations(name):
     wrong = with_motor(scene, MISTAKES[name])
     points = at(wrong, Maximal(wrong).run())
     points.rates += 1e-7 * np.random.default_rng(0).uniform(-1, 1, points.rates.shape)
-    terms = physics.Terms(scene, points, tuple(range(len(scene.loads))))
-    data = fit.Data([fit.Group(terms, np.full(len(points.x), 1e-7), np.ones(6))], physics.of_scene(scene))
-    context = hypotheses.Context(scene, (scene.R0[None],), physics.of_scene(scene))
-    families = ("drive", "drive delay", "drive phase", "load", "gravity")
-    found, _ = fit.search(data, data, [each for each in hypotheses.causes(context) if each.family in families])
+    data = fit.Data([fit.Copy(of_scene(scene), Accelerations(points), 1e-7, np.ones(6))])
+    kinds = ("drive", "drive delay", "drive phase", "load", "gravity")
+    found, _ = fit.search(data, data, [each for each in alterations(scene) if each.kind in kinds])
     assert [each.names for each in found] == [(name,)]
 
 

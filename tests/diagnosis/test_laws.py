@@ -138,8 +138,8 @@ def test_an_adaptive_method_is_refused():
         laws.which_law(arm(), "lieeuler", "nothing")
 
 
-NAMED = {"friction 5 % high": "friction", "restitution .6 instead of .5": "restitution", "a limit 5 % off": "limits",
-         "saturation is ignored": "no saturation", "delay is ignored": "delay"}
+NAMED = {"friction 5 % high": "dry friction", "restitution .6 instead of .5": "stop restitution",
+         "a limit 5 % off": "stop lower", "saturation is ignored": "no saturation", "delay is ignored": "servo delay"}
 
 
 @pytest.mark.parametrize("what", NAMED)

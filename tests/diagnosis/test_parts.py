@@ -6,8 +6,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import crosscheck
-from crosscheck.diagnosis import altered, fit, hypotheses, misreadings, observe, of_stepping, physics, variants
-from crosscheck.diagnosis.hypotheses import Cause, Context
+from crosscheck.diagnosis import altered, fit, misreadings, observe, of_stepping, variants
+from crosscheck.diagnosis.alterations import Alteration, alterations, least_turn
+from crosscheck.diagnosis.models import Accelerations, Points, of_scene
 from crosscheck.diagnosis.observe import Observation, Scale, Subject
 from crosscheck.document import Way
 from crosscheck.references.maximal import Maximal
@@ -35,14 +36,14 @@ def points(scene, count=7):
     R = scene.R0 @ Rotation.from_rotvec((t[:, None, None] * w).reshape(-1, 3)).as_matrix().reshape(count, scene.n, 3, 3)
     near = np.tile(hinge_angles(scene, starting(scene)), (count, 1))
     angles = mechanics.torsion_angles(scene, States(t, x, R, v, w, hinges=near))
-    return physics.Points(x, R, v, w, np.zeros((count, scene.n, 6)), np.zeros(count, dtype=int), angles)
+    return Points(x, R, v, w, np.zeros((count, scene.n, 6)), angles)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_unaltered_accelerations_are_those_of_the_scene(name):
     scene = load_scene(name)
     at = points(scene)
-    found = physics.Terms(scene, at, tuple(range(len(scene.loads)))).rates(physics.of_scene(scene))
+    found = Accelerations(at)(of_scene(scene))
     a, alpha, _ = mechanics.index1(scene, at.x, at.R, at.v, at.w, at.angles)
     wanted = np.concatenate([a, alpha], axis=2)
     # Two ways through one linear system, of condition up to some 1e4.
@@ -53,17 +54,16 @@ def test_unaltered_accelerations_are_those_of_the_scene(name):
 def test_altered_parameters_are_those_of_the_altered_scene(name):
     scene = load_scene(name)
     at = points(scene)
-    right = physics.of_scene(scene)
-    forces = tuple(range(len(scene.forces)))
-    changed = right.replace(gravity=np.array([1.0, 2.0, -3.0]), masses=1.7 * right.masses,
-                            inertias=0.6 * right.inertias, rest=right.rest + 0.1, stiffness=0.5 * right.stiffness)
+    changed = of_scene(scene).altered(gravity=np.array([1.0, 2.0, -3.0])).with_bodies(
+        lambda k, body: {"mass": 1.7 * body.mass, "inertia": 0.6 * body.inertia}).with_force(None, lambda force: {
+            "stiffness": 0.5 * force.parameters["stiffness"], "free_length": 0.1 + force.parameters["free_length"]})
     wrong = misbuilt.gravity(lambda g: np.array([1.0, 2.0, -3.0]))(scene)
     for k in range(scene.n):
         wrong = misbuilt._bodies(wrong, lambda i, body, k=k: body if i != k else misbuilt.dataclasses.replace(
             body, mass=1.7 * body.mass, inertia=0.6 * body.inertia))
     wrong = wrong.replace(forces=tuple(misbuilt.spring(force, stiffness=0.5, rest=0.1)(
         wrong.replace(forces=(force,))).forces[0] for force in wrong.forces))
-    found = physics.Terms(scene, at, forces).rates(changed)
+    found = Accelerations(at)(changed)
     a, alpha, _ = mechanics.index1(wrong, at.x, at.R, at.v, at.w, at.angles)
     assert np.abs(found - np.concatenate([a, alpha], axis=2)).max() < 1e-9 * np.abs(found).max()
 
@@ -72,12 +72,11 @@ def test_soft_joints_leave_constraint_forces_out():
     """Whatever pulls along the rows of G, the accelerations across them are still predicted."""
     scene = load_scene("double_pendulum")
     at = points(scene)
-    terms = physics.Terms(scene, at, ())
     G = Constraints(scene).jacobian(at.x, at.R)
     pull = np.einsum("pmk,m->pk", G, np.linspace(-50, 80, G.shape[1])) @ mechanics.inverse_mass(scene)
     free = mechanics.applied_forces(scene, at.x, at.R, at.v, at.w) @ mechanics.inverse_mass(scene)
     at.rates = (free + pull).reshape(at.rates.shape)
-    found = terms.rates(physics.of_scene(scene), soft=True)
+    found = Accelerations(at)(of_scene(scene), soft=True)
     assert np.abs(found - at.rates).max() < 1e-9 * np.abs(at.rates).max()
 
 
@@ -86,7 +85,7 @@ def test_the_prediction_is_truth_where_nothing_is_altered(name):
     scene = load_scene(name)
     scale = observe.scale_of(scene)
     brief = observe.window(scene, scale)
-    found = altered.predict(brief, physics.of_scene(brief), scene.R0, scene.w0)
+    found = altered.predict(of_scene(brief), scene.R0, scene.w0)
     # rtol 1e-11 over a window of one radian, some ten steps
     assert np.abs(scale.flat(found) - scale.flat(Maximal(brief).run())).max() < 1e-9
 
@@ -145,23 +144,19 @@ def test_rotations_of_the_planar_copy_commute(wrong):
 
 
 def seen(scene, wrong, noise=1e-9, seed=0):
-    """Data of one copy: the accelerations of an altered model with noise, as an engine would show them."""
+    """Data of one copy: the accelerations of another scene with noise, as an engine would show them."""
     at = points(scene, 9)
-    at.rates = physics.Terms(scene, at, ()).rates(wrong)
+    at.rates = Accelerations(at)(of_scene(wrong))
     at.rates += noise * np.random.default_rng(seed).uniform(-1, 1, at.rates.shape)
-    return fit.Data([fit.Group(physics.Terms(scene, at, ()), np.full(9, noise), np.ones(6))], physics.of_scene(scene))
-
-
-def all_causes(scene):
-    return hypotheses.causes(Context(scene, (scene.R0[None],), physics.of_scene(scene)))
+    return fit.Data([fit.Copy(of_scene(scene), Accelerations(at), noise, np.ones(6))])
 
 
 @pytest.mark.parametrize(("turn", "name"), [(0.0, "gravity sign"), (0.3, "gravity axis")])
 def test_a_gravity_is_named_by_what_its_noise_leaves_open(turn, name):
     scene = load_scene("single_pendulum")
     gravity = -scene.gravity + turn * np.array([1.0, 0.0, 0.0])
-    data = seen(scene, physics.of_scene(scene).replace(gravity=gravity), noise=1e-3)
-    found, _ = fit.search(data, data, [all_causes(scene)[0]])
+    data = seen(scene, scene.replace(gravity=gravity), noise=1e-3)
+    found, _ = fit.search(data, data, [alterations(scene)[0]])
     assert [each.names for each in found] == [(name,)]
 
 
@@ -172,9 +167,9 @@ def test_an_explanation_with_fewer_mistakes_goes_first(change, name):
     # size too.
     scene = load_scene("single_pendulum")
     wrong = misbuilt.inertia(misbuilt.steiner(0.3))(misbuilt.gravity(change)(scene))
-    data = seen(scene, physics.of_scene(wrong))
-    families = {"gravity", "inertia point", "mass"}
-    found, _ = fit.search(data, data, [each for each in all_causes(scene) if each.family in families])
+    data = seen(scene, wrong)
+    kinds = {"gravity", "inertia point", "mass"}
+    found, _ = fit.search(data, data, [each for each in alterations(scene) if each.kind in kinds])
     mistakes = {each.names: each.mistakes for each in found}
     assert mistakes[name, "inertia point"] == 2
     assert all(count > 2 for names, count in mistakes.items() if names != (name, "inertia point"))
@@ -187,7 +182,7 @@ def test_a_turned_inertia_is_told_by_its_smallest_turn():
     half = Rotation.from_rotvec(np.pi * TURN[:, 1])  # about a principal axis: the inertia stays
     large = (Rotation.from_rotvec(small) * half).as_rotvec()
     assert np.linalg.norm(large) > 2
-    assert np.abs(hypotheses.least_turn(large, J) - small).max() < 1e-12
+    assert np.abs(least_turn(large, J) - small).max() < 1e-12
 
 
 @pytest.mark.parametrize("turned_first", [False, True])
@@ -197,8 +192,8 @@ def test_an_inertia_may_be_moved_before_or_after_it_is_turned(turned_first):
     wrong = scene
     for step in reversed(steps) if turned_first else steps:
         wrong = step(wrong)
-    data = seen(scene, physics.of_scene(wrong))
-    found, _ = fit.search(data, data, [each for each in all_causes(scene) if each.family in fit.ORDERED])
+    data = seen(scene, wrong)
+    found, _ = fit.search(data, data, [each for each in alterations(scene) if each.kind in fit.ORDERED])
     assert {each.names for each in found} == {("inertia frame", "inertia point")}
 
 
@@ -209,9 +204,30 @@ def test_a_pair_of_which_one_explains_by_itself_is_not_named():
             good = len(causes) == 2 or starts == ((0.5,),)
             return fit.Fit(tuple(causes), tuple(np.array([0.5]) for _ in causes), 1.0 if good else 1e9)
 
-    data = Lucky([], None)
-    found, _ = fit.search(data, data, [Cause(name, lambda p, t: p, ((0.1,),), str, "") for name in ("one", "other")])
+    data = Lucky([])
+    found, _ = fit.search(data, data, [Alteration(name, lambda m, t: m, ((0.1,),), str, "")
+                                       for name in ("one", "other")])
     assert {each.names for each in found} == {("one",), ("other",)}
+
+
+def test_an_alteration_that_fails_is_left_out():
+    """Whatever it raises, the others are tried."""
+    scene = load_scene("single_pendulum")
+    data = seen(scene, scene.replace(gravity=-scene.gravity))
+    bad = [Alteration(kind, apply, ((0.1,),), str, "") for kind, apply in (
+        ("no such body", lambda m, t: m.altered(bodies=(*m.scene.bodies[:0], m.scene.bodies[7]))),
+        ("a mass below none", lambda m, t: m.with_bodies(lambda k, body: {"mass": -body.mass})),
+        ("no such number", lambda m, t: m.altered(gravity="down")))]
+    found, singles = fit.search(data, data, [*bad, alterations(scene)[0]])
+    assert [each.names for each in found] == [("gravity sign",)]
+    assert [np.isfinite(each.left) for each in singles] == [False, False, False, True]
+
+
+def test_a_force_that_drives_where_it_should_slow_makes_no_model():
+    right = of_scene(load_scene("damped_pendulum"))
+    assert right.physical(right)
+    assert not right.replace(coulomb=-0.1).physical(right)
+    assert not right.with_force(None, lambda force: {"damping": -0.1}).physical(right)
 
 
 def test_misreadings_are_what_they_say():
@@ -233,8 +249,8 @@ def test_sub_steps_are_counted_although_the_model_is_only_known_to_its_fit(count
     scale = observe.scale_of(scene)
     subject = Subject(Stepper(Flaws(substeps=count)), Way("stepper", "RK4"))
     first = Observation(observe.window(scene, scale), scale, np.zeros((0, 1, 18)), 0.0, None)
-    right = physics.of_scene(scene)
-    fitted = of_stepping.Known(right.replace(gravity=(1 + 1e-6) * right.gravity), (scene.R0, scene.w0), soft=False)
+    right = of_scene(first.scene)
+    fitted = of_stepping.Known(right.altered(gravity=(1 + 1e-6) * scene.gravity), (scene.R0, scene.w0), soft=False)
     result = of_stepping.NumericsFinding()
     of_stepping._substeps(subject, first, 4, fitted, result)
     assert [each.magnitude for each in result.evidence if each.holds] == [f"{count} sub-steps"]

@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli.app import app
-from crosscheck.diagnosis.hypotheses import Context
-from crosscheck.diagnosis.hypotheses import causes as every_cause
-from crosscheck.diagnosis.physics import of_scene
+from crosscheck.diagnosis.alterations import alterations
+from crosscheck.diagnosis.models import of_scene
 from crosscheck.recordings import _tends, suggest
 from crosscheck.recordings import causes as find_causes
+from crosscheck.scene.coordinates import histories
 from tests.recordings.corpus import LAWS, RIGHT, WRONG, only, written
 from tests.recordings.motions import SCENES, TIMES, arm, hinged, lawful, solved, toml, tumbler, two
 
@@ -351,9 +351,19 @@ def test_damping_that_would_drive_a_motion_is_no_cause():
     """An explicit Euler method gains energy as negative damping would, which no body has."""
     scene = crosscheck.load_scene("single_pendulum")
     right = of_scene(scene)
-    for family in ("extra damping", "quadratic drag", "Coulomb friction"):
-        slowed = [each for each in every_cause(Context(scene, (scene.R0[None],), right)) if each.family == family]
+    for kind in ("extra damping", "quadratic drag", "Coulomb friction"):
+        slowed = [each for each in alterations(scene) if each.kind == kind]
         assert slowed
         for each in slowed:
-            assert find_causes._altered(scene, right, each, np.array([0.1])) is not None
-            assert find_causes._altered(scene, right, each, np.array([-0.1])) is None
+            assert find_causes._altered(right, each, np.array([0.1])) is not None
+            assert find_causes._altered(right, each, np.array([-0.1])) is None
+
+
+def test_a_late_drive_is_named():
+    """All functions of time of the scene come two rows late."""
+    scene = crosscheck.load_scene("driven_cart").replace(duration=0.5, samples=51)
+    moved = crosscheck.run(scene.delayed(0.02), "lieeuler", "rkmk4", step=1e-3, monitor=False)
+    log = {"t": scene.t} | {f"{name}.position": each.position for name, each in histories(scene, moved).items()}
+    verdict = crosscheck.judge_recording("driven_cart", log, tolerance={"joint_position": 1e-5})
+    assert verdict.cause == "delay of a drive", str(verdict)
+    assert "0.02 s late" in str(verdict)

@@ -275,6 +275,11 @@ def judge(
     probes: Annotated[Path | None, typer.Option(
         help="folder of initial states for the simulator that made the file, and of its runs from these")] = None,
     need: Annotated[float, typer.Option(help="share of a log's time that has to be judged for it to pass")] = 1.0,
+    uncertain: Annotated[list[str] | None, typer.Option(help="logs with inputs: what is uncertain in the model, as "
+                                                        "mass=5% or delay=2e-3 (SI); may be repeated")] = None,
+    model: Annotated[str | None, typer.Option(help="logs with inputs: another model, to be compared")] = None,
+    resolution: Annotated[float, typer.Option(help="logs with inputs: twice u_val over the travel of a joint, above "
+                                              "which nothing passes")] = 0.05,
     form: options.Format = "text",
     as_json: options.AsJson = False,
     out: Annotated[Path | None, typer.Option(
@@ -294,6 +299,8 @@ def judge(
         typer.echo(recordings.suggest(files[0], described, period), nl=False)
         return
     allowed = dict(options.named_number("--tol", each, "position=1e-3") for each in tol or ())
+    unsure = dict(options.named_number("--uncertain", each.replace("%", "e-2"), "mass=5%") for each in uncertain or ())
+    beside = None if model is None else options.loaded(model, reading)
     if probes is not None:
         raise typer.Exit(_judge_probes(described, files, probes, step or [], order))
     runs: list[Any] = [list(files) if len(files) > 1 else files[0]] if step else list(files)
@@ -302,7 +309,8 @@ def judge(
         name = str(given if not step else files[0])
         with progress_bar(f"judging {name}: truth, errors, causes") as progress:
             verdicts[name] = recordings.judge_recording(
-                described, given, columns, start, allowed or None, step or None, order, progress, period, need)
+                described, given, columns, start, allowed or None, step or None, order, progress, period, need,
+                unsure or None, beside, resolution)
     if out is not None:
         recordings.write_all(verdicts, out)
     if as_json:

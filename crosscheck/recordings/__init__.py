@@ -18,10 +18,10 @@ import numpy as np
 from crosscheck.compare.apart import largest, spread
 from crosscheck.compare.order import MARGIN, SAFETY, Limit, cancelling, differ, floor_of, limit, observed_order
 from crosscheck.document.outcomes import EXIT_CODES, KINDS, Outcome
-from crosscheck.errors import ArgumentError, CrosscheckError, unknown
+from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported, unknown
 from crosscheck.files import finite
 from crosscheck.recordings import causes as find_causes
-from crosscheck.recordings import comparing
+from crosscheck.recordings import comparing, validation
 from crosscheck.recordings.columns import Row, assigned, clock
 from crosscheck.recordings.comparing import (
     POSES,
@@ -67,6 +67,9 @@ ASYMPTOTIC, FEWEST = 0.1, 8
 EXACT = 10.0
 """Times what printed digits leave open below which an error has no cause."""
 
+RESOLUTION, LEAVES = 0.05, 0.1
+"""Default of `resolution`; part of what is beyond the noise that a cause of all of it may leave."""
+
 BEYOND = 20.0
 """Times the scene's duration up to which truth is prolonged for a recording."""
 
@@ -93,6 +96,8 @@ class Verdict:
     lines: list[str] = dataclasses.field(default_factory=list)
     scene: Scene | None = None
     differences: Differences | None = None
+    predicted: validation.Predicted | None = None  # of a log with inputs, by joint and horizon
+    shown: dict[str, float] = dataclasses.field(default_factory=dict)  # the smallest alterations that would have shown
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
@@ -115,15 +120,24 @@ class Verdict:
                 "share", "reason", "code", "missing", "suggested")
         defects = None if self.defects is None else {
             name: float(self.defects[name].max()) for name in self.defects if name != "t"}
+        seen, joints = self.predicted, () if self.scene is None else self.scene.joints
+        predicted = seen and {joint.name: {"horizon": list(seen.horizons)} | {
+            name: getattr(seen, name)[k].tolist() for name in ("error", "u", "u_D", "u_input", "u_num", "ratio")}
+            for k, joint in enumerate(joints)}
         return dict(finite({name: getattr(self, name) for name in kept}
-                           | {"largest_defects": defects, "text": str(self), "exit_code": self.exit_code}))
+                           | {"largest_defects": defects, "text": str(self), "exit_code": self.exit_code}
+                           | ({"predicted": predicted, "shown": self.shown} if seen else {})))
 
 
 def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, columns: object = None,
                     start: str = "scene", tolerance: Mapping[str, float] | None = None,
                     steps: Sequence[float] | None = None, order: int | None = None, progress: Progress | None = None,
-                    period: float | None = None, need: float = 1.0) -> Verdict:
+                    period: float | None = None, need: float = 1.0, uncertain: Mapping[str, float] | None = None,
+                    model: Scene | str | os.PathLike[str] | None = None, resolution: float = RESOLUTION) -> Verdict:
     """Judge a run by its file, whatever made it.
+
+    A log that has efforts or set points of joints is judged by predictions from its own states, see
+    `crosscheck.recordings.validation`; `tolerance` of joint_position is then one of these, over half a second.
 
     Parameters
     ----------
@@ -137,6 +151,10 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
     order : the order that is claimed
     period : s between two rows, where the files have no times
     need : share of the recording's time that has to be judged for a pass
+    uncertain : standard deviations of what is uncertain in the model: "mass", "inertia", "friction", "damping",
+        "armature", "torque gain" (relative), "torque offset", "zero", "delay" (SI)
+    model : another model of the same robot, whose predictions are compared
+    resolution : twice u_val over half a second, over the travel of a joint, above which nothing passes
 
     Raises
     ------
@@ -161,6 +179,11 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
                                 f"different ones > 0, not {steps}")
         given = [one for _, one in sorted(zip(steps, given, strict=True), key=lambda pair: pair[0])]
         steps = sorted(steps)
+    if given[0].inputs or uncertain or model is not None:
+        if len(given) > 1 or order is not None or start != "scene":
+            raise ArgumentError(f"{given[0].name} is a log with inputs, which is judged from its own states, one file "
+                                "at a time; leave steps, order and start out")
+        return _driven(loaded, given[0], allowed, need, uncertain or {}, model, resolution)
     return _judge(loaded, given, start, allowed, list(steps or []), order, need)
 
 
@@ -235,6 +258,90 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     verdict.lines = [f"{mark} {verdict.outcome}: {lines[0]}{coded}", *why, *lines[1:],
                      *(f"✗ {each}" for each in failed), *notes]
     return verdict
+
+
+def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], need: float,
+            uncertain: Mapping[str, float], model: Any, resolution: float) -> Verdict:
+    """The verdict on a log with inputs."""
+    verdict = Verdict("unresolved", {}, None, None, None, None, scene=scene, missing=recording.missing,
+                      suggested=recording.suggested)
+    begin, end = float(recording.t[0]), float(recording.t[-1])
+    first = f"{scene.name}: {recording.name}, {len(recording.t)} rows from {begin:g} to {end:g} s"
+    notes = _columns(recording, [])
+    try:
+        log = validation.Log(scene, recording)
+        system, said = validation.chosen(scene, log, recording)
+        found = validation.answer(log, system, uncertain)
+    except Unsupported as error:
+        verdict.reason = str(error)
+        verdict.lines = [f"? unresolved: {first} ({verdict.code})", verdict.reason, *notes]
+        return verdict
+    seen, names = found.predicted, [joint.name for joint in scene.joints]
+    half = max(k for k, h in enumerate(seen.horizons) if h <= validation.HALF or k == 0)
+    verdict.predicted, verdict.shown, verdict.share, verdict.until = seen, found.shown, log.share, end
+    verdict.errors = {"joint_position": float(seen.error[:, half].max())}
+    verdict.floors = {"joint_position": float(seen.u[:, half].max())}
+    lines = [validation.row(name, seen, k) for k, name in enumerate(names)]
+    failed, wide = [], []
+    if found.fails:
+        k, h = np.unravel_index(int(np.nanargmax(seen.ratio)), seen.ratio.shape)
+        size = max(float(seen.ratio[k, h]), found.worst)
+        failed.append(f"the model does not explain the recording: {names[k]}" + (
+            "" if seen.since is None else f" from {seen.since:.4g} s") + f", {size:.3g} times the noise")
+        if found.causes:
+            part = "" if found.explained > 1 - LEAVES else ", in part"
+            several = "one of these, which make the same motion here: " if len(found.causes) > 1 else ""
+            verdict.cause = " or ".join(cause.name for cause in found.causes)
+            lines.append(f"cause{part}: {several}{'; or '.join(cause.said for cause in found.causes)} (explains "
+                         f"{100 * found.explained:.3g} % of what is beyond the noise)")
+        else:
+            lines.append("cause: no single alteration explains half of what is beyond the noise")
+    if (most := allowed.get("joint_position", math.inf)) < verdict.errors["joint_position"]:
+        failed.append(f"predictions are off by {verdict.errors['joint_position']:.3g} after {seen.horizons[half]:g} s; "
+                      f"{most:g} is allowed")
+    wide = [(2 * float(seen.u[k, half]) / float(log.moved[k] or 1e-300), name) for k, name in enumerate(names)]
+    if max(wide)[0] > resolution:
+        verdict.reason = (f"u_val leaves open {100 * max(wide)[0]:.2g} % of the travel of {max(wide)[1]} after "
+                          f"{seen.horizons[half]:g} s, and the resolution is {100 * resolution:g} %; less noise, a "
+                          "higher rate or more motion would mend that")
+    elif log.share < need:
+        verdict.reason = f"{100 * log.share:.3g} % of the recording's time could be judged, {100 * need:.3g} % is asked"
+    verdict.outcome = "fail" if failed else "unresolved" if verdict.reason else "pass"
+    verdict.code = {"pass": "", "fail": KINDS["tolerance"].code}.get(verdict.outcome, KINDS["unresolved"].code)
+    mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
+    lines.append("the smallest that would have shown, 95 times of 100: " + ", ".join(
+        validation.sized(key, value) for key, value in found.shown.items()
+        if key.partition(" ")[0] in ("mass", "friction", "delay")))
+    notes += [*said, "noise: " + ", ".join(f"{name} {each.said}" for name, each in zip(names, log.noise, strict=True)),
+              f"{len(log.starts)} segments of {log.span:.3g} s, {100 * log.share:.3g} % of the recording; each starts "
+              "from a local polynomial in time, without a model"]
+    if verdict.outcome == "pass":
+        lines.insert(0, "the model explains the recording to within its noise")
+    if model is not None:
+        notes += _two(scene, scene_file.as_scene(model), recording, log, seen)
+    coded = f" ({verdict.code})" if verdict.code else ""
+    verdict.lines = [f"{mark} {verdict.outcome}: {first}{coded}", *([verdict.reason] if verdict.outcome == "unresolved"
+                     else []), *(f"✗ {each}" for each in failed), *lines, *notes]
+    return verdict
+
+
+def _two(scene: Scene, other: Scene, recording: Recording, log: Any, seen: validation.Predicted) -> list[str]:
+    """Predictions of another model beside those of the first."""
+    names = [joint.name for joint in scene.joints]
+    if [joint.name for joint in other.joints] != names:
+        raise ArgumentError(f"model: {other.name!r} has the joints {', '.join(joint.name for joint in other.joints)}, "
+                            f"not {', '.join(names)}")
+    system, _ = validation.chosen(other, log, recording)
+    fit = validation.Fit(log, system)
+    beside = fit.headline(np.zeros(len(system.names)), fit.numerical(seen.horizons))
+    made = [f"prediction errors of {scene.name} and {other.name}, rms:"]
+    for k, name in enumerate(names):
+        for h, horizon in enumerate(seen.horizons):
+            one, two, u = (float(each[k, h]) for each in (seen.error, beside.error, seen.u))
+            word = "they differ by less than u_val" if abs(one - two) <= u else (
+                f"{(scene if one < two else other).name} predicts better, by more than u_val")
+            made.append(f"{name} after {horizon:g} s: {one:.3g} and {two:.3g}, u_val {u:.2g}: {word}")
+    return made
 
 
 def _columns(recording: Recording, readings: Sequence[Reading]) -> list[str]:

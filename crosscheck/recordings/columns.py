@@ -31,13 +31,21 @@ UNITS: dict[str, tuple[Powers, float]] = {
     "ft": (LENGTH, 0.3048), "rad": (ANGLE, 1.0), "mrad": (ANGLE, 1e-3), "deg": (ANGLE, math.pi / 180),
     "rev": (ANGLE, math.tau), "s": (TIME, 1.0), "ms": (TIME, 1e-3), "us": (TIME, 1e-6), "ns": (TIME, 1e-9),
     "min": (TIME, 60.0), "h": (TIME, 3600.0), "N": (FORCE, 1.0), "kN": (FORCE, 1e3), "N m": ((1, 0, 0, 1), 1.0),
-    "1": (NUMBER, 1.0), "g": ((1, 0, -2, 0), 9.80665), "rpm": ((0, 1, -1, 0), math.tau / 60)}
+    "mN m": ((1, 0, 0, 1), 1e-3), "1": (NUMBER, 1.0), "g": ((1, 0, -2, 0), 9.80665),
+    "rpm": ((0, 1, -1, 0), math.tau / 60)}
 """Units: the powers of length, angle, time and force, and the factor to SI."""
 
-SI: dict[Powers, str] = {LENGTH: "m", ANGLE: "rad", TIME: "s", (1, 0, -1, 0): "m/s", (0, 1, -1, 0): "rad/s", FORCE: "N"}
+TORQUE: Powers = (1, 0, 0, 1)
+SI: dict[Powers, str] = {LENGTH: "m", ANGLE: "rad", TIME: "s", (1, 0, -1, 0): "m/s", (0, 1, -1, 0): "rad/s", FORCE: "N",
+                         TORQUE: "N m"}
 VECTORS = (("", "x", "position", LENGTH), ("v", "v", "velocity", (1, 0, -1, 0)),
            ("w", "w", "angular_velocity", (0, 1, -1, 0)))
 """Vectors of a body: letter of a component, of all three, quantity and dimension."""
+
+EFFORTS = ("effort", "effort_commanded", "effort_measured")
+TARGETS = ("target", "target_velocity")
+"""Recorded inputs of a joint: the torque or force that acts on it, and the set points of its servo."""
+
 
 class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A row of a mapping; scale, then offset, in the unit of the column."""
@@ -52,6 +60,10 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     point: tuple[float, float, float] | None = None
     wrap: bool = False
     ignore: bool = False
+    between: Literal["hold", "linear", "spline"] = "hold"  # of an input, from one value to the next
+    side: Literal["", "motor", "link"] = ""  # of an effort: before or behind the friction of the joint
+    gear: float = 1.0  # turns of the motor per turn of the joint, by which an effort of a motor is multiplied
+    clock: str = ""  # the column of the times of an input, where it has its own
 
 
 AS_IT_IS = Row()
@@ -125,6 +137,14 @@ def meanings(scene: Scene) -> dict[str, Column]:
             for dot, end in itertools.product(". ", (f"{k}", f".{k}", f"[{k}]")):
                 known[f"{joint.name}{dot}{key}{end}"] = one
                 known.setdefault(f"{joint.name}{dot}{key}", dataclasses.replace(one, parts=tuple(range(count))))
+        if not rate and JOINT_TYPES[joint.type].has_one:
+            word, size = ("torque", TORQUE) if base == ANGLE else ("force", FORCE)
+            for each in EFFORTS:
+                column = Column(each, joint.name, (0,), size)
+                known |= {f"{joint.name}.{each}": column, f"{joint.name}.{each.replace('effort', word)}": column}
+            if any(name == joint.name for name, _ in scene.servos.values()):
+                known |= {f"{joint.name}.{each}": Column(each, joint.name, (0,), tuple(
+                    a - k * b for a, b in zip(base, TIME, strict=True))) for k, each in enumerate(TARGETS)}
     return known
 
 
@@ -222,16 +242,20 @@ def recognised(scene: Scene, source: Source, known: Mapping[str, Column], column
     for what, names in claims.items():  # a quantity that has a column of its own needs no derivative
         claims[what] = [name for name in names if not name.startswith("der(")] or names
     made = {names[0]: says[names[0]] for what, names in claims.items() if len(names) == 1 or what == "t"}
-    numbered: dict[bool, dict[int, tuple[str, Row]]] = {False: {}, True: {}}
+    numbered: dict[str, dict[int, tuple[str, Row]]] = {"position": {}, "velocity": {}, "effort": {}}
     for column in columns:
         places, words = re.findall(r"\d+", split_unit(column)[0]), _words(column)[0]
         kinds = {what for what, spelled in WORDS.items() if {*words} & {*spelled}}
         settled = column in stated or column.startswith("der(")
-        if not settled and places and says[column][0].what not in known and kinds & {"rate", "pose"}:
+        if settled or not places or says[column][0].what in known:
+            continue
+        if {*words} & {*EFFORT_WORDS, "qfrc"} and not {*words} & COMMANDED:
+            numbered["effort"].setdefault(int(places[-1]), (column, says[column][0]))
+        elif kinds & {"rate", "pose"} and not {*words} & OTHERS:
             rate = "rate" in kinds or words[-1].endswith("dot")
-            numbered[rate].setdefault(int(places[-1]), (column, says[column][0]))
-    for rate, places_of in numbered.items():  # q1, q2, ... qd1, qd2, ...: all coordinates in the order of the scene
-        names, first = _coordinates(scene, known, rate), min(places_of, default=0)
+            numbered["velocity" if rate else "position"].setdefault(int(places[-1]), (column, says[column][0]))
+    for word, places_of in numbered.items():  # q1, q2, ... qd1, qd2, ...: all coordinates in the order of the scene
+        names, first = _coordinates(scene, known, word), min(places_of, default=0)
         if sorted(places_of) == list(range(first, first + len(names))):
             for k, what in enumerate(names):
                 column, row = places_of[first + k]
@@ -280,7 +304,8 @@ def _said(scene: Scene, source: Source, known: Mapping[str, Column], column: str
         return row, _leaves(scene, source, known[row.what], column, row) if row.what else frozenset()
     (words, unit), frame = _words(column), ""
     if {*words} & OTHERS:
-        return Row(unit=unit), frozenset()
+        target = _input(scene, words)
+        return Row(target if target in known else "", unit), frozenset()
     if len(words) > 2 and words[-2] in SIDES and {words[-3]} & {*WORDS["q"], *WORDS["rate"], *WORDS["pose"]} - {"w"}:
         frame = SIDES[words.pop(-2)]  # such as "root_lin_vel_w_x", in world axes
     if {"ang", "vel"} <= {*words}:
@@ -347,6 +372,25 @@ def _unit(source: Source, names: Sequence[str], meaning: Column, row: Row) -> st
                     else "")
 
 
+def _input(scene: Scene, words: Sequence[str]) -> str:
+    """The input that a column with these words probably is; "" for none. Numbers are places among the joints."""
+    said, joints = {*words}, [joint for joint in scene.joints if JOINT_TYPES[joint.type].has_one]
+    named = [joint.name for joint in sorted(joints, key=lambda joint: len(joint.name))
+             if re.sub(r"[^a-z0-9]", "", joint.name.lower()) in "".join(words)]
+    commanded, efforts = bool(said & COMMANDED), bool(said & EFFORT_WORDS)
+    if not named or said & {"error", "limit", "max", "min"}:
+        return ""
+    if efforts:
+        kind = "_commanded" if commanded else "_measured" if said & {"measured", "meas", "sensed", "actual"} else ""
+        return f"{named[-1]}.effort{kind}"
+    rate = bool(said & {*WORDS["rate"]})
+    other = said & {"acc", "accel", "acceleration", "current"}
+    return f"{named[-1]}.{TARGETS[rate]}" if commanded and not other else ""
+
+
+COMMANDED = {"cmd", "command", "commanded", "target", "desired", "des", "ref", "reference", "setpoint"}
+EFFORT_WORDS = {"effort", "torque", "tau", "force"}
+
 WORDS = {
     "t": ("t", "time", "timestamp", "stamp", "tout", "clock", "sec", "secs", "seconds"),
     "rate": ("vel", "velocity", "rate", "speed", "qd", "qdot", "dq", "qvel", "dtheta", "dot", "twist", "linear", "w",
@@ -356,8 +400,8 @@ WORDS = {
              "value")}
 """Words of foreign names, by what they say."""
 
-OTHERS = {"cmd", "command", "commanded", "target", "desired", "des", "ref", "reference", "setpoint", "effort", "torque",
-          "tau", "current", "error", "acc", "accel", "acceleration", "force", "temperature", "voltage"}
+OTHERS = {*COMMANDED, *EFFORT_WORDS, "current", "error", "acc", "accel", "acceleration", "temperature", "voltage",
+          "qfrc", "ctrl"}
 """Words of foreign names of what is no coordinate and no rate of the motion."""
 
 SIDES = {"w": "world", "b": "body"}
@@ -381,14 +425,15 @@ def clock(source: Source, column: str, unit: str) -> Row:
     return Row("t", unit, offset=-first if since else 0.0)
 
 
-def _coordinates(scene: Scene, known: Mapping[str, Column], rate: bool) -> list[str]:
-    """Names of all coordinates or rates, body after body: MuJoCo's qpos and qvel; quaternions have the scalar first."""
+def _coordinates(scene: Scene, known: Mapping[str, Column], word: str) -> list[str]:
+    """Names of all coordinates, rates or efforts, body after body: MuJoCo's qpos and qvel; quaternions have the scalar
+    first."""
     names = []
+    free = {"position": ("x", "y", "z", "qw", "qx", "qy", "qz"), "velocity": ("vx", "vy", "vz", "wx", "wy", "wz")}
     for body, owner in enumerate(scene.bodies):
         joints = [joint for joint in scene.joints if joint.child == body]
-        free = ("vx", "vy", "vz", "wx", "wy", "wz") if rate else ("x", "y", "z", "qw", "qx", "qy", "qz")
-        names += [f"{owner.name}.{part}" for part in free if not joints]
-        for name in (f"{joint.name}.{'velocity' if rate else 'position'}" for joint in joints):
+        names += [f"{owner.name}.{part}" for part in free.get(word, ()) if not joints]
+        for name in (f"{joint.name}.{word}" for joint in joints):
             count = len(known[name].parts) if name in known else 0  # none if it has no coordinates
             names += [f"{name}[{k}]" for k in range(count)] if count > 1 else [name] * count
     return names

@@ -30,15 +30,15 @@ PICTURES = 400
 def write_page(verdict: Verdict, folder: Path) -> Path:
     """Write the page, verdict.json and defects.csv into a folder. Returns the path of the page."""
     seen = verdict.differences
-    if seen is None:
+    if seen is None and verdict.predicted is None:
         raise ArgumentError("no page: nothing of the recording could be compared with truth")
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         put(folder / "verdict.json", json.dumps(verdict.plain(), indent=1))
         if verdict.defects is not None:
             put(folder / "defects.csv", verdict.defects.to_csv(index=False))
-    return page_of(folder, "recording.html.j2", verdict=verdict, scene=verdict.scene, curves=_curves(verdict, seen),
-                   drawn=_drawn(verdict, seen))
+    return page_of(folder, "recording.html.j2", verdict=verdict, scene=verdict.scene, curves=_predicted(
+        verdict) if seen is None else _curves(verdict, seen), drawn=None if seen is None else _drawn(verdict, seen))
 
 
 def write_all(verdicts: Mapping[str, Verdict], folder: Path) -> None:
@@ -56,9 +56,9 @@ def write_all(verdicts: Mapping[str, Verdict], folder: Path) -> None:
         if verdict.outcome != "pass":
             ElementTree.SubElement(case, "failure", type=verdict.outcome,
                                    message=f"{verdict.code}: {verdict.why}").text = str(verdict)
-        if verdict.differences is not None:
+        if verdict.differences is not None or verdict.predicted is not None:
             write_page(verdict, own)
-            seen = verdict.differences
+        if (seen := verdict.differences) is not None:
             errors = {group.label: sizes for group, sizes in zip(seen.recording.groups, seen.sizes, strict=True)}
             with writing(own):
                 put(own / "errors.csv", pd.DataFrame({"t": seen.recording.t} | errors).to_csv(index=False))
@@ -66,6 +66,14 @@ def write_all(verdicts: Mapping[str, Verdict], folder: Path) -> None:
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         put(folder / "junit.xml", ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n")
+
+
+def _predicted(verdict: Verdict) -> dict[str, object]:
+    """Errors of prediction of each joint, and u_val, over the horizon."""
+    seen, names = verdict.predicted, [joint.name for joint in verdict.scene.joints]
+    return {"errors": [{"x": list(seen.horizons), "y": _plain(values), "name": f"{word}{name}"}
+                       for word, rows in (("", seen.error), ("u_val of ", seen.u))
+                       for name, values in zip(names, rows, strict=True)], "defects": [], "series": {}}
 
 
 def _curves(verdict: Verdict, seen: Differences) -> dict[str, object]:

@@ -11,8 +11,19 @@ from decimal import Decimal
 
 import numpy as np
 
-from crosscheck.errors import ArgumentError
-from crosscheck.recordings.columns import EPOCH, SI, Assigned, Column, assigned, mapping_of
+from crosscheck.errors import ArgumentError, unknown
+from crosscheck.recordings.columns import (
+    AS_IT_IS,
+    EFFORTS,
+    EPOCH,
+    SI,
+    TARGETS,
+    Assigned,
+    Column,
+    Row,
+    assigned,
+    mapping_of,
+)
 from crosscheck.recordings.tables import Progress, Source, is_number, opened
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 
@@ -41,6 +52,8 @@ class Group:
     columns: tuple[str, ...] = ()  # names in the file
     open: frozenset[str] = frozenset()  # what the names leave to the data
     scale: float = 1.0  # by which a reading of the columns has multiplied them
+    row: Row = AS_IT_IS  # of its first column
+    t: np.ndarray | None = None  # s, the times of an input that has a clock of its own
 
     @property
     def label(self) -> str:
@@ -61,6 +74,7 @@ class Recording:
     merged: int = 0  # rows of the same time that were put together
     suggested: dict[str, str] = dataclasses.field(default_factory=dict)  # foreign names, and what they were taken for
     notes: tuple[str, ...] = ()
+    inputs: tuple[Group, ...] = ()  # efforts and set points of joints, which are given and not judged
 
     @property
     def keys(self) -> list[str]:
@@ -95,7 +109,11 @@ def read(data: object, scene: Scene, columns: object = None, progress: Progress 
     source = opened(data, scene)
     made = assigned(scene, source, mapping_of(columns))
     _check_assigned(scene, source, made, period)
-    numbers = source.load(list(dict.fromkeys(name for column in made.columns for name in column.names)), progress)
+    wanted = [name for column in made.columns for name in (*column.names, *filter(None, [column.row.clock]))]
+    for name in wanted:
+        if name not in source.columns:
+            raise ArgumentError(f"{source.name}: clock: {unknown('column of the file', name, source.columns)}")
+    numbers = source.load(list(dict.fromkeys(wanted)), progress)
     if min(map(len, numbers.values())) == 0:
         raise ArgumentError(f"{source.name}: no rows")
     for name, values in numbers.items():
@@ -111,9 +129,15 @@ def read(data: object, scene: Scene, columns: object = None, progress: Progress 
         t, numbers, missing, merged = _in_order(source, clock, numbers)
         blur = _blur(source, clock, t)
     groups = list(_grouped(source, others, numbers))
+    for group in groups:
+        if group.row.clock and clock is not None:
+            group.t = clock.scaled(numbers[group.row.clock])
+    inputs = tuple(group for group in groups if group.key in (*EFFORTS, *TARGETS) and np.nan_to_num(group.values).any())
+    groups = [group for group in groups if group.key not in (*EFFORTS, *TARGETS)]
     notes = [f"columns {', '.join(map(repr, names))} may all be {what}: none is used; map one of them"
              for what, names in made.unclear.items()]
-    return Recording(source.name, t, groups, tuple(made.ignored), blur, missing, merged, made.suggested, tuple(notes))
+    return Recording(source.name, t, groups, tuple(made.ignored), blur, missing, merged, made.suggested, tuple(notes),
+                     inputs)
 
 
 def _check_assigned(scene: Scene, source: Source, made: Assigned, period: float | None) -> None:
@@ -130,7 +154,7 @@ def _check_assigned(scene: Scene, source: Source, made: Assigned, period: float 
     problem = "" if times or period else (
         'no column t; name it so, map it ("Time [s]" = { is = "t" }), or give the period of its rows '
         "(--period 0.01)")
-    if not any(column.key != "t" for column in made.columns):
+    if not any(column.key not in ("t", *EFFORTS, *TARGETS) for column in made.columns):
         problem = (f"no column is one of scene {scene.name!r}, such as {', '.join(examples[:8])}; name them so, or "
                    f"give a mapping (--suggest writes one){unclear}")
     if problem:
@@ -200,7 +224,7 @@ def _grouped(source: Source, made: Sequence[Column], numbers: Mapping[str, np.nd
         yield Group(key, owner, order, values, floor, first.row.frame, first.row.point,
                     any(each.row.wrap for _, each in held.values()), crooked, unit,
                     key == "joint_position" and unit == "rad", tuple(name for name, _ in held.values()),
-                    frozenset().union(*(each.open for _, each in held.values())))
+                    frozenset().union(*(each.open for _, each in held.values())), row=first.row)
 
 
 def _attitudes(source: Source, columns: np.ndarray, owner: str) -> tuple[np.ndarray, float]:

@@ -54,9 +54,11 @@ def gyroscopic(inertia: Matrix, w: Vector) -> Vector:
     """w x J w, body axes.
 
     Computed as w x (J - s) w, with s the middle entry on the diagonal: two equal moments then cancel exactly. Their
-    rounding error would spin up a needle, whose third moment is a millionth of theirs.
+    rounding error would spin up a needle, whose third moment is a millionth of theirs. Symbols have no order, and s is
+    the first.
     """
-    middle = sorted(inertia[k][k] for k in range(3))[1]
+    diagonal = [inertia[k][k] for k in range(3)]
+    middle = sorted(diagonal)[1] if all(isinstance(entry, float) for entry in diagonal) else diagonal[0]
     return cross(w, apply([[entry - middle if i == j else entry for j, entry in enumerate(row)]
                            for i, row in enumerate(inertia)], w))
 

@@ -1,0 +1,130 @@
+"""What a recording itself says of its noise, and the states in it: local polynomials in time, without a model."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+ROWS, DEGREES = 12, (5, 7)
+"""Rows of a window, and the degrees of the polynomials that are taken out of it, to measure noise."""
+
+WINDOWS = 4000
+"""Windows whose noise is averaged, over the whole recording."""
+
+OF_STATE = 4
+"""Degree of the polynomials that give states."""
+
+HALVES, SOME = (4, 6, 9, 13, 19, 28, 41, 60, 88, 130, 190), 60
+"""Rows in half of a window that are tried, and states by which it is chosen."""
+
+WIDER = 1.1
+"""Mean square of what a polynomial leaves, over that of the noise, up to which a window may grow."""
+
+CHI2 = 0.455
+"""Median of chi^2 with one degree of freedom."""
+
+LAGS = 10
+"""Rows over which noise may be correlated."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """The noise of one column."""
+
+    sigma: float  # standard deviation
+    quantum: float  # step of an encoder or of printed digits; 0: none
+    correlation: float = 1.0  # variance of a mean over that of as many independent values
+    half: float = 0.0  # s, half of the window from which states are taken
+
+    @property
+    def said(self) -> str:
+        """In words."""
+        parts = [f"noise {self.sigma:.2g}"]
+        if self.quantum > 0.3 * self.sigma:
+            parts.append(f"steps of {self.quantum:.3g}")
+        if self.correlation > 1.5:
+            parts.append("filtered: neighbours are alike")
+        return ", ".join(parts)
+
+
+def measured(t: np.ndarray, y: np.ndarray) -> Noise:
+    """The noise of values y at times t, (T,)."""
+    count = len(y) // ROWS
+    if count < 1:
+        return Noise(0.0, 0.0)
+    picked = np.unique(np.linspace(0, count - 1, WINDOWS).astype(int))
+    rows = picked[:, None] * ROWS + np.arange(ROWS)
+    tau = t[rows] - t[rows].mean(axis=1, keepdims=True)
+    tau /= np.abs(tau).max(axis=1, keepdims=True)
+    values, sizes = y[rows] - y[rows].mean(axis=1, keepdims=True), []
+    for degree in DEGREES:  # the motion that a lower one leaves is no noise
+        Q = np.linalg.qr(tau[..., None] ** np.arange(degree + 1))[0]
+        left = values - np.einsum("wij,wkj,wk->wi", Q, Q, values)
+        squares = np.sum(left**2, axis=1) / (ROWS - degree - 1)
+        usual = squares[squares <= 16 * np.median(squares)] if np.median(squares) > 0 else squares
+        sizes.append(float(usual.mean()))
+    quantum = _quantum(y)
+    return Noise(float(np.sqrt(max(min(sizes), quantum**2 / 12))), quantum)
+
+
+def _quantum(y: np.ndarray) -> float:
+    """The step of which all values are multiples; 0 if there is none."""
+    values = np.unique(y[:20000])
+    gaps = np.diff(values)
+    if not len(gaps) or len(values) < 3:
+        return 0.0
+    least = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    ratio = (values - values[0]) / least
+    rounded = np.abs(ratio - np.round(ratio)).max() < 0.02 + 1e-9 * ratio.max()
+    return least if rounded and least > 1e-9 * np.abs(values).max() else 0.0
+
+
+def states(t: np.ndarray, y: np.ndarray, at: np.ndarray, noise: Noise) -> tuple[np.ndarray, np.ndarray, Noise]:
+    """(value and rate (S, 2) at times (S,), their covariances (S, 2, 2), the noise with its window and correlation).
+
+    The window is the one in which noise and what two degrees more change, all but the noise, leave the least of rates,
+    among those in which polynomials leave the noise and no more.
+    """
+    h, best = float(np.median(np.diff(t))), None
+    some = at[np.unique(np.linspace(0, len(at) - 1, SOME).astype(int))]
+    for rows in HALVES:
+        fits = [_fit(t, y, each, (rows + 0.5) * h) for each in some]
+        if best and np.mean([r @ r / max(len(r) - OF_STATE - 1, 1) for *_, r in fits]) > WIDER * noise.sigma**2:
+            break
+        leaves = float(np.trace(_uncertain(t, y, some, (rows + 0.5) * h, noise.sigma**2)[1].mean(axis=0)[1:, 1:]))
+        if best is None or leaves < best[0]:
+            best = leaves, rows, [r for *_, r in fits]
+    assert best is not None
+    _, rows, left = best
+    total = sum(float(r @ r) for r in left) or 1.0
+    alike = [sum(float(r[k:] @ r[:-k]) for r in left if len(r) > k) / total for k in range(1, LAGS + 1)]
+    sure = 3 / np.sqrt(sum(map(len, left)))
+    noise = dataclasses.replace(noise, half=(rows + 0.5) * h,
+                                correlation=1.0 + 2.0 * sum(each for each in alike if each > sure))
+    return *_uncertain(t, y, at, noise.half, noise.sigma**2 * noise.correlation), noise
+
+
+def _uncertain(t: np.ndarray, y: np.ndarray, at: np.ndarray, half: float, size: float
+               ) -> tuple[np.ndarray, np.ndarray]:
+    """(value and rate (S, 2), covariances (S, 2, 2)) for noise of this variance, with the bias of the polynomial."""
+    (values, spreads, _), (others, wider, _) = (zip(*(_fit(t, y, each, half, OF_STATE + more) for each in at),
+                                                    strict=True) for more in (0, 2))
+    bias = np.median((np.array(values) - np.array(others)) ** 2, axis=0) / CHI2 - size * np.mean(np.einsum(
+        "sii->si", np.array(wider) - np.array(spreads)), axis=0)
+    return np.array(values), size * np.array(spreads) + np.diag(np.maximum(bias, 0.0))
+
+
+def _fit(t: np.ndarray, y: np.ndarray, at: float, half: float, degree: int = OF_STATE
+         ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(value and rate, their covariance for noise of one, what is left) of a polynomial around a time."""
+    begin, end = np.searchsorted(t, [at - half, at + half])
+    while end - begin < OF_STATE + 5 and (begin > 0 or end < len(t)):
+        begin, end = max(begin - 1, 0), min(end + 1, len(t))
+    tau = (t[begin:end] - at) / half
+    A = tau[:, None] ** np.arange(min(degree, end - begin - 1) + 1)
+    Q, R = np.linalg.qr(A)
+    inverse = np.linalg.inv(R)
+    c = inverse @ (Q.T @ y[begin:end])
+    scale = np.array([1.0, 1.0 / half])
+    return c[:2] * scale, (inverse @ inverse.T)[:2, :2] * np.outer(scale, scale), y[begin:end] - A @ c

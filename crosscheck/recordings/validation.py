@@ -1,0 +1,556 @@
+"""A driven robot's log against its model: prediction from its own states, and what their difference exceeds.
+
+Source: ASME V&V 20-2009: the error of a model is compared with u_val, u_val^2 = u_num^2 + u_input^2 + u_D^2. The log is
+cut into segments. A segment starts from a state that a local polynomial in time gives, without a model, and is
+predicted over several horizons. Alterations of the model are fitted to all segments, whose starts are then
+free; one that is larger than its uncertainty is a mistake of the model, and the smallest that would have shown is
+stated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError, Unsupported, unknown
+from crosscheck.recordings.columns import EFFORTS
+from crosscheck.recordings.inputs import System
+from crosscheck.recordings.noise import Noise, measured, states
+from crosscheck.recordings.reading import Group, Recording
+from crosscheck.references import dense
+from crosscheck.references.base import values_at
+from crosscheck.scene.model import Scene
+
+HORIZONS = (0.05, 0.1, 0.2, 0.5, 1.0)
+"""s, after which predictions are compared."""
+
+HALF = 0.5
+"""s, the horizon by which resolution and tolerance are measured."""
+
+STEP = 2.5e-3
+"""s, of predictions, or the period of the rows if that is longer; 1e-3 where friction changes its sign."""
+
+SEGMENTS, FITTED = 4000, 200
+"""Most segments that are predicted, and to which alterations are fitted, evenly over the recording."""
+
+COVER = 2.0
+"""Times u_val that an error has to exceed on average, for 95 %."""
+
+EDGE = 12
+"""Rows before the first segment, so that the state at its start has rows on both sides."""
+
+HALVINGS = 4
+"""Of the step, at most."""
+
+ROWS, ROUNDS = 250, 5
+"""Rows of a joint in a segment that is fitted, and rounds in which its start is found."""
+
+CRITICAL = 4.0
+"""Standard deviations of an alteration that show it: with 25 alterations, one right log in 600 shows one."""
+
+MISSED = 1.645
+"""More of them for 95 of 100 alterations of that size to show."""
+
+ALIKE = 9.2
+"""Difference of chi^2 up to which causes are told together: a likelihood of one hundredth."""
+
+EXPLAINS = 0.5
+"""Least part of what a log misses beyond its noise that a cause has to explain."""
+
+UNITS = {"mass": "%", "inertia": "%", "torque gain": "%", "centre of mass x": "m", "centre of mass y": "m",
+         "centre of mass z": "m", "damping": "N m s", "friction": "N m", "armature": "kg m^2", "torque offset": "N m",
+         "zero": "rad", "delay": "s", "tilt x": "rad", "tilt y": "rad"}
+SAID = {"mass": "mass of {}", "inertia": "inertia of {}", "friction": "dry friction of {}",
+        "zero": "zero of {}'s encoder", "delay": "delay of the inputs", "tilt x": "the base turned about x",
+        "tilt y": "the base turned about y"}
+
+
+@dataclasses.dataclass
+class Cause:
+    """An alteration of the model, its size and its standard deviation in SI (relative for %)."""
+
+    what: str
+    owner: str
+    size: float
+    sigma: float
+    chi2: float
+    free: int
+
+    @property
+    def name(self) -> str:
+        """Without its size."""
+        return SAID.get(self.what, self.what + " of {}").format(self.owner)
+
+    @property
+    def said(self) -> str:
+        """With its size and 95 % interval."""
+        unit = UNITS[self.what]
+        factor, half = 100.0 if unit == "%" else 1.0, 1.96 * self.sigma
+        return f"{self.name} {factor * self.size:+.3g} {unit}, 95 % within {factor * half:.2g} {unit}"
+
+
+@dataclasses.dataclass
+class Predicted:
+    """What predictions of a model miss, by joint (n) and horizon (H)."""
+
+    horizons: tuple[float, ...]
+    error: np.ndarray  # (n, H) rms over the segments
+    u_D: np.ndarray
+    u_input: np.ndarray
+    u_num: np.ndarray
+    ratio: np.ndarray  # (n, H) rms of error / u_val
+    since: float | None  # s, the first segment that misses more than three times u_val
+    starts: np.ndarray  # (S,) s
+    ends: np.ndarray  # (S, n) predictions at the last horizon, for comparison of models
+
+    @property
+    def u(self) -> np.ndarray:
+        """(n, H) u_val."""
+        return np.asarray(np.sqrt(self.u_D**2 + self.u_input**2 + self.u_num**2))
+
+
+class Log:
+    """The positions of all joints in a recording, their noise, and segments with the states at their starts."""
+
+    def __init__(self, scene: Scene, recording: Recording) -> None:
+        groups = {g.owner: g for g in recording.groups if g.key == "joint_position"}
+        self.t: list[np.ndarray] = []
+        self.q: list[np.ndarray] = []
+        self.noise: list[Noise] = []
+        for joint in scene.joints:
+            if joint.name not in groups:
+                raise Unsupported(f"the positions of joint {joint.name!r} are not recorded, which states start from")
+            group = groups[joint.name]
+            known = np.isfinite(group.values[:, 0])
+            values = group.values[known, 0]
+            if group.angle:
+                values = np.unwrap(values)
+            if len(values) < 40:
+                raise Unsupported(f"joint {joint.name!r}: {len(values)} positions are recorded; 40 at least are wanted")
+            self.t.append(recording.t[known])
+            self.q.append(values)
+            self.noise.append(measured(self.t[-1], values))
+        own = [float(np.median(np.diff(t))) for t in self.t]
+        self.period = max(own)
+        self.begin, self.end = max(t[0] for t in self.t), min(t[-1] for t in self.t)
+        self.begin += min(EDGE * self.period, 0.02 * (self.end - self.begin))
+        count = max(1, int((self.end - self.begin) / HALF))
+        self.span = (self.end - self.begin) / count
+        first = self.t[int(np.argmax(own))]
+        self.starts = first[np.searchsorted(first, self.begin + self.span * np.arange(count) - 0.5 * self.period)]
+        free = np.array([self._clear(scene, start) for start in self.starts])
+        self.starts = self.starts[free]
+        after = np.append(free[1:], False)  # whether a second may be predicted
+        self.reach = np.where(after[free], 2.0, 1.0) * self.span
+        self.share = len(self.starts) / count
+        if not len(self.starts):
+            raise Unsupported("no second of the recording is between its gaps and off the stops of all joints")
+        if count > SEGMENTS:
+            some = np.unique(np.linspace(0, len(self.starts) - 1, SEGMENTS).astype(int))
+            self.starts, self.reach = self.starts[some], self.reach[some]
+            self.share *= min(1.0, SEGMENTS / count)
+        made = [states(t, q, self.starts, noise) for t, q, noise in zip(self.t, self.q, self.noise, strict=True)]
+        self.noise = [noise for *_, noise in made]
+        self.state = np.stack([values for values, *_ in made], axis=1)  # (S, n, 2)
+        self.spread = np.stack([spread for _, spread, _ in made], axis=1)  # (S, n, 2, 2)
+        self.moved = np.array([float(np.ptp(q)) for q in self.q])
+
+    @property
+    def begun(self) -> np.ndarray:
+        """(S, 2n) positions and rates at the starts."""
+        return np.concatenate([self.state[..., 0], self.state[..., 1]], axis=1)
+
+    @property
+    def horizons(self) -> tuple[float, ...]:
+        """s, of predictions."""
+        return tuple(h for h in HORIZONS if h <= 1.01 * self.reach.max()) or (self.span,)
+
+    def _clear(self, scene: Scene, start: float) -> bool:
+        """Whether a segment has no gap, and no joint in it reaches a limit."""
+        for joint, t, q, noise in zip(scene.joints, self.t, self.q, self.noise, strict=True):
+            rows = slice(*np.searchsorted(t, [start, start + self.span]))
+            if rows.stop - rows.start < 4 or np.diff(t[rows]).max() > max(0.1 * self.span, 5 * self.period):
+                return False
+            limits = [each for each in joint.limits if each is not None] + [
+                each for each in scene.monitors if each.type == "range" and each.joint == joint.name]
+            if any((q[rows].min() < each.lower + 3 * noise.sigma) or (q[rows].max() > each.upper - 3 * noise.sigma)
+                   for each in limits):
+                return False
+        return True
+
+    def rows(self, k: int, start: float, span: float, most: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """(s since the start, means, standard deviation of a mean) of joint k in a segment, at most so many."""
+        part = slice(*np.searchsorted(self.t[k], [start, start + span * (1 + 1e-12)]))
+        t, q = self.t[k][part] - start, self.q[k][part]
+        many = max(1, -(-len(t) // most))
+        whole = len(t) // many * many
+        return (*(each[:whole].reshape(-1, many).mean(axis=1) for each in (t, q)),
+                max(self.noise[k].sigma, 1e-12) * math.sqrt(self.noise[k].correlation / many))
+
+
+def hermite(grid: np.ndarray, q: np.ndarray, v: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """(T, ...) values at times t of cubics through values and rates on an even grid."""
+    h = grid[1] - grid[0]
+    k = np.clip((t / h).astype(int), 0, len(grid) - 2)
+    s = (t / h - k).reshape(-1, *(1,) * (q.ndim - 1))
+    return np.asarray(q[k] * (1 + 2 * s) * (1 - s) ** 2 + q[k + 1] * s**2 * (3 - 2 * s)
+                      + h * (v[k] * s * (1 - s) ** 2 + v[k + 1] * s**2 * (s - 1)))
+
+
+class Fit:
+    """Predictions of a system from the states of a log, and their linear dependence on starts and alterations."""
+
+    def __init__(self, log: Log, system: System, most: int = FITTED) -> None:
+        self.log, self.system = log, system
+        self.picked = np.unique(np.linspace(0, len(log.starts) - 1, most).astype(int))
+        parts = round(log.period / STEP, 6)  # steps end at rows, where inputs are held from one to the next
+        self.coarse = self.step = log.period / math.ceil(parts) if parts > 1.0 else log.period * int(1.0 / parts)
+        self.u_num = np.zeros(system.n)
+        for _ in range(HALVINGS):  # until half of the step changes little beside the noise
+            rows = log.starts[self.picked[:20]], log.begun[self.picked[:20]]
+            span = self.step * math.ceil(log.span / self.step)
+            ends = [system.flow(*rows, span, self.step * part)[1][-1] for part in (1.0, 0.5)]
+            self.u_num = np.abs(ends[1] - ends[0]).max(axis=0)
+            if (self.u_num < 0.3 * np.array([noise.sigma for noise in log.noise])).all():
+                break
+            self.step /= 2
+        self.sizes = self._sizes()
+        self.begun = log.begun[self.picked]
+
+    def _sizes(self) -> np.ndarray:
+        """(K,) alterations that change accelerations by about a hundredth of what they are."""
+        system, log = self.system, self.log
+        n = system.n
+        q, v = log.state[..., 0], log.state[..., 1]
+        none = np.zeros((len(q), len(system.names)))
+        given = system.inputs(log.starts, np.array([0.0, log.period]))[0]
+        u = system.pushes(log.starts, q, v, given)
+        a, S = system.response(q, v, u, none)
+        effort = np.maximum(np.sqrt(np.mean(u**2, axis=0)), np.sqrt(np.mean(a**2, axis=0)) / np.abs(
+            np.einsum("nii->ni", S)).mean(axis=0))
+        rate, speed = (np.sqrt(np.mean(each**2, axis=0)) + 1e-9 for each in (v, a))
+        of_joint = {joint.name: k for k, joint in enumerate(system.scene.joints)}
+        made = []
+        for what, owner in system.names:
+            k = of_joint.get(owner, 0)
+            made.append({"damping": effort[k] / rate[k], "friction": effort[k], "torque offset": effort[k], "armature":
+                         effort[k] / speed[k], "delay": 0.1, "centre of mass x": 0.1, "centre of mass y": 0.1,
+                         "centre of mass z": 0.1}.get(what, 1.0))
+        noises = np.array([0.0 if each is None else measured(each.t, each.values).sigma for each in system.efforts])
+        self.pushed = np.abs(np.einsum("nii->ni", S)).mean(axis=0) * noises  # accelerations by the noise of inputs
+        assert len(effort) == n
+        return 1e-2 * np.array(made)
+
+    def slopes(self, start: np.ndarray, which: Sequence[int], altered: np.ndarray, span: float | None = None
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(grid, q by starts (T, S, n, 2n), by alterations (T, S, n, len(which))) of the fitted segments, from these
+        states (S, 2n)."""
+        n, (count, size) = self.system.n, start.shape
+        tiny = np.repeat([1e-4, 1e-3], n)
+        members = 1 + size + len(which)
+        begin, given = np.tile(start, (members, 1, 1)), np.tile(altered, (members, count, 1))
+        for k in range(size):
+            begin[1 + k, :, k] += tiny[k]
+        for k, each in enumerate(which):
+            given[1 + size + k, :, each] += self.sizes[each]
+        grid, q, _ = self.system.flow(np.tile(self.log.starts[self.picked], members),
+                                      begin.reshape(-1, size), span or self.log.span, self.coarse,
+                                      given.reshape(-1, given.shape[-1]))
+        q = q.reshape(len(grid), members, count, n)
+        moved = np.moveaxis(q[:, 1:] - q[:, :1], 1, -1)
+        return grid, moved[..., :size] / tiny, moved[..., size:] / self.sizes[list(which)]
+
+    def residuals(self, start: np.ndarray, altered: np.ndarray) -> list[np.ndarray]:
+        """Of each fitted segment from these states (S, 2n) what is left of all positions, over their noise."""
+        log, n = self.log, self.system.n
+        grid, q, v = self.system.flow(log.starts[self.picked], start, log.span, self.step,
+                                      np.tile(altered, (len(start), 1)))
+        with np.errstate(invalid="ignore", over="ignore"):
+            left = [np.concatenate([(values - hermite(grid, q[:, s, k], v[:, s, k], t)) / scale
+                                    for k in range(n) for t, values, scale in [self.data[s][k]]])
+                    for s in range(len(start))]
+        return [np.nan_to_num(each, nan=1e9, posinf=1e9, neginf=-1e9) for each in left]
+
+    @functools.cached_property
+    def data(self) -> list[list[tuple[np.ndarray, np.ndarray, float]]]:
+        """Of each fitted segment and joint: s since the start, positions, their standard deviation."""
+        log = self.log
+        made = [[log.rows(k, log.starts[row], log.span, ROWS) for k in range(self.system.n)] for row in self.picked]
+        lost = [np.diff(log.t[0][slice(*np.searchsorted(log.t[0], [start, start + log.span]))]) for start in log.starts[
+            self.picked]]
+        lost = [gaps[gaps > 1.5 * log.period] for gaps in lost]  # in which a held input was another one
+        return [[(t, q, math.hypot(scale, push * log.span * math.sqrt(float(gaps @ gaps) / 3)))
+                 for (t, q, scale), push in zip(rows, self.pushed, strict=True)]
+                for rows, gaps in zip(made, lost, strict=True)]
+
+    def designs(self, start: np.ndarray, which: Sequence[int], altered: np.ndarray) -> list[np.ndarray]:
+        """Of each fitted segment the derivatives of its residuals by its start and by alterations, (rows, 2n + K)."""
+        grid, *parts = self.slopes(start, which, altered)
+        slopes, h = np.concatenate(parts, axis=-1), grid[1] - grid[0]
+        made = []
+        for s in range(len(start)):
+            rows = []
+            for k, (t, _, scale) in enumerate(self.data[s]):
+                place = np.clip((t / h).astype(int), 0, len(grid) - 2)
+                w = (t / h - place)[:, None]
+                rows.append(((1 - w) * slopes[place, s, k] + w * slopes[place + 1, s, k]) / scale)
+            made.append(np.nan_to_num(np.concatenate(rows)))
+        return made
+
+    def normal(self, which: Sequence[int], altered: np.ndarray, rounds: int = ROUNDS
+               ) -> tuple[np.ndarray, np.ndarray, float, int]:
+        """(N, b, chi^2, degrees of freedom) of alterations around a given one, each segment from its best start."""
+        size = 2 * self.system.n
+        start, left = self.begun.copy(), self.residuals(self.begun, altered)
+        share = np.ones(len(start))
+        for _ in range(rounds):
+            designs = self.designs(start, (), altered)
+            change = np.array([np.linalg.lstsq(D, r, rcond=1e-10)[0] for D, r in zip(designs, left, strict=True)])
+            other = start + share[:, None] * change
+            after = self.residuals(other, altered)
+            better = np.array([r @ r < p @ p for r, p in zip(after, left, strict=True)])
+            gain = max(float((p @ p - r @ r) / (1.0 + p @ p)) for r, p in zip(after, left, strict=True))
+            start[better] = other[better]
+            left = [r if good else p for r, p, good in zip(after, left, better, strict=True)]
+            share = np.where(better, np.minimum(1.0, 2 * share), 0.3 * share)
+            if (gain < 1e-2 and share.min() < 0.5) or (gain < 1e-2 and better.all()):
+                break
+        self.begun = start
+        N, b, chi2, free = np.zeros((len(which), len(which))), np.zeros(len(which)), 0.0, 0
+        self.follows = np.zeros((len(start), size, len(which)))
+        for s, (A, r) in enumerate(zip(self.designs(start, which, altered), left, strict=True)):
+            Q = np.linalg.qr(A[:, :size])[0]
+            self.follows[s] = -np.linalg.lstsq(A[:, :size], A[:, size:], rcond=1e-10)[0]
+            E, rest = (each - Q @ (Q.T @ each) for each in (A[:, size:], r))
+            N, b, chi2, free = N + E.T @ E, b + E.T @ rest, chi2 + float(rest @ rest), free + len(r) - size
+        return N, b, chi2, free
+
+    def headline(self, prior: np.ndarray, u_num: np.ndarray | None = None) -> Predicted:
+        """Errors of prediction over the horizons; `prior` (K,): standard deviations of alterations that are inputs."""
+        log, n = self.log, self.system.n
+        rows = np.arange(len(log.starts))
+        horizons = log.horizons
+        grid, q, v = self.system.flow(log.starts, log.begun, horizons[-1] + 2 * log.period, self.step)
+        known = np.flatnonzero(prior).tolist()
+        coarse, by_start, by_altered = self.slopes(log.begun[self.picked], known, np.zeros(len(prior)),
+                                                   horizons[-1])
+        near = self.picked[np.abs(self.picked[None] - rows[:, None]).argmin(axis=1)]  # segments that were not varied
+        like = np.searchsorted(self.picked, near)
+        error = np.full((len(rows), n, len(horizons)), np.nan)
+        variance, given = np.zeros((2, *error.shape))
+        ends = np.zeros((len(rows), n))
+        for j, h in enumerate(horizons):
+            place = min(round(h / (coarse[1] - coarse[0])), len(coarse) - 1)
+            for k in range(n):
+                at = np.clip(np.searchsorted(log.t[k], log.starts + h - 0.5 * log.period), 0, len(log.t[k]) - 1)
+                since = log.t[k][at] - log.starts
+                told = np.array([hermite(grid, q[:, s, k], v[:, s, k], since[s:s + 1])[0] for s in rows])
+                gap = log.q[k][at] - told
+                error[:, k, j] = np.where((np.abs(since - h) <= 2 * log.period) & (h <= log.reach * 1.01), gap, np.nan)
+                Phi = by_start[place][like][:, k]  # (S, 2n)
+                spread = np.zeros((len(rows), 2 * n, 2 * n))
+                for i in range(n):
+                    spread[:, i::n, i::n] = log.spread[:, i]
+                variance[:, k, j] = np.einsum("si,sij,sj->s", Phi, spread, Phi) + log.noise[k].sigma**2
+                given[:, k, j] = np.sum((by_altered[place][like][:, k] * prior[prior > 0]) ** 2, axis=1)
+                ends[:, k] = told
+        num = np.zeros((n, len(horizons))) if u_num is None else u_num
+        z = error / np.sqrt(variance + given + num**2)
+        worst = np.nanmax(np.abs(z), axis=(1, 2))
+        beyond = np.flatnonzero(worst > 3.0)
+        rms = functools.partial(np.sqrt)
+        return Predicted(horizons, rms(np.nanmean(error**2, axis=0)), rms(variance.mean(axis=0)),
+                         rms(given.mean(axis=0)), num, rms(np.nanmean(z**2, axis=0)),
+                         float(log.starts[beyond[0]]) if len(beyond) else None, log.starts, ends)
+
+    def numerical(self, horizons: Sequence[float], count: int = 3) -> np.ndarray:
+        """(n, H) how far predictions are from truth, which crosses every break of the inputs, in so many segments."""
+        log, system = self.log, self.system
+        worst = np.zeros((system.n, len(horizons)))
+        rows = np.unique(np.linspace(0, len(log.starts) - 1, count).astype(int))
+        grid, q, v = system.flow(log.starts[rows], log.begun[rows], horizons[-1], self.step)
+        for s, row in enumerate(rows):
+            scene = system.at_start(log.state[row, :, 0], log.state[row, :, 1], float(log.starts[row]), horizons[-1])
+            series = dense(scene.replace(duration=min(horizons[-1], 2 * log.period))).series
+            pieces, _ = series.advance(series.begin, horizons[-1])
+            whole = tuple(np.array([getattr(piece, name) for piece in pieces]) for name in (
+                "start", "rest", "coefficients"))
+            moved = values_at(whole, np.array(horizons)) - series.begin.state
+            true = system.positions(moved, log.state[row, :, 0])
+            told = hermite(grid, q[:, s], v[:, s], np.array(horizons))
+            worst = np.maximum(worst, np.abs(told - true).T)
+        return worst
+
+
+def row(name: str, seen: Predicted, k: int) -> str:
+    """Predictions of one joint in words."""
+    parts = [f"{h:g} s: {e:.2g} ({u:.2g})" for h, e, u in zip(seen.horizons, seen.error[k], seen.u[k], strict=True)]
+    last = seen.horizons.index(max(h for h in seen.horizons if h <= HALF or h == seen.horizons[0]))
+    of = ", ".join(f"{each} {getattr(seen, each)[k, last]:.1g}" for each in ("u_num", "u_input", "u_D"))
+    return (f"{name}: predictions are off by (rms, u_val in brackets) {', '.join(parts)}; u_val after "
+            f"{seen.horizons[last]:g} s is of {of}")
+
+
+def sized(key: str, value: float) -> str:
+    """An alteration of this size in words."""
+    what = next(each for each in sorted(UNITS, key=len, reverse=True) if key.startswith(each))
+    owner, unit = key[len(what):].strip(), UNITS[what]
+    return f"{what}{f' of {owner}' if owner else ''} {(100.0 if unit == '%' else 1.0) * value:.2g} {unit}"
+
+
+def refined(fit: Fit, k: int, rounds: int = 8) -> Cause:
+    """One alteration, fitted where the motion is not linear in it."""
+    what, owner = fit.system.names[k]
+    altered, begun = np.zeros(len(fit.system.names)), fit.begun
+    made, before = Cause(what, owner, 0.0, math.inf, math.inf, 1), math.inf
+    for _ in range(rounds):
+        N, b, chi2, free = fit.normal([k], altered)
+        if not chi2 < before * 1.001 or not N[0, 0] > 0:
+            break
+        before = chi2
+        change = float(b[0] / N[0, 0])
+        sigma = float(1 / math.sqrt(N[0, 0]))
+        made = Cause(what, owner, float(altered[k]) + change, sigma, chi2 - change * float(b[0]), free)
+        altered[k] += change
+        fit.begun = fit.begun + change * fit.follows[..., 0]
+        if abs(change) < 0.05 * made.sigma:
+            break
+    fit.begun = begun
+    return made
+
+
+def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
+    """(K,) standard deviations of alterations that are uncertain inputs: "mass": .05 is five percent of each."""
+    kinds = list(dict.fromkeys(what for what, _ in system.names))
+    made = np.zeros(len(system.names))
+    own = {joint.name: joint for joint in system.scene.joints}
+    for key, value in uncertain.items():
+        if key not in kinds:
+            raise ArgumentError(f"uncertain: {unknown('alteration', key, kinds)}")
+        if not isinstance(value, int | float) or not 0 < value < math.inf:
+            raise ArgumentError(f"uncertain: {key}: a number > 0 is wanted, not {value!r}")
+        for k, (what, owner) in enumerate(system.names):
+            if what == key:
+                joint = own.get(owner)
+                size = 1.0 if joint is None or key not in RELATIVE else float(
+                    joint.dry_friction[0].sliding if key == "friction" and joint.dry_friction and joint.dry_friction[0]
+                    else sum(getattr(joint, key, ()) or ()) if key != "friction" else 0.0)
+                made[k] = value * size
+    return made
+
+
+RELATIVE = ("friction", "damping", "armature")
+"""Alterations of joints whose uncertainty is a share of what the model has."""
+
+
+@dataclasses.dataclass
+class Answer:
+    """What a log says of a model."""
+
+    predicted: Predicted
+    causes: list[Cause]  # that explain it equally well, the best first
+    explained: float  # part of what the log misses beyond its noise, by the best
+    worst: float  # rms of what fitted segments leave over their noise
+    shown: dict[str, float]  # the smallest alteration of each kind and owner that would have shown
+    fails: bool
+
+
+def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
+    """Predictions of one model, and the alterations that its log asks for."""
+    fit, prior = Fit(log, system), priors(system, uncertain)
+    predicted = fit.headline(prior, fit.numerical(log.horizons))
+    none, every = np.zeros(len(system.names)), range(len(system.names))
+    N, b, chi2, free = fit.normal(every, none)
+    known = np.flatnonzero(prior > 0)
+    gains, sizes = np.zeros(len(none)), np.full(len(none), math.inf)
+    for k in every:
+        others = known[known != k]
+        inner = N[np.ix_(others, others)] + np.diag(1 / prior[others] ** 2)
+        lost = np.linalg.solve(inner, np.column_stack([N[others, k], b[others]])) if len(others) else np.zeros((0, 2))
+        own, push = N[k, k] - N[k, others] @ lost[:, 0], b[k] - N[k, others] @ lost[:, 1]
+        if own > 1e-9 * N[k, k] > 0 and N[k, k] * fit.sizes[k] ** 2 > NOTHING:
+            sizes[k] = math.sqrt(1 / own + prior[k] ** 2)
+            gains[k] = (push / own) ** 2 / sizes[k] ** 2
+    scale = max(1.0, (chi2 - gains.max()) / free)
+    shown = {f"{what} {owner}".strip(): (CRITICAL + MISSED) * size * math.sqrt(scale)
+             for (what, owner), size in zip(system.names, sizes, strict=True) if np.isfinite(size)}
+    order = np.argsort(-gains)
+    given = b[known] @ np.linalg.solve(N[np.ix_(known, known)] + np.diag(1 / prior[known] ** 2), b[known])
+    beyond = bool(chi2 - given > COVER**2 * free)  # of what uncertain inputs may make
+    if gains[order[0]] <= CRITICAL**2 * scale and not beyond:
+        return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
+    made = [refined(fit, order[0])]
+    for k in order[1:TRIED]:
+        if gains[k] > NEAR * gains[order[0]] and (
+                made[0].chi2 > COVER * free or N[k, order[0]] ** 2 > PARALLEL * N[k, k] * N[order[0], order[0]]):
+            made.append(refined(fit, k))
+            made.sort(key=lambda cause: cause.chi2)
+    best = made[0]
+    spare = max(1.0, best.chi2 / free)
+    explained = (chi2 - best.chi2) / max(chi2 - free, 1e-300)
+    for each in made:
+        each.sigma *= math.sqrt(max(1.0, each.chi2 / free))
+    if abs(best.size) <= CRITICAL * best.sigma and not beyond:
+        return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
+    alike = [each for each in made if each.chi2 - best.chi2 <= ALIKE * spare]
+    return Answer(predicted, alike if explained > EXPLAINS else [], explained, math.sqrt(chi2 / free), shown, True)
+
+
+NOTHING, NEAR, PARALLEL, TRIED = 1e-4, 0.1, 0.5, 5
+"""chi^2 of an alteration of its usual size below which it does nothing; parts of the best one's gain, and of being
+parallel to it, from which others are fitted as well, of so many."""
+
+
+def readings(scene: Scene, recording: Recording) -> list[tuple[str, tuple[Group, ...]]]:
+    """The ways to read efforts that the mapping leaves open: which column acts, and on which side of the friction."""
+    owners: dict[str, list[Group]] = {}
+    for group in recording.inputs:
+        if group.key in EFFORTS:
+            owners.setdefault(group.owner, []).append(group)
+    rest = tuple(group for group in recording.inputs if group.key not in EFFORTS)
+    kinds = sorted({group.key for groups in owners.values() for group in groups}, key=EFFORTS.index)
+    rubs = any(sum(joint.damping or ()) or any(joint.dry_friction) for joint in scene.joints if joint.name in owners)
+    told = any(group.row.side for groups in owners.values() for group in groups)
+    made = []
+    for kind, side in itertools.product(kinds or [""], ("motor", "link") if rubs and not told else ("",)):
+        picked = [next((group for group in groups if group.key == kind), groups[0]) for groups in owners.values()]
+        words = f"{kind.partition('_')[2]} efforts".strip() + (f" on the {side} side" if side else "")
+        made.append((words, (*rest, *(dataclasses.replace(group, row=_sided(group.row, side)) for group in picked))))
+    return made
+
+
+def _sided(row: Any, side: str) -> Any:
+    import msgspec
+
+    return msgspec.structs.replace(row, side=row.side or side)
+
+
+def chosen(scene: Scene, log: Log, recording: Recording) -> tuple[System, list[str]]:
+    """The system under its inputs, and what was tried of what the mapping leaves open."""
+    ways = readings(scene, recording)
+    systems = [System(scene, inputs, recording.t) for _, inputs in ways]
+    if len(ways) == 1:
+        return systems[0], []
+    left = []
+    for system in systems:
+        fit = Fit(log, system, 20)
+        _, _, chi2, free = fit.normal((), np.zeros(len(system.names)), 2)
+        left.append(chi2 / free)
+    best = int(np.argmin(left))
+    if left[best] > CLEARER * left[0]:
+        best = 0
+    tried = "; ".join(f"{words}: {math.sqrt(size):.3g} times the noise is left" for (words, _), size in zip(
+        ways, left, strict=True))
+    sure = sorted(left)[1] > left[best] / CLEARER if len(left) > 1 else True
+    return systems[best], [f"inputs read as {ways[best][0]} ({'the data decide' if sure else 'the data do not tell'}; "
+                           f"{tried})"]
+
+
+CLEARER = 0.5
+"""Part of chi^2 that another reading of efforts may leave to be taken."""

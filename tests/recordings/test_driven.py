@@ -1,0 +1,227 @@
+"""Logs of driven machines, judged by predictions from their own states."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+
+import numpy as np
+import pytest
+
+import crosscheck
+from crosscheck.errors import ArgumentError
+from crosscheck.recordings import noise
+from crosscheck.recordings.inputs import Signal, System
+from crosscheck.recordings.reading import read
+from crosscheck.recordings.validation import Fit, Log
+from crosscheck.references import dense
+from crosscheck.references.base import values_at
+from tests.recordings import machines
+from tests.recordings.machines import RIGHT, WRONG, Spoiled
+
+pytest.importorskip("mujoco")
+pytest.importorskip("heyoka")
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory):
+    """The scene of each plan."""
+    folder, made = tmp_path_factory.mktemp("plans"), {}
+    for plan in machines.PLANS:
+        path = folder / f"{plan}.xml"
+        path.write_text(machines.model(plan))
+        made[plan] = crosscheck.import_model(path)
+    return made
+
+
+CLEAN = Spoiled()
+
+
+def frame(plan="arm", seed=1, spoiled=CLEAN, duration=3.0, **changed):
+    import pandas as pd
+
+    return pd.DataFrame(machines.log(plan, seed, spoiled, duration, **changed))
+
+
+@pytest.fixture(scope="module")
+def right():
+    """A log of two seconds and a half that is as its model says."""
+    return frame(duration=2.5)
+
+
+def test_right_passes_and_says_what_would_have_shown(scenes, right):
+    verdict = crosscheck.judge_recording(scenes["arm"], right)
+    assert verdict.outcome == "pass", str(verdict)
+    assert verdict.exit_code == 0
+    assert 0.0 < verdict.shown["mass lower"] < 0.05
+    assert 0.0 < verdict.shown["friction elbow"] < 0.05
+    assert 0.0 < verdict.shown["delay"] < 5e-3
+    seen = verdict.predicted
+    assert seen.horizons == (0.05, 0.1, 0.2, 0.5, 1.0)
+    assert (seen.ratio < 2.5).all()
+    assert np.allclose(seen.u**2, seen.u_D**2 + seen.u_input**2 + seen.u_num**2)
+    assert verdict.plain()["predicted"]["elbow"]["horizon"] == list(seen.horizons)
+    tight = crosscheck.judge_recording(scenes["arm"], right, tolerance={"joint_position": 1e-5})
+    assert tight.outcome == "fail"
+
+
+@pytest.mark.parametrize(("cause", "spoiled", "changed", "size"), [
+    ("mass of lower", Spoiled(), {"m2": 0.605}, 0.1), ("delay of the inputs", Spoiled(delay=6e-3), {}, 6e-3)])
+def test_wrong_is_named_with_its_size(scenes, cause, spoiled, changed, size):
+    verdict = crosscheck.judge_recording(scenes["arm"], frame(spoiled=spoiled, duration=2.5, **changed))
+    assert verdict.outcome == "fail"
+    assert verdict.cause == cause
+    said = next(line for line in verdict.lines if line.startswith("cause"))
+    value, unit, half = re.search(r"([-+][\d.e-]+) (\S+), 95 % within ([\d.e-]+)", said).groups()
+    scale = 0.01 if unit == "%" else 1.0
+    assert abs(float(value) * scale - size) < 2.5 * float(half) * scale
+    assert float(half) * scale < 0.1 * size
+
+
+def test_noise_passes_nothing(scenes):
+    verdict = crosscheck.judge_recording(scenes["arm"], frame(spoiled=Spoiled(noise=0.05), duration=2.5))
+    assert verdict.outcome == "unresolved"
+    assert "u_val leaves open" in verdict.reason
+
+
+def test_uncertain_inputs_are_no_mistakes(scenes):
+    log = frame(duration=2.5, m2=0.575)
+    assert crosscheck.judge_recording(scenes["arm"], log).cause == "mass of lower"
+    verdict = crosscheck.judge_recording(scenes["arm"], log, uncertain={"mass": 0.1}, resolution=1.0)
+    assert verdict.outcome == "pass", str(verdict)
+    assert (verdict.predicted.u_input > 0).all()
+
+
+def test_two_models(scenes, right, tmp_path):
+    path = tmp_path / "heavy.xml"
+    path.write_text(machines.model("arm", m2=0.8))
+    verdict = crosscheck.judge_recording(scenes["arm"], right, model=crosscheck.import_model(path))
+    lines = [line for line in verdict.lines if line.startswith("elbow after")]
+    assert len(lines) == 5
+    assert "arm predicts better" in lines[-2] or f"{scenes['arm'].name} predicts better" in lines[-2]
+
+
+def test_flow_meets_truth_across_breaks(scenes, right):
+    """Held inputs jump at every row; friction and a servo are laws of the scene."""
+    scene = scenes["arm"]
+    recording = read(right, scene)
+    log, system = Log(scene, recording), System(scene, recording.inputs, recording.t)
+    fit = Fit(log, system)
+    assert fit.numerical((0.1, 0.5), 1).max() < 1e-7
+    start = system.at_start(log.state[0, :, 0], log.state[0, :, 1], float(log.starts[0]), 0.5)
+    assert len(start.knots) > 90
+    series = dense(start.replace(duration=0.02)).series
+    compiled = series._integrator
+    pieces, _ = series.advance(series.begin, 0.5)
+    assert series._integrator is compiled
+    assert len(pieces) > 90
+    whole = tuple(np.array([getattr(piece, name) for piece in pieces]) for name in ("start", "rest", "coefficients"))
+    assert np.isfinite(values_at(whole, np.array([0.5]))).all()
+
+
+def test_alterations_are_those_of_other_models(scenes, tmp_path, right):
+    recording = read(right, scenes["arm"])
+    system = System(scenes["arm"], recording.inputs, recording.t)
+    start = np.zeros(1), np.array([[0.3, 0.4, 0.5, -1.0]])
+    for name, key, by in ((("mass", "lower"), "m2", 0.1), (("armature", "elbow"), "a2", 0.5),
+                          (("damping", "shoulder"), "d1", 0.5), (("friction", "elbow"), "f2", None)):
+        value = 0.03 if by is None else machines.USUAL[key] * (1 + by)
+        path = tmp_path / f"{key}.xml"
+        path.write_text(machines.model("arm", **{key: value}))
+        other = System(crosscheck.import_model(path), recording.inputs, recording.t)
+        altered = np.zeros((1, len(system.names)))
+        altered[0, system.names.index(name)] = by if name[0] == "mass" else value - machines.USUAL[key]
+        one, two = system.flow(*start, 0.5, 5e-3, altered)[1], other.flow(*start, 0.5, 5e-3)[1]
+        assert np.abs(one - two).max() < 1e-9, name
+        assert np.abs(one - system.flow(*start, 0.5, 5e-3)[1]).max() > 1e-4, name
+
+
+@pytest.mark.parametrize("between", ["hold", "linear", "spline"])
+def test_signals(between):
+    t = np.array([0.0, 0.1, 0.25, 0.3, 0.6, 0.7])
+    signal = Signal(t, np.array([1.0, -2.0, 0.5, 3.0, 1.0, 2.0]), between)
+    edges = np.array([0.02, 0.13, 0.29, 0.55])
+    fine = [np.mean(signal.within(0.0, 0.7)(np.linspace(a, b, 20001)[:-1])) for a, b in itertools.pairwise(edges)]
+    assert np.allclose(signal.means(edges), fine, atol=2e-3)
+
+
+def test_noise_is_that_of_the_recording():
+    rng, t = np.random.default_rng(0), np.arange(2000) * 5e-3
+    y = np.sin(3 * t) + 0.3 * np.sin(7 * t)
+    assert noise.measured(t, y + 1e-3 * rng.standard_normal(2000)).sigma == pytest.approx(1e-3, rel=0.05)
+    stepped = noise.measured(t, np.round(y / 2e-3) * 2e-3)
+    assert stepped.quantum == pytest.approx(2e-3)
+    assert stepped.sigma == pytest.approx(2e-3 / math.sqrt(12), rel=0.1)
+    white = noise.measured(t, y + 1e-3 * rng.standard_normal(2000))
+    state, spread, _ = noise.states(t, y + 1e-3 * rng.standard_normal(2000), t[100:1900:50], white)
+    true = np.stack([y[100:1900:50], (3 * np.cos(3 * t) + 2.1 * np.cos(7 * t))[100:1900:50]], axis=1)
+    z = (state - true) / np.sqrt(np.einsum("sii->si", spread))
+    assert (np.sqrt(np.mean(z**2, axis=0)) > 0.6).all()
+    assert (np.sqrt(np.mean(z**2, axis=0)) < 1.5).all()
+
+
+def test_names_of_inputs(scenes, right):
+    given = read(right, scenes["arm"])
+    assert [(g.key, g.owner) for g in given.inputs] == [("effort", "shoulder"), ("effort", "elbow")]
+    names = {"shoulder_torque": "tau1", "elbow_torque": "tau2", "shoulder_pos": "q1", "elbow_pos": "q2"}
+    other = right.rename(columns=names)
+    assert [g.owner for g in read(other, scenes["arm"]).inputs] == ["shoulder", "elbow"]
+    both = right.assign(elbow_torque_cmd=right.elbow_torque)
+    assert "effort_commanded" in [g.key for g in read(both, scenes["arm"]).inputs]
+    mapping = {"shoulder_torque": {"is": "shoulder.torque", "unit": "mN m", "gear": 50.0, "side": "motor"}}
+    one = next(g for g in read(right, scenes["arm"], mapping).inputs if g.owner == "shoulder")
+    assert one.row.gear == 50.0
+    assert one.values[0, 0] == pytest.approx(1e-3 * right.shoulder_torque[0])
+
+
+@pytest.mark.parametrize(("options", "says"), [
+    ({"uncertain": {"weight": 0.1}}, "weight"), ({"uncertain": {"mass": -1.0}}, "a number > 0"),
+    ({"start": "recorded"}, "leave steps, order and start out"),
+    ({"columns": {"shoulder_torque": {"is": "shoulder.torque", "unit": "kg"}}}, "unit"),
+    ({"columns": {"shoulder_torque": {"is": "shoulder.torque", "clock": "t2"}}}, "t2")])
+def test_bad_input(scenes, right, options, says):
+    with pytest.raises(ArgumentError, match=says) as caught:
+        crosscheck.judge_recording(scenes["arm"], right, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_one_joint_without_positions_is_unresolved(scenes, right):
+    verdict = crosscheck.judge_recording(scenes["arm"], right.drop(columns="elbow_pos"))
+    assert verdict.outcome == "unresolved"
+    assert "'elbow'" in verdict.reason
+
+
+@pytest.mark.parametrize("k", range(len(RIGHT)))
+def test_right_machines(scenes, k):
+    plan, spoiled = RIGHT[k]
+    verdict = crosscheck.judge_recording(scenes[plan], frame(plan, k, spoiled, 4.0))
+    assert verdict.outcome == "pass", str(verdict)
+
+
+@pytest.mark.parametrize("k", range(len(WRONG)))
+def test_wrong_machines(scenes, k):
+    _, changed, plan, spoiled = WRONG[k]
+    verdict = crosscheck.judge_recording(scenes[plan], frame(plan, 100 + k, spoiled, 4.0, **changed))
+    assert verdict.outcome == "fail", str(verdict)
+
+
+def test_coverage(scenes):
+    """95 of 100 intervals hold the size of the mistake: between 90 and 99."""
+    held = 0
+    for seed in range(100):
+        verdict = crosscheck.judge_recording(scenes["arm"], frame(seed=seed, duration=2.0, m2=0.605))
+        said = next(line for line in verdict.lines if line.startswith("cause"))
+        value, half = map(float, re.search(r"mass of lower ([-+][\d.e-]+) %, 95 % within ([\d.e-]+)", said).groups())
+        held += abs(value - 10.0) < half
+    assert 90 <= held <= 99
+
+
+def test_half_the_rate_gives_the_same(scenes):
+    log = frame(spoiled=Spoiled(rate=400.0, held=2), duration=2.5, m2=0.605)
+    sizes = []
+    for each in (log, log.iloc[::2].reset_index(drop=True)):
+        said = next(line for line in crosscheck.judge_recording(scenes["arm"], each).lines if line.startswith("cause"))
+        sizes.append(tuple(map(float, re.search(r"lower ([-+][\d.e-]+) %, 95 % within ([\d.e-]+)", said).groups())))
+    (one, half), (two, other) = sizes
+    assert abs(one - two) < half + other

@@ -22,7 +22,7 @@ import numpy as np
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
-from crosscheck.adapters.foreign.own import completed
+from crosscheck.adapters.external.own import completed
 from crosscheck.document import Plan, Record, Way
 from crosscheck.verification.cell import judge_run, run_cell
 from crosscheck.verification.task import Cell

@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks.altered import MISTAKES, ORDERS, SHARES, Altered
 from crosscheck import adapters
-from crosscheck.adapters.foreign.own import completed
+from crosscheck.adapters.external.own import completed
 from crosscheck.document import Plan, Record, Way
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.plan import PROFILES

@@ -21,9 +21,9 @@ FAILED = "✗ "
 
 def brief(text: str, most: int = LONGEST) -> str:
     """The text without control characters, which terminals obey and XML refuses, cut after `most` characters."""
-    shown = "".join(letter if letter.isprintable() or letter in "\n\t\xa0" else
+    printable = "".join(letter if letter.isprintable() or letter in "\n\t\xa0" else
                     letter.encode("unicode_escape").decode() for letter in text[:most])
-    return shown if len(text) <= most else f"{shown}... ({len(text) - most} more characters)"
+    return printable if len(text) <= most else f"{printable}... ({len(text) - most} more characters)"
 
 
 class CrosscheckError(Exception):
@@ -34,8 +34,8 @@ class CrosscheckError(Exception):
 
 
 @contextlib.contextmanager
-def foreign(told: Callable[[Exception], Exception], *passing: type[Exception]) -> Iterator[None]:
-    """Code of others runs within, which may raise anything: `told` makes an error of ours of it.
+def errors_as(convert: Callable[[Exception], Exception], *passing: type[Exception]) -> Iterator[None]:
+    """Code of others runs within, which may raise anything: `convert` makes an error of ours of it.
 
     Errors of ours and of the kinds in `passing` pass as they are.
     """
@@ -44,7 +44,7 @@ def foreign(told: Callable[[Exception], Exception], *passing: type[Exception]) -
     except Exception as error:
         if isinstance(error, (CrosscheckError, *passing)):
             raise
-        raise told(error) from error
+        raise convert(error) from error
 
 
 class SceneError(CrosscheckError):

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import lieeuler
 from crosscheck import load_scene, run
 from crosscheck.adapters.base import RawRun
-from crosscheck.adapters.foreign.own import LONGEST_NAME, completed
+from crosscheck.adapters.external.own import LONGEST_NAME, completed
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.cli import app as command
 from crosscheck.document import Record, Way, extended

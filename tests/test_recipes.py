@@ -57,7 +57,7 @@ def said(tmp_path_factory):
     study, page, command = blocks(RECIPES["A study"])
     (copy / "crosscheck" / "studies" / "my_study.py").write_text(study, "utf-8")
     (copy / "crosscheck" / "report" / "templates" / "slowest.html.j2").write_text(page, "utf-8")
-    inserted(copy / "crosscheck" / "cli" / "study.py", "def _tell_page", f"{command}\n\n")
+    inserted(copy / "crosscheck" / "cli" / "study.py", "def _print_page", f"{command}\n\n")
     libraries = [path for path in sys.path if "site-packages" in path]
     done = subprocess.run([sys.executable, "-P", "-S", "-c", DRIVER, json.dumps([line.split() for line in COMMANDS])],
                           cwd=copy, capture_output=True, text=True, check=False,

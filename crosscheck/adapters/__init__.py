@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine
-from crosscheck.adapters.foreign.program import Program, is_program
+from crosscheck.adapters.external.program import Program, is_program
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import cache_folder, put
 
@@ -22,7 +22,7 @@ _GROUP = "crosscheck.engines"
 
 def names() -> tuple[str, ...]:
     """Names of the engines: the four built in, the optional ones that are installed, then entry points, sorted."""
-    from crosscheck.adapters.foreign import versions
+    from crosscheck.adapters.external import versions
 
     listed = (name for name, entry in built_in.ENTRIES.items()
               if (versions.present(name) if entry.version else entry.importable()))
@@ -46,7 +46,7 @@ def get(engine: str | Engine) -> Engine:
         if (made := _LENT.get(engine) or _MADE.get(engine)) is None:
             made = _MADE[engine] = _make(str(engine))
         return made
-    from crosscheck.adapters.foreign import own
+    from crosscheck.adapters.external import own
 
     if isinstance(engine, type) or not hasattr(engine, "run"):
         raise ArgumentError(f"engine: a name or an object with the methods of an engine is wanted, not "
@@ -57,7 +57,7 @@ def get(engine: str | Engine) -> Engine:
 
 def sources(engines: Iterable[str]) -> dict[str, dict[str, bytes]]:
     """The files of those engines that are classes of the user, for `carry`; programs have to be where they run."""
-    from crosscheck.adapters.foreign import code
+    from crosscheck.adapters.external import code
 
     return {name: code.sources(name.rpartition(":")[0]) for name in engines if is_own(name) and not is_program(name)}
 
@@ -94,16 +94,16 @@ def lent(engine: Engine) -> Iterator[str]:
 
 def _make(name: str) -> Engine:
     if has_own_environment(name):
-        from crosscheck.adapters.foreign.versions import Versioned
+        from crosscheck.adapters.external.versions import Versioned
 
         return Versioned(name)
     if name in built_in.ENTRIES:
         return built_in.ENTRIES[name].make()
-    from crosscheck.adapters.foreign.apart import Stranger
-    from crosscheck.adapters.foreign.remote import Home
+    from crosscheck.adapters.external.apart import Stranger
+    from crosscheck.adapters.external.remote import Home
 
     if is_program(name):
-        from crosscheck.adapters.foreign import own
+        from crosscheck.adapters.external import own
 
         program = Program(name)
         return own.completed(program, name, None, program.digest())

@@ -86,7 +86,7 @@ class Stats(TypedDict, total=False):
     constraint_models: int
     constraint_rank: int
     own_environment: bool
-    told_time: float  # s, the wall time that an engine of the user states
+    stated_time: float  # s, the wall time that an engine of the user states
 
 
 @dataclasses.dataclass

@@ -19,7 +19,7 @@ class Entry:
     needs: str | None = None  # the module of an optional engine, from the extras [drake] and [dart]
     package: str = ""  # packages for a chosen version, as in "mujoco==3.3.7"; "" if none can be chosen
     version: str = ""  # of an engine that has an environment of its own; "" if it shares this one
-    beside: str = ""  # further packages there, of any version
+    extras: str = ""  # further packages there, of any version
 
     def importable(self) -> bool:
         """Whether the engine is not optional, or is installed here."""

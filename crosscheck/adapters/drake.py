@@ -20,7 +20,7 @@ import numpy as np
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
-from crosscheck.errors import EngineError, foreign
+from crosscheck.errors import EngineError, errors_as
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.models import source
 from crosscheck.scene.states import States
@@ -83,7 +83,7 @@ def loaded(path: str, states: JointStates) -> Native:
         if next(each.iter("drake:rotor_inertia"), None) is None:
             model.root.remove(each)
     plant = MultibodyPlant(0.0)
-    with foreign(lambda error: EngineError(" ".join(str(error).split()))):
+    with errors_as(lambda error: EngineError(" ".join(str(error).split()))):
         if len(instances := Parser(plant).AddModelsFromString(model.text, "urdf" if model.is_urdf else "sdf")) != 1:
             raise EngineError(f"it has {len(instances)} models, one is compared")
         plant.Finalize()

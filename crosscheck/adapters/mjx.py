@@ -1,7 +1,7 @@
 """MJX, MuJoCo in JAX, on the processor: MuJoCo's models, in double or in single precision.
 
 Source: https://mujoco.readthedocs.io/en/stable/mjx.html. It needs a MuJoCo of its own version, and so an environment of
-its own (`crosscheck.adapters.foreign.versions`). MuJoCo compiles the model there; steps, states and accelerations are
+its own (`crosscheck.adapters.external.versions`). MuJoCo compiles the model there; steps, states and accelerations are
 MJX's own, in its precision. One function for all steps is compiled for each model and integrator, and kept on disk.
 """
 
@@ -60,7 +60,7 @@ class MJX(Forms):
             model, bench = mjx.put_model(built), mjx.put_model(observed)
         except NotImplementedError as error:
             raise Unsupported(f"MJX {self.version()} does not have what this scene needs: {error}") from None
-        data, seen = mjx.make_data(built), mjx.make_data(observed)
+        data, bench_data = mjx.make_data(built), mjx.make_data(observed)
         # Both go to a device like the rest of the data, or the second call would compile once more.
         place = functools.partial(jax.device_put, device=jax.devices("cpu")[0])
         data = data.replace(qpos=place(start.qpos), qvel=place(start.qvel))
@@ -83,7 +83,7 @@ class MJX(Forms):
             parts = []
             for first in range(0, len(t), ROWS):
                 rows = [np.resize(part[first:first + ROWS], (ROWS, part.shape[1])) for part in (q, v)]
-                parts.append(np.asarray(watch(bench, seen, *rows), dtype=float)[:len(t) - first])
+                parts.append(np.asarray(watch(bench, bench_data, *rows), dtype=float)[:len(t) - first])
             return np.concatenate(parts)
 
         def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:

@@ -3,7 +3,7 @@
 Source: https://newton-physics.github.io/newton. `Featherstone` and the `MuJoCo` integrators step in joint coordinates,
 `XPBD` and `SemiImplicit` move free bodies, the first with projected joints and the second with joints that are springs.
 With the softness "default" both run as Newton sets them up, with "tight" as they come closest to joints that are rigid.
-Newton needs a MuJoCo of its own version, and so an environment of its own (`crosscheck.adapters.foreign.versions`).
+Newton needs a MuJoCo of its own version, and so an environment of its own (`crosscheck.adapters.external.versions`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.native import JointStates, Native, Part, assembled, moved
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco.own_law import default
-from crosscheck.errors import EngineError, foreign
+from crosscheck.errors import EngineError, errors_as
 from crosscheck.files import aside
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.models import source
@@ -144,7 +144,7 @@ class Newton(Engine):
             if add == "urdf":  # without its shapes, whose meshes may be anywhere
                 path = f"{folder}/model.urdf"
                 Path(path).write_text(model.text)
-            with foreign(lambda error: EngineError(f"Newton cannot read it: {' '.join(str(error).split())}")):
+            with errors_as(lambda error: EngineError(f"Newton cannot read it: {' '.join(str(error).split())}")):
                 getattr(builder, f"add_{add}")(path)
             return loaded(warp, newton, builder, states)
 

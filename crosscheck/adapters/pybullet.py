@@ -125,23 +125,23 @@ def build(pybullet: ModuleType, scene: Scene) -> tuple[int, list[int], np.ndarra
 
     The frame of a link is at its joint with the axes of its body, that of its inertia at the centre of mass.
     """
-    chain = list(tree.links(scene))
-    number = {GROUND: 0} | {link.body: k + 1 for k, link in enumerate(chain)}  # of parents, the base is 0
+    tree_links = list(tree.links(scene))
+    number = {GROUND: 0} | {link.body: k + 1 for k, link in enumerate(tree_links)}  # of parents, the base is 0
     moments, axes = np.linalg.eigh(scene.inertias)
     axes *= np.sign(np.linalg.det(axes))[:, None, None]
-    origin = {GROUND: np.zeros(3)} | {link.body: link.child_anchor for link in chain}
+    origin = {GROUND: np.zeros(3)} | {link.body: link.child_anchor for link in tree_links}
     robot = pybullet.createMultiBody(
-        baseMass=0.0, linkMasses=[scene.masses[link.body] for link in chain],
+        baseMass=0.0, linkMasses=[scene.masses[link.body] for link in tree_links],
         linkCollisionShapeIndices=[-1] * scene.n, linkVisualShapeIndices=[-1] * scene.n,
-        linkPositions=[(link.parent_anchor - origin[link.parent]).tolist() for link in chain],
-        linkOrientations=[_xyzw(open_tree.zero_attitude(scene, link)) for link in chain],
-        linkInertialFramePositions=[(-link.child_anchor).tolist() for link in chain],
-        linkInertialFrameOrientations=[_xyzw(axes[link.body]) for link in chain],
-        linkParentIndices=[number[link.parent] for link in chain],
-        linkJointTypes=[getattr(pybullet, f"JOINT_{link.type.upper()}") for link in chain],
-        linkJointAxis=[link.parts[0].axis.tolist() if link.dofs == 1 else [0, 0, 1] for link in chain])
+        linkPositions=[(link.parent_anchor - origin[link.parent]).tolist() for link in tree_links],
+        linkOrientations=[_xyzw(open_tree.zero_attitude(scene, link)) for link in tree_links],
+        linkInertialFramePositions=[(-link.child_anchor).tolist() for link in tree_links],
+        linkInertialFrameOrientations=[_xyzw(axes[link.body]) for link in tree_links],
+        linkParentIndices=[number[link.parent] for link in tree_links],
+        linkJointTypes=[getattr(pybullet, f"JOINT_{link.type.upper()}") for link in tree_links],
+        linkJointAxis=[link.parts[0].axis.tolist() if link.dofs == 1 else [0, 0, 1] for link in tree_links])
     pybullet.changeDynamics(robot, -1, linearDamping=0.0, angularDamping=0.0)
-    for k, link in enumerate(chain):
+    for k, link in enumerate(tree_links):
         # inertia in a call of its own: together with the rest PyBullet sets it to zero
         pybullet.changeDynamics(robot, k, localInertiaDiagonal=moments[link.body].tolist())
         pybullet.changeDynamics(robot, k, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,

@@ -86,10 +86,10 @@ class Sapien(Engine):
 
 def articulated(sapien: Any, scene: Scene, world: Any) -> list[Any]:
     """The links of an articulation in its initial state, in the order of the scene's bodies."""
-    component, chain = sapien.physx.PhysxArticulationLinkComponent, tree.links(scene)
+    component, tree_links = sapien.physx.PhysxArticulationLinkComponent, tree.links(scene)
     made, starts = {GROUND: component()}, {}
     entities = [_entity(sapien, made[GROUND])]
-    for link in chain:
+    for link in tree_links:
         part = made[link.body] = component(made[link.parent])
         entities.append(_heavy(sapien, scene, link.body, part))
         joint, joint.name = part.joint, str(link.body)

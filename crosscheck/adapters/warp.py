@@ -1,7 +1,7 @@
 """MuJoCo Warp, MuJoCo's models in Warp kernels, on the processor in single precision.
 
 Source: https://github.com/google-deepmind/mujoco_warp. It needs the MuJoCo of its own version, and is given an
-environment of its own (`crosscheck.adapters.foreign.versions`). MuJoCo compiles the model there; steps, states and
+environment of its own (`crosscheck.adapters.external.versions`). MuJoCo compiles the model there; steps, states and
 accelerations are those of Warp.
 """
 
@@ -65,17 +65,17 @@ class Warp(Forms):
                 each.opt.warn_overflow &= ~(limits.ITERATIONS | limits.LS_ITERATIONS)
             rows = 6 * built.neq + 2 * built.njnt + built.nv  # by default those of the start alone
             data = mujoco_warp.put_data(built, start, njmax=rows)
-            seen = mujoco_warp.put_data(observed, mujoco.MjData(observed), nworld=ROWS, njmax=rows)
+            bench_data = mujoco_warp.put_data(observed, mujoco.MjData(observed), nworld=ROWS, njmax=rows)
             mujoco_warp.step(model, mujoco_warp.put_data(built, start, njmax=rows))  # compile before the clock runs
             step = recorded(warp, functools.partial(mujoco_warp.step, model, data))
 
             def observe(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
                 parts = []
                 for first in range(0, len(t), ROWS):
-                    for target, part in ((seen.qpos, q), (seen.qvel, v)):
+                    for target, part in ((bench_data.qpos, q), (bench_data.qvel, v)):
                         target.assign(np.resize(part[first:first + ROWS], (ROWS, part.shape[1])).astype(np.float32))
-                    mujoco_warp.forward(bench, seen)
-                    parts.append(seen.sensordata.numpy()[:len(t) - first].astype(float))
+                    mujoco_warp.forward(bench, bench_data)
+                    parts.append(bench_data.sensordata.numpy()[:len(t) - first].astype(float))
                 return np.concatenate(parts)
 
             def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:

@@ -96,12 +96,12 @@ class Commands(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write what each function says of itself in its file, without importing it."""
-        told: dict[tuple[str, str], str] = {}
+        docstrings: dict[tuple[str, str], str] = {}
         for file in set(COMMANDS.values()):
             tree = ast.parse(Path(__file__).with_name(f"{file}.py").read_text(encoding="utf-8"))
-            told |= {(file, node.name): ast.get_docstring(node) or "" for node in tree.body
+            docstrings |= {(file, node.name): ast.get_docstring(node) or "" for node in tree.body
                      if isinstance(node, ast.FunctionDef)}
-        rows = [(name, " ".join(re.split(r"\.(?:\s|$)", told[file, FUNCTIONS.get(name, name)])[0].split()))
+        rows = [(name, " ".join(re.split(r"\.(?:\s|$)", docstrings[file, FUNCTIONS.get(name, name)])[0].split()))
                 for name, file in COMMANDS.items()]
         for title, part in (("Commands that answer a question", rows[:FIRST]), ("Others", rows[FIRST:])):
             with formatter.section(title):

@@ -72,12 +72,12 @@ def progress_bar(what: str = "starting") -> Iterator[Progress]:
     with _innermost(None), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=None)
 
-        def shown(done: int, total: int | None, label: str) -> None:
+        def update_bar(done: int, total: int | None, label: str) -> None:
             if label.startswith(FAILED):
                 bar.console.print(label, markup=False, highlight=False)
             bar.update(task, completed=done, total=total, description=label)
 
-        yield shown
+        yield update_bar
 
 
 @contextlib.contextmanager
@@ -160,10 +160,10 @@ def warnings_in_one_line() -> Iterator[None]:
             yield
     finally:
         most = sorted(counts, key=lambda text: -counts[text])
-        told = [f"{text}{f', {counts[text]} times' if counts[text] > 1 else ''}" for text in most[:3]]
+        warnings_listed = [f"{text}{f', {counts[text]} times' if counts[text] > 1 else ''}" for text in most[:3]]
         more = f"; and {counted(len(most) - 3, 'other place')}" if len(most) > 3 else ""
-        if told:
-            complain(f"{counted(sum(counts.values()), 'warning')}: {'; '.join(told)}{more}")
+        if warnings_listed:
+            complain(f"{counted(sum(counts.values()), 'warning')}: {'; '.join(warnings_listed)}{more}")
 
 
 def interrupted() -> str:

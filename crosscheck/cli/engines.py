@@ -170,8 +170,8 @@ def _torques(name: str, engines: list[str] | None, states: int, seed: int) -> in
             skipped[engine] = str(error)
     say(f"{scene.name}: what drives supply at the start for constant rates (N m, N)")
     for k, coordinate in enumerate(scene.coordinates):
-        told = (f"{source} {values[0, k]:.12g}" for source, values in by_source.items())
-        say(f"{coordinate}: {', '.join(told)}", indent=2)
+        readings = (f"{source} {values[0, k]:.12g}" for source, values in by_source.items())
+        say(f"{coordinate}: {', '.join(readings)}", indent=2)
     gaps = {source: float(abs(values - by_source["truth"]).max(initial=0.0)) for source, values in by_source.items()}
     wrong = {source: gap for source, gap in gaps.items() if gap > 1e-10 * max(1.0, abs(by_source["truth"]).max())}
     say(f"the start and {counted(states, 'random state')}, with accelerations: sources differ from truth by at most "
@@ -201,7 +201,7 @@ def _print_inspection(result: Inspection) -> None:
     rows = {quantity: [by_cell.get((probe.engine, probe.form, quantity)) for probe in result.probes]
             for quantity in QUANTITIES}
     print_table(terminal, [key("largest relative deviation"), *figures(*(probe.label for probe in result.probes))],
-                [[quantity, *map(_told, cells)] for quantity, cells in rows.items() if any(cells)])
+                [[quantity, *map(_deviation, cells)] for quantity, cells in rows.items() if any(cells)])
     if result.probes:
         terminal.print("over the size of each quantity; -: not available from this model; !: beyond its bound")
     for probe in result.probes:
@@ -218,7 +218,7 @@ def _print_inspection(result: Inspection) -> None:
         terminal.print(f"  then: {offender}", markup=False)
 
 
-def _told(deviation: Deviation | None) -> str:
+def _deviation(deviation: Deviation | None) -> str:
     """A relative deviation, with a mark if it exceeds its bound."""
     if deviation is None:
         return "-"

@@ -120,39 +120,39 @@ def trend(
     cell = (scene, engine, method, form)
     if metric == OUTCOME:
         with _opened(store) as opened:
-            told = stored.outcomes(opened, cell)
-        if not told:
+            outcomes = stored.outcomes(opened, cell)
+        if not outcomes:
             raise ArgumentError(_no("metric", OUTCOME, []))
-        typer.echo(f"{OUTCOME}, {counted(len(told), 'run')}")
-        for outcome, runs in itertools.groupby(told, key=lambda each: each[1]):
+        typer.echo(f"{OUTCOME}, {counted(len(outcomes), 'run')}")
+        for outcome, runs in itertools.groupby(outcomes, key=lambda each: each[1]):
             names = [name for name, _ in runs]
             typer.echo(f"{outcome}: {counted(len(names), 'run')} from {names[0]} on")
         return
     with _opened(store) as opened:
-        seen = stored.series(opened, metric, cell)
-        if not seen:
+        series = stored.series(opened, metric, cell)
+        if not series:
             raise ArgumentError(_no("metric", metric, stored.figure_names(opened, cell)))
-    series_of = [figure for _, figure in seen]
+    series_of = [figure for _, figure in series]
     changed = changes.change_points(series_of)
     unit = "" if series_of[0].unit == "1" else f" {series_of[0].unit}"
     label = f"{engine} {method}" + (f" ({form})" if form else "")
-    typer.echo(f"{metric} of {label} on {scene}, {counted(len(seen), 'run')}")
+    typer.echo(f"{metric} of {label} on {scene}, {counted(len(series), 'run')}")
     typer.echo(changes.sparkline([figure.value for figure in series_of])
                + f"  {series_of[0].value:.4g} -> {series_of[-1].value:.4g}{unit}")
     if changed:
-        typer.echo("".join("◆" if index in changed else " " for index in range(len(seen))).rstrip())
+        typer.echo("".join("◆" if index in changed else " " for index in range(len(series))).rstrip())
     for index in changed:
-        typer.echo(f"◆ {seen[index][0].name}: {series_of[index - 1].value:.4g} -> {series_of[index].value:.4g}{unit}, "
-                   f"commit {seen[index][0].environment.commit or 'unknown'}")
+        typer.echo(f"◆ {series[index][0].name}: {series_of[index - 1].value:.4g} -> {series_of[index].value:.4g}{unit}"
+                   f", commit {series[index][0].environment.commit or 'unknown'}")
     if page is not None:
-        write_trend(page, seen, scene, engine, label)
+        write_trend(page, series, scene, engine, label)
         typer.echo(f"page: {page}")
 
 
 @app.command()
 def page(out: Annotated[Path, typer.Option(help="folder of the page; beside reports it shares their menus")] = Path(
              "reports/history"), store: Store = None) -> None:
-    """Write the page of the history: sparklines of every scene and engine, and of the figures of every run."""
+    """Write the page of the history: sparklines of every scene and engine, and of the series of every run."""
     from crosscheck.history.overview import write_history
 
     with _opened(store) as opened:

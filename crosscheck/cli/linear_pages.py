@@ -33,12 +33,12 @@ PERIODS, DECAYS = 2.0, 4.0
 def write_modes(folder: Path, scene: Scene, modes: Modes, path: str, over: Mapping[float, np.ndarray]) -> Path:
     """The page of modes; `over` has the eigenvalues by values of the number at `path`, if there is one."""
     kept = [k for k, value in enumerate(modes.eigenvalues) if value != 0 and value.imag >= 0]
-    return page_of(folder, "modes.html.j2", scene=scene, values=[_told(modes.eigenvalues[k]) for k in kept],
+    return page_of(folder, "modes.html.j2", scene=scene, values=[_eigenvalue(modes.eigenvalues[k]) for k in kept],
                  zeros=int(np.count_nonzero(modes.eigenvalues == 0)), path=path, curves=_branches(path, over),
                  drawn=_drawn(scene, modes, kept) if kept else None)
 
 
-def _told(value: complex) -> dict[str, object]:
+def _eigenvalue(value: complex) -> dict[str, object]:
     """What a table says of an eigenvalue."""
     rate, swing = float(value.real), float(value.imag)
     return {"label": f"{rate:.4g} ± {swing:.4g}i" if swing else f"{rate:.4g}", "growth": rate, "swing": swing,
@@ -78,7 +78,7 @@ def _drawn(scene: Scene, modes: Modes, kept: Sequence[int]) -> dict[str, object]
         changes *= SEEN / max(sizes[0] / (length_of(scene) * scene.n), sizes[1])
         still = np.zeros(6 * scene.n)
         poses = [projected(scene, shifted(scene, np.concatenate([row.ravel(), still]))) for row in changes]
-        actors.append({"label": _told(value)["label"], **_moves([(pose.x0, pose.R0) for pose in poses])})
+        actors.append({"label": _eigenvalue(value)["label"], **_moves([(pose.x0, pose.R0) for pose in poses])})
     actors.append({"label": "start", **_moves([(scene.x0, scene.R0)] * PICTURES)})
     return {"t": t.tolist(), "drawing": msgspec.to_builtins(drawing(scene)), "actors": actors}
 

@@ -159,8 +159,8 @@ def _print_derivatives(exact: Any, verdicts: Any, skipped: dict[str, str]) -> No
             for row in np.where(np.abs(values) > exact.error * np.abs(values).max(initial=0.0), values, 0.0):
                 say("  ".join(f"{value: .10g}" for value in row), indent=2)
     for each in verdicts:
-        told = "  ".join(f"{name} {error:.1e}" for name, error in each.errors.items())
-        say(f"{'✓' if each.right else '✗'} {each.source}: {told}; allowed {each.bound:.1e}"
+        listed = "  ".join(f"{name} {error:.1e}" for name, error in each.errors.items())
+        say(f"{'✓' if each.right else '✗'} {each.source}: {listed}; allowed {each.bound:.1e}"
             + ("" if each.right else f"; {each.cause or 'the cause is unknown'}"))
     curve = [each for each in verdicts if "inverseFD" in each.source]
     if len(curve) > 2:
@@ -189,14 +189,14 @@ def _modes(scene: Scene, over: str | None, points: int, as_json: bool, out: Path
             raise ArgumentError(f"--over: {over!r} is not understood; write PATH=FROM:TO, such as speed=0:10") from None
         over_numbers = {value: find(at_speed(scene, value) if path == "speed" else changed(scene, {path: value})
                                     ).eigenvalues for value in np.linspace(low, high, points).tolist()}
-    told = {f"{value:.10g}": values for value, values in over_numbers.items()} or {"": small.eigenvalues}
+    listed = {f"{value:.10g}": values for value, values in over_numbers.items()} or {"": small.eigenvalues}
     if out is not None:
         print(f"page: {write_modes(out, scene, small, path, over_numbers)}", file=sys.stderr)
     if as_json:
         options.print_json({"scene": scene.name, "over": path, "unit": unit(path), "eigenvalues": {
-            key: [[value.real, value.imag] for value in values] for key, values in told.items()}})
+            key: [[value.real, value.imag] for value in values] for key, values in listed.items()}})
         return
-    for key, values in told.items():
+    for key, values in listed.items():
         zeros = int(np.count_nonzero(values == 0))
         text = "  ".join(f"{value.real:.14g}" if value.imag == 0 else f"{value.real:.14g} {value.imag:+.14g}i"
                          for value in values if value != 0)

@@ -109,10 +109,10 @@ def reads_models(command: Callable[..., None]) -> Callable[..., None]:
 
     hints = get_type_hints(command, include_extras=True)
     own = [each.replace(annotation=hints[each.name]) for each in inspect.signature(command).parameters.values()]
-    told = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=Reading._field_defaults[name],
+    added = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=Reading._field_defaults[name],
                               annotation=hint) for name, hint in get_type_hints(Reading, include_extras=True).items()]
     place = next(k for k, each in enumerate(own) if each.name == "reading")
-    every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (*own[:place], *told, *own[place + 1:])]
+    every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (*own[:place], *added, *own[place + 1:])]
     asked.__name__, asked.__doc__ = command.__name__, command.__doc__
     asked.__annotations__ = {each.name: each.annotation for each in every}
     vars(asked)["__signature__"] = inspect.Signature(every)

@@ -135,8 +135,8 @@ def _first_line(judged: Record | None) -> str:
 def _print_errors(judged: Record) -> None:
     """Each quantity's error, and how small an error of the model would have shown."""
     for name, error in judged.errors.items():
-        seen = judged.resolution.get(name)
-        shown = "" if seen is None else f"; a model error above {seen:.1e} of its size would have shown"
+        visible = judged.resolution.get(name)
+        shown = "" if visible is None else f"; a model error above {visible:.1e} of its size would have shown"
         say(f"{name} error against truth {error.max:.1e} {error.unit}, at t = {error.time:.4g} s{shown}")
 
 
@@ -322,12 +322,12 @@ def judge(
     else:
         for name, verdict in verdicts.items():
             say(f"{verdict.lines[0].partition(':')[0]}: {name}: {verdict.why}")
-    again = shlex.join(["crosscheck", *sys.argv[1:]])
+    command_line = shlex.join(["crosscheck", *sys.argv[1:]])
     if any(verdict.outcome == "fail" for verdict in verdicts.values()) and not as_json:
-        print(f"reproduce: {again}")
+        print(f"reproduce: {command_line}")
     for name, verdict in verdicts.items() if form == "github" else ():
         if verdict.code:
-            annotate(verdict.outcome, f"{verdict.code} {name}", f"{verdict.why}; {again}")
+            annotate(verdict.outcome, f"{verdict.code} {name}", f"{verdict.why}; {command_line}")
     if out is not None and not as_json:
         print(f"page: {out / 'index.html'}" if len(verdicts) == 1 else f"pages: {out}")
     raise typer.Exit(outcomes.exit_code(verdict.outcome for verdict in verdicts.values()))
@@ -392,9 +392,9 @@ def _print_cause(answer: Any) -> None:
     if answer.evidence:
         say(f"evidence; hypotheses tried: {answer.tried} (✓ explains, · does not)")
     for each in answer.evidence:
-        told = [f"{each.quantity}: {figure(each.before, '–')} without, {figure(each.after, '–')} with it",
+        parts = [f"{each.quantity}: {figure(each.before, '–')} without, {figure(each.after, '–')} with it",
                 each.magnitude, each.note]
-        say(f"{'✓' if each.holds else '·'} {each.hypothesis}; {'; '.join(filter(None, told))}", indent=2)
+        say(f"{'✓' if each.holds else '·'} {each.hypothesis}; {'; '.join(filter(None, parts))}", indent=2)
     for cause in answer.causes:
         say(f"what to change: {cause.mend} ({cause.name})")
     if answer.outcome == "fail":
@@ -438,7 +438,7 @@ def advise(
     if as_json:
         options.print_json({**msgspec.to_builtins(advice), "law": law})
     else:
-        tell(advice)
+        print_advice(advice)
         for line in (law or "").splitlines():
             say(f"law      {line}", hang=9)
     raise typer.Exit(EXIT_CODES["unresolved" if advice.method is None else "pass"])
@@ -470,7 +470,7 @@ def _law(scene: Scene, engine: str, advice: Advice) -> str | None:
         return str(error)
 
 
-def tell(each: Advice) -> None:
+def print_advice(each: Advice) -> None:
     """Print an advice; the line of the command is not folded, so that it can be copied."""
     for line in words(each):
         if line.startswith("command "):

@@ -12,7 +12,7 @@ import typer
 from crosscheck.cli import options
 from crosscheck.cli.console import console, figures, key, print_table, progress_bar, say, words
 from crosscheck.cli.options import Engines, chosen, figure
-from crosscheck.cli.options import figures as shown
+from crosscheck.cli.options import figures as formatted
 from crosscheck.errors import counted
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def _conduct(study: Study[Asked, Any, Doc], ask: Asked, out: Path) -> Doc:
         return studies.conduct(study, ask, out, progress)
 
 
-def _tell_page(out: Path) -> None:
+def _print_page(out: Path) -> None:
     typer.echo(f"page: {out / 'index.html'}")
 
 
@@ -78,7 +78,7 @@ def work_precision(
                    *figures("ms", "factor", *(("heyoka, ms", "to heyoka") if bounded else ()))]
         rows = []
         for front in fronts:
-            own, other, *rest = shown((front.own_cost, front.other_cost, front.factor,
+            own, other, *rest = formatted((front.own_cost, front.other_cost, front.factor,
                                        *((front.bound_cost, front.to_bound) if bounded else ())), "-")
             rows.append((f"{front.level:.0e}", (front.own or "-").removeprefix("lieeuler "), own, front.other or "-",
                          other, *rest))
@@ -95,7 +95,7 @@ def work_precision(
         print()
     say("factor: the time of the best of the others over that of lieeuler" + bounded * (
         "; to heyoka: the time of lieeuler over that of heyoka's Taylor series, which bounds what is possible"))
-    _tell_page(out)
+    _print_page(out)
 
 
 @app.command()
@@ -121,14 +121,14 @@ def drift(
     print_table(console(220), columns, [
         (run.scene, run.label, f"{run.steps:,}", figure(run.wall_time),
          run.energy_verdict or f"{run.status}: {run.reason}",
-         *shown((run.energy_band, run.energy_slope, run.energy_trend, run.energy_growth), digits=".2g"),
+         *formatted((run.energy_band, run.energy_slope, run.energy_trend, run.energy_growth), digits=".2g"),
          figure(run.momentum_band, digits=".1e"), run.momentum_verdict,
-         *shown((run.constraint_position, run.constraint_velocity, run.constraint_acceleration, run.orthogonality),
+         *formatted((run.constraint_position, run.constraint_velocity, run.constraint_acceleration, run.orthogonality),
                 digits=".1e"))
         for run in document.runs])
     say("Energy errors are over the largest kinetic energy, momentum errors over the largest momentum. growth: the "
         "power of the number of steps with which the energy error grows, 0.5 for rounding alone")
-    _tell_page(out)
+    _print_page(out)
 
 
 @app.command()
@@ -149,9 +149,9 @@ def stability(
     columns = [key("scene"), key("run"), *figures("largest step, s", "rtol", "error there", "ms", "breaks at"),
                words("how")]
     print_table(console(200), columns, [
-        (line.scene, line.label, *shown((line.step, line.rtol, line.error, line.milliseconds, line.breaks_at)),
+        (line.scene, line.label, *formatted((line.step, line.rtol, line.error, line.milliseconds, line.breaks_at)),
          line.reason) for line in document.lines])
-    _tell_page(out)
+    _print_page(out)
 
 
 @app.command()

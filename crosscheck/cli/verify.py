@@ -204,11 +204,12 @@ def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
 
 def _row(record: Record) -> tuple[str, ...]:
     from crosscheck.document.outcomes import percent
-    from crosscheck.report.headline import OUTCOMES, seen
+    from crosscheck.report.headline import OUTCOMES, visible_error
 
     return (record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", _size(record),
-            "" if record.order is None else f"{record.order.observed:.2f}", _number(record.off), _number(seen(record)),
-            "" if record.share is None else percent(record.least_share), _number(record.energy_error),
+            "" if record.order is None else f"{record.order.observed:.2f}", _number(record.off),
+            _number(visible_error(record)), "" if record.share is None else percent(record.least_share),
+            _number(record.energy_error),
             "" if record.us_per_step is None else f"{record.us_per_step:.3g}")
 
 
@@ -279,4 +280,4 @@ def report(
     elif format_ == "paper":
         typer.echo(f"document: {write_paper(site.load_report(folder), folder / site.PAPER)}")
     else:
-        typer.echo(f"report: {site.render_again(folder)}")
+        typer.echo(f"report: {site.rewrite_pages(folder)}")

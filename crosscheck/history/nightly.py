@@ -133,7 +133,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
         store.save(history_store, store.run_from_document(name, document, good=good))
         folder = _publish(out, name, document, text)
         _point_latest(out, folder.name)
-        standalone.tell(out / LATEST)
+        standalone.write_neighbours(out / LATEST)
     _prune(out, keep)
     return Night(folder, exit_code, text, changes)
 

@@ -15,7 +15,7 @@ from typing import Any, overload
 from crosscheck import adapters
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import RunSpec
-from crosscheck.errors import EngineError, Unsupported, foreign, install, named
+from crosscheck.errors import EngineError, Unsupported, errors_as, install, named
 from crosscheck.inspection import admissible, native
 from crosscheck.inspection.base import Deviation, Inspection, Probe
 from crosscheck.inspection.diff import Diff
@@ -100,7 +100,8 @@ def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Pr
     reasons = [adapter.unsupported(scene, RunSpec(method, step=1e-3, form=form)) for method in adapter.methods]
     if None not in reasons:  # a form may be available for some methods only
         raise Unsupported(reasons[0])
-    with foreign(lambda error: EngineError(f"{adapter.name}: {named(error)}" if not isinstance(error, ImportError) else
-                                           f"{adapter.name} cannot be imported: {error}; {install(adapter.name)}")):
-        told: Probe = own(scene, at, form)
-    return told
+    with errors_as(lambda error: EngineError(
+            f"{adapter.name} cannot be imported: {error}; {install(adapter.name)}"
+            if isinstance(error, ImportError) else f"{adapter.name}: {named(error)}")):
+        answer: Probe = own(scene, at, form)
+    return answer

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crosscheck.adapters.foreign import versions
+from crosscheck.adapters.external import versions
 from crosscheck.document import QUANTITIES
 from crosscheck.errors import ArgumentError, EngineError
 from crosscheck.inspection.reproduce import Reproduction

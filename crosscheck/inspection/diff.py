@@ -65,7 +65,7 @@ class Difference(NamedTuple):
     b: Any
 
     def __str__(self) -> str:
-        return f"{self.where + ': ' if self.where else ''}{self.what}: {_shown(self.a)} and {_shown(self.b)}"
+        return f"{self.where + ': ' if self.where else ''}{self.what}: {_formatted(self.a)} and {_formatted(self.b)}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,8 +95,8 @@ class Diff:
         motion = "accelerations are not compared: the second cannot take the states of the first" if (
             self.moves is None) else (
                 f"accelerations at {STATES + 1} matched states differ by {self.moves:.1e} of the largest")
-        told = "the same motion" if self.same else f"differences: {len(self.differences)}"
-        return (f"{self.a} and {self.b}: {told}; matched bodies: {len(self.pairs)}", *map(str, self.differences),
+        summary = "the same motion" if self.same else f"differences: {len(self.differences)}"
+        return (f"{self.a} and {self.b}: {summary}; matched bodies: {len(self.pairs)}", *map(str, self.differences),
                 *(f"{name} could be matched otherwise: it has a twin" for name in self.ambiguous), motion)
 
     def __str__(self) -> str:
@@ -216,7 +216,7 @@ class _Comparison:
         self.ambiguous: list[str] = []
         self.differences: list[Difference] = []
         if not _alike(one.scene.gravity, other.scene.gravity):
-            self._tell("", "gravity", one.scene.gravity, other.scene.gravity)
+            self._compare("", "gravity", one.scene.gravity, other.scene.gravity)
         self._descend(GROUND, np.eye(3), np.zeros(3))
         self._loops()
         self._couplings()
@@ -233,14 +233,14 @@ class _Comparison:
         """Compare accelerations; it takes longer than all before."""
         self.moves = self._accelerations()
         if self.moves is not None and self.moves > MOVES and not self.differences:
-            self._tell("", "accelerations", 0.0, self.moves)
+            self._compare("", "accelerations", 0.0, self.moves)
 
     def names(self) -> Iterator[tuple[str, str]]:
         """Names of matched bodies."""
         return ((self.one.scene.bodies[k].name, self.other.scene.bodies[j].name)
                 for k, j in sorted(self.bodies.items()) if k != GROUND)
 
-    def _tell(self, where: str, what: str, a: object, b: object) -> None:
+    def _compare(self, where: str, what: str, a: object, b: object) -> None:
         self.differences.append(Difference(where, what, _plain(a), _plain(b)))
 
     def _descend(self, body: int, E: np.ndarray, shift: np.ndarray) -> None:
@@ -257,19 +257,19 @@ class _Comparison:
             home = self.other.R[j].T @ E @ self.one.R[k]
             Q = self.Q[k] = self._axes(k, j, home)
             if abs(a.mass - b.mass) > TOLERANCE * a.mass:
-                self._tell(a.name, "mass", a.mass, b.mass)
+                self._compare(a.name, "mass", a.mass, b.mass)
             if not _alike(a.inertia, Q.T @ b.inertia @ Q):
-                self._tell(a.name, "inertia", a.inertia, Q.T @ b.inertia @ Q)
+                self._compare(a.name, "inertia", a.inertia, Q.T @ b.inertia @ Q)
             own = self.shifts[k] = self._joint(k, j, shift)
             if self.one.joint.get(k) is not None and self.other.joint.get(j) is not None and Q is not home:
                 turn = Q.T @ home
                 angle = math.acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1) / 2)))
-                self._tell(self.one.joint[k].name, "frame", 0.0, angle)  # type: ignore[union-attr]
+                self._compare(self.one.joint[k].name, "frame", 0.0, angle)  # type: ignore[union-attr]
             self._descend(k, self.other.R[j] @ Q @ self.one.R[k].T, own)
         for k in set(mine) - self.bodies.keys():
-            self._tell(self.one.scene.bodies[k].name, "body", "there", "missing")
+            self._compare(self.one.scene.bodies[k].name, "body", "there", "missing")
         for j in set(theirs) - set(self.bodies.values()):
-            self._tell(self.other.scene.bodies[j].name, "body", "missing", "there")
+            self._compare(self.other.scene.bodies[j].name, "body", "missing", "there")
 
     def _matched(self, body: int, mine: list[int], theirs: list[int], shift: np.ndarray) -> list[tuple[int, int]]:
         from scipy.optimize import linear_sum_assignment
@@ -333,17 +333,17 @@ class _Comparison:
         name = self.one.scene.bodies[k].name
         if a is None or b is None:
             if a is not b:
-                self._tell(a.name if a else name, "joint type", a.type if a else "free", b.type if b else "free")
+                self._compare(a.name if a else name, "joint type", a.type if a else "free", b.type if b else "free")
             return np.zeros(3)
         self.joints[a.name] = b.name
         if a.type != b.type:
-            self._tell(a.name, "joint type", a.type, b.type)
+            self._compare(a.name, "joint type", a.type, b.type)
             return np.zeros(3)
         turned = [(u, matrix.T @ v) for u, v, matrix in ((a.child_axis, b.child_axis, Q),
                                                           (a.parent_axis, b.parent_axis, Qp)) if u is not None]
         for u, v in turned[:1]:
             if not _alike(u, v, 1.0):
-                self._tell(a.name, "axis", u, v)
+                self._compare(a.name, "axis", u, v)
         own = Q.T @ b.child_anchor - a.child_anchor
         at = Qp.T @ b.parent_anchor - a.parent_anchor - shift
         turn = self.one.R[a.parent].T @ self.one.R[k]
@@ -355,13 +355,13 @@ class _Comparison:
         if "slide n1" in a.kind.coordinates:  # its slides count from anywhere in the plane
             at = (at @ a.parent_axis) * a.parent_axis
         if np.abs(own).max() > TOLERANCE * self.size:
-            self._tell(name, "centre of mass", np.zeros(3), -own)
+            self._compare(name, "centre of mass", np.zeros(3), -own)
         if np.abs(at).max() > TOLERANCE * self.size:
-            self._tell(a.name, "place", a.parent_anchor, a.parent_anchor + at)
+            self._compare(a.name, "place", a.parent_anchor, a.parent_anchor + at)
         springs = self.one.springs(a), self.other.springs(b)
         for key, value in springs[0].items():
             if not _alike(value, springs[1][key]):
-                self._tell(a.name, key, value, springs[1][key])
+                self._compare(a.name, key, value, springs[1][key])
         self._keys(a, b)
         return np.asarray(own)
 
@@ -370,7 +370,7 @@ class _Comparison:
             values = [_plain(getattr(joint, field.name)) for joint in (a, b)]
             values = [() if isinstance(value, tuple) and not any(value) else value for value in values]
             if field.name not in _PLACES and not _alike(*values):
-                self._tell(a.name, field.name, *values)
+                self._compare(a.name, field.name, *values)
 
     def _couplings(self) -> None:
         """Mimics, whose leaders may be named otherwise."""
@@ -381,7 +381,7 @@ class _Comparison:
                 continue
             mine = a.mimic and (self.joints.get(a.mimic.joint), a.mimic.ratio, a.mimic.offset)
             if not _alike(mine, b.mimic and (b.mimic.joint, b.mimic.ratio, b.mimic.offset)):
-                self._tell(a.name, "mimic", a.mimic, b.mimic)
+                self._compare(a.name, "mimic", a.mimic, b.mimic)
 
     def _loops(self) -> None:
         """Joints that close loops, matched by type and bodies."""
@@ -394,20 +394,20 @@ class _Comparison:
                                                        b.child_anchor) - anchor).max()) for body, anchor, _ in ends)
                     for b in fits]
             if not fits:
-                self._tell(a.name, "loop joint", a.type, "missing")
+                self._compare(a.name, "loop joint", a.type, "missing")
                 continue
             b = fits[int(np.argmin(gaps))]
             left.remove(b)
             self.joints[a.name] = b.name
             if min(gaps) > TOLERANCE * self.size:
-                self._tell(a.name, "place", 0.0, min(gaps))
+                self._compare(a.name, "place", 0.0, min(gaps))
             for body, _, axis in ends:
                 its = b.parent_axis if self.bodies[body] == b.parent else b.child_axis
                 if axis is not None and its is not None and abs((self.Q[body] @ axis) @ its) < 1 - TOLERANCE**2:
-                    self._tell(a.name, "axis", axis, self.Q[body].T @ its)
+                    self._compare(a.name, "axis", axis, self.Q[body].T @ its)
             self._keys(a, b)
         for b in left:
-            self._tell(b.name, "loop joint", "missing", b.type)
+            self._compare(b.name, "loop joint", "missing", b.type)
 
     def _forces(self) -> None:
         """Loads, servos and springs between points, each matched with the most similar of its type and ends."""
@@ -418,14 +418,14 @@ class _Comparison:
                     if (wrong := self._unlike(a, b)) is not None]
             where = a.joint or self.one.scene.bodies[a.child].name
             if not fits:
-                self._tell(where, a.type, "there", "missing")
+                self._compare(where, a.type, "there", "missing")
                 continue
             _, index, wrong = min(fits)
             b = theirs.pop(index)
             for key in wrong:
-                self._tell(where, f"{key} of {a.type}", a.parameters.get(key), b.parameters.get(key))
+                self._compare(where, f"{key} of {a.type}", a.parameters.get(key), b.parameters.get(key))
         for b in theirs:
-            self._tell(b.joint or self.other.scene.bodies[b.child].name, b.type, "missing", "there")
+            self._compare(b.joint or self.other.scene.bodies[b.child].name, b.type, "missing", "there")
 
     def _unlike(self, a: Force, b: Force) -> list[str] | None:
         """Parameters in which two forces differ; None if they act elsewhere."""
@@ -465,7 +465,7 @@ class _Comparison:
         for kind, joint in dict.fromkeys((*mine, *theirs)):
             bound = mine.get((kind, joint)), theirs.get((kind, joint))
             if not _alike(*bound):
-                self._tell(str(joint), f"monitored {kind}", *bound)
+                self._compare(str(joint), f"monitored {kind}", *bound)
         here, there = ({key(each, names): each for each in tree.scene.left_out if not each.what.startswith(apart)}
                        for tree, names in ((self.one, {}), (self.other, back)))
         for each in dict.fromkeys((*here, *there)):
@@ -474,8 +474,8 @@ class _Comparison:
             if not _alike(a, b):
                 where, what, value = here.get(each) or there[each]
                 where = where if each in here else back.get(where, where)
-                if not self._held(where, what, each in here, f"left out ({_shown(_plain(value))})"):
-                    self._tell(where, what.removesuffix(" of joint"), a, b)
+                if not self._held(where, what, each in here, f"left out ({_formatted(_plain(value))})"):
+                    self._compare(where, what.removesuffix(" of joint"), a, b)
 
     def _held(self, where: str, what: str, first: bool, left_out: str) -> bool:
         """Whether one scene holds what the other, the `first` or not, left out; the difference then says so."""
@@ -505,11 +505,11 @@ class _Comparison:
                 names[name] = name
                 one, other = mine.pop(name), theirs.pop(name)
                 for key in self._outlined_otherwise(one, other):
-                    self._tell(name, f"{key} of the shape", one.get(key), other.get(key))
+                    self._compare(name, f"{key} of the shape", one.get(key), other.get(key))
             for name in mine:
-                self._tell(name, "shape", "there", "missing")
+                self._compare(name, "shape", "there", "missing")
             for name in theirs:
-                self._tell(name, "shape", "missing", "there")
+                self._compare(name, "shape", "missing", "there")
         return names
 
     def _outlined_otherwise(self, one: dict[str, Any], other: dict[str, Any]) -> list[str]:
@@ -525,7 +525,7 @@ class _Comparison:
         for pair in dict.fromkeys((*mine, *theirs)):
             margin = mine.get(pair), theirs.get(pair)
             if not _alike(*margin):
-                self._tell(" and ".join(sorted(pair)), "margin of a watched touch", *margin)
+                self._compare(" and ".join(sorted(pair)), "margin of a watched touch", *margin)
 
     def _accelerations(self) -> float | None:
         """The largest difference at the start of the first model and at random states, which the second takes over."""
@@ -678,9 +678,9 @@ def _ratio(a: Any, b: Any) -> float:
     return float(np.max(np.abs(np.subtract(a, b)) / np.maximum(np.maximum(np.abs(a), np.abs(b)), 1e-300)))
 
 
-def _shown(value: object) -> str:
+def _formatted(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.7g}"
     if isinstance(value, tuple):
-        return _shown(value[0]) if len(value) == 1 else "(" + ", ".join(map(_shown, value)) + ")"
+        return _formatted(value[0]) if len(value) == 1 else "(" + ", ".join(map(_formatted, value)) + ")"
     return str(value) if value not in ("", None) else "nothing"

@@ -48,7 +48,7 @@ class Difference:
         return f"{self.engine}: {self.words}"
 
 
-Told = Callable[[str, str, str], Difference]
+Diff = Callable[[str, str, str], Difference]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,9 +87,9 @@ class NativeInspection:
                     groups.setdefault((quantity, *cells), []).append(name)
         shapes = [*([self.outlined] if self.said else []), *(native.shapes for native in self.native)]
         for link in dict.fromkeys(name for column in shapes for name in column or ()):
-            told = ["-" if column is None else column.get(link, "none") for column in shapes]
-            if len(set(told) - {"-"}) > 1:
-                groups.setdefault(("collision shapes", *told), []).append(link)
+            drawn = ["-" if column is None else column.get(link, "none") for column in shapes]
+            if len(set(drawn) - {"-"}) > 1:
+                groups.setdefault(("collision shapes", *drawn), []).append(link)
         return [[f"{quantity} of {', '.join(names)}", *cells] for (quantity, *cells), names in groups.items()]
 
     @property
@@ -109,10 +109,10 @@ class NativeInspection:
     @property
     def same(self) -> tuple[str, ...]:
         """What was compared and is the same in all engines, in words."""
-        told = {each.quantity for each in self.differences}
+        differing = {each.quantity for each in self.differences}
         names = tuple(joint.name for joint in self.scene.joints) if self.scene else ()
         whole = all(native.mass_matrix is not None and native.order == names for native in self.native)
-        return tuple(words for words, quantities in COMPARED.items() if not told.intersection(quantities)
+        return tuple(words for words, quantities in COMPARED.items() if not differing.intersection(quantities)
                      and (whole or words not in DYNAMICS))
 
     @property
@@ -145,15 +145,15 @@ def _said(model: sources.Source) -> dict[str, dict[str, float | str]]:
     places = {"friction": ("dynamics", "friction"), "damping": ("dynamics", "damping"), "effort": ("limit", "effort"),
               "velocity limit": ("limit", "velocity"), "lower limit": ("limit", "lower"),
               "upper limit": ("limit", "upper"), "mimic": ("mimic", "joint")}
-    told: dict[str, dict[str, float | str]] = {}
+    joints: dict[str, dict[str, float | str]] = {}
     for joint in model.root.findall("joint") if model.is_urdf else ():
         if joint.get("type") in ("revolute", "prismatic", "continuous"):
-            mine = told.setdefault(joint.get("name", ""), {})
+            mine = joints.setdefault(joint.get("name", ""), {})
             for quantity, (tag, key) in places.items():
                 for word in (each.get(key) for each in joint.findall(tag)):
                     if word is not None and not (joint.get("type") == "continuous" and key in ("lower", "upper")):
                         mine[quantity] = word if quantity == "mimic" else compiling.finite(joint, word)
-    return told
+    return joints
 
 
 def _outlined(model: sources.Source) -> dict[str, str] | None:
@@ -172,7 +172,7 @@ def _shapes(model: sources.Source) -> dict[str, str]:
             on[child.get("link", "")] = parent.get("link", ""), compiling.pose(joint.find("origin"))
     moving = {child.get("link") for joint in model.root.findall("joint") if joint.get("type") != "fixed"
               for child in joint.findall("child")}
-    told = []
+    shapes = []
     for shape in collisions.read(model, compiling.pose, compiling.finite)[0] if model.is_urdf else ():
         link, place = shape.link, np.append(shape.position, 1.0)
         for _ in range(len(on)):
@@ -181,8 +181,8 @@ def _shapes(model: sources.Source) -> dict[str, str]:
                 place = X @ place
         sizes = shape.size if shape.kind == "sphere" else [shape.size[0], 2 * shape.size[1]] if (
             shape.kind in ("cylinder", "capsule")) else [2 * each for each in shape.size]
-        told.append((link if link in moving else "ground", shape.kind, sizes, place[:3]))
-    return solids(told)
+        shapes.append((link if link in moving else "ground", shape.kind, sizes, place[:3]))
+    return solids(shapes)
 
 
 def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, count: int = 3, seed: int = 0
@@ -246,16 +246,17 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
                                                    for name, joint in neutral.joints.items()})
     invented = frozenset(link.get("name", "") for link in model.root.findall("link")
                          if link.find("inertial") is None and link.find("collision") is not None)
-    told = [each for native in natives if native is not neutral
-            for each in _differences(neutral, _named_alike(neutral, native), invented)]
-    told = [each for each in told if each.engine.startswith("mujoco") or each.place not in _chains(scene)]
+    differences = [each for native in natives if native is not neutral
+                   for each in _differences(neutral, _named_alike(neutral, native), invented)]
+    differences = [each for each in differences
+                   if each.engine.startswith("mujoco") or each.place not in _light_bodies(scene)]
     whole = sum(float(mass.get("value", "0")) for mass in model.root.findall("link/inertial/mass"))
     still = whole - sum(link.mass for link in neutral.links.values())  # on the root
-    told += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
+    differences += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
              for native in natives if native.engine.startswith("mujoco") and still > TOLERANCE * whole]
     absent = {} if engines is not None else {name: install(name) for name in _absent(ending)}
-    return NativeInspection(source, scene, tuple(natives), tuple(told), refused, str(no_scene or ""), _said(model),
-                            absent, _outlined(model))
+    return NativeInspection(source, scene, tuple(natives), tuple(differences), refused, str(no_scene or ""),
+                            _said(model), absent, _outlined(model))
 
 
 def _absent(ending: str) -> list[str]:
@@ -264,7 +265,7 @@ def _absent(ending: str) -> list[str]:
             if name not in adapters.names() and ending in entry.make().reads]
 
 
-def _chains(scene: Scene | None) -> set[str]:
+def _light_bodies(scene: Scene | None) -> set[str]:
     """Names of light bodies and the joints on them, which stand for several joints on one body in other engines."""
     if scene is None or not any(each.what.startswith("that nothing is between") for each in scene.left_out):
         return set()
@@ -330,24 +331,24 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return M, -M @ coordinates(scene.unloaded), coordinates(scene)
 
 
-def printed(shown: NativeInspection, echo: Callable[[str], Any]) -> None:
+def printed(found: NativeInspection, echo: Callable[[str], Any]) -> None:
     """Print the result through `echo`."""
-    silent = shown.scene is not None and any(native.mass_matrix is None for native in shown.native)
-    read = ", ".join(native.engine for native in shown.native) or "no engine"
-    if shown.scene is not None:
-        echo(f"{shown.path}: {shown.scene.n} moving bodies, {len(shown.scene.joints)} joints; loaded by {read}")
-    for native in shown.native if shown.scene is None else ():
-        echo(f"{shown.path}: {native.engine} reads {len(native.links)} moving bodies, {len(native.joints)} joints with "
+    silent = found.scene is not None and any(native.mass_matrix is None for native in found.native)
+    read = ", ".join(native.engine for native in found.native) or "no engine"
+    if found.scene is not None:
+        echo(f"{found.path}: {found.scene.n} moving bodies, {len(found.scene.joints)} joints; loaded by {read}")
+    for native in found.native if found.scene is None else ():
+        echo(f"{found.path}: {native.engine} reads {len(native.links)} moving bodies, {len(native.joints)} joints with "
              f"one coordinate, {sum(link.mass for link in native.links.values()):g} kg")
-    for words in shown.lines:
+    for words in found.lines:
         echo(words)
     if silent:
         echo("not compared: mass matrix, bias forces and accelerations, which need an open tree of joints with one "
              "coordinate each")
-    if shown.agree:
+    if found.agree:
         echo("no engine reads anything differently")
-    elif shown.scene is not None and shown.native and shown.same:
-        echo(f"the same in all that loaded it: {', '.join(shown.same)}")
+    elif found.scene is not None and found.native and found.same:
+        echo(f"the same in all that loaded it: {', '.join(found.same)}")
 
 
 def _named_alike(neutral: Native, native: Native) -> Native:
@@ -365,53 +366,53 @@ def _named_alike(neutral: Native, native: Native) -> Native:
 
 def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> Iterator[Difference]:
     """All differences. `invented` are links without inertial data, which an engine may make from collision shapes."""
-    def told(quantity: str, place: str, words: str) -> Difference:
+    def diff(quantity: str, place: str, words: str) -> Difference:
         return Difference(native.engine, quantity, place, words)
 
     most = native.tolerance
     if not _close(neutral.gravity, native.gravity, 10.0, most):
-        yield told("gravity", "", f"gravity is {native.gravity.tolist()}, the scene has {neutral.gravity.tolist()}")
+        yield diff("gravity", "", f"gravity is {native.gravity.tolist()}, the scene has {neutral.gravity.tolist()}")
     ratios = [native.links[name].mass / link.mass for name, link in neutral.links.items()
               if name in native.links and link.mass]
     alike = len(ratios) > 1 and _close(np.array(ratios), np.full(len(ratios), ratios[0]), 1.0, most)
     factor = ratios[0] if alike else 1.0
     if abs(factor - 1) > most:
-        yield told("mass", "", f"masses of all links times {factor:.6g}")
+        yield diff("mass", "", f"masses of all links times {factor:.6g}")
     for name, link in neutral.links.items():
         link = Link(factor * link.mass, factor * link.inertia)
         other = native.links.get(name)
         if other is None:
-            yield told("link", name, f"link {name} is not in its model")
+            yield diff("link", name, f"link {name} is not in its model")
             continue
-        yield from _link(name, link, other, invented, told, most)
+        yield from _link(name, link, other, invented, diff, most)
     for name in native.links.keys() - neutral.links.keys():
         origin = "from collision geometry" if invented else "otherwise"
-        yield told("link", name, f"link {name} is a body of its own, {native.links[name].mass:g} kg, made {origin}")
+        yield diff("link", name, f"link {name} is a body of its own, {native.links[name].mass:g} kg, made {origin}")
     off = _shifted_centres(neutral, native, most)
     for name, gap in off.items():
-        yield told("centre of mass", name, f"centre of mass of link {name} is shifted by {_shown(gap)} m")
+        yield diff("centre of mass", name, f"centre of mass of link {name} is shifted by {_digits(gap)} m")
     for name, joint in neutral.joints.items():
         theirs = native.joints.get(name)
         if theirs is None:
-            yield told("joint", name, f"joint {name} is not in its model")
+            yield diff("joint", name, f"joint {name} is not in its model")
         else:
-            yield from _joint(name, joint, theirs, off, told, most)
-    yield from _dynamics(neutral, native, told)
+            yield from _joint(name, joint, theirs, off, diff, most)
+    yield from _dynamics(neutral, native, diff)
 
 
-def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], told: Told,
+def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], diff: Diff,
           most: float) -> Iterator[Difference]:
     if abs(theirs.mass - ours.mass) > most * ours.mass:
         why = " made from collision geometry" if invented else f" times {theirs.mass / ours.mass:.6g}"
-        yield told("mass", name, f"mass of link {name}{why}: {theirs.mass:g} kg in place of {ours.mass:g} kg")
+        yield diff("mass", name, f"mass of link {name}{why}: {theirs.mass:g} kg in place of {ours.mass:g} kg")
     if not _close(ours.inertia, theirs.inertia, float(np.abs(ours.inertia).max()), most):
         moments = np.linalg.eigvalsh(ours.inertia), np.linalg.eigvalsh(theirs.inertia)
         if _close(*moments, float(moments[0].max()), most):
-            yield told("inertia", name, f"inertial rotation of {name} lost or turned: the principal moments are right, "
+            yield diff("inertia", name, f"inertial rotation of {name} lost or turned: the principal moments are right, "
                        "their axes are not")
         else:
-            yield told("inertia", name, f"inertia of link {name}: principal moments {_shown(moments[1])} in place of "
-                       f"{_shown(moments[0])} kg m^2")
+            yield diff("inertia", name, f"inertia of link {name}: principal moments {_digits(moments[1])} in place of "
+                       f"{_digits(moments[0])} kg m^2")
 
 
 def _shifted_centres(neutral: Native, native: Native, most: float) -> dict[str, np.ndarray]:
@@ -431,41 +432,41 @@ def _shifted_centres(neutral: Native, native: Native, most: float) -> dict[str, 
             and np.abs(each[0]).max() > most and _close(np.array([each[0]] * len(each)), np.array(each), 1.0, most)}
 
 
-def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray], told: Told,
+def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray], diff: Diff,
            most: float) -> Iterator[Difference]:
     if ours.kind != theirs.kind:
-        yield told("type", name, f"joint {name} is {theirs.kind} in place of {ours.kind}")
+        yield diff("type", name, f"joint {name} is {theirs.kind} in place of {ours.kind}")
     if ours.parent != theirs.parent or ours.child != theirs.child:
-        yield told("tree", name, f"joint {name} joins {theirs.parent} and {theirs.child} in place of {ours.parent} and "
+        yield diff("tree", name, f"joint {name} joins {theirs.parent} and {theirs.child} in place of {ours.parent} and "
                    f"{ours.child}")
         return
     cosine = float(ours.axis @ theirs.axis)
     if cosine < -1 + most:
-        yield told("axis", name, f"axis of joint {name} is flipped")
+        yield diff("axis", name, f"axis of joint {name} is flipped")
     elif cosine < 1 - most:
-        yield told("axis", name, f"axis of joint {name} is turned by {np.degrees(np.arccos(cosine)):.4g} deg")
+        yield diff("axis", name, f"axis of joint {name} is turned by {np.degrees(np.arccos(cosine)):.4g} deg")
     turn = theirs.attitude.T @ ours.attitude
     angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
     if np.abs(turn - np.eye(3)).max() > most:
-        yield told("frame", name, f"frame of joint {name} is turned by {np.degrees(angle):.4g} deg"
+        yield diff("frame", name, f"frame of joint {name} is turned by {np.degrees(angle):.4g} deg"
                    + _degrees(ours.attitude, theirs.attitude))
     for end in ("parent", "child"):
         gap, link = getattr(theirs, f"{end}_anchor") - getattr(ours, f"{end}_anchor"), getattr(ours, end)
         if link not in off and np.abs(gap).max() > most * max(1.0, float(np.abs(ours.parent_anchor).max())):
-            yield told("frame", name, f"frame of joint {name} is shifted by {_shown(gap)} m against the "
+            yield diff("frame", name, f"frame of joint {name} is shifted by {_digits(gap)} m against the "
                        + ("ground" if link == "ground" else f"centre of mass of {link}"))
     sprung = ("rest_position",) if ours.stiffness and theirs.stiffness else ()
     if ours.mimic != theirs.mimic:
-        yield told("mimic", name, f"joint {name} follows " + (
+        yield diff("mimic", name, f"joint {name} follows " + (
             f"{theirs.mimic or 'no other joint'} in place of {ours.mimic or 'none'}"))
     if ours.limits and theirs.limits and not _close(np.array(ours.limits), np.array(theirs.limits), 1.0, most):
-        yield told("limits", name, f"limits of joint {name} are {_shown(np.array(theirs.limits))}, not "
-                   f"{_shown(np.array(ours.limits))}")
+        yield diff("limits", name, f"limits of joint {name} are {_digits(np.array(theirs.limits))}, not "
+                   f"{_digits(np.array(ours.limits))}")
     for key in ("damping", "armature", "stiffness", *sprung):
         value, goal = getattr(theirs, key), getattr(ours, key)
         if abs(value - goal) > most * max(abs(goal), abs(value)):
             wrong = "missing" if value == 0 else f"is {value:g}, not {goal:g}"
-            yield told(key, name, f"{key.replace('_', ' ')} of joint {name} {wrong}")
+            yield diff(key, name, f"{key.replace('_', ' ')} of joint {name} {wrong}")
 
 
 def _degrees(ours: np.ndarray, theirs: np.ndarray) -> str:
@@ -480,7 +481,7 @@ def _degrees(ours: np.ndarray, theirs: np.ndarray) -> str:
     return ""
 
 
-def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Difference]:
+def _dynamics(neutral: Native, native: Native, diff: Diff) -> Iterator[Difference]:
     """Differences of mass matrix, bias forces and accelerations."""
     if neutral.mass_matrix is None or native.mass_matrix is None or not neutral.order == native.order != ():
         return
@@ -493,14 +494,14 @@ def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Differenc
         armature = np.array([neutral.joints[name].armature for name in neutral.order])
         if armature.any() and np.allclose(gap, -np.diag(armature), atol=1e-9 * float(armature.max())):
             for name in np.array(neutral.order)[armature > 0]:
-                yield told("armature", str(name), f"armature of joint {name} missing in the mass matrix")
+                yield diff("armature", str(name), f"armature of joint {name} missing in the mass matrix")
         else:
             name = neutral.order[int(np.unravel_index(int(np.abs(gap).argmax()), gap.shape)[1])]
-            yield told("mass matrix", name, f"mass matrix of joint {name} is off by {np.abs(gap).max():.3g}")
+            yield diff("mass matrix", name, f"mass matrix of joint {name} is off by {np.abs(gap).max():.3g}")
     scale = max(1e-9, float(np.abs(neutral.bias).max()))
     if not _close(native.bias, neutral.bias, scale, most):
         worst = int(np.abs(native.bias - neutral.bias).max(axis=0).argmax())
-        yield told("bias", neutral.order[worst], f"bias force of joint {neutral.order[worst]} is off by "
+        yield diff("bias", neutral.order[worst], f"bias force of joint {neutral.order[worst]} is off by "
                    f"{np.abs(native.bias - neutral.bias).max():.3g}")
     # The efforts of springs and dampers. Errors of mass matrix and bias, which are reported above, drop out of them.
     ours = np.einsum("kij,kj->ki", neutral.mass_matrix, neutral.acceleration) + neutral.bias
@@ -512,9 +513,9 @@ def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Differenc
         name = neutral.order[int(index)]
         gap = float(np.abs(theirs - ours)[:, index].max())
         if native.joints[name].damping and np.abs(theirs[:, index]).max() <= 10 * most * scale:
-            yield told("damping", name, f"damping of joint {name} is stored but not applied by {native.solver}")
+            yield diff("damping", name, f"damping of joint {name} is stored but not applied by {native.solver}")
         elif name not in geared:
-            yield told("acceleration", name, f"acceleration of joint {name} by {native.solver} differs by an effort of "
+            yield diff("acceleration", name, f"acceleration of joint {name} by {native.solver} differs by an effort of "
                        f"{gap:.3g}")
 
 
@@ -522,6 +523,6 @@ def _close(one: np.ndarray, other: np.ndarray, scale: float, most: float) -> boo
     return one.shape == other.shape and bool(np.abs(one - other).max(initial=0.0) <= most * max(scale, 1e-12))
 
 
-def _shown(values: np.ndarray) -> str:
+def _digits(values: np.ndarray) -> str:
     values = np.where(np.abs(values) > TOLERANCE * np.abs(values).max(), values, 0.0)
     return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"

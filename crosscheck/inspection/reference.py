@@ -234,6 +234,6 @@ def _projected(reference: Reference, probe: Probe) -> Iterator[tuple[str, np.nda
             continue
         gaps = []
         for Q, N, engine, truth in zip(own, reference.bases, values, wanted, strict=True):
-            seen, meant = ((Q.T @ engine @ Q, N.T @ truth @ N) if engine.ndim == 2 else (Q.T @ engine, N.T @ truth))
-            gaps.append([np.abs(seen - meant).max(initial=0.0)])
+            actual, meant = ((Q.T @ engine @ Q, N.T @ truth @ N) if engine.ndim == 2 else (Q.T @ engine, N.T @ truth))
+            gaps.append([np.abs(actual - meant).max(initial=0.0)])
         yield quantity, np.array(gaps)

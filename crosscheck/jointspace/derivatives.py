@@ -99,8 +99,8 @@ def of(scene: Scene, source: object) -> Derivatives:
     label, blocks = taken(scene, source)
     size = max(float(np.abs(part).max(initial=1.0)) for part in (blocks.da_dq, blocks.da_dv))
     space = JointSpace(scene)
-    claim = allowed(blocks, size, condition(space.mass), float(np.abs(space.rates).max(initial=0.0)))
-    return Derivatives(scene.name, label, scene.coordinates, blocks.da_dq, blocks.da_dv, blocks.da_dtau, claim)
+    bound = allowed(blocks, size, condition(space.mass), float(np.abs(space.rates).max(initial=0.0)))
+    return Derivatives(scene.name, label, scene.coordinates, blocks.da_dq, blocks.da_dv, blocks.da_dtau, bound)
 
 
 def at_state(scene: Scene, state: object) -> Scene:
@@ -190,11 +190,11 @@ def tangent_space(scene: Scene) -> Tangent:
     pose = np.moveaxis(changes.reshape(2, scene.n, 6, -1)[0], 2, 0)
     x, R = (np.broadcast_to(each, (len(pose), *each.shape)) for each in (scene.x0, scene.R0))
 
-    def seen(change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    def accelerations_at(change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
         states = space.bodies(change, speeds).states
         return np.concatenate([responses(scene, states, later)[0] for later in (False, True)])
 
-    v, a = np.split(np.concatenate(space.derivative(seen), axis=1) @ free, 2)
+    v, a = np.split(np.concatenate(space.derivative(accelerations_at), axis=1) @ free, 2)
     q = of_coordinates(scene, States(np.zeros(len(pose)), x, R, pose[..., :3], pose[..., 3:])).T
     return Tangent(changes, q, v, a)
 

@@ -69,9 +69,9 @@ def moved(start: Scene, sizes: Mapping[str, float], share: float, seed: int = 0,
     return closed(made, start) if closing else made
 
 
-def grown(beside: States, states: States, sizes: Mapping[str, float], size: float, keep: np.ndarray) -> float:
+def grown(perturbed: States, states: States, sizes: Mapping[str, float], size: float, keep: np.ndarray) -> float:
     """The growth of the distance of two motions, which began about `size` apart, up to the times `keep`; 1 at least."""
-    gaps = {name: rows / sizes[name] for name, rows in apart(beside, states).items() if name in STATE}
+    gaps = {name: rows / sizes[name] for name, rows in apart(perturbed, states).items() if name in STATE}
     begun = max(largest(rows[:1]) for rows in gaps.values()) or size
     return max(1.0, max(largest(rows[keep]) for rows in gaps.values()) / begun)
 
@@ -110,8 +110,8 @@ class SystemFlow:
             if other is None:
                 growth.append(np.inf)
                 continue
-            beside, _ = self._followed(other, since, times, mode, near=start)
-            growth.append(grown(beside, states, self.sizes, size, keep))
+            perturbed, _ = self._followed(other, since, times, mode, near=start)
+            growth.append(grown(perturbed, states, self.sizes, size, keep))
         # Where laws switch, growth is linear in pieces only.
         linear = not self.looped or max(growth) <= ALIKE * min(growth)
         # A random direction has on average a share of the worst one, one over the root of the number of directions.
@@ -175,7 +175,7 @@ class SystemFlow:
         assert isinstance(series, LawfulTaylor)
         before, after = (series.dense_states(np.array([change.time]), lambda _, y=y: y[None],  # type: ignore[misc]
                                              series.table(mode).reshape(1, -1))
-                         for y, mode in ((change.state, change.mode), (change.settled.state, change.settled.mode)))
+                         for y, mode in ((change.state, change.mode), (change.resumed.state, change.resumed.mode)))
         rates = {"position": after.v - before.v, "attitude": after.w - before.w,
                  "velocity": after.a - before.a, "angular velocity": after.alpha - before.alpha}  # type: ignore[operator]
         small = {name: self.sizes["velocity" if name == "position" else "angular velocity"] * ROUNDED

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.errors import ArgumentError, foreign, missing
+from crosscheck.errors import ArgumentError, errors_as, missing
 from crosscheck.scene.model import Scene
 
 Progress = Callable[[int, int | None, str], None]
@@ -240,7 +240,7 @@ def opened(data: object, scene: Scene) -> Source:
         return ArgumentError(f"{path}: cannot be read ({error.strerror or error})" if isinstance(error, OSError) else
                              f"{path}: no {path.suffix[1:] or 'CSV'} file that can be read ({error})")
 
-    with foreign(told):
+    with errors_as(told):
         if path.is_dir() or not path.exists():
             raise ArgumentError(f"{path}: {'is a folder' if path.is_dir() else 'there is no such file'}; "
                                 "name a .csv, .npz or .parquet file")

@@ -77,7 +77,7 @@ def sampled_growth(natural: Natural, t: np.ndarray) -> np.ndarray:
     largest = np.zeros(len(t))
     for _ in range(DIRECTIONS):
         x, turn, v, w = RANDOM_PERTURBATION * rng.standard_normal((4, scene.n, 3))
-        other = natural.run(t, natural.start_beside(length * x, turn, rate * length * v, rate * w))
+        other = natural.run(t, natural.perturbed_start(length * x, turn, rate * length * v, rate * w))
         gaps = np.maximum(np.linalg.norm(other.x - states.x, axis=-1).max(axis=1) / length,
                           np.linalg.norm(other.R - states.R, axis=(-2, -1)).max(axis=1))
         largest = np.maximum(largest, gaps / RANDOM_PERTURBATION)

@@ -144,13 +144,13 @@ class Formulation(Protocol):
         """The state after impulses."""
         ...
 
-    def settled(self, y: np.ndarray, i: int, q: float | None, rate: float | None) -> np.ndarray:
+    def on_surface(self, y: np.ndarray, i: int, q: float | None, rate: float | None) -> np.ndarray:
         """The state with a coordinate or a rate set to what it is but for rounding."""
         ...
 
 
 @dataclasses.dataclass
-class Settled:
+class AfterEvent:
     """What follows an event: state, mode, what to list, and why the truth ends there if it does."""
 
     state: np.ndarray
@@ -212,7 +212,7 @@ class Machine:
         return {(i, side): value for side, value in ((-1, q - limits.lower), (1, limits.upper - q))
                 if np.isfinite(value).all()}
 
-    def begin(self, y: np.ndarray, t: float = 0.0, before: Mode | None = None) -> Settled:
+    def begin(self, y: np.ndarray, t: float = 0.0, before: Mode | None = None) -> AfterEvent:
         """The mode at a start; what happens there is no event.
 
         `before`: the mode of a motion that comes there, with the memory that a state lacks.
@@ -247,9 +247,9 @@ class Machine:
                                            sample=before[i].sample, hit=hit,
                                            cut=part.cut if law.bounded else before[i].cut)
             parts.append(part)
-        settled = self.settle(t, y, tuple(parts), fired)
-        settled.events = []
-        return settled
+        after = self.after_event(t, y, tuple(parts), fired)
+        after.events = []
+        return after
 
     def _started(self, i: int, part: Part, t: float, q: float, rate: float) -> Part:
         servo = self.laws[i].servo
@@ -264,7 +264,7 @@ class Machine:
         cut = (wanted > self.form.bound(i, part, 1, rate)) - 1 * (wanted < self.form.bound(i, part, -1, rate))
         return dataclasses.replace(part, cut=int(cut))
 
-    def settle(self, t: float, y: np.ndarray, mode: Mode, fired: Sequence[Label]) -> Settled:
+    def after_event(self, t: float, y: np.ndarray, mode: Mode, fired: Sequence[Label]) -> AfterEvent:
         """What follows when these surfaces are reached, or a function of time breaks or a servo samples."""
         now = _Change(self, t, y, list(mode))
         for label in fired:
@@ -272,7 +272,7 @@ class Machine:
         now.impacts()
         now.sampling()
         now.gauss()
-        return Settled(now.y, tuple(now.parts), now.listed(), now.cause)
+        return AfterEvent(now.y, tuple(now.parts), now.listed(), now.cause)
 
 
 def _sample_time(servo: Any, k: int) -> float:
@@ -329,7 +329,7 @@ class _Change:
         if name == "rest" and self.at_dead_centre(i):
             self.turn_back(i)
         elif name == "rest":
-            self.y = self.form.settled(self.y, i, None, 0.0)
+            self.y = self.form.on_surface(self.y, i, None, 0.0)
             self.resting[i] = part.slip
         elif name in ("lo", "hi"):
             self.free(i, 1 if name == "lo" else -1)
@@ -399,7 +399,7 @@ class _Change:
         for i, side in sides.items():
             if abs(after[i]) <= tiny:
                 end = self.laws[i].limits.lower if side < 0 else self.laws[i].limits.upper
-                self.y = self.form.settled(self.y, i, end, 0.0)
+                self.y = self.form.on_surface(self.y, i, end, 0.0)
                 self.change(i, held=True, side=side, slip=0)
             elif i in self.hits:
                 self.bounce(i, side)
@@ -418,10 +418,10 @@ class _Change:
     def bounce(self, i: int, side: int) -> None:
         """Remember when it bounced; bounces that pile up end the truth and then end."""
         end = self.laws[i].limits.lower if side < 0 else self.laws[i].limits.upper
-        self.y = self.form.settled(self.y, i, end, None)
+        self.y = self.form.on_surface(self.y, i, end, None)
         if self.t - self.parts[i].hit < PILE:
             self.cause = self.cause or f"bounces of {self.laws[i].joint.name!r} pile up"
-            self.y = self.form.settled(self.y, i, end, 0.0)
+            self.y = self.form.on_surface(self.y, i, end, 0.0)
             self.change(i, held=True, side=side, slip=0)
         self.change(i, hit=self.t)
 

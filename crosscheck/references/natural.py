@@ -318,7 +318,7 @@ class Natural:
             rate[body, 0], rate[body, 1:] = record.velocity, (R @ _hat(w)).T
         return self._closed(q, rate)
 
-    def start_beside(self, x: np.ndarray, turn: np.ndarray, v: np.ndarray, w: np.ndarray
+    def perturbed_start(self, x: np.ndarray, turn: np.ndarray, v: np.ndarray, w: np.ndarray
                      ) -> tuple[np.ndarray, np.ndarray]:
         """The start moved by x (m), turn (rad), v (m/s), w (rad/s), (n, 3) each, then back onto the constraints."""
         q, rate = (values.copy() for values in self._start())

@@ -68,7 +68,7 @@ class Interval:
         series = self.series
         before, after = (series.dense_states(np.array([change.time]), lambda _, y=y: y[None],  # type: ignore[misc]
                                              series.table(mode).reshape(1, -1))
-                         for y, mode in ((change.state, change.mode), (change.settled.state, change.settled.mode)))
+                         for y, mode in ((change.state, change.mode), (change.resumed.state, change.resumed.mode)))
         jumps = [max(np.abs(np.linalg.norm(x, axis=-1)).max() / self.length, np.linalg.norm(turn, axis=-1).max())
                  for x, turn in ((after.v - before.v, after.w - before.w),
                                  (after.a - before.a, after.alpha - before.alpha))]  # type: ignore[operator]

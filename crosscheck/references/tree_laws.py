@@ -22,7 +22,7 @@ import numpy as np
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import LONGEST, End, Piece, TruthError, rounding, values_at
 from crosscheck.references.generic import Matrix, Number, Vector
-from crosscheck.references.modes import Law, Machine, Mode, Part, Settled, laws_of
+from crosscheck.references.modes import AfterEvent, Law, Machine, Mode, Part, laws_of
 from crosscheck.references.monitors import Monitors
 from crosscheck.references.pieces import Crossing, Label, Values, first_crossing
 from crosscheck.references.taylor import SOURCE, Taylor
@@ -51,7 +51,7 @@ class Change:
     mode: Mode
     state: np.ndarray
     crossing: Crossing | None  # None: a function of time breaks, or a servo samples
-    settled: Settled
+    resumed: AfterEvent
 
 
 class LawfulTaylor(Taylor):
@@ -230,7 +230,7 @@ class LawfulTaylor(Taylor):
                 y[self.tree.speeds[link.body]] += impulse * np.array(speeding[link.body][1 + k], float)
         return y
 
-    def settled(self, y: np.ndarray, i: int, q: float | None, rate: float | None) -> np.ndarray:
+    def on_surface(self, y: np.ndarray, i: int, q: float | None, rate: float | None) -> np.ndarray:
         """The state with a coordinate or a rate set to what it is but for rounding."""
         y = y.copy()
         coordinate, speed, sign, start = self.places[i]
@@ -293,7 +293,7 @@ class LawfulTaylor(Taylor):
             if part.held or (self.laws[i].friction and rate[i] == 0.0):
                 limits = self.laws[i].limits
                 end = None if not part.side else limits.lower if part.side < 0 else limits.upper
-                initial = self.settled(initial, i, end, 0.0)
+                initial = self.on_surface(initial, i, end, 0.0)
         return initial
 
     def advance(self, end: End, until: float, changes: list[Change] | None = None, watched: bool = True
@@ -325,7 +325,7 @@ class LawfulTaylor(Taylor):
                 if time[0] + crossing.after < horizon:
                     horizon, cause = time[0] + crossing.after, self._grazed(crossing.labels[0])
                 crossing = None
-            settled, before = None, mode
+            resumed, before = None, mode
             if exactly and integrator.dtime[0] >= due:
                 integrator.dtime = until, 0.0
             if crossing is not None:
@@ -333,12 +333,12 @@ class LawfulTaylor(Taylor):
                 state = _polynomial(series, np.array([length]))[0]
                 piece = Piece(*time, length, series, self.numbers.ravel())
                 time = _sum(time, length)
-                settled = self.machine.settle(time[0], state, mode, crossing.labels)
+                resumed = self.machine.after_event(time[0], state, mode, crossing.labels)
             else:
                 piece = Piece(*time, length, series, self.numbers.ravel())
                 state, time = integrator.state.copy(), integrator.dtime
                 if time[0] >= scheduled:
-                    settled = self.machine.settle(time[0], state, mode, ())
+                    resumed = self.machine.after_event(time[0], state, mode, ())
             if watched and not exactly and self.monitors is not None and piece.start < horizon and piece.length > 0.0:
                 fired = self.monitors.first(before, length, functools.partial(_polynomial, series),
                                             functools.partial(np.add, piece.start), 0.0 if pieces else instant)
@@ -351,16 +351,16 @@ class LawfulTaylor(Taylor):
                 raise TruthError(f"{SOURCE}: {self.scene.name!r} at t = {time[0]:.6g} s: its modes have no end")
             if piece.length > 0.0:
                 pieces.append(piece)
-            fresh, longest = settled is not None, LONGEST
-            if settled is not None:
+            fresh, longest = resumed is not None, LONGEST
+            if resumed is not None:
                 longest = min(LONGEST, 2.0 * (time[0] - last) or LONGEST)  # the next event may be as near as the last
                 last = time[0]
                 if changes is not None:
-                    changes.append(Change(*time, piece, length, mode, state, crossing, settled))
-                state, mode = settled.state, settled.mode
-                events += settled.events
-                if settled.cause and time[0] < horizon:
-                    horizon, cause = time[0], settled.cause
+                    changes.append(Change(*time, piece, length, mode, state, crossing, resumed))
+                state, mode = resumed.state, resumed.mode
+                events += resumed.events
+                if resumed.cause and time[0] < horizon:
+                    horizon, cause = time[0], resumed.cause
         return pieces, End(state, *time, mode, tuple(events), horizon, cause)
 
     def _on_step(self, mode: Mode, time: tuple[float, float], series: np.ndarray, before: float, tau: np.ndarray

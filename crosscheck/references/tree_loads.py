@@ -130,8 +130,8 @@ def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[N
     if second:
         carried = apply_transposed(placed[joint.child][0], apply(placed[joint.parent][0], frames[joint.parent].w))
         return dot(joint.child_axis.tolist(), add(frames[joint.child].w, scale(-1.0, carried)))
-    seen = apply_transposed(placed[joint.parent][0], apply(placed[joint.child][0], frames[joint.child].w))
-    return dot(axis, add(seen, scale(-1.0, frames[joint.parent].w)))
+    relative = apply_transposed(placed[joint.parent][0], apply(placed[joint.child][0], frames[joint.child].w))
+    return dot(axis, add(relative, scale(-1.0, frames[joint.parent].w)))
 
 
 def start_angle(joint: Joint, q: dict[int, list[Number]], zero: list[float] | None = None) -> float:

@@ -230,7 +230,7 @@ class LawfulMaximal(Maximal):
         y[10 * n:13 * n] += change[:, 3:].ravel()
         return y
 
-    def settled(self, y: np.ndarray, i: int, q: float | None, rate: float | None) -> np.ndarray:
+    def on_surface(self, y: np.ndarray, i: int, q: float | None, rate: float | None) -> np.ndarray:
         """The state with a coordinate or a rate set to what it is but for rounding: by the least change in M."""
         _, S = self.response(0.0, y)
         motion, _ = self.motion(y)
@@ -279,9 +279,9 @@ class LawfulMaximal(Maximal):
                     reached = scheduled
                 if fired or reached >= scheduled:
                     fresh = True
-                    settled = self.machine.settle(reached, y, self.mode, fired)
-                    y, self.mode = settled.state, settled.mode
-                    events += settled.events
+                    resumed = self.machine.after_event(reached, y, self.mode, fired)
+                    y, self.mode = resumed.state, resumed.mode
+                    events += resumed.events
                     if len(events) > 100000:
                         raise TruthError(f"{self.source}: {self.scene.name!r}: too many events")
                 t = reached

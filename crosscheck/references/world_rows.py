@@ -48,11 +48,11 @@ class Contacts:
                 moving = -joint.radius * (change / size - flat * (flat @ change) / size**3)
                 height = joint.radius * size
             along = [joint.parent_axis, *plane]
-            seen = [(R.T @ direction, -np.cross(w, R.T @ direction)) for direction in along]
+            directions = [(R.T @ direction, -np.cross(w, R.T @ direction)) for direction in along]
             if joint.type == "knife_edge":
-                seen[1:] = [(np.cross(up, joint.child_axis), np.cross(sinking, joint.child_axis))]
+                directions[1:] = [(np.cross(up, joint.child_axis), np.cross(sinking, joint.child_axis))]
             own = R.T @ v
-            for d, turning in seen:
+            for d, turning in directions:
                 row = np.zeros((self.n + 1, 6))
                 row[joint.child] = [*R @ d, *np.cross(point, d)]
                 rows.append(row)
@@ -61,7 +61,7 @@ class Contacts:
                               + (np.cross(moving, d) + np.cross(point, turning)) @ w)
                 values.append(0.0)
             centre = motion.x[joint.child] + R @ joint.child_anchor
-            values[len(values) - len(seen)] = joint.parent_axis @ (centre - joint.parent_anchor) - height
+            values[len(values) - len(directions)] = joint.parent_axis @ (centre - joint.parent_anchor) - height
         return np.array(values), np.array(rows), np.array(drifts)
 
 

@@ -32,7 +32,7 @@ STATIC = ("report.css", "theme.js", "site.js", "tables.js", "decision.js", "emph
 def write_report(document: Document, folder: Path) -> None:
     """Write pages, their data, summary.md, results.csv, results.json and junit.xml into a new folder.
 
-    Without the extra `report`, only the files that need no template are written. `render_again` can write the missing
+    Without the extra `report`, only the files that need no template are written. `rewrite_pages` can write the missing
     files later.
 
     Parameters
@@ -50,7 +50,7 @@ def installed(*modules: str) -> bool:
     return all(importlib.util.find_spec(module) for module in modules)
 
 
-def render_again(folder: Path) -> Path:
+def rewrite_pages(folder: Path) -> Path:
     """Write the pages of a report again, from its results.json and curves. Every file is replaced as a whole.
 
     Returns the first page. Raises `ArgumentError` if the folder holds no report.
@@ -65,7 +65,7 @@ def render_again(folder: Path) -> Path:
     for name in kept:
         if name.endswith((".html", ".js")) and is_file_of_report(folder / name):
             (folder / name).unlink()
-    standalone.tell(folder)
+    standalone.write_neighbours(folder)
     return folder / "index.html"
 
 
@@ -216,5 +216,5 @@ def write(document: Document, out: Path) -> Path:
         for leftover in (aside, old):
             if leftover.exists():
                 shutil.rmtree(leftover)
-    standalone.tell(out)
+    standalone.write_neighbours(out)
     return out / ("index.html" if (out / "index.html").exists() else "results.json")

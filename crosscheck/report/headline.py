@@ -192,7 +192,7 @@ def _mend(record: Record) -> str:
     return next(open_, f"a smaller {'--step' if record.step else '--rtol'}{share}")
 
 
-def seen(record: Record) -> float | None:
+def visible_error(record: Record) -> float | None:
     """An error of the model that moves the motion by more than this, over the size, would have been seen."""
     return max((record.resolution[name] for name in QUANTITIES if name in record.resolution), default=None)
 

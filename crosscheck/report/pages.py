@@ -23,12 +23,12 @@ from crosscheck.report.headline import (
     judged_share,
     number,
     plain_number,
-    seen,
     sentence,
     shade,
     share_words,
     span,
     spoken,
+    visible_error,
 )
 from crosscheck.report.identity import for_scripts
 
@@ -107,7 +107,7 @@ def environment() -> Any:
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
     made.filters |= {"number": number, "sentence": sentence, "ending": ending, "shade": shade, "anchor": anchor,
-                     "span": span, "seen": seen, "spoken": spoken, "judged_share": judged_share,
+                     "span": span, "visible_error": visible_error, "spoken": spoken, "judged_share": judged_share,
                      "share_words": share_words, "sortable": plain_number,
                      "query": urllib.parse.quote, "slug": slug}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),

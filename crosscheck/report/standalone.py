@@ -35,7 +35,7 @@ def write_page(folder: Path, template: str, page: str = "index.html", plots: boo
         put(folder / name, (HERE / "static" / name).read_text(encoding="utf-8"))
     put(folder / FILE, ALONE)
     put(folder / page, environment().get_template(template).render(**content))
-    tell(folder)
+    write_neighbours(folder)
 
 
 def page_of(folder: Path, template: str, **content: Any) -> Path:
@@ -72,7 +72,7 @@ HEAD = 700
 """The title of a page is within this number of characters from its beginning."""
 
 
-def tell(folder: Path) -> None:
+def write_neighbours(folder: Path) -> None:
     """Write `FILE` into this folder and its neighbours. A folder that cannot be written keeps its old file."""
     folders = _around(folder)
     for here in folders:
@@ -96,12 +96,12 @@ def _around(folder: Path) -> dict[Path, list[tuple[str, str, str]]]:
 
 
 def _script(folders: dict[Path, list[tuple[str, str, str]]], here: Path) -> str:
-    told = [{"name": (path.parent if path.is_symlink() else path).name, "here": path == here,
+    entries = [{"name": (path.parent if path.is_symlink() else path).name, "here": path == here,
              "report": (path / "results.json").is_file(),
              "pages": [[kind, title, (Path(os.path.relpath(path, here)) / name).as_posix()]
                        for kind, title, name in pages]}
             for path, pages in folders.items()]
-    return f"window.CROSSCHECK_SITES = {json.dumps(told, separators=(',', ':'))};\n".replace("</", "<\\/")
+    return f"window.CROSSCHECK_SITES = {json.dumps(entries, separators=(',', ':'))};\n".replace("</", "<\\/")
 
 
 def _pages(folder: Path) -> list[tuple[str, str, str]]:

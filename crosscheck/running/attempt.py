@@ -25,7 +25,7 @@ from crosscheck.errors import (
     EngineError,
     Unsupported,
     brief,
-    foreign,
+    errors_as,
     install,
     named,
     said,
@@ -117,13 +117,13 @@ def attempt(scene: Scene, way: Way, engine: Engine | None = None, derived: bool 
     asked, method = way.arguments | more, way.method
     name = label = way.engine
 
-    def told(error: Exception) -> EngineError:
+    def as_engine_error(error: Exception) -> EngineError:
         lacks = isinstance(error, ImportError)
         return EngineError(f"{name} cannot be imported: {error}; {install(name)}" if lacks else
                            f"{name} {method}: {named(error)}")
 
     try:
-        with foreign(told):
+        with errors_as(as_engine_error):
             adapter = adapters.get(label if engine is None else engine)
             name = adapter.name
             spec = arguments.request(label, adapter, method, asked)

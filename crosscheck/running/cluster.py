@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 from crosscheck import adapters
-from crosscheck.errors import ArgumentError, CrosscheckError, foreign, install, named
+from crosscheck.errors import ArgumentError, CrosscheckError, errors_as, install, named
 from crosscheck.running import versions
 
 T = TypeVar("T")
@@ -79,7 +79,7 @@ def carrying(sources: Mapping[str, Mapping[str, bytes]], function: Callable[[Tas
 
 def _made(name: str) -> Cluster:
     module, colon, factory = name.partition(":")
-    with foreign(lambda error: ArgumentError(
+    with errors_as(lambda error: ArgumentError(
             f"--scheduler {name}: {named(error)}; give tcp://host:port, or module:factory of a function that returns a "
             "concurrent.futures executor")):
         executor = getattr(importlib.import_module(module), factory)()

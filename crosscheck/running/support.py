@@ -70,10 +70,10 @@ def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None
     """
     tasks = [(scene, name) for scene in scenes for name in names if engine_version(name) != NOT_INSTALLED]
     risky = [task for task in tasks if adapters.is_own(task[1])]
-    told = dict(zip(risky, run_tasks(_of_scene, risky, 1, limits=within, place=place), strict=True))
+    answers = dict(zip(risky, run_tasks(_of_scene, risky, 1, limits=within, place=place), strict=True))
     entries: list[Support] = []
     for scene, name in tasks:
-        answer = told[scene, name] if (scene, name) in told else _of_scene((scene, name))
+        answer = answers[scene, name] if (scene, name) in answers else _of_scene((scene, name))
         entries += [Support(name, None, "scene", scene, (), answer.message)] if isinstance(answer, Crash) else answer
     return entries
 

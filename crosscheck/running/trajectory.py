@@ -134,7 +134,7 @@ class Trajectory:
         columns |= {name: getattr(self, name) for name in SERIES if getattr(self, name) is not None}
         if self.lam is not None:
             columns |= {f"lam_{row}": self.lam[:, row] for row in range(self.lam.shape[1])}
-        columns |= _beside(sensor_columns(self.sensors), {*columns, "t"})
+        columns |= _under_free_names(sensor_columns(self.sensors), {*columns, "t"})
         made = pd.DataFrame(columns, index=pd.Index(self.t, name="t"))
         made.attrs = self._attributes()
         return made
@@ -160,8 +160,9 @@ class Trajectory:
             arrays["lam"] = (("t", "row"), self.lam, {})
         coordinates = {"t": ("t", self.t, {"units": "s"}), "body": [body.name for body in self.scene.bodies],
                        "axis": axis, "body_axis": axis}
-        arrays |= _beside({name: (("t", f"{name} part")[:values.ndim], values, {"source": self.sensors.source[name]})
-                           for name, values in self.sensors.items()}, {*arrays, *coordinates, "row"})
+        arrays |= _under_free_names({
+            name: (("t", f"{name} part")[:values.ndim], values, {"source": self.sensors.source[name]})
+            for name, values in self.sensors.items()}, {*arrays, *coordinates, "row"})
         return xr.Dataset(arrays, coordinates, self._attributes())
 
     def plot(self) -> Figure:
@@ -281,6 +282,6 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
             events=raw.events or happened(scene, s), hinges=s.hinges, **levels)
 
 
-def _beside(sensors: Mapping[str, Any], taken: set[str]) -> dict[str, Any]:
+def _under_free_names(sensors: Mapping[str, Any], taken: set[str]) -> dict[str, Any]:
     """Sensors by names that are not taken."""
     return {f"sensor.{name}" if name in taken else name: value for name, value in sensors.items()}

@@ -77,7 +77,7 @@ def _lawless(scene: Scene, begin: States, tau: np.ndarray, before: np.ndarray) -
             now[open_], sizes[open_] = mechanics.energy(scene, end), mechanics.kinetic_energy(scene, end)
         except (RuntimeError, ValueError, np.linalg.LinAlgError):  # too long a step leads nowhere
             pass
-        settled = np.abs(now - last) <= SETTLED * np.maximum(size, sizes)
-        ended[settled], last = now[settled], now
-        open_ = open_[~settled[open_]]
+        converged = np.abs(now - last) <= SETTLED * np.maximum(size, sizes)
+        ended[converged], last = now[converged], now
+        open_ = open_[~converged[open_]]
     return ended

@@ -215,15 +215,15 @@ def _inertia(entry: str, inertia: np.ndarray) -> np.ndarray:
                          f"{inertia[j, i]:g}", "write the same number in both")
     symmetric = (inertia + inertia.T) / 2
     moments = np.linalg.eigvalsh(symmetric)
-    shown = ", ".join(f"{moment:.6g}" for moment in moments)
+    listed = ", ".join(f"{moment:.6g}" for moment in moments)
     if moments[0] <= INERTIA_ROUNDING * size:
-        raise EntryError(entry, f"not positive definite, principal moments {shown} kg m^2",
+        raise EntryError(entry, f"not positive definite, principal moments {listed} kg m^2",
                          "write an inertia about the COM whose principal moments are all > 0")
     if moments[0] < SMALLEST:
-        raise EntryError(entry, f"principal moments {shown} kg m^2 are out of range",
+        raise EntryError(entry, f"principal moments {listed} kg m^2 are out of range",
                          f"write an inertia whose principal moments are above {SMALLEST:g}")
     if moments[2] > moments[0] + moments[1] + INERTIA_ROUNDING * size:
-        raise EntryError(entry, f"principal moments {shown} kg m^2 break the triangle inequality: no body has them",
+        raise EntryError(entry, f"principal moments {listed} kg m^2 break the triangle inequality: no body has them",
                          "make the largest at most the sum of the other two")
     return np.asarray(symmetric)
 

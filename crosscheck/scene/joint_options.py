@@ -92,11 +92,11 @@ def mimic(entry: str, joint: JointEntry, joints: Sequence[JointEntry]) -> Mimic 
     if joint.drive is not None:
         raise EntryError(f"{entry}: mimic", "the drive of the joint says all of its motion", "remove one of the two")
     leads = {each.name: each.mimic.joint for each in joints if each.mimic is not None}
-    chain = [motor]
-    while chain[-1] in leads and len(chain) <= len(leads):
-        chain.append(leads[chain[-1]])
-    if chain[-1] in leads:
-        ring = " follows ".join((joint.name, *chain[:len(leads)]))
+    leaders = [motor]
+    while leaders[-1] in leads and len(leaders) <= len(leads):
+        leaders.append(leads[leaders[-1]])
+    if leaders[-1] in leads:
+        ring = " follows ".join((joint.name, *leaders[:len(leads)]))
         raise EntryError(f"{entry}: mimic", f"{ring}: none of them moves by itself",
                          "remove the mimic of the one that leads")
     return Mimic(motor, joint.mimic.ratio, joint.mimic.offset)

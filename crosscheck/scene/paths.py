@@ -78,7 +78,7 @@ def number_at(content: Content, path: str) -> Any:
     ArgumentError
         There is nothing at the path, or not a number. The message names the scene and the nearest path.
     """
-    value = _walk(content, path)
+    value = _entry(content, path)
     if not _numeric(value):
         bodies = content.get("bodies") or [{}]
         raise ArgumentError(f"{path}: in scene {content.get('name')!r} this is no number but {value!r}; name a number, "
@@ -90,9 +90,9 @@ def size_at(content: Content, path: str) -> float:
     """The size of the number at a path, for steps of differences: of a zero that of the list it is in, or one."""
     value = number_at(content, path)
     words = path.split(".")
-    while not np.any(value) and words[-1].isdecimal() and _numeric(_walk(content, ".".join(words[:-1]))):
+    while not np.any(value) and words[-1].isdecimal() and _numeric(_entry(content, ".".join(words[:-1]))):
         words = words[:-1]
-        value = _walk(content, ".".join(words))
+        value = _entry(content, ".".join(words))
     return float(np.abs(value).max()) or 1.0
 
 
@@ -116,16 +116,16 @@ def edited(content: Content, changes: Mapping[str, object]) -> Content:
         if before[-2:-1] == ["inertia"]:
             places.append(([*before[:-1], key], before[-1]))
         for place, last in places:
-            owner = _walk(content, ".".join(place)) if place else content
+            owner = _entry(content, ".".join(place)) if place else content
             if isinstance(owner, list):
-                _walk(content, path)  # raises if there is no such entry
+                _entry(content, path)  # raises if there is no such entry
                 owner[_index(owner, last) or 0] = value
             else:
                 owner[last] = value
     return content
 
 
-def _walk(node: Any, path: str) -> Any:
+def _entry(node: Any, path: str) -> Any:
     walked: list[str] = []
     scene = node.get("name")
     for word in path.split("."):

@@ -514,8 +514,8 @@ def _check_finite(data: object, node: object, path: tuple[str | int, ...]) -> No
     if isinstance(node, float) and not math.isfinite(node):
         raise EntryError(entry_name(data, path), f"{node} is not a finite number", "write a finite number")
     if isinstance(node, int | float) and not isinstance(node, bool) and abs(node) > LARGEST:
-        shown = f"{node:g} is" if isinstance(node, float) else "number"
-        raise EntryError(entry_name(data, path), f"{shown} out of range", f"write a number below {LARGEST:g}")
+        number = f"{node:g} is" if isinstance(node, float) else "number"
+        raise EntryError(entry_name(data, path), f"{number} out of range", f"write a number below {LARGEST:g}")
     if isinstance(node, dict | list):
         for key, value in node.items() if isinstance(node, dict) else enumerate(node):
             _check_finite(data, value, (*path, key))

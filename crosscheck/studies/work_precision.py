@@ -23,7 +23,7 @@ from msgspec.structs import replace
 from crosscheck.compare.errors import errors
 from crosscheck.compare.sizes import natural_time
 from crosscheck.document import Part, Way, extended, grouped
-from crosscheck.errors import CrosscheckError, Unsupported, foreign, said
+from crosscheck.errors import CrosscheckError, Unsupported, errors_as, said
 from crosscheck.references.base import Reference, TruthError
 from crosscheck.references.taylor import Taylor
 from crosscheck.running.attempt import Ran, attempt
@@ -192,7 +192,7 @@ def measure(scene: Scene, chosen: Sequence[GradedWay], truth: Reference, repeats
     total = len(chosen) + (len(TOLERANCES) if bound else 0)
     for done, way in enumerate(chosen):
         progress(done, total, f"{scene.name}: errors of {way.label}")
-        rungs += [_Timed(rung, _timer(scene, rung)) for rung in _walk(scene, way, truth, time_limit)]
+        rungs += [_Timed(rung, _timer(scene, rung)) for rung in _graded(scene, way, truth, time_limit)]
     if bound:
         series = Bound(scene, truth)
         for done, rtol in enumerate(TOLERANCES):
@@ -208,7 +208,7 @@ def measure(scene: Scene, chosen: Sequence[GradedWay], truth: Reference, repeats
     return [each.rung for each in rungs]
 
 
-def _walk(scene: Scene, way: GradedWay, truth: Reference, time_limit: float) -> list[Rung]:
+def _graded(scene: Scene, way: GradedWay, truth: Reference, time_limit: float) -> list[Rung]:
     """Errors of the rungs of a way from coarse to fine, until round-off dominates or a rung would take too long."""
     rungs: list[Rung] = []
     last, pace = None, 0.0  # the last successful rung, and its prediction for the next: s per step, or s of the run
@@ -425,7 +425,7 @@ class Bound:
             return replace(rung, status="failed", reason=said(error))
 
     def _measured(self, rung: Rung, rtol: float) -> Rung:
-        with foreign(lambda error: CrosscheckError(said(error))):  # heyoka and LLVM raise several kinds
+        with errors_as(lambda error: CrosscheckError(said(error))):  # heyoka and LLVM raise several kinds
             unrolled = len(self._series.initial) <= LARGEST_UNROLLED
             integrator = self._series.integrator(rtol, compact_mode=not unrolled, high_accuracy=False)
             self._integrators[rtol] = integrator

@@ -147,8 +147,8 @@ def _origin(scene: Any, folder: Path, changes: dict[str, float]) -> Origin:
     """
     if isinstance(scene, Scene):
         return Origin(scene.name, scene.name, scene.replace(**changes))
-    beside = folder / str(scene)
-    name = beside.resolve() if "." in str(scene) and beside.exists() else scene
+    file = folder / str(scene)
+    name = file.resolve() if "." in str(scene) and file.exists() else scene
     path, data = read_scene(name)
     return Origin(str(scene), str(path), scene_from(data | changes, path))
 

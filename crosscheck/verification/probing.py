@@ -8,9 +8,9 @@ from msgspec.structs import replace
 
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec, steps_per_sample
-from crosscheck.adapters.foreign.own import completed
-from crosscheck.adapters.foreign.probes import Probes
-from crosscheck.adapters.foreign.program import read_states
+from crosscheck.adapters.external.own import completed
+from crosscheck.adapters.external.probes import Probes
+from crosscheck.adapters.external.program import read_states
 from crosscheck.compare.ladder import counts
 from crosscheck.document import Record
 from crosscheck.errors import ArgumentError

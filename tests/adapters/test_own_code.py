@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from crosscheck.adapters.foreign import code
+from crosscheck.adapters.external import code
 
 FILES = {
     "engine.py": "import helper\n\n\ndef run():\n    from pack import late\n",

@@ -196,7 +196,7 @@ def test_the_example_is_as_short_as_promised():
 
 
 def test_states_as_lists_become_arrays():
-    from crosscheck.adapters.foreign import own
+    from crosscheck.adapters.external import own
 
     adapter = own.load(EXAMPLE, ())
     scene = crosscheck.load_scene("single_pendulum").replace(duration=0.1, samples=3)

@@ -16,7 +16,7 @@ from crosscheck import adapters
 from crosscheck.adapters import mjx, newton
 from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.common.own_law import OwnLaw
-from crosscheck.adapters.foreign import versions
+from crosscheck.adapters.external import versions
 from crosscheck.adapters.mujoco.own_law import default
 from crosscheck.cli.app import app
 from crosscheck.compare.errors import errors

@@ -13,7 +13,7 @@ import pytest
 
 import crosscheck
 from crosscheck import adapters
-from crosscheck.adapters.foreign.program import Program
+from crosscheck.adapters.external.program import Program
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_engine.cpp"
 

@@ -9,7 +9,7 @@ import pytest
 
 import crosscheck
 from crosscheck import adapters
-from crosscheck.adapters.foreign import versions
+from crosscheck.adapters.external import versions
 from crosscheck.errors import ArgumentError
 from crosscheck.running import provenance
 from crosscheck.verification import job
@@ -131,7 +131,7 @@ def test_a_cache_that_cannot_be_written(monkeypatch):
 
 
 def test_its_environment_gets_all_that_the_adapters_import():
-    code = ("import sys, crosscheck.adapters.foreign.remote\n"
+    code = ("import sys, crosscheck.adapters.external.remote\n"
             "from crosscheck import adapters\n"
             f"[adapters.get(name) for name in {sorted(versions.PACKAGES)} if name in adapters.names()]\n"
             "print(*{name.partition('.')[0] for name in sys.modules})")

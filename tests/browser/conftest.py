@@ -56,12 +56,12 @@ class Watched:
 
     def __init__(self, context, folder):
         self.page, self.folder = context.new_page(), folder
-        self.complaints, self.foreign = [], []
+        self.complaints, self.errors_as = [], []
         context.set_default_timeout(180_000)  # a crowded machine is slow, not wrong
         self.page.on("console", lambda each: self.complaints.append(each.text) if each.type == "error" else None)
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", lambda request: None if request.url.startswith(("file:", "data:", "blob:"))
-                     else self.foreign.append(request.url))
+                     else self.errors_as.append(request.url))
 
     def open(self, name):
         """Load a page of the report from disk; returns the Playwright page."""
@@ -96,4 +96,4 @@ def watched(browser, pages, request):
     yield watched
     context.close()
     assert watched.complaints == []
-    assert watched.foreign == []
+    assert watched.errors_as == []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from crosscheck import adapters
-from crosscheck.adapters.foreign.own import completed
+from crosscheck.adapters.external.own import completed
 from crosscheck.document import Plan, Way
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell

@@ -9,7 +9,7 @@ import pytest
 import crosscheck
 from crosscheck import adapters, load_scene
 from crosscheck.adapters.base import RunSpec, StandIn
-from crosscheck.adapters.foreign.own import completed
+from crosscheck.adapters.external.own import completed
 from crosscheck.compare.sizes import sizes
 from crosscheck.document import Record
 from crosscheck.errors import EngineError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from crosscheck import adapters
+from crosscheck.adapters.external.own import completed
 from crosscheck.adapters.exudyn.adapter import Exudyn
-from crosscheck.adapters.foreign.own import completed
 from crosscheck.adapters.lieeuler import LieEuler
 from crosscheck.adapters.mujoco.adapter import MuJoCo
 from crosscheck.adapters.pinocchio.adapter import Pinocchio

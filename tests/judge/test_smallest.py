@@ -5,7 +5,7 @@ import pytest
 from benchmarks.altered import NUMBERS, ORDERS, Altered
 from benchmarks.smallest_errors import AIM
 from crosscheck import adapters
-from crosscheck.adapters.foreign.own import completed
+from crosscheck.adapters.external.own import completed
 from crosscheck.document import Plan, Way
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell

@@ -10,7 +10,7 @@ import pytest
 import crosscheck
 from crosscheck import adapters, load_scene
 from crosscheck.adapters.base import Engine, RunSpec, StandIn
-from crosscheck.adapters.foreign.own import completed
+from crosscheck.adapters.external.own import completed
 from crosscheck.compare.order import cancelling
 from crosscheck.compare.sizes import sizes
 from crosscheck.document import QUANTITIES, Plan, Record, Way

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from crosscheck import adapters
-from crosscheck.adapters.foreign.own import completed
+from crosscheck.adapters.external.own import completed
 from crosscheck.document import Finding, Plan, Way
 from crosscheck.judge.verdict import worst
 from crosscheck.verification.cell import run_cell

@@ -181,7 +181,7 @@ def test_the_pages_are_rendered_again_alike_from_what_the_report_holds(folder, t
     before = {path.name: path.read_bytes() for path in copy.iterdir()}
     (copy / "index.html").write_text("broken")
     (copy / "study-former.html").write_text("a page of a former layout")
-    assert report.render_again(copy) == copy / "index.html"
+    assert report.rewrite_pages(copy) == copy / "index.html"
     assert {path.name for path in copy.iterdir()} == set(before)
     for name, content in before.items():
         assert (copy / name).read_bytes() == content, name

@@ -122,7 +122,7 @@ def test_a_right_answer_is_a_run_with_plain_numbers(scene: Scene) -> None:
     assert isinstance(outcome, Ran)
     assert (type(outcome.raw.wall_time), type(outcome.raw.steps), outcome.trajectory.engine) == (float, int, "resting")
     assert outcome.trajectory.stats == {"mine": 2.0, "force_evaluations": 3, "spin_free": ("a",), "words": "\\ud800",
-                                        "told_time": 0.5, "energy_error": 1.0, "step": 0.05}
+                                        "stated_time": 0.5, "energy_error": 1.0, "step": 0.05}
 
 
 class Asking(Resting):

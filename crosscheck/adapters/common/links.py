@@ -120,13 +120,13 @@ def unfold(scene: Scene, always_cut: tuple[str, ...] = ()) -> tuple[tuple[Link, 
     return depth_first(tree_links), tuple(cut)
 
 
-def depth_first(chain: Sequence[Link]) -> tuple[Link, ...]:
+def depth_first(tree_links: Sequence[Link]) -> tuple[Link, ...]:
     """The links subtree by subtree: with any other order Pinocchio's crba and constraintDynamics are silently wrong."""
     ordered: list[Link] = []
-    stack = [link for link in reversed(chain) if link.parent == GROUND]
+    stack = [link for link in reversed(tree_links) if link.parent == GROUND]
     while stack:
         ordered.append(stack.pop())
-        stack += [link for link in reversed(chain) if link.parent == ordered[-1].body]
+        stack += [link for link in reversed(tree_links) if link.parent == ordered[-1].body]
     return tuple(ordered)
 
 

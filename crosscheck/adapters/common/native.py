@@ -68,11 +68,11 @@ def solids(shapes: Iterable[tuple[str, str, Iterable[float], np.ndarray]]) -> di
 
     Of a mesh its kind alone: engines put its centre elsewhere.
     """
-    told: dict[str, list[str]] = {}
+    listed: dict[str, list[str]] = {}
     for link, kind, sizes, centre in shapes:
         size, place = (", ".join(f"{round(each, 9) + 0.0:.6g}" for each in part) for part in (sizes, centre))
-        told.setdefault(link, []).append(kind if kind == "mesh" else f"{kind} {size} at {place}")
-    return {link: "; ".join(sorted(words)) for link, words in told.items()}
+        listed.setdefault(link, []).append(kind if kind == "mesh" else f"{kind} {size} at {place}")
+    return {link: "; ".join(sorted(words)) for link, words in listed.items()}
 
 
 @dataclasses.dataclass(frozen=True)

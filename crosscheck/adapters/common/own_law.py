@@ -44,8 +44,8 @@ class OwnLaw:
                 joint.type not in ("revolute", "prismatic", "fixed") or joint.drive or joint.mimic
                 for joint in scene.joints):
             raise Unsupported(f"the own law of {name} is integrated here for open trees of hinges and slides alone")
-        self._chain, self._bare = tree.links(scene), scene.lawless
-        moving = [link for link in self._chain if link.dofs]
+        self._tree_links, self._bare = tree.links(scene), scene.lawless
+        moving = [link for link in self._tree_links if link.dofs]
         self._joints = joints = {joint.name: joint for joint in scene.joints}
         start = at_start(scene)
         self._names = [link.joint for link in moving]
@@ -117,10 +117,10 @@ class OwnLaw:
     def motion(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> States:
         """States and accelerations of the bodies at coordinates, rates and accelerations of the scene, (T, n) each."""
         q, v, a = self._sign * (q - self._zero), self._sign * v, self._sign * a
-        slots = np.cumsum([0, *(link.dofs for link in self._chain)])
-        return tree.forward(self._chain, [
+        slots = np.cumsum([0, *(link.dofs for link in self._tree_links)])
+        return tree.forward(self._tree_links, [
             tree.motion(link, *(part[:, first:last] for part in (q, v, a)))
-            for link, first, last in zip(self._chain, slots[:-1], slots[1:], strict=True)], np.zeros(len(q)), True)
+            for link, first, last in zip(self._tree_links, slots[:-1], slots[1:], strict=True)], np.zeros(len(q)), True)
 
     def _equations(self, t: float, q: np.ndarray, v: np.ndarray, efforts: dict[int, float]
                    ) -> tuple[np.ndarray, np.ndarray]:

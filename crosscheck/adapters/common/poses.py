@@ -20,5 +20,5 @@ def relative_pose(scene: Scene, parent: int, body: int) -> tuple[np.ndarray, np.
 
 def in_body(scene: Scene, start: int, end: int, vector: np.ndarray) -> np.ndarray:
     """Components at t = 0 in the frame of `end` of a vector given in the frame of `start`."""
-    seen: np.ndarray = pose(scene, end)[1].T @ pose(scene, start)[1] @ vector
-    return seen
+    turned: np.ndarray = pose(scene, end)[1].T @ pose(scene, start)[1] @ vector
+    return turned

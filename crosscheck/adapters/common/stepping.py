@@ -89,12 +89,12 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
             a = accelerate(steps * h, q, v)
             on_sample = steps % per == 0
             if monitor is not None:
-                seen = convert(steps * h, q, v, a)
-                watch(monitor, seen)
-                assert seen.hinges is not None
-                hinges.append(seen.hinges[on_sample])
-                happened += events(scene, joined(last, seen), shapes=False) if scene.has_laws else []
-                last = seen
+                states_here = convert(steps * h, q, v, a)
+                watch(monitor, states_here)
+                assert states_here.hinges is not None
+                hinges.append(states_here.hinges[on_sample])
+                happened += events(scene, joined(last, states_here), shapes=False) if scene.has_laws else []
+                last = states_here
             kept.append((q[on_sample], v[on_sample], a[on_sample]))
             done += count
     states = convert(scene.t, *(np.concatenate(parts) for parts in zip(*kept, strict=True)))

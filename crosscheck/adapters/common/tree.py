@@ -75,12 +75,12 @@ def coordinate(scene: Scene, link: Link, k: int = 0) -> tuple[int, float, float]
     return part, sign, float(at_start(scene)[link.joint][0][k] - sign * initial_coordinates(scene, link)[0][part])
 
 
-def hinges(scene: Scene, chain: Sequence[Link], firsts: Iterable[int], q: np.ndarray) -> np.ndarray | None:
+def hinges(scene: Scene, tree_links: Sequence[Link], firsts: Iterable[int], q: np.ndarray) -> np.ndarray | None:
     """(T, h) rad: the angles of `scene.hinges` with their turns, from joint positions q (T, nq).
 
     `firsts` are the first columns of the links. None where a hinge is no link, so that it has to be followed.
     """
-    at, columns = {link.joint: (link, first) for link, first in zip(chain, firsts, strict=True)}, []
+    at, columns = {link.joint: (link, first) for link, first in zip(tree_links, firsts, strict=True)}, []
     for name, k in scene.hinges:
         if name not in at:
             return None
@@ -183,13 +183,13 @@ def _shifted(shift: Shift | None, turned: Motion, d: np.ndarray, rate: np.ndarra
     return shift[0] + added[0], shift[1] + added[1], last
 
 
-def forward(chain: Sequence[Link], motions: Sequence[Motion], t: np.ndarray, accelerations: bool) -> States:
+def forward(tree_links: Sequence[Link], motions: Sequence[Motion], t: np.ndarray, accelerations: bool) -> States:
     """Kinematics of the tree: from relative motions of the links to `States` of the bodies."""
-    times, n = len(t), len(chain)
+    times, n = len(t), len(tree_links)
     states = States(t, np.empty((times, n, 3)), np.empty((times, n, 3, 3)), np.empty((times, n, 3)),
                     np.empty((times, n, 3)))
     a, alpha = np.empty((times, n, 3)), np.empty((times, n, 3))
-    for link, relative in zip(chain, motions, strict=True):
+    for link, relative in zip(tree_links, motions, strict=True):
         _place(states, link, relative)
         if accelerations:
             a[:, link.body], alpha[:, link.body] = _accelerations(states, a, alpha, link, relative)

@@ -94,9 +94,9 @@ def kinematic_tree(scene: Scene, order: str, h: float = 1e-3) -> Model:
     from exudyn.itemInterface import NodeGenericODE2, ObjectKinematicTree, SensorNode
 
     carried, closing = spanned(scene)
-    chain = [expanded(link, order) for link in carried]
+    tree_links = [expanded(link, order) for link in carried]
     container, system = new_system()
-    joints, seats = _assembled(scene, chain)
+    joints, seats = _assembled(scene, tree_links)
     angles, rates = [np.zeros(0)], [np.zeros(0)]
     for link in carried:
         own, own_rates = tree.initial_coordinates(scene, link)
@@ -124,12 +124,12 @@ def kinematic_tree(scene: Scene, order: str, h: float = 1e-3) -> Model:
     _attach(scene, system, body, seats, closing)
     if scene.has_laws:
         laws.add(scene, system, node, at, h)
-    slots = np.cumsum([0, *(link.dofs for link in chain)])
+    slots = np.cumsum([0, *(link.dofs for link in tree_links)])
 
     def convert(t: np.ndarray, data: list[np.ndarray]) -> States:
         motions = [tree.motion(link, *(part[:, first:last] for part in data))
-                   for link, first, last in zip(chain, slots[:-1], slots[1:], strict=True)]
-        states = tree.forward(chain, motions, t, accelerations=True)
+                   for link, first, last in zip(tree_links, slots[:-1], slots[1:], strict=True)]
+        states = tree.forward(tree_links, motions, t, accelerations=True)
         states.hinges = tree.hinges(scene, carried, slots[:-1].tolist(), data[0])
         return states
 
@@ -168,9 +168,9 @@ def middle_angles(scene: Scene) -> list[int]:
     return columns
 
 
-def _assembled(scene: Scene, chain: list[Link]) -> tuple[list[_Joint], dict[int, _Seat]]:
+def _assembled(scene: Scene, tree_links: list[Link]) -> tuple[list[_Joint], dict[int, _Seat]]:
     joints, seats = list[_Joint](), {GROUND: _Seat(GROUND, np.zeros(3), np.eye(3))}
-    for link in chain:
+    for link in tree_links:
         inner = seats[link.parent]
         at, turn = inner.at + inner.turn @ link.parent_anchor, inner.turn @ rotation_from_quaternion(link.zero)
         joint = inner.joint

@@ -150,27 +150,27 @@ def _evaluation(scene: Scene, model: mujoco.MjModel, held: Held, form: str
             starts = np.tile(empty, (len(t), 1))
             starts[:, :1 + model.nq + model.nv] = np.concatenate([t[:, None], q, v], axis=1)
             return np.asarray(mujoco.rollout.rollout(model, bench, starts, nstep=1)[1][:, 0])
-        seen = np.empty((len(t), model.nsensordata))
+        readings = np.empty((len(t), model.nsensordata))
         for row in range(len(t)):  # `rollout` does not call the Python function for controls
             bench.time, bench.qpos[:], bench.qvel[:] = t[row], q[row], v[row]
             for index, effort in held.at(t[row]).items():
                 bench.ctrl[holds[index]] = effort
             mujoco.mj_forward(model, bench)
-            seen[row] = bench.sensordata
-        return seen
+            readings[row] = bench.sensordata
+        return readings
 
-    def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, seen: np.ndarray | None) -> States:
-        states = sensed(scene, t, observe(t, q, v) if seen is None else seen, form)
+    def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, readings: np.ndarray | None) -> States:
+        states = sensed(scene, t, observe(t, q, v) if readings is None else readings, form)
         states.hinges = models.hinges(scene, model, form, q)
         return states
 
     return observe, convert
 
 
-def sensed(scene: Scene, t: np.ndarray, seen: np.ndarray, form: str) -> States:
-    """The states at the times t, (T,), of which the sensors `OBSERVED` and `NATIVE` read the rows of `seen`."""
+def sensed(scene: Scene, t: np.ndarray, readings: np.ndarray, form: str) -> States:
+    """The states at the times t, (T,), of which the sensors `OBSERVED` and `NATIVE` read the rows of `readings`."""
     *ends, length = np.cumsum([length for _, length in OBSERVED])
-    frames, rest = seen[:, :length * scene.n], seen[:, length * scene.n:]
+    frames, rest = readings[:, :length * scene.n], readings[:, length * scene.n:]
     x, turned, v, spin, a, alpha = np.split(frames.reshape(len(t), scene.n, -1), ends, axis=-1)
     R = rotation_from_quaternion(turned)
     own = {}

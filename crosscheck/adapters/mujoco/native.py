@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native, solids
-from crosscheck.errors import EngineError, foreign
+from crosscheck.errors import EngineError, errors_as
 from crosscheck.scene.model import rotation_from_quaternion
 from crosscheck.scene.models import neutral, source
 from crosscheck.scene.models.compiling import listening
@@ -26,7 +26,7 @@ def _model(path: Path) -> tuple[mujoco.MjModel, str]:
         return EngineError(" ".join(str(error).split()).removeprefix("Error: "))
 
     try:
-        with foreign(refused):
+        with errors_as(refused):
             return mujoco.MjModel.from_xml_path(str(path.resolve())), ""
     except EngineError as error:
         words = str(error)
@@ -37,7 +37,7 @@ def _model(path: Path) -> tuple[mujoco.MjModel, str]:
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             if shape.find("geometry/mesh") is not None:
                 link.remove(shape)
-    with foreign(lambda error: EngineError(f"{words}; without its meshes: {refused(error)}")):
+    with errors_as(lambda error: EngineError(f"{words}; without its meshes: {refused(error)}")):
         return mujoco.MjModel.from_xml_string(model.text), words
 
 
@@ -59,15 +59,15 @@ def _shapes(reading: neutral.Reading) -> dict[str, str]:
     """The geometries that may collide, in the frame of the first body of each link."""
     import mujoco
 
-    m, d, told = reading.model, reading.data, []
+    m, d, listed = reading.model, reading.data, []
     for g in np.flatnonzero((m.geom_contype != 0) | (m.geom_conaffinity != 0)).tolist():
         group, kind = int(reading.groups[m.geom_bodyid[g]]), mujoco.mjtGeom(m.geom_type[g]).name
         kind, size = kind.removeprefix("mjGEOM_").lower(), m.geom_size[g].tolist()
         sizes = {"sphere": size[:1], "plane": [], "box": [2 * each for each in size]}.get(kind, size)
         sizes = [size[0], 2 * size[1]] if kind in ("capsule", "cylinder") else sizes
         link = reading.bodies[group].name if group in reading.bodies else "ground"
-        told.append((link, kind, sizes, d.xmat[group].reshape(3, 3).T @ (d.geom_xpos[g] - d.xpos[group])))
-    return solids(told)
+        listed.append((link, kind, sizes, d.xmat[group].reshape(3, 3).T @ (d.geom_xpos[g] - d.xpos[group])))
+    return solids(listed)
 
 
 def load(path: str, states: JointStates) -> Native:

@@ -76,22 +76,22 @@ class Model:
                    for link, (at_q, at_v) in zip(self.links, self.slots, strict=True)]
         bodies, n = tree.forward(self.links, motions, t, a is not None), self.scene.n
         linear, alpha = (None if values is None else values[:, :n] for values in (bodies.a, bodies.alpha))
-        chain = [dataclasses.replace(link, body=self.parts.get(link.body, link.body)) for link in self.links]
+        tree_links = [dataclasses.replace(link, body=self.parts.get(link.body, link.body)) for link in self.links]
         return States(t, bodies.x[:, :n], bodies.R[:, :n], bodies.v[:, :n], bodies.w[:, :n], linear, alpha,
-                      hinges=tree.hinges(self.scene, chain, [at_q.start for at_q, _ in self.slots], q))
+                      hinges=tree.hinges(self.scene, tree_links, [at_q.start for at_q, _ in self.slots], q))
 
 
 def decompose(scene: Scene, form: str) -> tuple[tuple[Link, ...], dict[int, int], tuple[Joint, ...]]:
     """(links with those of second parts, the body each part belongs to, joints closed directly) in `form`."""
     if form == "maximal":
-        chain, cut = tuple(free(body) for body in range(scene.n)), scene.joints
+        tree_links, cut = tuple(free(body) for body in range(scene.n)), scene.joints
     else:
-        chain, cut = unfold(scene)
+        tree_links, cut = unfold(scene)
     bridged = [joint for joint in cut if joint.type not in ("spherical", "fixed")]
     parts = {scene.n + k: joint.child for k, joint in enumerate(bridged)}
     hung = [dataclasses.replace(links_module.link(scene, joint), body=part)
             for part, joint in zip(parts, bridged, strict=True)]
-    return links_module.depth_first([*chain, *hung]), parts, tuple(joint for joint in cut if joint not in bridged)
+    return links_module.depth_first([*tree_links, *hung]), parts, tuple(joint for joint in cut if joint not in bridged)
 
 
 def build(scene: Scene, form: str = "tree") -> Model:

@@ -26,14 +26,14 @@ def _shapes(path: str, model: pinocchio.Model, names: dict[int, str]) -> dict[st
         made = explained(lambda: pinocchio.buildGeomFromUrdf(model, path, pinocchio.COLLISION))
     except ValueError:
         return None
-    told = []
+    listed = []
     for solid in made.geometryObjects:
         shape, kind = solid.geometry, type(solid.geometry).__name__.lower()
         sizes = [2 * each for each in shape.halfSide] if kind == "box" else [shape.radius] if kind == "sphere" else (
             [shape.radius, 2 * shape.halfLength] if kind in ("cylinder", "capsule") else [])
-        told.append((names.get(solid.parentJoint, "ground"), kind if sizes else "mesh", sizes,
+        listed.append((names.get(solid.parentJoint, "ground"), kind if sizes else "mesh", sizes,
                      solid.placement.translation))
-    return solids(told)
+    return solids(listed)
 
 
 def load(path: str, states: JointStates) -> Native:

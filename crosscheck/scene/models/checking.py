@@ -106,11 +106,11 @@ def watchable(content: Content, scene: Scene) -> Content:
         q, monitor = float(start[joint.name][0][0]), near[joint.name]
         if pushed * (1 if abs(q - monitor.upper) < AT_END else -1) > -AT_END:
             gone.append(joint.name)
-    told = [[name, "limits of joint", "it starts at an end of them and does not turn inside; limits kept are stops"]
+    listed = [[name, "limits of joint", "it starts at an end of them and does not turn inside; limits kept are stops"]
             for name in gone]
     return content | {
         "monitors": [each for each in content["monitors"] if each.get("joint") not in gone],
-        "left_out": [*content.get("left_out", ()), *told]} if gone else content
+        "left_out": [*content.get("left_out", ()), *listed]} if gone else content
 
 
 def loops(reading: Reading) -> None:

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from crosscheck.errors import SceneError, foreign, missing
+from crosscheck.errors import SceneError, errors_as, missing
 from crosscheck.scene.models import collisions, known, source
 from crosscheck.scene.models.neutral import LIGHT
 from crosscheck.scene.models.source import Source
@@ -74,7 +74,7 @@ def compiled(model: Source, base: str = "fixed", balance: bool = False) -> tuple
         _compiler(model).set("balanceinertia", "true")
 
     def refused(error: Exception) -> SceneError:  # a ValueError or MuJoCo's own FatalError
-        words = model.told(str(error))
+        words = model.with_lines(str(error))
         offer = "" if not any(each in words for each in ("balanceinertia", "positive eigenvalues")) or balance else (
             "; --balance (balance=True) lets MuJoCo replace such inertias, and lists it")
         offer = "; give each that moves an inertial, or fix its joint" if "mjMINVAL" in words else offer
@@ -83,7 +83,7 @@ def compiled(model: Source, base: str = "fixed", balance: bool = False) -> tuple
     folder = model.path.parent.resolve()
     while True:
         try:
-            with listening(), foreign(refused), contextlib.chdir(folder):  # where it looks for models in the model
+            with listening(), errors_as(refused), contextlib.chdir(folder):  # where it looks for models in the model
                 spec = mujoco.MjSpec.from_string(model.text)
                 spec.modelfiledir = str(folder)
                 if base == "free":
@@ -92,9 +92,9 @@ def compiled(model: Source, base: str = "fixed", balance: bool = False) -> tuple
                 m = spec.compile()
         except SceneError as error:
             words = " ".join(str(error.__cause__).split())
-            if len(gone) == MOST_REFUSED or not (told := _without(model, words)):
+            if len(gone) == MOST_REFUSED or not (reason := _without(model, words)):
                 raise
-            gone.append(told)
+            gone.append(reason)
         else:
             _check_finite(model, m)
             return m, gone, noted
@@ -307,8 +307,8 @@ def _merge(root: Element, drop_root: bool, balance: bool) -> list[str]:
             link.remove(old)
         merged, joint = inertials[name], children.get(name)
         if not drop_root if joint is None else joint.get("type") != "fixed":
-            merged, told = _held(np.zeros((4, 4)) if merged is None else merged, carried[name], balance)
-            noted += [f"link {name!r} {told}"] if told else []
+            merged, reason = _held(np.zeros((4, 4)) if merged is None else merged, carried[name], balance)
+            noted += [f"link {name!r} {reason}"] if reason else []
         if merged is not None and not (drop_root and name not in children):
             _write(link, merged)
     return noted
@@ -329,18 +329,18 @@ def _held(own: np.ndarray, carried: np.ndarray, balance: bool) -> tuple[np.ndarr
     mass, com = float(own[3, 3]), own[:3, 3] / own[3, 3] if own[3, 3] else np.zeros(3)
     central = own[:3, :3] - mass * np.outer(com, com)
     moments = np.linalg.eigvalsh(np.trace(central) * np.eye(3) - central)
-    made, told = own.copy(), ""
+    made, reason = own.copy(), ""
     excess = max(-moments[0], moments[2] - moments[0] - moments[1])
     if balance and excess > max(LEAST_INERTIA, 1e-12 * abs(moments[2])) and moments.mean() > LEAST_INERTIA and mass:
         made[:3, :3] += moments.mean() / 2 * np.eye(3) - central
-        told = f"has principal moments {np.array2string(moments, precision=3)}; each is replaced by their mean"
+        reason = f"has principal moments {np.array2string(moments, precision=3)}; each is replaced by their mean"
     elif abs(moments[0]) <= max(LEAST_INERTIA, 1e-12 * moments[2]):
         size = LIGHT * (float(np.trace(own[:3, :3])) or float(np.trace(carried[:3, :3])))
         made[:3, :3] += size * np.eye(3)
         if not mass:
             made[3, 3] += LIGHT * carried[3, 3]
-        told = f"has no {'inertia about an axis' if mass else 'mass'}: {LIGHT:g} of what it carries is added"
-    return made, told
+        reason = f"has no {'inertia about an axis' if mass else 'mass'}: {LIGHT:g} of what it carries is added"
+    return made, reason
 
 
 def _end(joint: Element, which: str) -> str:

@@ -82,7 +82,7 @@ def unknown(model: Source) -> Iterator[LeftOut]:
     """What the file says and the reader does not know."""
     table, whole = (URDF if model.is_urdf else MJCF), WHOLE[model.root.tag]
 
-    def walk(element: Element, parent: str) -> Iterator[LeftOut]:
+    def unread(element: Element, parent: str) -> Iterator[LeftOut]:
         if element.tag in whole:
             return
         key = f"{parent} {element.tag}" if f"{parent} {element.tag}" in table else element.tag
@@ -100,9 +100,9 @@ def unknown(model: Source) -> Iterator[LeftOut]:
                 if child.tag not in GAZEBO and (child.text or "").strip().lower() not in rest:
                     yield LeftOut("", f"the element {child.tag} of {label(element)}")
             else:
-                yield from walk(child, element.tag)
+                yield from unread(child, element.tag)
 
-    yield from dict.fromkeys(walk(model.root, ""))
+    yield from dict.fromkeys(unread(model.root, ""))
 
 
 def _numbers(text: str) -> str | tuple[float, ...]:

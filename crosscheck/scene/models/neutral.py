@@ -157,11 +157,11 @@ def joint_tables(reading: Reading) -> list[Table]:
         elif table := _alone(reading, group, ids):
             tables.append(table)
         else:
-            tables += _chain(reading, group, ids)
+            tables += _in_series(reading, group, ids)
     return tables
 
 
-def _chain(reading: Reading, group: int, ids: list[int]) -> list[Table]:
+def _in_series(reading: Reading, group: int, ids: list[int]) -> list[Table]:
     """Joints with one coordinate each, a ball last, and light bodies between them with the axes of the last body."""
     m, d, body = reading.model, reading.data, reading.bodies[group]
     if any(m.jnt_type[j] == 1 for j in ids[:-1]):

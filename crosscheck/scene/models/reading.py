@@ -63,8 +63,8 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     unread = [each for each in lost if model.is_urdf and known.unread(each)]
     m, gone, noted = _compiled(model, base, balance)  # raises with advice if MuJoCo is not installed
     lost += [LeftOut("", words) for words in gone]
-    told = [LeftOut("", words) for words in noted]
-    d = _start(model, m, keyframe, qpos, qvel, told if wants.limits != "drop" else None)
+    listed = [LeftOut("", words) for words in noted]
+    d = _start(model, m, keyframe, qpos, qvel, listed if wants.limits != "drop" else None)
     if start != "model":
         if keyframe is not None or qpos is not None:
             raise ArgumentError("start: a keyframe or qpos says where it starts; leave one of the two out")
@@ -72,7 +72,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     wants = laws.controlled(m, d, wants)
     reading = read(model, m, d, gone)
     reading.lost += [each for each in lost if each not in unread] + (held if wants.limits != "drop" else [])
-    reading.noted += [*told, *unread, *(held if wants.limits == "drop" else [])]
+    reading.noted += [*listed, *unread, *(held if wants.limits == "drop" else [])]
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
     own = laws.find(reading, joints, wants)
@@ -300,17 +300,17 @@ def _inside(m: Any, q: np.ndarray) -> list[LeftOut]:
     """Put hinges and slides that are outside their limits a little inside, in place; which."""
     import mujoco
 
-    told: list[LeftOut] = []
+    listed: list[LeftOut] = []
     if neutral.off(m, "LIMIT", "CONSTRAINT"):
-        return told
+        return listed
     for j in np.flatnonzero((m.jnt_limited != 0) & (m.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE))).tolist():
         (lower, upper), at = m.jnt_range[j], int(m.jnt_qposadr[j])
         if not lower <= q[at] <= upper:
             reach = min(ROOM, (upper - lower) / 2)
             q[at] = np.clip(q[at], lower + reach, upper - reach)
-            told.append(LeftOut(neutral.label(m, j), "the reference, which its limits exclude, of joint",
+            listed.append(LeftOut(neutral.label(m, j), "the reference, which its limits exclude, of joint",
                                 f"it starts at {q[at]:.4g}"))
-    return told
+    return listed
 
 
 def follow(model: Source, m: Any, q: np.ndarray, v: np.ndarray) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crosscheck.errors import SceneError, foreign
+from crosscheck.errors import SceneError, errors_as
 from crosscheck.files import aside
 from crosscheck.scene.models.source import Source
 
@@ -26,7 +26,7 @@ def explained(build: Callable[[], pinocchio.Model]) -> pinocchio.Model:
             said = file.read(1000).decode(errors="replace").strip().partition("\n")[0].removeprefix("Error:")
             return ValueError("; ".join(" ".join(each.split()) for each in (str(error), said) if each.strip()))
 
-        with foreign(refused):
+        with errors_as(refused):
             return build()
 
 

@@ -68,7 +68,7 @@ class Source:
             stack += [f"</{part.tag}>", *reversed(part)]
         return "".join(pieces).lstrip("\n")
 
-    def told(self, words: str) -> str:
+    def with_lines(self, words: str) -> str:
         """An engine's message about `text` with the lines of the file."""
         nodes = list(self.root.iter())
 

@@ -39,10 +39,10 @@ def shortened(things: Iterable[LeftOut | str], placed: Callable[[str], str] = st
         line = re.search(r"\(line \d+\)", sentence)
         return f"'{parts[1]}'" if len(parts) == 3 else line[0] if line and len(parts) == 1 else ""
 
-    told = [(placed(str(each)), placed(each.sentence if isinstance(each, LeftOut) else each)) for each in things]
-    alike = Counter(bare.replace(named(bare) or "\0", "\0") for _, bare in told)
+    listed = [(placed(str(each)), placed(each.sentence if isinstance(each, LeftOut) else each)) for each in things]
+    alike = Counter(bare.replace(named(bare) or "\0", "\0") for _, bare in listed)
     return together((whole if alike[bare.replace(named(bare) or "\0", "\0")] <= MOST_ALIKE else bare, named(bare))
-                    for whole, bare in told)
+                    for whole, bare in listed)
 
 
 def distinct(tables: list[dict[str, Any]]) -> list[dict[str, Any]]:

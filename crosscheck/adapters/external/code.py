@@ -49,14 +49,14 @@ def _all(home: str, file: str | None = None) -> list[tuple[str, Path, bytes]]:
         first = [(Path(home).stem, Path(home).resolve())]
     else:
         first = list(_files(home, folders)) or ([(home, Path(file))] if file else [])
-    waiting, seen = first, dict[Path, tuple[str, bytes]]()
+    waiting, read = first, dict[Path, tuple[str, bytes]]()
     while waiting:
         name, path = waiting.pop()
-        if path not in seen:
+        if path not in read:
             content = path.read_bytes()
-            seen[path] = name, content
+            read[path] = name, content
             waiting += [each for wanted in _imported(name, path, content) for each in _files(wanted, folders)]
-    return sorted(((name, path, content) for path, (name, content) in seen.items()),
+    return sorted(((name, path, content) for path, (name, content) in read.items()),
                   key=lambda each: (each[0], each[2]))
 
 

@@ -23,9 +23,9 @@ from pathlib import Path
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine, RawRun, RunSpec, StandIn
 from crosscheck.adapters.common.native import JointStates, Native
-from crosscheck.adapters.foreign import remote
-from crosscheck.adapters.foreign.apart import Process
-from crosscheck.adapters.foreign.remote import T
+from crosscheck.adapters.external import remote
+from crosscheck.adapters.external.apart import Process
+from crosscheck.adapters.external.remote import T
 from crosscheck.errors import ArgumentError, EngineError, install
 from crosscheck.files import cache_folder
 from crosscheck.scene.model import Scene
@@ -156,7 +156,7 @@ def _make(engine: str, version: str, place: Path, needed: Sequence[str]) -> None
     python = place / "bin" / "python"
     # Only wheels: compiling an engine takes an hour, or needs tools that are not installed.
     packages = ["--quiet", "--only-binary", ":all:", *wanted, *needed,
-                *built_in.ENTRIES[engine].beside.split()]
+                *built_in.ENTRIES[engine].extras.split()]
     if uv := shutil.which("uv"):
         steps = [[uv, "venv", "--quiet", "--python", sys.executable, str(place)],
                  [uv, "pip", "install", "--python", str(python), *packages]]

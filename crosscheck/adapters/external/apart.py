@@ -13,8 +13,8 @@ from functools import partial
 from typing import Any
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
-from crosscheck.adapters.foreign import remote
-from crosscheck.adapters.foreign.plain import PlainRun
+from crosscheck.adapters.external import remote
+from crosscheck.adapters.external.plain import PlainRun
 from crosscheck.errors import ArgumentError, EngineDied, EngineError, SceneError, Unsupported
 from crosscheck.scene.model import Scene
 

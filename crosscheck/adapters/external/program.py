@@ -47,16 +47,16 @@ def is_program(name: str) -> bool:
 
 
 class Program:
-    """An engine in the sense of `crosscheck.adapters.foreign.own`. Raises `ArgumentError` for a wrong command."""
+    """An engine in the sense of `crosscheck.adapters.external.own`. Raises `ArgumentError` for a wrong command."""
 
     def __init__(self, command: str) -> None:
         try:
             words = shlex.split(command)
         except ValueError as error:
             raise ArgumentError(f"engine: {command!r}: {error}; write it as {FORM}") from None
-        told: dict[str, str] = {}
+        declared: dict[str, str] = {}
         while words and (key := words[0].partition("=")[0]) in ("order", "name", "eps", "elements") and "=" in words[0]:
-            told[key] = words.pop(0).partition("=")[2]
+            declared[key] = words.pop(0).partition("=")[2]
         self._words = words
         steps = [each for each in ("{step}", "{rtol}") if each in command]
         if not words or len(steps) != 1 or not any(each in command for each in ("{scene}", "{mjcf}")):
@@ -64,16 +64,16 @@ class Program:
                                 f"{{out}}; write it as {FORM}")
         if shutil.which(words[0]) is None:
             raise ArgumentError(f"engine: there is no program {words[0]!r}; give its path")
-        self.name = told.get("name") or Path(words[0]).stem
+        self.name = declared.get("name") or Path(words[0]).stem
         self.methods = ("fixed",) if steps == ["{step}"] else ("adaptive",)
         self.adaptive_methods = () if steps == ["{step}"] else self.methods
-        self.elements = tuple(each for each in told.get("elements", "").split(",") if each)
+        self.elements = tuple(each for each in declared.get("elements", "").split(",") if each)
         if unknown := set(self.elements) - set(ELEMENTS):
             raise ArgumentError(f"engine: {command!r}: elements: {', '.join(sorted(unknown))}; there are: "
                                 f"{', '.join(ELEMENTS)}")
         try:
-            self.orders = {"fixed": int(told["order"])} if "order" in told else {}
-            self.eps = float(told.get("eps", 2.0**-52))
+            self.orders = {"fixed": int(declared["order"])} if "order" in declared else {}
+            self.eps = float(declared.get("eps", 2.0**-52))
         except ValueError as error:
             raise ArgumentError(f"engine: {command!r}: order and eps: {error}") from None
 

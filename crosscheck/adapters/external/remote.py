@@ -1,4 +1,4 @@
-"""Runs inside the process of an engine that has one of its own; see `crosscheck.adapters.foreign.apart`.
+"""Runs inside the process of an engine that has one of its own; see `crosscheck.adapters.external.apart`.
 
 In the environment of a version only the engine and the packages that its adapter needs are installed.
 """
@@ -18,7 +18,7 @@ from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.common.probe import Probe
-from crosscheck.adapters.foreign.plain import PlainRun, doubles, plain
+from crosscheck.adapters.external.plain import PlainRun, doubles, plain
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -97,7 +97,7 @@ def native(engine: str | Home, path: str, states: JointStates) -> Native:
 def _adapter(engine: str | Home) -> Engine:
     if isinstance(engine, str):
         return built_in.ENTRIES[engine].make()
-    from crosscheck.adapters.foreign import own
+    from crosscheck.adapters.external import own
 
     name = engine.name
     if engine.folder is not None:

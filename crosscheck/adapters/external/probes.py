@@ -1,7 +1,7 @@
 """An engine that is known by its answers alone: files with the states of a simulator that somebody else runs.
 
 A question is a scene and a step. Its file `NAME.json` holds the scene; the answer is the file `NAME.csv` beside it, or
-`NAME.npz`, with the columns that `crosscheck.adapters.foreign.program` reads. `questions.csv` lists all of them.
+`NAME.npz`, with the columns that `crosscheck.adapters.external.program` reads. `questions.csv` lists all of them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import csv
 from pathlib import Path
 
 from crosscheck.adapters.base import RunSpec
-from crosscheck.adapters.foreign.program import read_states
+from crosscheck.adapters.external.program import read_states
 from crosscheck.errors import EngineError
 from crosscheck.files import digest
 from crosscheck.scene.model import Scene
@@ -18,7 +18,7 @@ from crosscheck.scene.states import States
 
 
 class Probes:
-    """An engine in the sense of `crosscheck.adapters.foreign.own`.
+    """An engine in the sense of `crosscheck.adapters.external.own`.
 
     Parameters
     ----------

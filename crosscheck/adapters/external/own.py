@@ -18,8 +18,8 @@ from typing import Any, cast
 import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec, StandIn, Stats, steps_per_sample
-from crosscheck.adapters.foreign import code
-from crosscheck.errors import ArgumentError, EngineError, brief, foreign, named, unknown
+from crosscheck.adapters.external import code
+from crosscheck.errors import ArgumentError, EngineError, brief, errors_as, named, unknown
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -37,7 +37,7 @@ class Completed(StandIn):
     """An engine with at least `name`, `methods`, `unsupported` and `run`, and defaults for the rest of `Engine`.
 
     Its `run` may return `States` alone: the number of steps follows from the fixed step then. The wall time is that of
-    the call, by the clock of the harness; what the engine says of it is kept as "told_time" of `stats`.
+    the call, by the clock of the harness; what the engine says of it is kept as "stated_time" of `stats`.
     """
 
     def __init__(self, engine: Any, version: str | None, own: str) -> None:
@@ -97,8 +97,8 @@ class Completed(StandIn):
         elif isinstance(result.wall_time, numbers.Real) and 0.0 <= result.wall_time <= LONGEST and isinstance(
                 result.stats, dict):
             # What its iterations leave would widen bounds; from an engine of the user it is not granted.
-            told = {name: value for name, value in result.stats.items() if name != "newton_left"}
-            result.stats = cast(Stats, {**told, "told_time": float(result.wall_time)})
+            given_stats = {name: value for name, value in result.stats.items() if name != "newton_left"}
+            result.stats = cast(Stats, {**given_stats, "stated_time": float(result.wall_time)})
             result.wall_time = wall
         _complete(result.states)
         return result
@@ -135,7 +135,7 @@ def load(name: str, known: Iterable[str], stated: str | None = None) -> Complete
                             "path/file.py:Class")
     try:
         own = code.digest(home) if Path(home).suffix == ".py" and Path(home).is_file() else ""  # what comes next
-        with foreign(lambda error: ArgumentError(f"engine: {home} cannot be imported: {named(error)}"),
+        with errors_as(lambda error: ArgumentError(f"engine: {home} cannot be imported: {named(error)}"),
                      ModuleNotFoundError):
             module = _module(home)
     except ModuleNotFoundError as error:
@@ -149,7 +149,7 @@ def load(name: str, known: Iterable[str], stated: str | None = None) -> Complete
                    if hasattr(value, "unsupported") and hasattr(value, "run")]
         raise ArgumentError(f"engine: {home} has no class {attribute!r}"
                             + (f"; engines there: {', '.join(classes)}" if classes else ""))
-    with foreign(lambda error: ArgumentError(f"engine: {name} cannot be made without arguments: {named(error)}")):
+    with errors_as(lambda error: ArgumentError(f"engine: {name} cannot be made without arguments: {named(error)}")):
         engine = kind()
     stated = stated or getattr(module, "__version__", None)
     return completed(engine, name, None if stated is None else str(stated),

@@ -86,7 +86,7 @@ def test_a_night_is_told_of_the_folders_beside_the_nights(tmp_path):
         for name in ("report.css", "theme.js") if place != "strange" else ():
             (folder / name).touch()
     (tmp_path / "reports/nightly/latest").symlink_to("2026-11-01", target_is_directory=True)
-    standalone.tell(tmp_path / "reports/nightly/latest")
+    standalone.write_neighbours(tmp_path / "reports/nightly/latest")
     assert not (tmp_path / "reports/strange/sites.js").exists()
     text = (tmp_path / "reports/nightly/2026-11-01/sites.js").read_text(encoding="utf-8")
     told = json.loads(text.removeprefix("window.CROSSCHECK_SITES = ").rstrip(";\n"))

@@ -93,7 +93,7 @@ def told(name, folder):
         advice = Advice(scene="heavy_top", engine="mujoco", wanted=1e-4, until=1.0, least=1e-12, method="RK4",
                         form="tree", step=2.9412e-4, error=8.1e-5, cost=0.0297, breaks_at=1.25e-3,
                         command="crosscheck run heavy_top --engine mujoco --method RK4 --step 0.00029412")
-        runs.tell(advice)
+        runs.print_advice(advice)
     else:
         store = folder / ("empty.sqlite" if name == "history empty" else "history.sqlite")
         words = ["history", *HISTORY.get(name, ["list"]), "--store", str(store)] if "history" in name else name.split()

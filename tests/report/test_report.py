@@ -214,8 +214,8 @@ def test_the_schema_lists_every_key_that_is_written(folder, folder_without_truth
 
 
 def test_the_page_of_the_schema_names_every_key():
-    conf = runpy.run_path(str(ROOT / "docs" / "conf.py"))
-    written = conf["fields"]()
+    reference = runpy.run_path(str(ROOT / "docs" / "reference.py"))
+    written = reference["fields"]()
     sections = dict(re.findall(r"^## (\w+)$(.*?)(?=^## |\Z)", written, re.MULTILINE | re.DOTALL))
     assert sections.keys() == schema.json_schema()["$defs"].keys() | {"Way", "Origin", "SceneTruth"}
     for name, text in sections.items():

@@ -123,7 +123,7 @@ def _first_line(judged: Record | None) -> str:
              if name in QUANTITIES and error.max is not None]
     off = f"error against truth: {', '.join(sizes)}" if sizes else "compared with no truth"
     first = judged.worst
-    judging = "" if judged.share is None or judged.message else (
+    judging = "" if judged.share is None or judged.message.startswith("resolved over") else (
         f"; resolved over {percent(judged.least_share)} of its {judged.duration:g} s")
     reason = judged.message or ("" if first is None or judged.outcome == "pass" else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "

@@ -61,7 +61,8 @@ def test_a_wrong_offset_is_named(tmp_path):
 
 @pytest.mark.parametrize("base", ["pinocchio", "lieeuler", "mujoco"])
 def test_no_mimic_is_blamed_where_all_are_right(base):
-    assert explain(arm(), engine(lambda scene: scene, base)).outcome == "pass"
+    method = "RK4" if base == "mujoco" else None  # accelerations of discrete are changes of velocities over a step
+    assert explain(arm(), engine(lambda scene: scene, base), method=method).outcome == "pass"
 
 
 def test_no_mimic_is_blamed_for_a_wrong_mass():

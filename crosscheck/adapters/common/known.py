@@ -45,10 +45,11 @@ def _bounces(engine: Engine, scene: Scene, form: str | None) -> bool:
 
 
 def _softly_joined(engine: Engine, scene: Scene, form: str | None) -> bool:
-    """Whether MuJoCo closes joints of a scene by soft ones: loops, or all of them."""
+    """Whether MuJoCo closes joints of a scene by soft ones: loops and mimics, or all of them."""
     from crosscheck.scene.spanning import spanning_tree
 
-    return form == "maximal" or bool(spanning_tree(scene)[1])
+    return (form == "maximal" or bool(spanning_tree(scene)[1])
+            or any(joint.mimic is not None for joint in scene.joints))
 
 
 def naive(engine: Engine, scene: Scene, form: str | None) -> str:

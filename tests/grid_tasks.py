@@ -71,11 +71,11 @@ def daemon_left(path: Path) -> int:
 
 
 def scribble(content: bytes) -> int:
-    """Writes into every pipe of the process that it can find and does not own."""
+    """Writes into every socket of the process that it can find and does not own."""
     written = 0
     for descriptor in range(3, 64):
         with contextlib.suppress(OSError):
-            if stat.S_ISFIFO(os.fstat(descriptor).st_mode):
+            if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
                 written += os.write(descriptor, content)
     return written
 
@@ -87,11 +87,11 @@ def close_pipes(seconds: float) -> None:
 
 
 def replace_pipes(path: Path) -> int:
-    """Puts a file of its own in the place of every pipe."""
+    """Puts a file of its own in the place of every socket."""
     with open(path, "wb") as file:
         for descriptor in range(3, 64):
             with contextlib.suppress(OSError):
-                if stat.S_ISFIFO(os.fstat(descriptor).st_mode):
+                if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
                     os.dup2(file.fileno(), descriptor)
     return 1
 

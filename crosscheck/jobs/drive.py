@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, Literal, Self, cast
 
 from crosscheck.errors import FAILED, CrosscheckError
 from crosscheck.jobs.workers.crew import Crew, Result, Task, isolated
-from crosscheck.jobs.workers.process import Crash, Limits
+from crosscheck.jobs.workers.frames import Crash
+from crosscheck.jobs.workers.process import Limits
 
 if TYPE_CHECKING:
     from crosscheck.jobs.table import Session

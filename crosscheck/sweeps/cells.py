@@ -18,7 +18,7 @@ from crosscheck.compare.errors import energy_gap, errors
 from crosscheck.compare.sizes import sizes
 from crosscheck.document import Way, extended
 from crosscheck.errors import Unsupported, said
-from crosscheck.jobs.workers import output
+from crosscheck.jobs.workers import child
 from crosscheck.references.base import TruthError
 from crosscheck.references.members import Members
 from crosscheck.running import versions
@@ -144,7 +144,7 @@ def run(task: Task) -> Done:
         trouble += [why] if why else []
         middle = time.perf_counter()
         for way, row in zip(member.ways, empty_rows(member, task), strict=True):
-            output.at(f"{member.name} {way.engine} {way.method}")
+            child.at(f"{member.name} {way.engine} {way.method}")
             rows.append(_measured(row, member, way, exact, task.timing))
         truth_seconds += middle - began
         run_seconds += time.perf_counter() - middle

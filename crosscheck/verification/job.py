@@ -36,7 +36,7 @@ from crosscheck.document.outcomes import EXIT_CODES
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import digest, plain, readable
 from crosscheck.jobs.drive import Crash, Limits, Place, Stages
-from crosscheck.jobs.workers import output
+from crosscheck.jobs.workers import child
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
@@ -85,7 +85,7 @@ def guarded_cell(cell: Cell) -> Record:
     judged = run_cell(cell)
     if adapters.has_own_environment(cell.way.engine):
         judged = replace(judged, own_environment=True, us_per_step=None, seconds_per_second=None)
-    lines = [line for line in output.heard().splitlines() if line.strip()]
+    lines = [line for line in child.heard().splitlines() if line.strip()]
     if not lines:
         return judged
     printed = "".join(letter if letter.isprintable() else "?" for letter in lines[0].strip()[:SHOWN])

@@ -24,7 +24,7 @@ from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way,
 from crosscheck.errors import CrosscheckError
 from crosscheck.files import digest
 from crosscheck.jobs.drive import Crash, Limits, Place, Stages, run_tasks
-from crosscheck.jobs.workers import output
+from crosscheck.jobs.workers import child
 from crosscheck.judge.verdict import beyond
 from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.scene.file import load_scene
@@ -103,7 +103,7 @@ def time_round(task: Round) -> list[list[Pair]]:
         for index, burst in enumerate(task.bursts):
             if (span := spans[index]) is None:
                 continue
-            output.at(str(index))
+            child.at(str(index))
             try:  # the first turn fills caches
                 spans[index] = span = span or _spans(scene, burst)
                 began = time.process_time()  # a run that had to wait for the processor is not a long one
@@ -385,7 +385,7 @@ def time_cells(timing: Timing) -> list[list[Point]]:
     made: dict[tuple[int, int], list[RawRun]] = {}  # by the number of the run and of its rung
     for _ in range(timing.repeats):
         for index, ((cell, order, main), sizes) in enumerate(zip(timing.runs, ladders, strict=True)):
-            output.at(str(index))
+            child.at(str(index))
             for rung, size in enumerate((*sizes, *(() if main is None else (main,)))):
                 before = made.setdefault((index, rung), [])
                 if len(before) > 1 and (sum(raw.wall_time for raw in before) > ENOUGH

@@ -112,7 +112,7 @@ def test_a_worker_lives_on_and_its_successor_too():
     assert [results[index] for index in (0, 2, 4)] == [4, 9, 16]
     assert "SIGKILL" in results[1].message
     assert results[3].message == "ValueError: minus two is not liked"
-    assert isinstance(results[3].error, ValueError)
+    assert isinstance(results[3].error(), ValueError)
 
 
 def test_the_time_limit_is_that_of_each_task():

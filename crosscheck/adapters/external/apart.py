@@ -23,11 +23,14 @@ LOADING, MEMORY = 60.0, 4 * 2**30
 
 
 class Process:
-    """The process in which an engine runs. It is started when it is needed, and again after it has died."""
+    """The process in which an engine runs. It is started again after it has died."""
 
     def __init__(self, name: str, python: str | None = None) -> None:
-        self._name, self._python = name, python  # for messages; path of the interpreter, None: this one
-        self._worker: Any = None
+        from crosscheck.jobs.workers.process import Worker
+
+        self._name, self._worker = name, Worker(python)  # for messages; path of the interpreter, None: this one
+        # With the engine its process ends; `subprocess` itself would keep it, and its pipe open.
+        weakref.finalize(self, self._worker.close).atexit = False
 
     def call(self, function: Callable[..., Any], *arguments: object, loading: bool = False) -> Any:
         """The result of a function there.
@@ -35,16 +38,15 @@ class Process:
         Raises the error that it raises, as an `EngineError` if it is none of ours, or `EngineDied` if the process
         ended, also because loading took too long or too much memory.
         """
-        from crosscheck.jobs.workers.process import Crash, Limits, Worker
+        from crosscheck.jobs.workers.frames import Crash
+        from crosscheck.jobs.workers.process import Limits
 
-        if self._worker is None or not self._worker.alive:
-            self._worker = Worker(self._python)
-            # With the engine its process ends; `subprocess` itself would keep it, and its pipes open.
-            weakref.finalize(self, self._worker.close).atexit = False
+        self._worker.ready()
         answer = self._worker.call(function, arguments, Limits(LOADING, MEMORY) if loading else None)
         if isinstance(answer, Crash):
-            if isinstance(answer.error, ArgumentError | EngineError | SceneError | Unsupported | ImportError):
-                raise answer.error
+            error = answer.error()
+            if isinstance(error, ArgumentError | EngineError | SceneError | Unsupported | ImportError):
+                raise error
             raise (EngineError if self._worker.alive else EngineDied)(f"{self._name}: {answer.message}")
         sys.stderr.write(self._worker.printed())
         return answer

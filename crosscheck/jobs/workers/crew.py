@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from crosscheck.jobs.workers.process import Crash, Limits, Worker
+from crosscheck.jobs.workers.frames import Crash
+from crosscheck.jobs.workers.process import Limits, Worker
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -18,7 +20,7 @@ class Crew:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._idle: list[Worker] = []
-        self._all: set[Worker] = set()
+        self._all: list[Worker] = []
         self._ending = False
 
     def call(self, function: Callable[[Task], Result], task: Task, limits: Limits | None = None) -> Result | Crash:
@@ -26,49 +28,36 @@ class Crew:
         with self._lock:
             if self._ending:
                 return Crash("not run: stopped before it began")
-            worker = self._idle.pop() if self._idle else Worker()
-            self._all.add(worker)
-        if not worker.alive:  # ended while it had nothing to do
-            self._dismiss(worker)
-            with self._lock:
-                worker = Worker()
-                self._all.add(worker)
+            if not self._idle:
+                self._all.append(Worker())
+                self._idle.append(self._all[-1])
+            worker = self._idle.pop()
+            worker.ready()
         result = worker.call(function, (task,), limits)
-        most = limits.memory / 2 if limits is not None and limits.memory is not None else None
-        if not worker.alive or (most is not None and worker.memory() > most):  # memory that tasks have not freed
-            self._dismiss(worker)
-        else:
-            with self._lock:
-                self._idle.append(worker)
+        if limits is not None and limits.memory is not None and worker.memory() > limits.memory / 2:
+            worker.close()  # memory that tasks have not freed
+        with self._lock:
+            self._idle.append(worker)
         return result
 
     def close(self) -> None:
         """Let every worker end. None may be busy."""
         with self._lock:
-            workers, self._all, self._idle = list(self._all), set(), []
-        for worker in workers:
-            worker.close()
+            while self._all:
+                self._all.pop().close()
+            self._idle.clear()
 
     def kill(self) -> None:
         """End every worker at once, even a busy one, and start no new one."""
         with self._lock:
             self._ending = True
-            workers = list(self._all)
-        for worker in workers:
-            worker.kill("stopped by an interrupt")
-
-    def _dismiss(self, worker: Worker) -> None:
-        with self._lock:
-            self._all.discard(worker)
-        worker.close()
+            for worker in self._all:
+                worker.kill("stopped by an interrupt")
 
 
-_crew: Crew | None = None
+_crew = functools.cache(Crew)
 
 
 def isolated(function: Callable[[Task], Result], task: Task, limits: Limits | None = None) -> Result | Crash:
     """The result of `function(task)` in a worker process of this machine. Executors on other machines call this."""
-    global _crew
-    if _crew is None:
-        _crew = Crew()
-    return _crew.call(function, task, limits)
+    return _crew().call(function, task, limits)

@@ -1,6 +1,6 @@
-"""Frames on the pipes between a worker and its parent: a message arrives unchanged, or the worker is ended.
+"""Frames on the socket between a worker and its parent: a message arrives unchanged, or the worker is ended.
 
-A frame carries the number of its request and a checksum. They show when an engine has written to the pipe, or has
+A frame carries the number of its request and a checksum. They show when an engine has written to the socket, or has
 forked so that two processes answer. The worker is ended then, and only its task is lost.
 
 What a worker answers is plain data (msgpack), decoded strictly to the type that the function is annotated to return.
@@ -10,10 +10,14 @@ imported, because this module also runs in environments that were made for one v
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
+import os
 import re
+import socket
 import struct
+import threading
 import types
 import typing
 import zlib
@@ -42,14 +46,8 @@ _ERRORS = {kind.__name__: kind for kind in (
 """The errors that are raised again in the parent. Of another one the nearest base in this list is."""
 
 
-class BrokenFrame(Exception):
-    """The bytes from the pipe are not a frame of the current request."""
-
-
-class At(msgspec.Struct, tag="at", frozen=True):
-    """What the task does next."""
-
-    label: str
+class BrokenFrame(ValueError):
+    """The bytes from the socket are not a frame of the current request."""
 
 
 class Done(msgspec.Struct, tag="done", frozen=True):
@@ -59,60 +57,77 @@ class Done(msgspec.Struct, tag="done", frozen=True):
     warnings: dict[str, int] = {}  # how often each came
 
 
-class Raised(msgspec.Struct, tag="raised", frozen=True):
-    """The error that ended a task."""
+class Crash(msgspec.Struct, tag="crash", frozen=True):
+    """Why a task has no result."""
 
-    words: str  # one line, with the name of its class
-    where: str  # the traceback
-    kinds: tuple[str, ...]  # names of its class and of the bases
-    message: str
-    warnings: dict[str, int] = {}  # how often each came
+    message: str  # one line
+    details: str = ""  # the traceback, or the end of what was printed
+    kinds: tuple[str, ...] = ()  # names of the class of what was raised, and of its bases
+    warnings: dict[str, int] = {}  # as of `Done`
+    at: str = ""  # the last label that the task gave to `crosscheck.jobs.workers.child.at`
+    signal: str = ""  # name of the signal that ended the process, for example "SIGKILL"; "" if a limit did
 
     def error(self) -> Exception | None:
-        """The error with its message; None if it is of no kind that the parent knows."""
-        kind = next((_ERRORS[name] for name in self.kinds if name in _ERRORS), None)
-        return None if kind is None else kind(self.message)
+        """What the task raised, with its message; None if nothing, or if the parent does not know its kind."""
+        told = self.message.partition(": ")[2]
+        return next((_ERRORS[name](told) for name in self.kinds if name in _ERRORS), None)
 
 
-Answer = At | Done | Raised
+Answer = str | Done | Crash
+"""What a worker sends: what its task does next, and at the end one of the others."""
 
 
-def framed(number: int, content: bytes) -> bytes:
-    """The frame that carries `content`."""
-    return HEADER.pack(_MARK, number, len(content), zlib.crc32(content)) + content
+class Pipe:
+    """One end of the socket. `number` is that of the current request, which all its frames carry."""
 
+    def __init__(self, end: socket.socket) -> None:
+        self.number, self._end, self._lock = 0, end, threading.Lock()  # threads may report while another one answers
+        self._pid, self._file = os.getpid(), os.fstat(end.fileno())
 
-def number_of(header: bytes) -> int:
-    """Number of the request that a frame belongs to."""
-    return int(HEADER.unpack(header)[1])
+    def send(self, content: bytes) -> None:
+        """Write a frame. Raises `EOFError` in a fork of the process, and `OSError` if nobody reads it."""
+        if os.getpid() != self._pid:  # the engine's code forked and returned in the child, too
+            raise EOFError
+        if not os.path.samestat(os.fstat(self._end.fileno()), self._file):
+            raise OSError("an engine has replaced the pipe to the parent by another file")
+        with self._lock:
+            self._end.sendall(HEADER.pack(_MARK, self.number, len(content), zlib.crc32(content)) + content)
 
+    def receive(self, request: bool = False) -> bytes:
+        """The content of the next frame; with `request` it may have another number, which becomes the current one.
 
-def size(header: bytes, number: int) -> tuple[int, int]:
-    """(length in bytes, checksum) of the content. Raises `BrokenFrame` if the header is not of request `number`."""
-    mark, own, length, checksum = HEADER.unpack(header)
-    if mark != _MARK or own != number or length > MOST + _ROOM:
-        raise BrokenFrame(f"{header!r} is no header of request {number}")
-    return length, checksum
+        Raises `EOFError` or `OSError` if the other end is closed, `BrokenFrame` if the bytes are no such frame.
+        """
+        mark, number, length, checksum = HEADER.unpack(self._read(HEADER.size))
+        if mark != _MARK or not (request or number == self.number) or length > MOST + _ROOM:
+            raise BrokenFrame(f"no header of request {self.number}")
+        content = self._read(length)
+        if zlib.crc32(content) != checksum:
+            raise BrokenFrame("the checksum of the content differs")
+        self.number = number
+        return content
 
+    def quiet(self) -> bool:
+        """Whether the other end is open and no bytes wait to be read, as it must be between two requests."""
+        try:
+            self._end.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except OSError as error:
+            return isinstance(error, BlockingIOError)
+        return False
 
-def check(content: bytes, checksum: int) -> None:
-    """Raise `BrokenFrame` if the content is not what was sent."""
-    if zlib.crc32(content) != checksum:
-        raise BrokenFrame("the checksum of the content differs")
+    def close(self) -> None:
+        """End the exchange; a thread that waits for the other end goes on."""
+        with contextlib.suppress(OSError):  # closed by the other end
+            self._end.shutdown(socket.SHUT_RDWR)
 
-
-def packed(answer: Answer) -> bytes:
-    """The content of a frame."""
-    return msgspec.msgpack.encode(answer)
-
-
-def unpacked(content: bytes) -> Answer:
-    """The answer in a frame; raises `BrokenFrame` if it is none."""
-    try:
-        answer: Answer = msgspec.msgpack.decode(content, type=Answer)
-        return answer
-    except (msgspec.MsgspecError, RecursionError) as error:
-        raise BrokenFrame(str(error)) from None
+    def _read(self, count: int) -> bytes:
+        content = bytearray()
+        while len(content) < count:
+            part = self._end.recv(min(count - len(content), 1 << 20))
+            if not part:
+                raise EOFError
+            content += part
+        return bytes(content)
 
 
 def encode(result: object) -> bytes:

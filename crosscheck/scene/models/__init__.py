@@ -105,13 +105,14 @@ def table(path: str | os.PathLike[str], **options: Any) -> Content:
 def apart(function: Callable[[Any], T], task: Any, path: str) -> T:
     """The result of a function that reads the model `path`, from a worker; raises its error, or `SceneError`."""
     from crosscheck.jobs.workers.crew import isolated
-    from crosscheck.jobs.workers.process import Crash, Limits
+    from crosscheck.jobs.workers.frames import Crash
+    from crosscheck.jobs.workers.process import Limits
 
     answer = isolated(function, task, Limits(LONGEST, MOST_MEMORY))
     if isinstance(answer, Crash):
-        if answer.error is not None:  # of ours: that a file is wrong, or a mistake
-            answer.error.add_note(answer.details)
-            raise answer.error
+        if (error := answer.error()) is not None:  # of ours: that a file is wrong, or a mistake
+            error.add_note(answer.details)
+            raise error
         raise SceneError(f"{path}: reading it {answer.message.removeprefix('stopped: it ')}; no engine needs "
                          "so much for a robot, check what it reserves, repeats and includes")
     result: T = answer

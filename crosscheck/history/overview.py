@@ -6,18 +6,16 @@ import dataclasses
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import sqlalchemy as sql
 
 from crosscheck.errors import ArgumentError, writing
 from crosscheck.history.changes import change_points, heights, scaled, spans_decades
 from crosscheck.history.figures import SPEED, Figure
 from crosscheck.history.runs import EMPTY, CellKey, StoredRun, recent
-from crosscheck.history.schema import tables
+from crosscheck.history.schema import METRICS, RESULTS, RUNS
 from crosscheck.report.overview import SEVERITY
 from crosscheck.report.standalone import one_file, write_page
-
-if TYPE_CHECKING:
-    from sqlalchemy import Engine
 
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 900, 360, 80, 30, 320
 """Size of the plot and position of its axes in SVG units."""
@@ -61,7 +59,7 @@ def write_trend(path: Path, series: Sequence[tuple[StoredRun, Figure]], scene: s
         raise ArgumentError(f"--page {path}: {error.strerror or error}; choose another place") from None
 
 
-METRICS = ("position error", "energy error", SPEED)
+COLUMNS = ("position error", "energy error", SPEED)
 """Values that the page draws for every run."""
 
 NIGHTS = 60
@@ -80,28 +78,24 @@ class Course:
     figures: dict[str, list[Figure | None]]
 
 
-def courses(store: Engine, metrics: Sequence[str], limit: int) -> tuple[list[StoredRun], dict[CellKey, Course]]:
+def courses(store: sql.Engine, metrics: Sequence[str], limit: int) -> tuple[list[StoredRun], dict[CellKey, Course]]:
     """The last runs with the profile of the newest one, the oldest first, and the course of every cell."""
-    import sqlalchemy
-
-    t = tables()
     everything = recent(store, 10 * limit)
     runs = [run for run in everything if run.profile == everything[0].profile][:limit][::-1]
     place = {run.name: index for index, run in enumerate(runs)}
-    among = t.runs.c.name.in_(place)
+    among = RUNS.c.name.in_(place)
     by_cell: dict[CellKey, Course] = {}
     with store.connect() as connection:
         cells: dict[int, tuple[CellKey, int]] = {}
-        for row in connection.execute(sqlalchemy.select(t.results, t.runs.c.name.label("run"))
-                                      .select_from(t.results.join(t.runs))
-                                      .where(among).order_by(t.runs.c.started, t.results.c.id)):
+        for row in connection.execute(sql.select(RESULTS, RUNS.c.name.label("run")).select_from(RESULTS.join(RUNS))
+                                      .where(among).order_by(RUNS.c.started, RESULTS.c.id)):
             key = (row.scene, row.engine, row.method, row.form)
             course = by_cell.setdefault(key, Course(row.label, [None] * len(runs),
                                                   {name: [None] * len(runs) for name in metrics}))
             course.outcomes[place[row.run]] = row.outcome
             cells[row.id] = key, place[row.run]
-        for row in connection.execute(sqlalchemy.select(t.metrics).select_from(t.metrics.join(t.results).join(t.runs))
-                                      .where(among, t.metrics.c.name.in_(metrics))):
+        for row in connection.execute(sql.select(METRICS).select_from(METRICS.join(RESULTS).join(RUNS))
+                                      .where(among, METRICS.c.name.in_(metrics))):
             key, index = cells[row.result_id]
             by_cell[key].figures[row.name][index] = Figure(row.name, row.unit, row.value, row.deviation, row.repeats,
                                                          row.rounding)
@@ -155,12 +149,12 @@ def bars(names: Sequence[str], outcomes: Sequence[Sequence[str | None]]) -> list
     return drawn
 
 
-def write_history(folder: Path, store: Engine) -> Path:
+def write_history(folder: Path, store: sql.Engine) -> Path:
     """Write the page of the history and the files that it needs into a folder, and return the path of the page.
 
     Raises `ArgumentError` if the store is empty or the folder cannot be written.
     """
-    runs, cells = courses(store, METRICS, NIGHTS)
+    runs, cells = courses(store, COLUMNS, NIGHTS)
     if not runs:
         raise ArgumentError(EMPTY)
     groups: dict[tuple[str, str], list[list[str | None]]] = {}
@@ -168,11 +162,11 @@ def write_history(folder: Path, store: Engine) -> Path:
         groups.setdefault(key[:2], []).append(course.outcomes)
     names = [run.name for run in runs]
     rows = [(key[0], course.label, next((each for each in reversed(course.outcomes) if each), ""),
-             [spark(course.figures[name]) for name in METRICS]) for key, course in sorted(cells.items())]
+             [spark(course.figures[name]) for name in COLUMNS]) for key, course in sorted(cells.items())]
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         write_page(
             folder, "history.html.j2", plots=False, runs=runs, scenes=sorted({scene for scene, _ in groups}),
-            engines=runs[-1].versions["engine"], metrics=METRICS, rows=rows, width=ACROSS, height=TALL,
+            engines=runs[-1].versions["engine"], metrics=COLUMNS, rows=rows, width=ACROSS, height=TALL,
             bar=ACROSS / len(runs), cells={pair: bars(names, outcomes) for pair, outcomes in groups.items()})
     return folder / "index.html"

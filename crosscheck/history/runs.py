@@ -10,17 +10,16 @@ import json
 import os
 import statistics
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
+
+import sqlalchemy as sql
 
 from crosscheck.document import Document
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.history.figures import Figure, figures
-from crosscheck.history.schema import prepare, tables
+from crosscheck.history.schema import ENVIRONMENTS, METADATA, METRICS, RESULTS, RUNS, VERSIONS
 from crosscheck.jobs.database import database
 from crosscheck.verification.speed import spread
-
-if TYPE_CHECKING:
-    from sqlalchemy import ColumnElement, Connection, Engine, Row
 
 CellKey = tuple[str, str, str, str]
 """Scene, engine, method, form ("" if the engine chose it)."""
@@ -78,13 +77,13 @@ class StoredRun:
     results: dict[CellKey, StoredResult] = dataclasses.field(default_factory=dict)
 
 
-def open_store(where: str | Path | None = None) -> Engine:
+def open_store(where: str | Path | None = None) -> sql.Engine:
     """Open the store at `where`. If needed, it is made.
 
     `where` is as in `crosscheck.jobs.database.database`; None: the environment variable CROSSCHECK_STORE, or else
     `DEFAULT`. Raises `ArgumentError` if it cannot be used or is not a store of crosscheck.
     """
-    return database(where or os.environ.get("CROSSCHECK_STORE") or DEFAULT, "--store", prepare)
+    return database(where or os.environ.get("CROSSCHECK_STORE") or DEFAULT, "--store", METADATA)
 
 
 def run_from_document(name: str, document: Document, good: bool = False) -> StoredRun:
@@ -109,16 +108,14 @@ def run_from_document(name: str, document: Document, good: bool = False) -> Stor
                      environment, {"engine": dict(meta.engines), "package": dict(meta.packages)}, results)
 
 
-def save(store: Engine, run: StoredRun) -> bool:
+def save(store: sql.Engine, run: StoredRun) -> bool:
     """Write a run in one transaction. Returns False, and changes nothing, if the store has a run of this name."""
-    import sqlalchemy
-
     try:
         with store.execution_options(writes=True).begin() as connection:
             if _id(connection, run.name) is not None:
                 return False
             _insert(connection, run)
-    except sqlalchemy.exc.IntegrityError:
+    except sql.exc.IntegrityError:
         with store.connect() as connection:
             if _id(connection, run.name) is not None:  # another process wrote it meanwhile
                 return False
@@ -126,59 +123,49 @@ def save(store: Engine, run: StoredRun) -> bool:
     return True
 
 
-def _id(connection: Connection, name: str) -> int | None:
-    import sqlalchemy
-
-    runs = tables().runs
-    return connection.execute(sqlalchemy.select(runs.c.id).where(runs.c.name == name)).scalar()
+def _id(connection: sql.Connection, name: str) -> int | None:
+    return connection.execute(sql.select(RUNS.c.id).where(RUNS.c.name == name)).scalar()
 
 
-def _insert(connection: Connection, run: StoredRun) -> None:
-    t = tables()
+def _insert(connection: sql.Connection, run: StoredRun) -> None:
     names = ("name", "started", "profile", "selection", "command", "seconds", "exit_code", "good", "calibration")
-    done = connection.execute(t.runs.insert().values({name: getattr(run, name) for name in names}))
+    done = connection.execute(RUNS.insert().values({name: getattr(run, name) for name in names}))
     (number,) = done.inserted_primary_key or (None,)
     place = dataclasses.asdict(run.environment)
-    connection.execute(t.environments.insert(), {"run_id": number, "commit_name": place.pop("commit"), **place})
+    connection.execute(ENVIRONMENTS.insert(), {"run_id": number, "commit_name": place.pop("commit"), **place})
     versions = [{"run_id": number, "kind": kind, "name": name, "version": version}
                 for kind, each in run.versions.items() for name, version in each.items()]
     if versions:
-        connection.execute(t.versions.insert(), versions)
+        connection.execute(VERSIONS.insert(), versions)
     rows = [{"run_id": number, **dict(zip(KEY, result.key, strict=True)), "scene_hash": result.scene_hash,
              "label": result.label, "step": result.step, "rtol": result.rtol, "outcome": result.outcome,
              "message": result.message} for result in run.results.values()]
     if not rows:
         return
-    own = connection.execute(t.results.insert().returning(t.results.c.id, sort_by_parameter_order=True), rows)
+    own = connection.execute(RESULTS.insert().returning(RESULTS.c.id, sort_by_parameter_order=True), rows)
     metrics = [{"result_id": own_id, **figure._asdict()}
                for own_id, result in zip(own.scalars(), run.results.values(), strict=True)
                for figure in result.figures.values()]
     if metrics:
-        connection.execute(t.metrics.insert(), metrics)
+        connection.execute(METRICS.insert(), metrics)
 
 
-def recent(store: Engine, limit: int = 20) -> list[StoredRun]:
+def recent(store: sql.Engine, limit: int = 20) -> list[StoredRun]:
     """The headings of the last runs, the newest first."""
-    import sqlalchemy
-
-    runs = tables().runs
     with store.connect() as connection:
-        rows = connection.execute(sqlalchemy.select(runs).order_by(runs.c.started.desc(), runs.c.id.desc())
+        rows = connection.execute(sql.select(RUNS).order_by(RUNS.c.started.desc(), RUNS.c.id.desc())
                                   .limit(limit)).all()
         return [_heading(connection, row) for row in rows]
 
 
-def find(store: Engine, name: str) -> str:
+def find(store: sql.Engine, name: str) -> str:
     """The full name of a run, given by its name, by an unambiguous beginning of it, or as "latest".
 
     Raises `ArgumentError` if no run or several runs fit.
     """
-    import sqlalchemy
-
-    runs = tables().runs
     with store.connect() as connection:
-        names = list(connection.execute(sqlalchemy.select(runs.c.name).order_by(runs.c.started.desc(),
-                                                                               runs.c.id.desc())).scalars())
+        names = list(connection.execute(sql.select(RUNS.c.name).order_by(RUNS.c.started.desc(), RUNS.c.id.desc()))
+                     .scalars())
     if name == "latest" and names:
         return str(names[0])
     fitting = [each for each in names if each == name] or [each for each in names if each.startswith(name)]
@@ -189,82 +176,66 @@ def find(store: Engine, name: str) -> str:
     return str(fitting[0])
 
 
-def load(store: Engine, name: str) -> StoredRun:
+def load(store: sql.Engine, name: str) -> StoredRun:
     """A run with all its results. Raises `ArgumentError` if there is none of this name."""
-    import sqlalchemy
-
-    t = tables()
     with store.connect() as connection:
-        row = connection.execute(sqlalchemy.select(t.runs).where(t.runs.c.name == name)).first()
+        row = connection.execute(sql.select(RUNS).where(RUNS.c.name == name)).first()
         if row is None:
             raise ArgumentError(f"run {name!r} is not in the store")
         results, kept = {}, {}
-        for each in connection.execute(sqlalchemy.select(t.results).where(t.results.c.run_id == row.id)
-                                       .order_by(t.results.c.id)):
+        for each in connection.execute(sql.select(RESULTS).where(RESULTS.c.run_id == row.id).order_by(RESULTS.c.id)):
             key = (each.scene, each.engine, each.method, each.form)
             kept[each.id] = results[key] = StoredResult(key, each.scene_hash, each.label, each.step, each.rtol,
                                                         each.outcome, each.message, {})
-        for each in connection.execute(sqlalchemy.select(t.metrics).join(t.results).where(
-                t.results.c.run_id == row.id)):
+        for each in connection.execute(sql.select(METRICS).join(RESULTS).where(RESULTS.c.run_id == row.id)):
             kept[each.result_id].figures[each.name] = Figure(each.name, each.unit, each.value, each.deviation,
                                                              each.repeats, each.rounding)
         return dataclasses.replace(_heading(connection, row), results=results)
 
 
-def _heading(connection: Connection, row: Row[tuple[object, ...]]) -> StoredRun:
-    import sqlalchemy
-
-    t = tables()
-    place = connection.execute(sqlalchemy.select(t.environments).where(t.environments.c.run_id == row.id)).first()
+def _heading(connection: sql.Connection, row: sql.Row[Any]) -> StoredRun:
+    place = connection.execute(sql.select(ENVIRONMENTS).where(ENVIRONMENTS.c.run_id == row.id)).first()
     environment = Environment() if place is None else Environment(place.system, place.processor, place.cores,
                                                                   place.python, place.commit_name)
     versions: dict[str, dict[str, str]] = {"engine": {}, "package": {}}
-    for each in connection.execute(sqlalchemy.select(t.versions).where(t.versions.c.run_id == row.id)):
+    for each in connection.execute(sql.select(VERSIONS).where(VERSIONS.c.run_id == row.id)):
         versions.setdefault(each.kind, {})[each.name] = each.version
     return StoredRun(row.name, row.started, row.profile, row.selection, row.command, row.seconds, row.exit_code,
                      bool(row.good), row.calibration, environment, versions)
 
 
-def baseline(store: Engine, run: StoredRun) -> StoredRun | None:
+def baseline(store: sql.Engine, run: StoredRun) -> StoredRun | None:
     """The run to compare with: the last good run before `run` with the same profile, scenes and engines.
 
     If none of these is good, it is the last one. None if there is none at all.
     """
-    import sqlalchemy
-
-    runs = tables().runs
-    wanted = (sqlalchemy.select(runs.c.name)
-              .where(runs.c.profile == run.profile, runs.c.selection == run.selection, runs.c.name != run.name,
-                     runs.c.started <= run.started)
-              .order_by(runs.c.good.desc(), runs.c.started.desc(), runs.c.id.desc()).limit(1))
+    wanted = (sql.select(RUNS.c.name)
+              .where(RUNS.c.profile == run.profile, RUNS.c.selection == run.selection, RUNS.c.name != run.name,
+                     RUNS.c.started <= run.started)
+              .order_by(RUNS.c.good.desc(), RUNS.c.started.desc(), RUNS.c.id.desc()).limit(1))
     with store.connect() as connection:
         name = connection.execute(wanted).scalar()
     return None if name is None else load(store, name)
 
 
-def set_good(store: Engine, name: str, good: bool = True) -> None:
+def set_good(store: sql.Engine, name: str, good: bool = True) -> None:
     """Mark a run as good, so that later runs are compared with it, or as not good."""
-    runs = tables().runs
     with store.execution_options(writes=True).begin() as connection:
-        connection.execute(runs.update().where(runs.c.name == name).values(good=good))
+        connection.execute(RUNS.update().where(RUNS.c.name == name).values(good=good))
 
 
-def _is_cell(key: CellKey) -> list[ColumnElement[bool]]:
+def _is_cell(key: CellKey) -> list[sql.ColumnElement[bool]]:
     """The conditions for rows of results of this cell."""
-    columns = tables().results.c
-    return [columns[name] == value for name, value in zip(KEY, key, strict=True)]
+    return [RESULTS.c[name] == value for name, value in zip(KEY, key, strict=True)]
 
 
-def series(store: Engine, metric: str, key: CellKey, limit: int = 200) -> list[tuple[StoredRun, Figure]]:
+def series(store: sql.Engine, metric: str, key: CellKey, limit: int = 200) -> list[tuple[StoredRun, Figure]]:
     """One value of one cell in the last runs, the oldest first."""
-    import sqlalchemy
-
-    t = tables()
-    wanted = (sqlalchemy.select(t.runs, t.metrics.c.name.label("metric"), t.metrics.c.unit, t.metrics.c.value,
-                                t.metrics.c.deviation, t.metrics.c.repeats, t.metrics.c.rounding)
-              .join(t.results, t.results.c.run_id == t.runs.c.id).join(t.metrics)
-              .where(*_is_cell(key), t.metrics.c.name == metric)
-              .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit))
+    wanted = (sql.select(RUNS, METRICS.c.name.label("metric"), METRICS.c.unit, METRICS.c.value,
+                         METRICS.c.deviation, METRICS.c.repeats, METRICS.c.rounding)
+              .join(RESULTS, RESULTS.c.run_id == RUNS.c.id).join(METRICS)
+              .where(*_is_cell(key), METRICS.c.name == metric)
+              .order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(limit))
     with store.connect() as connection:
         rows = connection.execute(wanted).all()
         points = [(_heading(connection, row), Figure(row.metric, row.unit, row.value, row.deviation, row.repeats,
@@ -283,26 +254,23 @@ LEVEL_RUNS = 5
 """The level is the median of this many of the newest runs. One odd night changes it little; three nights move it."""
 
 
-def usual(store: Engine, run: StoredRun, metric: str, limit: int = 10, fewest: int = 4) -> dict[CellKey, Usual]:
+def usual(store: sql.Engine, run: StoredRun, metric: str, limit: int = 10, fewest: int = 4) -> dict[CellKey, Usual]:
     """Level and spread of one value of every cell over the last good runs that are comparable with `run`.
 
     Comparable runs have the same profile, scenes and engines; comparable cells have the same scene file, step and
     tolerance. Cells with fewer than `fewest` values are left out. A run with findings that was marked as good begins a
     new level: older runs do not count.
     """
-    import sqlalchemy
-
-    t = tables()
     with store.connect() as connection:
         last = connection.execute(
-            sqlalchemy.select(t.runs.c.id, t.runs.c.exit_code)
-            .where(t.runs.c.profile == run.profile, t.runs.c.selection == run.selection, t.runs.c.good,
-                   t.runs.c.name != run.name, t.runs.c.started <= run.started)
-            .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit)).all()
+            sql.select(RUNS.c.id, RUNS.c.exit_code)
+            .where(RUNS.c.profile == run.profile, RUNS.c.selection == run.selection, RUNS.c.good,
+                   RUNS.c.name != run.name, RUNS.c.started <= run.started)
+            .order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(limit)).all()
         accepted = next((index for index, each in enumerate(last) if each.exit_code == 1), limit)
         numbers = [each.id for each in last[:accepted + 1]]
-        rows = connection.execute(sqlalchemy.select(t.results, t.metrics.c.value).join(t.metrics).where(
-            t.results.c.run_id.in_(numbers), t.metrics.c.name == metric)).all()
+        rows = connection.execute(sql.select(RESULTS, METRICS.c.value).join(METRICS).where(
+            RESULTS.c.run_id.in_(numbers), METRICS.c.name == metric)).all()
     values: dict[CellKey, list[float]] = {}  # the newest first
     for row in sorted(rows, key=lambda row: numbers.index(row.run_id)):
         key = (row.scene, row.engine, row.method, row.form)
@@ -313,23 +281,17 @@ def usual(store: Engine, run: StoredRun, metric: str, limit: int = 10, fewest: i
             for key, each in values.items() if len(each) >= fewest}
 
 
-def figure_names(store: Engine, key: CellKey) -> list[str]:
+def figure_names(store: sql.Engine, key: CellKey) -> list[str]:
     """Names of the values that the store has of a cell."""
-    import sqlalchemy
-
-    t = tables()
-    wanted = (sqlalchemy.select(t.metrics.c.name).distinct().join(t.results).order_by(t.metrics.c.name)
+    wanted = (sql.select(METRICS.c.name).distinct().join(RESULTS).order_by(METRICS.c.name)
               .where(*_is_cell(key)))
     with store.connect() as connection:
         return list(connection.execute(wanted).scalars())
 
 
-def outcomes(store: Engine, key: CellKey, limit: int = 200) -> list[tuple[str, str]]:
+def outcomes(store: sql.Engine, key: CellKey, limit: int = 200) -> list[tuple[str, str]]:
     """(name of the run, outcome) of one cell in the last runs, the oldest first."""
-    import sqlalchemy
-
-    t = tables()
-    wanted = (sqlalchemy.select(t.runs.c.name, t.results.c.outcome).join(t.results, t.results.c.run_id == t.runs.c.id)
-              .where(*_is_cell(key)).order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit))
+    wanted = (sql.select(RUNS.c.name, RESULTS.c.outcome).join(RESULTS, RESULTS.c.run_id == RUNS.c.id)
+              .where(*_is_cell(key)).order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(limit))
     with store.connect() as connection:
         return [(name, outcome) for name, outcome in connection.execute(wanted)][::-1]

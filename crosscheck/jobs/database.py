@@ -6,58 +6,79 @@ import functools
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import sqlalchemy as sql
 
 from crosscheck.errors import ArgumentError
-
-if TYPE_CHECKING:
-    from sqlalchemy import URL, Engine
 
 POSTGRESQL_OPTIONS = frozenset({"application_name", "connect_timeout", "host", "sslcert", "sslkey", "sslmode",
                                 "sslrootcert", "target_session_attrs"})
 """Options that may follow the ? of a URL. None of them is secret."""
 
+_LOCK = 0x63726F73
+"""Key of the advisory lock on PostgreSQL."""
+
 PATIENCE = 60.0
 """Seconds to wait for another process that writes to the same SQLite file."""
 
 
-def database(where: str | Path, option: str, prepare: Callable[[Engine], object]) -> Engine:
-    """Connect to the database at `where`, after `prepare`, which makes its tables.
+def database(where: str | Path, option: str, tables: sql.MetaData,
+             prepare: Callable[[sql.Engine], object] = lambda engine: None) -> sql.Engine:
+    """Connect to the database at `where`, and make the tables that it lacks.
 
     Parameters
     ----------
     where : path of an SQLite file, or a URL: sqlite:///path, postgresql://user:password@host/database
     option : what the user gave it by, for messages
+    prepare : called before the first connection
 
     Raises
     ------
     ArgumentError
-        The URL is wrong, the server does not answer, or `prepare` cannot use what is there.
+        The URL is wrong, the server does not answer, or tables of these names have other columns.
     """
-    import sqlalchemy
-
     url = _url(str(where), option)
     shown = url.set(drivername=url.get_backend_name(), query={}).render_as_string(hide_password=True)
     if url.get_backend_name() == "sqlite":
         engine = _sqlite(url, option)
     else:
-        engine = sqlalchemy.create_engine(url, poolclass=sqlalchemy.pool.NullPool, connect_args={"connect_timeout": 10})
+        engine = sql.create_engine(url, poolclass=sql.pool.NullPool, connect_args={"connect_timeout": 10})
     try:
         prepare(engine)
-    except (sqlalchemy.exc.SQLAlchemyError, UnicodeDecodeError) as error:  # the latter: SQLite quotes damaged bytes
+        _make(engine, tables, option)
+    except (sql.exc.SQLAlchemyError, UnicodeDecodeError) as error:  # the latter: SQLite quotes damaged bytes
         engine.dispose()
         raise ArgumentError(f"{option} {shown}: cannot be used ({_reason(error)}); give the path of an SQLite file or "
                             "the URL of a PostgreSQL database that answers") from None
 
-    @sqlalchemy.event.listens_for(engine, "handle_error")
+    @sql.event.listens_for(engine, "handle_error")
     def lost(context: Any) -> None:
         error = context.sqlalchemy_exception or context.original_exception
-        if isinstance(error, sqlalchemy.exc.OperationalError | sqlalchemy.exc.InterfaceError | UnicodeDecodeError) or (
-                type(error) is sqlalchemy.exc.DatabaseError):  # a file that the disk has changed
+        if isinstance(error, sql.exc.OperationalError | sql.exc.InterfaceError | UnicodeDecodeError) or (
+                type(error) is sql.exc.DatabaseError):  # a file that the disk has changed
             raise ArgumentError(f"{option} {shown}: cannot be used any more ({_reason(error)}); mend this and give the "
                                 "same command again, it goes on where it was") from None
 
     return engine
+
+
+def _make(engine: sql.Engine, tables: sql.MetaData, option: str) -> None:
+    """Make what is missing of the tables in one transaction, while other processes that do the same wait."""
+    def unlike(connection: sql.Connection) -> str | None:
+        found = sql.inspect(connection)
+        return next((name for name, table in tables.tables.items() if not found.has_table(name)
+                     or {each["name"] for each in found.get_columns(name)} != set(table.columns.keys())), None)
+
+    with engine.connect() as connection:
+        if unlike(connection) is None:
+            return
+    with engine.execution_options(writes=True).begin() as connection:  # on SQLite, such a transaction is the lock
+        if connection.dialect.name == "postgresql":
+            connection.execute(sql.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
+        tables.create_all(connection)
+        if (name := unlike(connection)) is not None:
+            raise ArgumentError(f"{option}: its table {name} is not that of this crosscheck; name another store")
 
 
 def _reason(error: Exception) -> str:
@@ -65,18 +86,16 @@ def _reason(error: Exception) -> str:
     return first.strip()  # the other lines only repeat the statement or give general advice
 
 
-def _url(given: str, option: str) -> URL:
-    import sqlalchemy
-
+def _url(given: str, option: str) -> sql.URL:
     # The messages do not quote the given URL, because it may contain a password.
     if "://" not in given:
         if re.search(r":[^@]*@|^//", given):
             raise ArgumentError(f"{option}: this looks like a URL without its beginning; write postgresql://user:password"
                                 "@host:port/database, or the path of an SQLite file")
-        return sqlalchemy.URL.create("sqlite", database=given)
+        return sql.URL.create("sqlite", database=given)
     try:
-        url = sqlalchemy.make_url(given)
-    except (sqlalchemy.exc.ArgumentError, ValueError):  # ValueError: the port is not a number
+        url = sql.make_url(given)
+    except (sql.exc.ArgumentError, ValueError):  # ValueError: the port is not a number
         raise ArgumentError(f"{option}: this URL cannot be read; write postgresql://user:password@host:port/database "
                             "or sqlite:///path") from None
     backend = "postgresql" if url.get_backend_name() == "postgres" else url.get_backend_name()  # libpq allows both
@@ -95,24 +114,22 @@ def _url(given: str, option: str) -> URL:
     return url.set(drivername="postgresql+psycopg" if backend == "postgresql" else "sqlite")
 
 
-def _sqlite(url: URL, option: str) -> Engine:
-    import sqlalchemy
-
+def _sqlite(url: sql.URL, option: str) -> sql.Engine:
     if url.database and url.database != ":memory:":
         try:
             Path(url.database).parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ArgumentError(f"{option} {url.database}: {error.strerror or error}") from None
-    engine = sqlalchemy.create_engine(url, connect_args={"timeout": PATIENCE})
+    engine = sql.create_engine(url, connect_args={"timeout": PATIENCE})
 
-    @sqlalchemy.event.listens_for(engine, "connect")
+    @sql.event.listens_for(engine, "connect")
     def settings(connection: Any, _: object) -> None:
         # Otherwise the driver begins transactions itself, and so late that two writers may fail instead of waiting.
         connection.isolation_level = None
         connection.text_factory = functools.partial(str, encoding="utf-8", errors="backslashreplace")  # damaged bytes
         connection.execute("PRAGMA foreign_keys = ON")
 
-    @sqlalchemy.event.listens_for(engine, "begin")
+    @sql.event.listens_for(engine, "begin")
     def begin(connection: Any) -> None:
         writes = connection.get_execution_options().get("writes")
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

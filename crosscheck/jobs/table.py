@@ -64,7 +64,7 @@ class Table:
         """
         where = os.environ.get(VARIABLE)
         try:
-            return cls(database(where or cache_folder() / "rows.sqlite", VARIABLE, _prepare))
+            return cls(database(where or cache_folder() / "rows.sqlite", VARIABLE, _METADATA, _prepare))
         except ArgumentError as error:
             if where:
                 raise
@@ -255,10 +255,6 @@ def _prepare(engine: sql.Engine) -> None:
         sql.event.listen(engine, "connect", _fast)
         if engine.url.database:  # readable by its user alone, as it holds whole command lines
             Path(engine.url.database).touch(mode=0o600)
-    with engine.execution_options(writes=True).begin() as connection:
-        if connection.dialect.name == "postgresql":
-            connection.execute(sql.text("SELECT pg_advisory_xact_lock(:key)"), {"key": 0x726F7773})
-        _METADATA.create_all(connection)
 
 
 def _fast(connection: Any, _: object) -> None:

@@ -28,7 +28,7 @@ from crosscheck.history.runs import (
     set_good,
     usual,
 )
-from crosscheck.history.schema import tables
+from crosscheck.history.schema import METADATA
 from tests.commands import crosscheck
 from tests.history.store.documents import document, many, record
 
@@ -111,7 +111,7 @@ def test_a_kill_during_a_write_leaves_whole_runs_only_and_the_next_write_works(u
 
 def test_the_tables_are_those_of_the_queries(url):
     inspector = sqlalchemy.inspect(open_store(url))
-    for table in tables().metadata.sorted_tables:
+    for table in METADATA.sorted_tables:
         found = {column["name"]: column["nullable"] for column in inspector.get_columns(table.name)}
         assert found.keys() == {column.name for column in table.columns}
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import progress_bar, say
+from crosscheck.cli.console import at_work, progress_bar, say
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, counted
 from crosscheck.files import put
 
@@ -245,7 +245,8 @@ def bisect(
     from crosscheck.inspection import bisect as releases
     from crosscheck.inspection.reproduce import reproduce as written
 
-    script = written(scene, engine, method, step, duration, **reading.only_start())
+    with at_work(f"the script and truth of {Path(scene).name}"):
+        script = written(scene, engine, method, step, duration, **reading.only_start())
     with progress_bar(f"releases of {engine}") as progress:
         result = releases.bisect(script, engine, versions, say, progress)
     for change in result.changes:

@@ -30,7 +30,7 @@ PATIENCE = 5.0
 MOST_READ = 1 << 16
 """Most bytes of printed text that are read."""
 
-_WAKING = {signal.SIGCHLD, signal.SIGTERM}
+_WAKING = {signal.SIGCHLD, signal.SIGTERM, signal.SIGALRM}
 _PDEATHSIG, _SUBREAPER = 1, 36  # of prctl(2)
 
 _parent: frames.Pipe | None = None  # in a worker
@@ -84,13 +84,14 @@ def _supervise(worker: int, parent: int) -> None:
     """
     os.close(0)
     _prctl(_SUBREAPER, 1)
+    signal.setitimer(signal.ITIMER_REAL, GLANCE, GLANCE)
     status = 0
     while os.getppid() == parent:
         ended, code = os.waitpid(-1, os.WNOHANG)
         if ended == worker:
             status = code
             break
-        if not ended and (woken := signal.sigtimedwait(_WAKING, GLANCE)) and woken.si_signo == signal.SIGTERM:
+        if not ended and signal.sigwait(_WAKING) == signal.SIGTERM:
             break
     with contextlib.suppress(OSError):
         os.killpg(worker, signal.SIGKILL)
@@ -102,7 +103,7 @@ def _supervise(worker: int, parent: int) -> None:
     if os.WIFSIGNALED(status):
         with contextlib.suppress(OSError):  # SIGKILL has no other handler
             signal.signal(os.WTERMSIG(status), signal.SIG_DFL)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _WAKING)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {os.WTERMSIG(status)})
         os.kill(os.getpid(), os.WTERMSIG(status))
     os._exit(os.waitstatus_to_exitcode(status))
 

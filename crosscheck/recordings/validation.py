@@ -92,7 +92,9 @@ class Cause:
         """With its size and 95 % interval."""
         unit = UNITS[self.what]
         factor, half = 100.0 if unit == "%" else 1.0, 1.96 * self.sigma
-        return f"{self.name} {factor * self.size:+.3g} {unit}, 95 % within {factor * half:.2g} {unit}"
+        width = f"{factor * half:.2g}"
+        places = 2 - math.ceil(math.log10(float(width))) if 0.0 < float(width) < math.inf else 3
+        return f"{self.name} {factor * self.size:+.{max(places, 0)}f} {unit}, 95 % within {width} {unit}"
 
 
 @dataclasses.dataclass

@@ -308,7 +308,7 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
     size = float(np.abs(error).max())
     if size < 1e3 * ROUNDING:
         return
-    for name in ("bodies", "joints") if altered.Joints.fit(scene) else ("bodies",):
+    for name in ("bodies", "joints") if altered.Joints.fit(model.scene) else ("bodies",):
         def at(k: int, name: str = name) -> np.ndarray:
             end = altered.stepped(model, *known.start, order, asked * k, name == "joints")
             return _there(scale.flat(end)[0], known)

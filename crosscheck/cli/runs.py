@@ -278,8 +278,8 @@ def judge(
     uncertain: Annotated[list[str] | None, typer.Option(help="logs with inputs: what is uncertain in the model, as "
                                                         "mass=5% or delay=2e-3 (SI); may be repeated")] = None,
     model: Annotated[str | None, typer.Option(help="logs with inputs: another model, to be compared")] = None,
-    resolution: Annotated[float, typer.Option(help="logs with inputs: twice u_val over the travel of a joint, above "
-                                              "which nothing passes")] = 0.05,
+    resolution: Annotated[float | None, typer.Option(help="logs with inputs: twice u_val over the travel of a joint, "
+                                                     "above which nothing passes; default: .01")] = None,
     form: options.Format = "text",
     as_json: options.AsJson = False,
     out: Annotated[Path | None, typer.Option(

@@ -20,6 +20,7 @@ from crosscheck.compare.order import MARGIN, SAFETY, Limit, cancelling, differ, 
 from crosscheck.document.outcomes import EXIT_CODES, KINDS, Outcome
 from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported, unknown
 from crosscheck.files import finite
+from crosscheck.judge.rules import RESOLVED
 from crosscheck.recordings import causes as find_causes
 from crosscheck.recordings import comparing, validation
 from crosscheck.recordings.columns import Row, assigned, clock
@@ -67,8 +68,8 @@ ASYMPTOTIC, FEWEST = 0.1, 8
 EXACT = 10.0
 """Times what printed digits leave open below which an error has no cause."""
 
-RESOLUTION, LEAVES = 0.05, 0.1
-"""Default of `resolution`; part of what is beyond the noise that a cause of all of it may leave."""
+LEAVES = 0.1
+"""Part of what is beyond the noise that a cause of all of it may leave."""
 
 BEYOND = 20.0
 """Times the scene's duration up to which truth is prolonged for a recording."""
@@ -133,7 +134,7 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
                     start: str = "scene", tolerance: Mapping[str, float] | None = None,
                     steps: Sequence[float] | None = None, order: int | None = None, progress: Progress | None = None,
                     period: float | None = None, need: float = 1.0, uncertain: Mapping[str, float] | None = None,
-                    model: Scene | str | os.PathLike[str] | None = None, resolution: float = RESOLUTION) -> Verdict:
+                    model: Scene | str | os.PathLike[str] | None = None, resolution: float | None = None) -> Verdict:
     """Judge a run by its file, whatever made it.
 
     A log that has efforts or set points of joints is judged by predictions from its own states, see
@@ -154,7 +155,8 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
     uncertain : standard deviations of what is uncertain in the model: "mass", "inertia", "friction", "damping",
         "armature", "torque gain" (relative), "torque offset", "zero", "delay" (SI)
     model : another model of the same robot, whose predictions are compared
-    resolution : twice u_val over half a second, over the travel of a joint, above which nothing passes
+    resolution : twice u_val over half a second, over the travel of a joint, above which nothing passes; default: one
+        percent, as of every verdict
 
     Raises
     ------
@@ -183,7 +185,8 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
         if len(given) > 1 or order is not None or start != "scene":
             raise ArgumentError(f"{given[0].name} is a log with inputs, which is judged from its own states, one file "
                                 "at a time; leave steps, order and start out")
-        return _driven(loaded, given[0], allowed, need, uncertain or {}, model, resolution)
+        return _driven(loaded, given[0], allowed, need, uncertain or {}, model,
+                       RESOLVED if resolution is None else resolution)
     return _judge(loaded, given, start, allowed, list(steps or []), order, need)
 
 
@@ -305,7 +308,8 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
                           f"{seen.horizons[half]:g} s, and the resolution is {100 * resolution:g} %; less noise, a "
                           "higher rate or more motion would mend that")
     elif log.share < need:
-        verdict.reason = f"{100 * log.share:.3g} % of the recording's time could be judged, {100 * need:.3g} % is asked"
+        rest = "; ".join(f"{name} take {size:.3g} s" for name, size in log.left_out.items())
+        verdict.reason = _short(log.share, need) + (f" ({rest})" if rest else "")
     verdict.outcome = "fail" if failed else "unresolved" if verdict.reason else "pass"
     verdict.code = {"pass": "", "fail": KINDS["tolerance"].code}.get(verdict.outcome, KINDS["unresolved"].code)
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
@@ -370,13 +374,18 @@ def _unresolved(verdict: Verdict, allowed: Mapping[str, float], order: int | Non
     if absent:
         return f"the file does not have {', '.join(absent)}; record it, or leave its tolerance out"
     if verdict.share < need:
-        return (f"{100 * verdict.share:.3g} % of the recording's time could be judged, {100 * need:.3g} % is asked; "
-                f"--need {math.floor(100 * verdict.share) / 100:g} accepts that, a shorter recording needs no more")
+        return _short(verdict.share, need) + ", a shorter recording needs no more"
     wide = [key for key, most in allowed.items() if verdict.floors[key] > most]
     if wide:
         return (f"printed digits leave open {verdict.floors[wide[0]]:.1e} of {wide[0].replace('_', ' ')}, more than "
                 f"the tolerance {allowed[wide[0]]:g}; record more digits")
     return ""
+
+
+def _short(share: float, need: float) -> str:
+    """That less of a recording was judged than is asked, and what accepts that."""
+    return (f"{100 * share:.3g} % of the recording's time could be judged, {100 * need:.3g} % is asked; --need "
+            f"{math.floor(100 * share) / 100:g} accepts that")
 
 
 def _truth(scene: Scene, recording: Recording, truth: Any, start: str

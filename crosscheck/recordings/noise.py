@@ -80,19 +80,21 @@ def _quantum(y: np.ndarray) -> float:
     return least if rounded and least > 1e-9 * np.abs(values).max() else 0.0
 
 
-def states(t: np.ndarray, y: np.ndarray, at: np.ndarray, noise: Noise) -> tuple[np.ndarray, np.ndarray, Noise]:
-    """(value and rate (S, 2) at times (S,), their covariances (S, 2, 2), the noise with its window and correlation).
+def states(t: np.ndarray, y: np.ndarray, at: np.ndarray, noise: Noise, within: np.ndarray
+           ) -> tuple[np.ndarray, np.ndarray, Noise]:
+    """(value and rate (S, 2) at times (S,), their covariances (S, 2, 2), the noise with its window and correlation),
+    from rows within (S, 2) s.
 
     The window is the one in which noise and what two degrees more change, all but the noise, leave the least of rates,
     among those in which polynomials leave the noise and no more.
     """
     h, best = float(np.median(np.diff(t))), None
-    some = at[np.unique(np.linspace(0, len(at) - 1, SOME).astype(int))]
+    some = np.unique(np.linspace(0, len(at) - 1, SOME).astype(int))
     for rows in HALVES:
-        fits = [_fit(t, y, each, (rows + 0.5) * h) for each in some]
+        fits = [_fit(t, y, at[k], (rows + 0.5) * h, within[k]) for k in some]
         if best and np.mean([r @ r / max(len(r) - OF_STATE - 1, 1) for *_, r in fits]) > WIDER * noise.sigma**2:
             break
-        leaves = float(np.trace(_uncertain(t, y, some, (rows + 0.5) * h, noise.sigma**2)[1].mean(axis=0)[1:, 1:]))
+        leaves = float(_uncertain(t, y, at[some], (rows + 0.5) * h, noise.sigma**2, within[some])[1][:, 1, 1].mean())
         if best is None or leaves < best[0]:
             best = leaves, rows, [r for *_, r in fits]
     assert best is not None
@@ -102,25 +104,27 @@ def states(t: np.ndarray, y: np.ndarray, at: np.ndarray, noise: Noise) -> tuple[
     sure = 3 / np.sqrt(sum(map(len, left)))
     noise = dataclasses.replace(noise, half=(rows + 0.5) * h,
                                 correlation=1.0 + 2.0 * sum(each for each in alike if each > sure))
-    return *_uncertain(t, y, at, noise.half, noise.sigma**2 * noise.correlation), noise
+    return *_uncertain(t, y, at, noise.half, noise.sigma**2 * noise.correlation, within), noise
 
 
-def _uncertain(t: np.ndarray, y: np.ndarray, at: np.ndarray, half: float, size: float
-               ) -> tuple[np.ndarray, np.ndarray]:
+def _uncertain(t: np.ndarray, y: np.ndarray, at: np.ndarray, half: float, size: float,
+               within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(value and rate (S, 2), covariances (S, 2, 2)) for noise of this variance, with the bias of the polynomial."""
-    (values, spreads, _), (others, wider, _) = (zip(*(_fit(t, y, each, half, OF_STATE + more) for each in at),
-                                                    strict=True) for more in (0, 2))
+    (values, spreads, _), (others, wider, _) = (zip(*(_fit(t, y, each, half, rows, OF_STATE + more)
+                                                      for each, rows in zip(at, within, strict=True)), strict=True)
+                                                for more in (0, 2))
     bias = np.median((np.array(values) - np.array(others)) ** 2, axis=0) / CHI2 - size * np.mean(np.einsum(
         "sii->si", np.array(wider) - np.array(spreads)), axis=0)
     return np.array(values), size * np.array(spreads) + np.diag(np.maximum(bias, 0.0))
 
 
-def _fit(t: np.ndarray, y: np.ndarray, at: float, half: float, degree: int = OF_STATE
+def _fit(t: np.ndarray, y: np.ndarray, at: float, half: float, within: np.ndarray, degree: int = OF_STATE
          ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(value and rate, their covariance for noise of one, what is left) of a polynomial around a time."""
-    begin, end = np.searchsorted(t, [at - half, at + half])
-    while end - begin < OF_STATE + 5 and (begin > 0 or end < len(t)):
-        begin, end = max(begin - 1, 0), min(end + 1, len(t))
+    low, high = np.searchsorted(t, within + np.array([0.0, 1e-9 * half]))
+    begin, end = np.clip(np.searchsorted(t, [at - half, at + half]), low, high)
+    while end - begin < OF_STATE + 5 and (begin > low or end < high):
+        begin, end = max(begin - 1, low), min(end + 1, high)
     tau = (t[begin:end] - at) / half
     A = tau[:, None] ** np.arange(min(degree, end - begin - 1) + 1)
     Q, R = np.linalg.qr(A)

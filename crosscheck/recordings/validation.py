@@ -13,7 +13,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,11 @@ from crosscheck.recordings.noise import Noise, measured, states
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.references import dense
 from crosscheck.references.base import values_at
-from crosscheck.scene.model import Scene
+from crosscheck.scene.coordinates import relative_pose
+from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.spanning import spanning_tree
+from crosscheck.scene.touching import Touching
+from crosscheck.scene.vectors import exponential
 
 HORIZONS = (0.05, 0.1, 0.2, 0.5, 1.0)
 """s, after which predictions are compared."""
@@ -44,6 +48,9 @@ COVER = 2.0
 
 EDGE = 12
 """Rows before the first segment, so that the state at its start has rows on both sides."""
+
+COVERS = 0.9
+"""Part of the time that other lengths of segments cover, from which the longest is taken."""
 
 HALVINGS = 4
 """Of the step, at most."""
@@ -139,25 +146,31 @@ class Log:
             self.q.append(values)
             self.noise.append(measured(self.t[-1], values))
         own = [float(np.median(np.diff(t))) for t in self.t]
-        self.period = max(own)
-        self.begin, self.end = max(t[0] for t in self.t), min(t[-1] for t in self.t)
-        self.begin += min(EDGE * self.period, 0.02 * (self.end - self.begin))
-        count = max(1, int((self.end - self.begin) / HALF))
-        self.span = (self.end - self.begin) / count
-        first = self.t[int(np.argmax(own))]
-        self.starts = first[np.searchsorted(first, self.begin + self.span * np.arange(count) - 0.5 * self.period)]
-        free = np.array([self._clear(scene, start) for start in self.starts])
-        self.starts = self.starts[free]
-        after = np.append(free[1:], False)  # whether a second may be predicted
-        self.reach = np.where(after[free], 2.0, 1.0) * self.span
-        self.share = len(self.starts) / count
-        if not len(self.starts):
-            raise Unsupported("no second of the recording is between its gaps and off the stops of all joints")
-        if count > SEGMENTS:
+        self.period, first = max(own), self.t[int(np.argmax(own))]
+        begin, end = max(t[0] for t in self.t), min(t[-1] for t in self.t)
+        free, self.left_out = self._free(scene, first, begin, end)
+        leads = np.minimum(EDGE * self.period, 0.02 * np.diff(free)[:, 0])  # a start has rows on both sides
+        lengths = np.diff(free)[:, 0] - leads
+        usable = [h for h in HORIZONS if h <= HALF and EDGE * self.period <= h <= lengths.max(initial=0.0)]
+        if not usable:
+            raise Unsupported("no part of the recording is long enough between " + " and ".join(self.left_out or [
+                "its ends"]))
+        usable = [lengths.max() / int(lengths.max() / h) for h in usable]
+        covered = [h * float((lengths // (h * (1 - 1e-9))).sum()) for h in usable]
+        self.span = max(h for h, each in zip(usable, covered, strict=True) if each > COVERS * max(covered))
+        counts = (lengths // (self.span * (1 - 1e-9))).astype(int)
+        at = np.concatenate([low + self.span * np.arange(count) for low, count in zip(free[:, 0] + leads, counts,
+                                                                                      strict=True)])
+        self.within = np.repeat(free, counts, axis=0)
+        self.reach = self.span * np.minimum(2, np.concatenate([np.arange(count, 0, -1) for count in counts]))
+        self.starts = first[np.searchsorted(first, at - 0.5 * self.period)]
+        self.share = min(1.0, round(self.span * len(self.starts) / (end - begin - leads[0]), 9))
+        if len(self.starts) > SEGMENTS:
+            self.share *= SEGMENTS / len(self.starts)
             some = np.unique(np.linspace(0, len(self.starts) - 1, SEGMENTS).astype(int))
-            self.starts, self.reach = self.starts[some], self.reach[some]
-            self.share *= min(1.0, SEGMENTS / count)
-        made = [states(t, q, self.starts, noise) for t, q, noise in zip(self.t, self.q, self.noise, strict=True)]
+            self.starts, self.reach, self.within = self.starts[some], self.reach[some], self.within[some]
+        made = [states(t, q, self.starts, noise, self.within)
+                for t, q, noise in zip(self.t, self.q, self.noise, strict=True)]
         self.noise = [noise for *_, noise in made]
         self.state = np.stack([values for values, *_ in made], axis=1)  # (S, n, 2)
         self.spread = np.stack([spread for _, spread, _ in made], axis=1)  # (S, n, 2, 2)
@@ -173,18 +186,28 @@ class Log:
         """s, of predictions."""
         return tuple(h for h in HORIZONS if h <= 1.01 * self.reach.max()) or (self.span,)
 
-    def _clear(self, scene: Scene, start: float) -> bool:
-        """Whether a segment has no gap, and no joint in it reaches a limit."""
+    def _free(self, scene: Scene, rows: np.ndarray, begin: float, end: float
+              ) -> tuple[np.ndarray, dict[str, float]]:
+        """((intervals, 2) s in which nothing acts that is no part of predictions, s that each other thing takes)."""
+        blocked: dict[str, list[np.ndarray]] = {}
         for joint, t, q, noise in zip(scene.joints, self.t, self.q, self.noise, strict=True):
-            rows = slice(*np.searchsorted(t, [start, start + self.span]))
-            if rows.stop - rows.start < 4 or np.diff(t[rows]).max() > max(0.1 * self.span, 5 * self.period):
-                return False
-            limits = [each for each in joint.limits if each is not None] + [
-                each for each in scene.monitors if each.type == "range" and each.joint == joint.name]
-            if any((q[rows].min() < each.lower + 3 * noise.sigma) or (q[rows].max() > each.upper - 3 * noise.sigma)
-                   for each in limits):
-                return False
-        return True
+            gap = np.flatnonzero(np.diff(t) > max(0.1 * HALF, 5 * self.period))
+            blocked.setdefault("gaps", []).append(np.stack([t[gap], t[gap + 1]], axis=1))
+            ranges = [(each.lower, each.upper) for each in scene.monitors
+                      if each.type == "range" and each.joint == joint.name]
+            for lower, upper in ranges + [(each.lower, each.upper) for each in joint.limits if each is not None]:
+                room = np.minimum(q - lower, upper - q)
+                blocked.setdefault(f"the ends of {joint.name}", []).append(_around(t, room < 3 * noise.sigma))
+        some = rows[::max(1, int(STEP / self.period))]
+        for name, near in touches(scene, some, np.stack([np.interp(some, t, q) for t, q in zip(
+                self.t, self.q, strict=True)], axis=1)):
+            blocked.setdefault(name, []).append(_around(some, near))
+        taken = {name: np.concatenate(each).clip(begin, end) for name, each in blocked.items()}
+        every = np.concatenate([np.zeros((0, 2)), *taken.values(), [[end, end]]])
+        every = every[np.argsort(every[:, 0])]
+        done = np.maximum.accumulate(np.append(begin, every[:, 1]))[:-1]
+        free = np.stack([done, every[:, 0]], axis=1)[every[:, 0] > done]
+        return free, {name: float(np.diff(each).sum()) for name, each in taken.items() if np.diff(each).sum() > 0.0}
 
     def rows(self, k: int, start: float, span: float, most: int) -> tuple[np.ndarray, np.ndarray, float]:
         """(s since the start, means, standard deviation of a mean) of joint k in a segment, at most so many."""
@@ -194,6 +217,65 @@ class Log:
         whole = len(t) // many * many
         return (*(each[:whole].reshape(-1, many).mean(axis=1) for each in (t, q)),
                 max(self.noise[k].sigma, 1e-12) * math.sqrt(self.noise[k].correlation / many))
+
+
+def _around(t: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(K, 2) s, from the row before to the row after those that are marked."""
+    k = np.flatnonzero(near)
+    return np.stack([t[np.maximum(k - 1, 0)], t[np.minimum(k + 1, len(t) - 1)]], axis=1)
+
+
+def touches(scene: Scene, t: np.ndarray, q: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """(what touches, (T,) whether it may at a row or before the next) of recorded coordinates q (T, n).
+
+    Distances have noise, and may fall between two rows by as much as they change from one to the next.
+    """
+    if all(monitor.joint is not None for monitor in scene.monitors):
+        return
+    watched, (x, R) = Touching(scene), poses(scene, q)
+    below = watched.below(x, R)
+    for row, index in enumerate(watched.monitors):
+        room, shapes = below[:, row], scene.monitors[index].shapes
+        near = ~np.isfinite(room)
+        if near.any():  # of a plane
+            room = np.array([watched.gap(row, *pose) for pose in zip(x, R, strict=True)])
+        lacks = 3 * measured(t, room).sigma
+        near = room <= lacks + _change(room)
+        if near.any() and np.isfinite(below[:, row]).all():
+            exact = np.full(len(t), np.nan)
+            for k in np.flatnonzero(np.convolve(near, np.ones(3), "same")):
+                exact[k] = watched.gap(row, x[k], R[k])
+            near &= exact <= lacks + _change(exact)
+        yield f"touches of {shapes[0]} and {shapes[1]}", near
+
+
+def _change(values: np.ndarray) -> np.ndarray:
+    """(T,) the larger change of values (T,) from the row before or to the row after."""
+    change = np.abs(np.diff(values))
+    return np.asarray(np.fmax(np.append(change, 0.0), np.append(0.0, change)))
+
+
+def poses(scene: Scene, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(x (T, bodies, 3), R (T, bodies, 3, 3)) of a tree of hinges and slides at coordinates q (T, n)."""
+    x, R = (np.repeat(each[None], len(q), axis=0) for each in (scene.x0, scene.R0))
+    frames = {k: (x[:, k], R[:, k]) for k in range(scene.n)} | {GROUND: (np.zeros(3), np.eye(3))}
+    at = {joint.name: q[:, k] for k, joint in enumerate(scene.joints)}
+    for branch in spanning_tree(scene)[0]:
+        if (joint := branch.joint) is None:
+            continue
+        (turn, _), (_, way) = (relative_pose(joint, np.array([value])) for value in (0.0, 1.0))
+        d = at[joint.name][:, None] * way
+        if not joint.kind.slides:
+            turn = exponential(at[joint.name][:, None] * joint.parent_axis) @ turn
+        x, R = frames[branch.parent]
+        across = R if branch.outward else R @ np.swapaxes(turn, -1, -2)  # the attitude of the joint's parent
+        arm, out = (np.einsum("...ij,...j->...i", *pair) for pair in (
+            (across, joint.parent_anchor + d), (R @ turn if branch.outward else R, joint.child_anchor)))
+        near, far = (arm, out) if branch.outward else (out, arm)
+        frames[branch.body] = x + near - far, R @ turn if branch.outward else across
+    x, R = (np.stack([np.broadcast_to(frames[k][part], (len(q), *shape)) for k in range(scene.n)], axis=1)
+            for part, shape in ((0, (3,)), (1, (3, 3))))
+    return x, R
 
 
 def hermite(grid: np.ndarray, q: np.ndarray, v: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -28,7 +28,10 @@ RAIL = """<mujoco><option timestep="{h}" integrator="RK4" gravity="{gx} 0 {gz}"/
 <body name="lower"><joint name="elbow" axis="0 1 0" damping="{d2}" armature="{a2}"
 frictionloss="{f2}"/>
 <inertial pos="{c2} 0 {z2}" mass="{m2}" diaginertia="0.004 0.004 0.0005"/></body></body></worldbody></mujoco>"""
-PLANS = {"arm": ARM, "wrist": WRIST, "rail": RAIL}
+FENCED = ARM.replace("</body></body>", """<geom name="rod" type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0"/>
+</body></body>""").replace("<worldbody>", """<worldbody>
+<geom name="wall" type="box" pos="0.3 0 0.7" size="0.05 0.3 0.5"/>""")
+PLANS = {"arm": ARM, "wrist": WRIST, "rail": RAIL, "fenced": FENCED}
 USUAL = {"h": 1e-3, "gx": 0.0, "gz": -9.81, "m1": 0.9, "i1": 0.012, "d1": 0.08, "f1": 0.0, "c1": 0.0, "m2": 0.55,
          "d2": 0.05, "a2": 0.01, "f2": 0.0, "c2": 0.0, "z2": -0.16}
 

@@ -14,9 +14,10 @@ from crosscheck.errors import ArgumentError
 from crosscheck.recordings import noise
 from crosscheck.recordings.inputs import Signal, System
 from crosscheck.recordings.reading import read
-from crosscheck.recordings.validation import Fit, Log
+from crosscheck.recordings.validation import Fit, Log, poses, touches
 from crosscheck.references import dense
 from crosscheck.references.base import values_at
+from crosscheck.scene.touching import Touching
 from tests.recordings import machines
 from tests.recordings.machines import RIGHT, WRONG, Spoiled
 
@@ -47,7 +48,7 @@ def frame(plan="arm", seed=1, spoiled=CLEAN, duration=3.0, **changed):
 @pytest.fixture(scope="module")
 def right():
     """A log of two seconds and a half that is as its model says."""
-    return frame(duration=2.5)
+    return frame(duration=2.5, spoiled=Spoiled(5e-4))
 
 
 def test_right_passes_and_says_what_would_have_shown(scenes, right):
@@ -79,10 +80,58 @@ def test_wrong_is_named_with_its_size(scenes, cause, spoiled, changed, size):
     assert float(half) * scale < 0.1 * size
 
 
-def test_noise_passes_nothing(scenes):
-    verdict = crosscheck.judge_recording(scenes["arm"], frame(spoiled=Spoiled(noise=0.05), duration=2.5))
+@pytest.mark.parametrize(("noise", "resolution"), [(0.05, 0.05), (4e-3, None)])
+def test_noise_passes_nothing(scenes, noise, resolution):
+    verdict = crosscheck.judge_recording(scenes["arm"], frame(spoiled=Spoiled(noise=noise), duration=2.5),
+                                         resolution=resolution)
     assert verdict.outcome == "unresolved"
     assert "u_val leaves open" in verdict.reason
+    assert f"the resolution is {100 * (resolution or 0.01):g} %" in verdict.reason
+
+
+@pytest.fixture(scope="module")
+def touching():
+    """A log of an arm whose lower half strikes a wall."""
+    return frame("fenced", spoiled=Spoiled(2e-4))
+
+
+def test_what_lies_in_contacts_is_not_judged(scenes, touching):
+    import mujoco
+
+    verdict = crosscheck.judge_recording(scenes["fenced"], touching)
+    assert verdict.outcome == "unresolved", str(verdict)
+    assert 0.7 < verdict.share < 0.95
+    assert "touches of wall and rod" in verdict.reason
+    assert crosscheck.judge_recording(scenes["fenced"], touching, need=0.7).outcome == "pass"
+    model = mujoco.MjModel.from_xml_string(machines.model("fenced"))
+    data, struck = mujoco.MjData(model), []
+    for t, *q in touching[["time", "shoulder_pos", "elbow_pos"]].to_numpy():
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        struck += [t] * (data.ncon > 0)
+    log = Log(scenes["fenced"], read(touching, scenes["fenced"]))
+    assert len(struck) > 10
+    assert not any(start <= t < start + log.span for start in log.starts for t in struck)
+    assert max(log.starts) > max(struck) > min(log.starts)  # a segment begins after a touch
+
+
+def test_a_mistake_between_contacts_is_found(scenes):
+    verdict = crosscheck.judge_recording(scenes["fenced"], frame("fenced", spoiled=Spoiled(2e-4), m2=0.605))
+    assert verdict.outcome == "fail"
+    assert verdict.cause == "mass of lower"
+
+
+def test_a_touch_between_two_rows_is_looked_for(scenes):
+    """At every row the shapes are apart; from one to the next they come closer by more than that."""
+    t = 5e-3 * np.arange(200)
+    apart, near = [], []
+    for by in (0.0, 0.05):
+        q = np.stack([-0.376 + by + 3.3 * np.abs(t - 0.4975), 0.0 * t], axis=1)
+        gaps = [Touching(scenes["fenced"]).gap(0, *pose) for pose in zip(*poses(scenes["fenced"], q), strict=True)]
+        (_, found), = touches(scenes["fenced"], t, q)
+        apart, near = [*apart, min(gaps)], [*near, found.any()]
+    assert apart[0] > 1e-3
+    assert near == [True, False]
 
 
 def test_uncertain_inputs_are_no_mistakes(scenes):
@@ -154,7 +203,8 @@ def test_noise_is_that_of_the_recording():
     assert stepped.quantum == pytest.approx(2e-3)
     assert stepped.sigma == pytest.approx(2e-3 / math.sqrt(12), rel=0.1)
     white = noise.measured(t, y + 1e-3 * rng.standard_normal(2000))
-    state, spread, _ = noise.states(t, y + 1e-3 * rng.standard_normal(2000), t[100:1900:50], white)
+    within = np.tile([0.0, 10.0], (36, 1))
+    state, spread, _ = noise.states(t, y + 1e-3 * rng.standard_normal(2000), t[100:1900:50], white, within)
     true = np.stack([y[100:1900:50], (3 * np.cos(3 * t) + 2.1 * np.cos(7 * t))[100:1900:50]], axis=1)
     z = (state - true) / np.sqrt(np.einsum("sii->si", spread))
     assert (np.sqrt(np.mean(z**2, axis=0)) > 0.6).all()
@@ -195,7 +245,12 @@ def test_one_joint_without_positions_is_unresolved(scenes, right):
 @pytest.mark.parametrize("k", range(len(RIGHT)))
 def test_right_machines(scenes, k):
     plan, spoiled = RIGHT[k]
-    verdict = crosscheck.judge_recording(scenes[plan], frame(plan, k, spoiled, 4.0))
+    log = frame(plan, k, spoiled, 4.0)
+    verdict = crosscheck.judge_recording(scenes[plan], log)
+    if verdict.outcome == "unresolved":
+        assert spoiled.noise > machines.LOW
+        assert "u_val leaves open" in verdict.reason
+        verdict = crosscheck.judge_recording(scenes[plan], log, resolution=0.05)
     assert verdict.outcome == "pass", str(verdict)
 
 

@@ -417,9 +417,8 @@ def advise(
     Where the scene has friction, stops or servos, also: does the engine converge, to which law, and how far is that
     from the scene's.
 
-    The first call for a scene and engine compares runs with truth, for at most half a minute of processor time; later
-    calls read the results. Exit code 0: a method reaches the error; 3: none within the
-    budget.
+    It compares runs with truth, for at most half a minute of processor time, and keeps them for later calls. Exit code
+    0: a method reaches the error; 3: none within the budget.
     """
     import msgspec
     from msgspec.structs import replace
@@ -458,11 +457,13 @@ def _wanted(error: list[str]) -> float | dict[str, float]:
 
 def _law(scene: Scene, engine: str, advice: Advice) -> str | None:
     """The three answers about the scene's laws by the advised method, or the engine's own choice where its step is not
-    fixed; None for a scene without laws."""
+    fixed, as long as truth is known; None for a scene without laws."""
     from crosscheck.diagnosis.laws import which_law
 
     if not scene.has_laws:
         return None
+    samples = 1 + round(advice.until / scene.duration * (scene.samples - 1))
+    scene = scene.replace(duration=advice.until, samples=samples)
     method, form = (advice.method, advice.form) if advice.step else (None, None)
     try:
         return str(which_law(scene, engine, method, advice.step, form=form))

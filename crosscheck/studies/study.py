@@ -27,6 +27,8 @@ from crosscheck.report.standalone import write_page
 from crosscheck.running import provenance, versions
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
+from crosscheck.verification.ladder import STAGE as LADDER
+from crosscheck.verification.ladder import Ladder
 
 
 class StudyMeta(Origin, frozen=True, kw_only=True, omit_defaults=True):
@@ -200,7 +202,7 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
 
     state = provenance.code_digest(engines, [study.name, dataclasses.asdict(ask), [scene.hash for scene in scenes]])
     with contextlib.closing(Table.opened()) as table, table.session(
-            state, ask.command(study.name), {STAGE: study.row_type}, ask.fresh) as session:
+            state, ask.command(study.name), {STAGE: study.row_type, LADDER: Ladder}, ask.fresh) as session:
         try:
             study.measure(Work(ask, engines, scenes, out, progress, keep, session))
         finally:

@@ -20,55 +20,34 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from crosscheck.compare.errors import errors
-from crosscheck.compare.sizes import natural_time
-from crosscheck.document import Part, Way, extended, grouped
-from crosscheck.errors import CrosscheckError, Unsupported, errors_as, said
+from crosscheck.compare.sizes import natural_time, sizes
+from crosscheck.document import Part, grouped
+from crosscheck.errors import CrosscheckError, EngineDied, Unsupported, errors_as, said
+from crosscheck.jobs.table import Session
 from crosscheck.references.base import Reference, TruthError
 from crosscheck.references.taylor import Taylor
-from crosscheck.running.attempt import Ran, attempt
-from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
 from crosscheck.studies.study import Ask, Progress, StudyDocument, StudyMeta, Work
-from crosscheck.verification.ladder import INTERVALS, GradedWay, ladder, reference, thinned, ways
-from crosscheck.verification.speed import spread, undisturbed
+from crosscheck.verification.ladder import STAGE as LADDER
+from crosscheck.verification.ladder import (
+    Climb,
+    GradedWay,
+    Ladder,
+    Rung,
+    key,
+    ladder,
+    reference,
+    rung_of,
+    ways,
+    with_errors,
+)
+from crosscheck.verification.speed import spread, stepping_time, take_turns, undisturbed
 
 LEVELS = tuple(10.0**-power for power in range(2, 12))
 """The errors at which costs are compared."""
 
 IN_HOUSE, BOUND = "lieeuler", "heyoka"
 """The engine that is compared with all others, and the one that only shows what is possible."""
-
-
-class Rung(Way, frozen=True, kw_only=True):
-    """One run of a way. Errors are in m and rad, the largest over the bodies. Times are of stepping alone.
-
-    `setup_ms` is the other time of a run: building the engine's model and converting its two samples.
-    """
-
-    scene: str
-    label: str
-    status: str = "success"  # or "skipped", "unsupported", or how it failed
-    reason: str = ""
-    steps: int | None = None
-    rejected_steps: int | None = None
-    force_evaluations: int | None = None  # if the engine counts them
-    end_position: float | None = None
-    end_attitude: float | None = None
-    max_position: float | None = None  # over the samples that lie on steps
-    max_attitude: float | None = None
-    samples: int | None = None  # number of the samples for max_position and max_attitude
-    wall_ms: float | None = None  # median over the repeats
-    wall_deviation_ms: float | None = None  # median absolute deviation of the repeats
-    setup_ms: float | None = None
-    repeats: int = 0
-
-
-def rung_of(scene: Scene, way: GradedWay, value: float | None, status: str = "success", reason: str = "") -> Rung:
-    """The rung of a way at `value`: a step (s), or a tolerance if the way is adaptive."""
-    return extended(Rung, way, scene=scene.name, label=way.label, status=status, reason=reason, **{
-        "rtol" if way.adaptive else "step": value})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,13 +127,6 @@ def curves(rungs: Sequence[Rung], error: str = "end_position", cost: str = "wall
             for label, own in grouped(drawn, lambda rung: rung.label).items()]
 
 
-def with_errors(rung: Rung, scene: Scene, run: States | Trajectory, truth: Reference, intervals: int) -> Rung:
-    """The rung with the errors of its run at `intervals` + 1 equally spaced times. Truth may have more samples."""
-    of = errors(scene, run, thinned(truth.states, intervals))
-    return replace(rung, samples=intervals + 1, end_position=of["position"].end, max_position=of["position"].max,
-                   end_attitude=of["attitude"].end, max_attitude=of["attitude"].max)
-
-
 FRONTIERS = {"end position": ("end_position", "m"), "end attitude": ("end_attitude", "rad"),
              "largest position": ("max_position", "m"), "largest attitude": ("max_attitude", "rad")}
 """Errors for which a frontier is drawn: field of a rung, and unit."""
@@ -177,7 +149,8 @@ another engine's data, which doubles the time of runs of 50 us."""
 
 
 def measure(scene: Scene, chosen: Sequence[GradedWay], truth: Reference, repeats: int, time_limit: float,
-            progress: Progress, keep: Callable[[list[Rung]], None], bound: bool = True) -> list[Rung]:
+            progress: Progress, keep: Callable[[list[Rung]], None], bound: bool = True,
+            session: Session | None = None) -> list[Rung]:
     """Measure the errors of all rungs of all ways, then their times in interleaved rounds.
 
     Parameters
@@ -187,51 +160,70 @@ def measure(scene: Scene, chosen: Sequence[GradedWay], truth: Reference, repeats
     time_limit : s of stepping; a rung that would take longer is skipped, and its row says so
     keep : called with all rungs after each round
     bound : whether to measure the Taylor series of heyoka, too
+    session : rungs are kept in its table, and those that are there are not run
     """
-    rungs: list[_Timed] = []
-    total = len(chosen) + (len(TOLERANCES) if bound else 0)
-    for done, way in enumerate(chosen):
-        progress(done, total, f"{scene.name}: errors of {way.label}")
-        rungs += [_Timed(rung, _timer(scene, rung)) for rung in _graded(scene, way, truth, time_limit)]
+    rungs: list[Rung] = []
+    total, timers = len(chosen) + (len(TOLERANCES) if bound else 0), dict[int, Callable[[], float]]()  # by place
+    for engine, own in grouped(chosen, lambda way: way.engine).items():
+        ladder = Ladder.kept(scene, engine, scene.duration, session)
+        for way in own:
+            progress(chosen.index(way), total, f"{scene.name}: errors of {way.label}")
+            rungs += _graded(Climb(scene, truth, ladder), way, time_limit)
+            if session is not None:
+                session.put(LADDER, key(scene, engine), ladder)
+    timers |= {place: functools.partial(stepping_time, scene, rung, samples=2) for place, rung in enumerate(rungs)}
     if bound:
         series = Bound(scene, truth)
         for done, rtol in enumerate(TOLERANCES):
             progress(len(chosen) + done, total, f"{scene.name}: building the Taylor series of heyoka")
-            rungs.append(_Timed(series.rung(rtol), series.timer(rtol)))
-    keep([each.rung for each in rungs])
-    runs = [each for each in rungs if each.rung.status == "success"]
-    for turn in range(repeats):
-        for done, each in enumerate(runs):
-            progress(turn * len(runs) + done, repeats * len(runs), f"{scene.name}: time of {each.rung.label}")
-            each.take()
-        keep([each.rung for each in rungs])
-    return [each.rung for each in rungs]
+            timers[len(rungs)] = series.timer(rtol)
+            rungs.append(series.rung(rtol))
+    keep(rungs)
+    places, before = [place for place, rung in enumerate(rungs) if rung.status == "success"], -1
+    times: dict[int, list[tuple[float, float]]] = {place: [] for place in places}
+    turns = take_turns([timers[place] for place in places], repeats, MOST_TRIES, PATIENCE)
+    for done, (number, result) in enumerate(turns):
+        place = places[number]
+        progress(done + 1, repeats * len(places), f"{scene.name}: time of {rungs[place].label}")
+        if number <= before:
+            keep(rungs)
+        before = number
+        if isinstance(result, CrosscheckError):  # it ran in the first pass, but fails now
+            rungs[place] = replace(rungs[place], status="failed", reason=f"when timed: {said(result)}")
+            continue
+        times[place].append(result)
+        walls, setups = (list(each) for each in zip(*times[place], strict=True))
+        rungs[place] = replace(rungs[place], repeats=len(walls), wall_ms=1e3 * statistics.median(walls),
+                               wall_deviation_ms=1e3 * spread(walls), setup_ms=1e3 * statistics.median(setups))
+    keep(rungs)
+    return rungs
 
 
-def _graded(scene: Scene, way: GradedWay, truth: Reference, time_limit: float) -> list[Rung]:
+def _graded(climb: Climb, way: GradedWay, time_limit: float) -> list[Rung]:
     """Errors of the rungs of a way from coarse to fine, until round-off dominates or a rung would take too long."""
-    rungs: list[Rung] = []
+    scene, rungs = climb.scene, list[Rung]()
     last, pace = None, 0.0  # the last successful rung, and its prediction for the next: s per step, or s of the run
     best, stale = math.inf, 0  # smallest error, and number of rungs in a row without improvement
     for count, value in ladder(scene, way):
-        rung = rung_of(scene, way, value)
-        rungs.append(rung)
         if last and pace * (count or 1) > time_limit:
             # Time it again, because the machine may have been busy. If this run fails, the timed rounds will report it.
             with contextlib.suppress(CrosscheckError):
-                once = functools.partial(_timer(scene, last), {})
+                once = functools.partial(stepping_time, scene, last, samples=2)
                 pace = min(pace, undisturbed(once, MOST_TRIES, PATIENCE)[0] * _share(last))
             if pace * (count or 1) > time_limit:
-                reason = f"it would take longer than the limit of {time_limit:g} s"
-                rungs[-1] = replace(rung, status="skipped", reason=reason)
+                rungs.append(rung_of(scene, way, value, "skipped",
+                                     f"it would take longer than the limit of {time_limit:g} s"))
                 break
-        rung, wall = _explore(scene, rung, count, truth)
-        rungs[-1] = rung
+        try:
+            rung = climb.run(way, value)
+        except EngineDied as died:
+            rung = rung_of(scene, way, value, "failed", said(died))
+        rungs.append(rung)
         if rung.status != "success":
             if count is not None and count > MOST_FAILING * scene.duration / natural_time(scene):
                 break
             continue
-        last, pace = rung, wall * _share(rung)
+        last, pace = rung, 1e-3 * (rung.wall_ms or 0.0) * _share(rung)
         error = getattr(rung, FRONTIERS[compared(scene)][0]) or 0.0
         stale = stale + 1 if error < GOOD and error * LEAST_GAIN > best else 0
         best = min(best, error)
@@ -250,60 +242,6 @@ MOST_FAILING = 1000.0
 
 GROWTH = 1.5
 """An adaptive run at a tenth of the tolerance takes at least about this many times as long."""
-
-
-def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> tuple[Rung, float]:
-    """Run a rung: it with its errors or its failure, and its stepping time (s)."""
-    intervals = INTERVALS if count is None else min(INTERVALS, count & -count)
-    outcome = attempt(scene, rung, samples=intervals + 1, monitor=False)
-    if not isinstance(outcome, Ran):
-        return replace(rung, status=outcome.status, reason=said(outcome.error)), 0.0
-    traj = outcome.trajectory
-    return with_errors(replace(rung, steps=traj.steps), scene, traj, truth, intervals), float(traj.wall_time)
-
-
-Counters = dict[str, int | None]
-"""Counters of the last run of a rung, by its fields."""
-
-
-def _timer(scene: Scene, rung: Rung) -> Callable[[Counters], float]:
-    """A function that runs the rung with two samples, sets the counters and returns the stepping time (s)."""
-
-    def once(counters: Counters) -> float:
-        outcome = attempt(scene, rung, samples=2, monitor=False)
-        if not isinstance(outcome, Ran):
-            raise outcome.error
-        traj = outcome.trajectory
-        counters["steps"] = traj.steps
-        counters["rejected_steps"] = traj.stats.get("rejected_steps")
-        counters["force_evaluations"] = traj.stats.get("force_evaluations")
-        return float(traj.wall_time)
-
-    return once
-
-
-@dataclasses.dataclass
-class _Timed:
-    """A rung, the function that runs it once more, and (stepping, set-up) in s of all turns so far."""
-
-    rung: Rung
-    once: Callable[[Counters], float]
-    times: list[tuple[float, float]] = dataclasses.field(default_factory=list)
-
-    def take(self) -> None:
-        """Time it once, unless a turn has failed; the rung gets the medians."""
-        if self.rung.status != "success":
-            return
-        counters: Counters = {}
-        try:
-            self.times.append(undisturbed(functools.partial(self.once, counters), MOST_TRIES, PATIENCE))
-        except CrosscheckError as error:  # it ran in the first pass, but fails now
-            self.rung = replace(self.rung, status="failed", reason=f"when timed: {said(error)}")
-            return
-        walls = [wall for wall, _ in self.times]
-        self.rung = replace(
-            self.rung, repeats=len(walls), wall_ms=1e3 * statistics.median(walls), **counters,
-            wall_deviation_ms=1e3 * spread(walls), setup_ms=1e3 * statistics.median(setup for _, setup in self.times))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -383,7 +321,8 @@ class WorkPrecision:
             work.keep(results)
 
         def measured() -> SceneLadders:
-            measure(sampled, chosen, truth, ask.repeats, ask.time_limit, work.progress, kept, ask.bound)
+            measure(sampled, chosen, truth, ask.repeats, ask.time_limit, work.progress, kept, ask.bound,
+                    work.session)
             return results[-1]
 
         results[-1] = work.once(sampled, None, dataclasses.asdict(ask), measured)
@@ -431,23 +370,22 @@ class Bound:
             self._integrators[rtol] = integrator
             integrator.time = 0.0
             integrator.state[:] = self._series.initial
-            states = integrator.propagate_grid(self._scene.t)[-1]
+            *_, steps, _, states = integrator.propagate_grid(self._scene.t)
             # At loose tolerances quaternions do not have unit length, which is not an error of the attitude.
-            return with_errors(rung, self._scene, self._series.states(self._series.normalised(states)), self._truth,
-                               self._scene.samples - 1)
+            return with_errors(replace(rung, steps=int(steps)), self._scene, self._series.states(
+                self._series.normalised(states)), self._truth, self._scene.samples - 1,
+                sizes(self._scene, self._truth.states))
 
-    def timer(self, rtol: float) -> Callable[[Counters], float]:
-        """A function that runs the rung of a tolerance, sets its counter and returns its stepping time, s."""
+    def timer(self, rtol: float) -> Callable[[], float]:
+        """A function that runs the rung of a tolerance and returns its stepping time, s."""
         initial, end = np.array(self._series.initial), self._scene.duration
 
-        def once(counters: Counters) -> float:
+        def once() -> float:
             integrator = self._integrators[rtol]
             integrator.time = 0.0
             integrator.state[:] = initial
             start = time.perf_counter()
-            steps = integrator.propagate_until(end)[3]
-            wall = time.perf_counter() - start
-            counters["steps"] = int(steps)
-            return wall
+            integrator.propagate_until(end)
+            return time.perf_counter() - start
 
         return once

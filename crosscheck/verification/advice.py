@@ -1,54 +1,48 @@
 """Advice: the method and step of an engine that reach an error on a scene at the lowest cost, found by runs.
 
-A search is the errors and times of every method of one engine on one scene at finer and finer steps, made once for all
-errors. First all methods, in the default form, are run with halved steps, or with tolerances that fall by half a power
-of ten. The cheapest next run always comes first. Then steps between two halvings are searched for the errors of
-`SEARCHED`, and the cheapest runs take turns to measure their times. An engine gets `BUDGET` seconds on a scene, without
-the time to load its package and to compute the truth. They are seconds of the processor, so that a busy machine finds
-as much as an idle one, or of the clock for engines with processes of their own. Steps divide the interval between two
-output times, as in `crosscheck.run`. Where a document has no search, its records say what to expect: the error and time
-of a run at one step, and the observed order.
+All methods, in the default form, climb the ladder of runs: steps are halved, or tolerances fall by half a power of ten.
+The cheapest next run always comes first, and a method ends where a finer run would cost more than one that reaches the
+error. Then steps between two halvings are searched, and the cheapest runs take turns to measure their times. An engine
+gets `BUDGET` seconds on a scene, without the time to load its package and to compute the truth. They are seconds of
+the processor, so that a busy machine finds as much as an idle one, or of the clock for engines with processes of their
+own. Steps divide the interval between two output times, as in `crosscheck.run`, and runs end with the truth. Where a
+document has no ladder, its records say what to expect: the error and time of a run at one step, and the observed order.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import heapq
 import itertools
 import math
 import os
 import shlex
-import time
 from collections.abc import Mapping, Sequence
 
-import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from crosscheck import adapters, references
-from crosscheck.compare.errors import errors, up_to
-from crosscheck.compare.sizes import sizes
-from crosscheck.document import QUANTITIES, Advice, Record, SceneTruth, Way, extended, largest
+from crosscheck import references
+from crosscheck.compare.errors import up_to
+from crosscheck.document import QUANTITIES, Advice, Record, SceneTruth, Way, extended
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said, unknown
-from crosscheck.files import digest
-from crosscheck.judge.crossings import corrected_at_impacts
 from crosscheck.references.base import Reference
-from crosscheck.running import provenance, versions
-from crosscheck.running.attempt import Outcome, Ran, attempt, lasting
+from crosscheck.running import versions
 from crosscheck.scene.file import as_scene, load_scene
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
-from crosscheck.verification.ladder import GradedWay, ways
+from crosscheck.verification.ladder import STAGE, Climb, GradedWay, Ladder, Rung, key, ways
+from crosscheck.verification.speed import stepping_time, take_turns
+
+Wanted = float | dict[str, float]
+"""An error: of every quantity over its size, or in SI by quantity."""
 
 BUDGET = 30.0
-"""Time (s) for all runs of one engine on one scene, by `_Walker._busy`."""
+"""Time (s) for the runs of one engine on one scene for one error, by `Climb.busy`."""
 
-WALK, SEARCH = 0.6, 0.85
+HALVING, SEARCHED = 0.6, 0.85
 """Shares of the budget after which halving ends, and the search between halvings. The rest is for measuring times."""
-
-SEARCHED = tuple(10.0**-power for power in (2, 4, 6, 8, 10, 3, 5, 7, 9, 11, 1))
-"""Errors around which steps are searched, in this order."""
 
 RTOLS = tuple(10.0 ** (-half / 2) for half in range(2, 29))
 """Relative tolerances of adaptive methods."""
@@ -56,233 +50,154 @@ RTOLS = tuple(10.0 ** (-half / 2) for half in range(2, 29))
 CLOSE = 1.12
 """The search ends if the accurate and the inaccurate number of steps differ by less than this factor."""
 
-ROUND_OFF = 1e-9
-"""Errors below this that fall no more are rounding."""
-
 GAIN = 0.7
 """An error falls if a run with half the step, or a third of the tolerance, has less than this share of it."""
 
-NEAR = 1.6
-"""Methods whose cost for an error is at most this multiple of the lowest one, or at most SHORT dearer, are timed in
-turns with the cheapest."""
+NEAR, SHORT = 1.6, 0.02
+"""Runs whose cost for an error is at most this multiple of the lowest one, or at most SHORT (s) more, are timed in
+turns with the cheapest. Finer runs that would cost more than that are not made."""
 
-ROUNDS = 5
-"""Number of turns of each of them, of which the fastest counts."""
-
-TRIES, SHORT = 3, 0.02
-"""A turn is the fastest of at most TRIES runs. No run begins after SHORT s of stepping. On a busy machine a run may
-wait that long for its processor, which makes single figures of short runs meaningless."""
-
-LOST = 4.0
-"""A method gets no finer runs if another one, of no lower order, has LOST times smaller cost and error, and its own
-cost is more than SHORT."""
+ROUNDS, TRIES = 5, 3
+"""Number of turns of each of them, of which the fastest counts, and the most runs of a turn."""
 
 USELESS = 0.1
 """A run with a larger error is useless."""
 
 
-class Step(Way, frozen=True, kw_only=True):
-    """One run of a method, with its largest errors over bodies and samples."""
+def climb(scene: Scene, engine: str, wanted: Sequence[Wanted], ladder: Ladder | None = None, every: bool = False
+          ) -> Ladder:
+    """The ladder of an engine with the cheapest run of each wanted error, as far as the budget goes.
 
-    order: int | None
-    steps: int = 0
-    error: float | None = None  # the largest of all quantities, each over its size; None if the run failed
-    errors: dict[str, float] = msgspec.field(default_factory=dict)  # SI, by quantity
-    cost: float | None = None  # s of stepping
-    reason: str = ""  # of the failure
-    repeats: int = 1
-
-    @property
-    def fineness(self) -> float:
-        """A number that grows from coarse runs to fine ones."""
-        return 1.0 / (self.step or self.rtol or math.inf)
-
-    def reaches(self, wanted: float | Mapping[str, float]) -> bool:
-        """Whether the error is at most the wanted one."""
-        if isinstance(wanted, Mapping):
-            return self.error is not None and all(self.errors[name] <= value for name, value in wanted.items())
-        return self.error is not None and self.error <= wanted
-
-
-@dataclasses.dataclass
-class Search:
-    """All runs of one engine on one scene."""
-
-    scene: str
-    engine: str
-    until: float  # s, the last sample that counts, which is not past the horizon of truth
-    seconds: float = 0.0  # of the budget that were used
-    steps: list[Step] = dataclasses.field(default_factory=list)
-
-    def of(self, method: str) -> list[Step]:
-        """The runs of a method, coarse to fine."""
-        return sorted((step for step in self.steps if step.method == method), key=lambda step: step.fineness)
-
-    def useless(self, step: Step) -> bool:
-        """Whether a run failed, or is wrong by more than a tenth of the size of a quantity."""
-        return not step.reaches(USELESS)
-
-    def reaching(self, error: float | Mapping[str, float]) -> list[Step]:
-        """The coarsest run of each method with at most this error, the cheapest method first."""
-        coarsest: dict[str, Step] = {}
-        for step in self.steps:
-            if step.reaches(error):
-                best = coarsest.get(step.method)
-                if best is None or step.fineness < best.fineness:
-                    coarsest[step.method] = step
-        return sorted(coarsest.values(), key=lambda step: step.cost or 0.0)
-
-
-def search(scene: Scene, engine: str) -> Search:
-    """The search of an engine for its steps.
+    Parameters
+    ----------
+    ladder : with the runs that were made before
+    every : in place of these, the largest usable step of every method is looked for
 
     Raises `Unsupported` if the engine cannot model the scene, and `TruthError` or `Unsupported` if it has no truth.
     """
     chosen, refused = ways(scene, [engine], default_form=True)
     if not chosen:
         raise Unsupported(f"{engine} on scene {scene.name!r}: {refused[0][1] if refused else 'it has no method'}")
-    return _Searcher(scene, engine, references.truth(scene)).go(chosen)
+    search = _Search(scene, engine, references.truth(scene), ladder, every)
+    search.begin(chosen[0])
+    for error in (USELESS,) if every else wanted:
+        search.look_for(error, chosen)
+    return search.ladder
 
 
-def key(scene: Scene, engine: str) -> str:
-    """Digest of all that a search depends on."""
-    return digest("search", provenance.code_digest([engine], []), scene.hash, BUDGET)
+class _Search:
+    """Climbs the ladder of one engine on one scene for one error after the other."""
 
-
-class _Searcher:
-    """Makes one search."""
-
-    def __init__(self, scene: Scene, engine: str, truth: Reference) -> None:
-        self._scene, self._engine, self._truth = scene, engine, truth
-        self._last = max(1, int(np.count_nonzero(up_to(truth.t, truth.horizon))) - 1)
+    def __init__(self, scene: Scene, engine: str, truth: Reference, ladder: Ladder | None, every: bool) -> None:
+        last = max(1, int(np.count_nonzero(up_to(truth.t, truth.horizon))) - 1)
+        until = float(truth.t[last])
+        self.ladder, self._every = ladder or Ladder(scene=scene.name, engine=engine, until=until), every
         self._interval = scene.duration / (scene.samples - 1)
-        self._sizes = sizes(scene, truth.states)
-        self._search = Search(scene.name, engine, float(truth.t[self._last]))
-        # Of engines in processes of their own, this process sees only the clock.
-        apart = adapters.is_own(engine) or adapters.has_own_environment(engine)
-        self._busy = time.perf_counter if apart else time.process_time
-        self._began = math.inf  # set after the first run, which imports the engine and fills caches
+        self._climb = Climb(scene.replace(duration=until, samples=last + 1), dataclasses.replace(
+            truth, states=truth.states.at(slice(0, last + 1))), self.ladder)
+        self._began = math.inf
 
-    def go(self, chosen: Sequence[GradedWay]) -> Search:
-        """Run with halved steps, search between them, and measure times."""
-        self._run(chosen[0], 1e-1 if chosen[0].adaptive else self._interval)
-        self._began = self._busy()
-        self._halve(chosen)
-        for level in SEARCHED:
-            if self._search.reaching(level):
-                for way in chosen:
-                    if not way.adaptive:
-                        self._bisect(way, level)
-        self._turns()
-        self._search.seconds = self._busy() - self._began
-        return self._search
+    def begin(self, way: GradedWay) -> None:
+        """One run, which imports the engine and fills caches, before the budget begins."""
+        self._climb.run(way, 1e-1 if way.adaptive else self._interval)
+        self._began = self._climb.busy()
+
+    def look_for(self, wanted: Wanted, chosen: Sequence[GradedWay]) -> None:
+        """Run with halved steps, search between them, and measure the times of the cheapest runs."""
+        if not self._every and wanted in self.ladder.climbed:
+            return
+        self._halve(chosen, wanted)
+        for way in chosen:
+            if not way.adaptive:
+                self._between(way, wanted)
+        if self._every:
+            self.ladder.every = True
+            return
+        self._time(wanted)
+        self.ladder.climbed.append(wanted)
 
     def _left(self, share: float = 1.0) -> float:
-        return share * BUDGET - (self._busy() - self._began)
+        return share * BUDGET - (self._climb.busy() - self._began)
 
-    def _run(self, way: GradedWay, value: float) -> tuple[Step, float]:
-        """One run, and what it takes of the budget (s). If it fails, `reason` says why."""
-        step = replace(extended(Step, way), **{"rtol" if way.adaptive else "step": value})
-        start = self._busy()
-        outcome, cost = self._timed(step)
-        taken = self._busy() - start
-        if not isinstance(outcome, Ran):
-            return replace(step, reason=outcome.why), taken
-        raw, used = outcome.raw, outcome.raw.step if step.rtol is None else None
-        found = self._errors(raw.states, used or 0.0)
-        error = largest(found, self._sizes)
-        return replace(step, form=raw.form, steps=raw.steps, step=used, cost=cost, errors=found,
-                       error=error if error is not None and math.isfinite(error) else None), taken
+    def _most(self, wanted: Wanted) -> float:
+        """The cost (s) above which no run is a rival of the cheapest one."""
+        reaching = self.ladder.reaching(wanted)
+        least = math.inf if self._every or not reaching else _cost(reaching[0])
+        return max(NEAR * least, least + SHORT)
 
-    def _errors(self, states: States, step: float) -> dict[str, float]:
-        """The largest errors by quantity; velocities count where no impact is within a step (s)."""
-        found = errors(self._scene, states, self._truth.states, self._search.until)
-        off = found["position"].max
-        if self._truth.events and math.isfinite(off):
-            own = corrected_at_impacts(self._scene, states, self._truth, step, off)
-            found = errors(self._scene, own, self._truth.states, self._search.until)
-        return {name: each.max for name, each in found.items()}
-
-    def _timed(self, step: Step) -> tuple[Outcome, float]:
-        """The outcome of a run at this step or tolerance and its stepping time (s), for a short run the least of a few.
-
-        Stepping takes no longer than the processor was busy with the whole run: on a busy machine the clock also counts
-        the time in which others had it.
-        """
-        costs: list[float] = []
-        while True:
-            began = self._busy()
-            outcome = lasting(attempt(self._scene, step, monitor=False, derived=False))
-            if not isinstance(outcome, Ran):
-                return outcome, math.inf
-            costs.append(min(outcome.raw.wall_time, self._busy() - began))
-            if len(costs) == TRIES or sum(costs) > SHORT:
-                return outcome, min(costs)
-
-    def _halve(self, chosen: Sequence[GradedWay]) -> None:
+    def _halve(self, chosen: Sequence[GradedWay], wanted: Wanted) -> None:
         """Run all ways at halved steps or at tolerances, always the one with the cheapest next run."""
         order = itertools.count()
-        heap = [(0.0, next(order), way, iter(
-            RTOLS if way.adaptive else [self._interval / 2**power for power in range(31)]), 0.0) for way in chosen]
+        heap = [(0.0, next(order), way, iter(RTOLS if way.adaptive else [
+            self._interval / 2**power for power in range(31)]), list[Rung]()) for way in chosen]
+        self.ladder.stalled = True
         while heap:
-            expected, _, way, values, last = heapq.heappop(heap)
-            if expected >= self._left(WALK):
+            expected, _, way, sizes, made = heapq.heappop(heap)
+            grown = 1.5 if way.adaptive else 2.0
+            if made and grown * _cost(made[-1]) > self._most(wanted):
                 continue
-            value = next(values, None)
-            if value is None:
+            if expected >= self._left(HALVING):
+                self.ladder.stalled = False
                 continue
-            step, taken = self._run(way, value)
-            self._search.steps.append(step)
-            if not self._done(way, step):
-                grown = 1.5 if way.adaptive else 2.0
-                heapq.heappush(heap, (grown * max(taken, 0.5 * last), next(order), way, values, taken))
+            if (size := next(sizes, None)) is None:
+                continue
+            start = self._climb.busy()
+            made.append(self._climb.run(way, size))
+            if not self._ends(made, wanted):
+                heapq.heappush(heap, (grown * (self._climb.busy() - start), next(order), way, sizes, made))
 
-    def _done(self, way: GradedWay, step: Step) -> bool:
-        """Whether finer runs of this way are useless, because of rounding or because another way is much better."""
-        own = [each.error for each in self._search.of(way.method) if each.error is not None]
-        if len(own) > 1 and own[-2] < ROUND_OFF and own[-1] > GAIN * own[-2]:
-            return True
-        if step.error is None or step.cost is None:
-            return False
-        rank = math.inf if way.adaptive else way.order or 0
-        return any(other.method != way.method and other.error is not None and other.cost is not None
-                   and (math.inf if other.rtol else other.order or 0) >= rank
-                   and max(LOST * other.cost, SHORT) < step.cost and other.error < step.error / LOST
-                   for other in self._search.steps)
+    def _ends(self, made: Sequence[Rung], wanted: Wanted) -> bool:
+        """Whether finer runs of a way are useless: it reaches the error, or errors fall no more in two halvings."""
+        last = [rung.missed(wanted) for rung in made[-3:]]
+        if last[-1] <= 1.0:
+            return not self._every or (len(last) == 3 and max(last) <= 1.0)
+        return len(last) == 3 and not any(_useless(rung) for rung in made[-3:]) and (
+            last[1] > GAIN * last[0] and last[2] > GAIN * last[1])
 
-    def _bisect(self, way: GradedWay, level: float) -> None:
+    def _between(self, way: GradedWay, wanted: Wanted) -> None:
+        """Search for the largest step between one that misses the error and one that reaches it, by their order."""
         while True:
-            steps = self._search.of(way.method)
-            good = next((k for k, step in enumerate(steps) if step.error is not None and step.error <= level), None)
-            if not good:  # no run reaches the level, or even the coarsest one does
+            rungs = self.ladder.of(way.label)
+            good = next((k for k, rung in enumerate(rungs) if rung.missed(wanted) <= 1.0), None)
+            if not good:  # no run reaches the error, or even the coarsest one does
                 return
-            coarse, fine = (max(1, round(self._interval / (step.step or self._interval))) for step in
-                            (steps[good - 1], steps[good]))
-            middle = round(math.sqrt(coarse * fine))
-            pace = (steps[good].cost or 0.0) / fine
-            least = self._search.reaching(level)[0].cost or 0.0
-            if (middle in (coarse, fine) or fine < CLOSE * coarse or coarse * pace > least
-                    or 2 * middle * pace > self._left(SEARCH)):
+            coarse, fine = (max(1, round(self._interval / (rung.step or self._interval))) for rung in
+                            rungs[good - 1:good + 1])
+            over, under = (rung.missed(wanted) for rung in rungs[good - 1:good + 1])
+            share = math.log(over) / math.log(over / under) if math.isfinite(over) and under > 0 else 0.5
+            expected = math.ceil(coarse * (fine / coarse) ** share)
+            middle = min(max(expected, int(CLOSE * coarse)), math.ceil(fine / CLOSE), fine - 1)
+            pace = _cost(rungs[good]) / fine
+            if (not coarse < middle < fine or fine < CLOSE * coarse or coarse * pace > self._most(wanted)
+                    or 2 * middle * pace > self._left(SEARCHED)):
                 return
-            self._search.steps.append(self._run(way, self._interval / middle)[0])
+            self._climb.run(way, self._interval / middle)
 
-    def _turns(self) -> None:
+    def _time(self, wanted: Wanted) -> None:
         """Measure the times of the cheapest runs in turns."""
-        times: dict[int, list[float]] = {}  # by the place among the steps
-        steps = self._search.steps
-        places = {id(step): place for place, step in enumerate(steps)}
-        for level in SEARCHED:
-            rivals = self._search.reaching(level)
-            least = rivals[0].cost or 0.0 if rivals else 0.0
-            times |= {places[id(step)]: [] for step in rivals[:6]
-                      if (step.cost or 0.0) <= max(NEAR * least, least + SHORT)}
-        for _ in range(ROUNDS):
-            for place, own in times.items():
-                if TRIES * (steps[place].cost or 0.0) < self._left():
-                    own.append(self._timed(steps[place])[1])
-        for place, own in times.items():
-            if any(map(math.isfinite, own)):  # a failure leaves the time that is known
-                steps[place] = replace(steps[place], cost=min(own), repeats=len(own))
+        most = self._most(wanted)
+        names = {id(rung): name for name, rung in self.ladder.rungs.items()}
+        rivals = {names[id(rung)]: rung for rung in self.ladder.reaching(wanted)
+                  if _cost(rung) <= most and TRIES * ROUNDS * _cost(rung) < self._left()}
+        taken = take_turns([functools.partial(stepping_time, self._climb.scene, rung) for rung in rivals.values()],
+                           ROUNDS, TRIES, SHORT)
+        times: dict[str, list[float]] = {name: [] for name in rivals}
+        for index, time in taken:
+            if not isinstance(time, CrosscheckError):  # a failure leaves the time that is known
+                times[list(rivals)[index]].append(time[0])
+        for name, own in times.items():
+            if own:
+                self.ladder.rungs[name] = replace(rivals[name], wall_ms=1e3 * min(own), repeats=len(own))
+
+
+def _cost(rung: Rung) -> float:
+    """Stepping time, s; 0 of a run that failed."""
+    return 1e-3 * (rung.wall_ms or 0.0)
+
+
+def _useless(rung: Rung) -> bool:
+    """Whether a run failed, or is wrong by more than a tenth of the size of a quantity."""
+    return rung.missed(USELESS) > 1.0
 
 
 LEVELS = tuple(10.0**-power for power in range(2, 12))
@@ -296,8 +211,8 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str,
            error: float | Mapping[str, float]) -> Advice:
     """The cheapest method of an engine whose error on a scene is at most `error`, with its largest step.
 
-    The first call for a scene and engine runs every method at many steps, for at most half a minute of processor time,
-    and stores the results. Later calls, for any error, read them.
+    It runs the methods at finer and finer steps, for at most half a minute of processor time, and keeps the results.
+    What was run before, for any error, is not run again.
 
     Parameters
     ----------
@@ -330,7 +245,7 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str,
     loaded = as_scene(scene)
     versions.need([engine])
     name = scene.name if isinstance(scene, Scene) else os.fspath(scene)
-    return choose(stored_search(loaded, engine), wanted, name)
+    return choose(_kept(loaded, engine, wanted), wanted, name)
 
 
 def _positive(error: object) -> float:
@@ -344,38 +259,39 @@ def _positive(error: object) -> float:
     return wanted
 
 
-def stored_search(scene: Scene, engine: str) -> Search:
-    """The search of an engine from the table, where it is put if it is new; errors as `search`."""
+def _kept(scene: Scene, engine: str, wanted: Wanted) -> Ladder:
+    """The ladder of an engine from the table, climbed for an error and put there; errors as `climb`."""
     from crosscheck.jobs.table import Table  # a database, which workers do not need
 
     name = key(scene, engine)
     with contextlib.closing(Table.opened()) as table, table.session(
-            name, f"advise {scene.name} {engine}", {"search": Search}) as session:
-        kept: Search | None = session.get("search", name)
-        return kept or session.put("search", name, search(scene, engine))
+            name, f"advise {scene.name} {engine}", {STAGE: Ladder}) as session:
+        known: Ladder | None = session.get(STAGE, name)
+        if known is not None and wanted in known.climbed:
+            return known
+        ladder: Ladder = session.put(STAGE, name, climb(scene, engine, [wanted], known))
+        return ladder
 
 
-def choose(search: Search, wanted: float | dict[str, float], scene: str) -> Advice:
+def choose(ladder: Ladder, wanted: Wanted, scene: str) -> Advice:
     """The advice for an error from all runs of an engine. `scene` is the name or path for the command."""
-    known = [step.error for step in search.steps if step.error is not None]
-    reaching = search.reaching(wanted)
-    advice = Advice(scene=search.scene, engine=search.engine, wanted=wanted, until=search.until,
-                    least=min(known, default=None),
-                    tried=f"within the budget of {BUDGET:g} s; {_finest(search.steps)}")
+    known = [rung.error for rung in ladder.rungs.values() if rung.error is not None]
+    reaching = ladder.reaching(wanted)
+    ended = "down to steps at which errors fall no more" if ladder.stalled else f"within the budget of {BUDGET:g} s"
+    advice = Advice(scene=ladder.scene, engine=ladder.engine, wanted=wanted, until=ladder.until,
+                    least=min(known, default=None), tried=f"{ended}; {_finest(list(ladder.rungs.values()))}")
     if not reaching:
         return advice
     best = reaching[0]
     size = f"--step {best.step!r}" if best.step else f"--rtol {best.rtol!r}"
-    words = f"crosscheck run {shlex.quote(scene)} --engine {shlex.quote(search.engine)} --method {best.method} {size}"
+    words = f"crosscheck run {shlex.quote(scene)} --engine {shlex.quote(ladder.engine)} --method {best.method} {size}"
+    if best.label != extended(Way, best, form=None).label:  # not as the engine chooses by itself
+        words += f" --form {best.form}"
+    broken = [rung for rung in ladder.of(best.label) if rung.fineness < best.fineness and _useless(rung)]
     return replace(
         advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error,
-        errors=best.errors, cost=best.cost, breaks_at=breaks_at(search, best), command=words)
-
-
-def breaks_at(search: Search, best: Step) -> float | None:
-    """Step (s) or rtol of the finest of the useless runs that are coarser than `best`. None if no run is useless."""
-    broken = [step for step in search.of(best.method) if step.fineness < best.fineness and search.useless(step)]
-    return (broken[-1].step or broken[-1].rtol) if broken else None
+        errors=best.errors, cost=_cost(best), command=words,
+        breaks_at=(broken[-1].step or broken[-1].rtol) if broken else None)
 
 
 def _finest(runs: Sequence[Way]) -> str:
@@ -385,21 +301,21 @@ def _finest(runs: Sequence[Way]) -> str:
                       *([f"finest rtol tried {min(rtols):.2g}"] if rtols else ())]) or "no run was made"
 
 
-def of_searches(scenes: Sequence[str], searches: Sequence[object]) -> list[Advice]:
-    """The advice for all `LEVELS` from the searches on scenes (names or paths) that could be made."""
-    return [choose(search, level, name) for name, search in zip(scenes, searches, strict=True)
-            if isinstance(search, Search) for level in LEVELS]
+def of_ladders(scenes: Sequence[str], ladders: Sequence[object]) -> list[Advice]:
+    """The advice for those of `LEVELS` that ladders on scenes (names or paths) were climbed for."""
+    return [choose(ladder, level, name) for name, ladder in zip(scenes, ladders, strict=True)
+            if isinstance(ladder, Ladder) for level in LEVELS if level in ladder.climbed]
 
 
 def from_records(scenes: Sequence[SceneTruth], records: Sequence[Record], known: Sequence[Advice]) -> list[Advice]:
-    """The advice for all `LEVELS` that records allow, for scenes and engines for which none is known."""
-    searched = {(each.scene, each.engine) for each in known}
+    """The advice for all `LEVELS` that records allow, where none is known."""
+    climbed = {(each.scene, each.engine, each.wanted) for each in known if isinstance(each.wanted, float)}
     return [_estimate(scene, [record for record in records if (record.scene, record.engine) == (scene.name, engine)],
                       level)
             for scene in scenes if scene.truth is not None and scene.plan is not None
             for engine in dict.fromkeys(record.engine for record in records if record.scene == scene.name
                                         and record.outcome != "unsupported")
-            if (scene.name, engine) not in searched for level in LEVELS]
+            for level in LEVELS if (scene.name, engine, level) not in climbed]
 
 
 def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Advice:
@@ -447,11 +363,12 @@ def _expected(scene: SceneTruth, record: Record, asked: Advice) -> Advice | None
                    cost=record.wall_time / stretch, command=command, estimated=estimated)
 
 
-def prepare(task: tuple[str, str]) -> Search | str:
-    """The search of an engine on a scene, or why it cannot be made."""
-    scene, engine = task
+def prepare(task: tuple[str, str, Ladder | None], wanted: Sequence[Wanted] = LEVELS, every: bool = False
+            ) -> Ladder | str:
+    """The ladder of an engine on a scene, with the runs that are known, or why it cannot be climbed."""
+    scene, engine, ladder = task
     try:
-        return search(load_scene(scene), engine)
+        return climb(load_scene(scene), engine, wanted, ladder, every)
     except EngineDied:
         raise
     except (CrosscheckError, ImportError) as error:

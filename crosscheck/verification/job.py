@@ -35,7 +35,7 @@ from crosscheck.document import (
 from crosscheck.document.outcomes import EXIT_CODES
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import digest, plain, readable
-from crosscheck.jobs.drive import Crash, Limits, Place, Stages
+from crosscheck.jobs.drive import Crash, Limits, Place, Stages, run_tasks
 from crosscheck.jobs.workers import child
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge import verdict
@@ -45,6 +45,7 @@ from crosscheck.running import cluster, provenance, support, versions
 from crosscheck.scene.file import load_scene, read_scene, scene_names, tagged
 from crosscheck.verification import advice, trust
 from crosscheck.verification.cell import run_cell
+from crosscheck.verification.ladder import STAGE, Ladder, key
 from crosscheck.verification.plan import PENDING, Profile
 from crosscheck.verification.plan import profile as profile_called
 from crosscheck.verification.scene_truth import prepare_truth
@@ -98,7 +99,7 @@ Progress = Callable[[int, int, str], None]
 """Called with (number of finished tasks, number of all tasks, name of the last finished one)."""
 
 ROW_TYPES = {"truth": SceneTruth, "cell": Record, "timing": tuple[list[list[Point]], dict[int, str]],
-             "speed": list[list[tuple[float, float]]], "search": advice.Search | str}
+             "speed": list[list[tuple[float, float]]], STAGE: Ladder}
 """Types of the results of each stage, for `crosscheck.jobs.table`."""
 
 
@@ -152,7 +153,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     session : every result is put into its table; what is there already is not computed again
     limits : of one cell; None: those of `crosscheck.verification.job`
     overrides : tolerances of the user, from `crosscheck.judge.overrides.read`
-    search : also make the runs for advice, half a minute of processor time per scene and engine
+    search : also make the runs for advice, up to half a minute of processor time per scene and engine
     asked : map, step and duration of main runs instead of those of the plan
     scheduler : where truths and runs are computed, for `crosscheck.running.cluster.connect`; timings are made here
     on_results : called now and then with the document of what has ended, see `PAUSE`
@@ -296,13 +297,18 @@ def _advice(stages: Stages, truths: list[SceneTruth], engines: Sequence[str], wi
              if search or not (adapters.is_own(engine) or adapters.has_own_environment(engine))]
     if stages.session is None and not search:
         return []
-    keys = [advice.key(load_scene(scene), engine) for scene, engine in tasks]
-    if search:
-        labels = [f"ladders of {scene} {engine}" for scene, engine in tasks]
-        searches = stages.run("search", advice.prepare, tasks, keys, labels, within, reuse="any rows")
-    else:
-        searches = [stages.kept("search", key, "any rows") for key in keys]
-    return advice.of_searches([scene for scene, _ in tasks], searches)
+    keys = [key(load_scene(scene), engine) for scene, engine in tasks]
+    ladders = [stages.kept(STAGE, each, "any rows") for each in keys]
+    left = [k for k, ladder in enumerate(ladders) if search and (ladder is None or not {*advice.LEVELS} <= {
+        level for level in ladder.climbed if isinstance(level, float)})]
+    for _ in range(len(tasks) - len(left) if search else 0):
+        stages.count("ladders")
+    made = run_tasks(advice.prepare, [(*tasks[k], ladders[k]) for k in left], stages.jobs, lambda position, _:
+                     stages.count(f"ladder of {' '.join(tasks[left[position]])}"), within)
+    for k, ladder in zip(left, made, strict=True):
+        ladders[k] = ladder if stages.session is None or not isinstance(ladder, Ladder) else stages.session.put(
+            STAGE, keys[k], ladder)
+    return advice.of_ladders([scene for scene, _ in tasks], ladders)
 
 
 def _truths(stages: Stages, keys: Callable[..., str], names: list[str], settings: Profile, asked: Asked,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -175,6 +175,27 @@ def undisturbed(once: Callable[[], float], most: int = PATIENCE, long: float = L
         waited = took - (time.process_time() - worked)
         (clean if waited <= WAITED * seconds + 1e-5 else others).append((seconds, took - seconds))
     return min(clean or others)
+
+
+def stepping_time(scene: Scene, way: Way, samples: int | None = None) -> float:
+    """Stepping time (s) of a run. Raises its error if it fails."""
+    outcome = attempt(scene, way, monitor=False, derived=False, samples=samples or scene.samples)
+    if not isinstance(outcome, Ran):
+        raise outcome.error
+    return outcome.raw.wall_time
+
+
+def take_turns(runs: Sequence[Callable[[], float]], rounds: int, most: int, long: float
+               ) -> Iterator[tuple[int, Pair | CrosscheckError]]:
+    """The number of a run, and what `undisturbed` gives for it, in turns; one that fails gives its error once."""
+    left = dict(enumerate(runs))
+    for _ in range(rounds):
+        for number, once in list(left.items()):
+            try:
+                yield number, undisturbed(once, most, long)
+            except CrosscheckError as error:
+                del left[number]
+                yield number, error
 
 
 def calibration_kernel() -> Callable[[], float]:

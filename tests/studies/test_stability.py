@@ -11,14 +11,16 @@ from crosscheck.studies import stability, study
 from crosscheck.studies.stability import Stability, StabilityAsk, lines
 from crosscheck.studies.study import conduct
 from crosscheck.verification import advice
-from crosscheck.verification.advice import Search, Step
+from crosscheck.verification.ladder import Ladder, Rung
 
 
 def ladder(**errors):
-    """A walk at steps .4, .2, .1, ... s; None: the run failed."""
-    return Search("scene", "engine", until=1.0, steps=[
-        Step("engine", method, 0.4 / 2**place, order=2, error=error, cost=0.01, reason="" if error else "it diverged")
-        for method, own in errors.items() for place, error in enumerate(own)])
+    """A ladder at steps .4, .2, .1, ... s; None: the run failed."""
+    rungs = [Rung("engine", method, 0.4 / 2**place, scene="scene", label=f"engine {method}", order=2, error=error,
+                  wall_ms=10.0, reason="" if error else "it diverged")
+             for method, own in errors.items() for place, error in enumerate(own)]
+    return Ladder(scene="scene", engine="engine", until=1.0, rungs={str(place): each for place, each in
+                                                                     enumerate(rungs)})
 
 
 @pytest.mark.parametrize(("errors", "step", "breaks_at", "reason"), [
@@ -73,7 +75,7 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
     with pytest.raises(Killed):
         conduct(Stability(), request, tmp_path, progress)
     document = conduct(Stability(), request, tmp_path, lambda *_: None)
-    assert seen == [("single_pendulum", "lieeuler"), ("heavy_top", "lieeuler")]
+    assert seen == [("single_pendulum", "lieeuler", None), ("heavy_top", "lieeuler", None)]
     assert {line.scene for line in document.lines} == {"single_pendulum", "heavy_top"}
 
 

@@ -15,6 +15,8 @@ from crosscheck.running.attempt import Failed
 from crosscheck.studies import work_precision
 from crosscheck.studies.study import check_names, conduct
 from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk, measure
+from crosscheck.verification import ladder as ladder_module
+from crosscheck.verification import speed
 from crosscheck.verification.ladder import INTERVALS, GradedWay, ladder, reference, ways
 
 
@@ -70,21 +72,22 @@ def test_heyoka_is_the_bound_and_near_rounding_at_its_tightest(swing):
 def test_a_failed_run_is_a_row_and_the_others_go_on(swing, monkeypatch):
     scene, truth = swing
     way = GradedWay("lieeuler", "rkmk4", form="maximal", order=4)
-    true_attempt = work_precision.attempt
+    true_attempt = ladder_module.attempt
     calls = itertools.count()
 
-    def breaking(scene, rung, samples, monitor):
+    def breaking(scene, rung, samples, monitor, derived):
         if rung.step == 0.25:
             return Failed(EngineError("it broke\nin two lines"))
         if rung.step == 0.125 and samples == 2 and next(calls) == 1:
             return Failed(EngineError("not twice"))
-        ran = true_attempt(scene, rung, samples=samples, monitor=monitor)
+        ran = true_attempt(scene, rung, samples=samples, monitor=monitor, derived=derived)
         if isinstance(ran, Failed):
             return ran
         steps = ran.raw.steps
         return dataclasses.replace(ran, raw=dataclasses.replace(ran.raw, wall_time=1e-6 * steps))  # on every machine
 
-    monkeypatch.setattr(work_precision, "attempt", breaking)
+    monkeypatch.setattr(ladder_module, "attempt", breaking)
+    monkeypatch.setattr(speed, "attempt", breaking)
     kept = []
     rungs = measure(scene, [way], truth, 2, 1e-4, quietly, lambda rungs: kept.append(len(rungs)), bound=False)
     broken = {rung.step: rung for rung in rungs if rung.status == "failed"}

@@ -1,40 +1,45 @@
-"""Advice: its choice among known runs, its walk on an engine of known errors, and a real engine."""
+"""Advice: its choice among known runs, its ladder of runs of an engine of known errors, and a real engine."""
 
 import dataclasses
 
+import msgspec
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import crosscheck
-from crosscheck import adapters
+from crosscheck import adapters, document
 from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.cli.app import app
 from crosscheck.compare.errors import differences
 from crosscheck.compare.sizes import sizes
-from crosscheck.document import Errors, Order, Record, Rung, Way
+from crosscheck.document import Errors, Order, Record, Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
-from crosscheck.verification import advice as walks
-from crosscheck.verification.advice import MARGIN, Search, Step, choose, from_records
+from crosscheck.studies.stability import lines
+from crosscheck.verification import advice
+from crosscheck.verification.advice import MARGIN, choose, from_records, of_ladders
 from crosscheck.verification.cell import run_cell
+from crosscheck.verification.ladder import Ladder, Rung
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell, load
 
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
-    """Walks of a few seconds."""
-    monkeypatch.setattr(walks, "BUDGET", 8.0)
+    """Ladders of a few seconds."""
+    monkeypatch.setattr(advice, "BUDGET", 8.0)
 
 
-def step(method, size, error, cost, order=2):
-    return Step("lieeuler", method, size, form="tree", order=order, steps=round(1 / size), error=error, cost=cost,
-                errors={} if error is None else {"position": 3 * error, "attitude": error / 2})
+def rung(method, size, error, cost, order=2):
+    errors = {} if error is None else {"max_position": 3 * error, "max_attitude": error / 2}
+    return Rung("engine", method, size, form="tree", scene="scene", label=f"engine {method}", order=order,
+                steps=round(1 / size), error=error, wall_ms=cost and 1e3 * cost, **errors)
 
 
-KNOWN = Search("scene", "engine", until=1.0, steps=[
-    step("fine", 0.1, 1e-3, 2.0), step("fine", 0.05, 2e-4, 4.0), step("fine", 0.2, 0.5, 1.0),
-    step("cheap", 0.1, 2e-2, 0.1), step("cheap", 0.01, 9e-4, 1.5), step("cheap", 0.2, None, None)])
+KNOWN = Ladder(scene="scene", engine="engine", until=1.0, climbed=[1e-3], rungs={str(place): each for place, each in
+    enumerate([
+        rung("fine", 0.1, 1e-3, 2.0), rung("fine", 0.05, 2e-4, 4.0), rung("fine", 0.2, 0.5, 1.0),
+        rung("cheap", 0.1, 2e-2, 0.1), rung("cheap", 0.01, 9e-4, 1.5), rung("cheap", 0.2, None, None)])})
 
 
 def test_the_cheapest_method_with_its_largest_step_is_chosen():
@@ -49,6 +54,8 @@ def test_no_method_is_named_where_none_reaches_the_error():
     found = choose(KNOWN, 1e-5, "scene")
     assert (found.method, found.step, found.command, found.least) == (None, None, None, 2e-4)
     assert found.tried == "within the budget of 8 s; finest step tried 0.01 s"
+    stalled = choose(msgspec.structs.replace(KNOWN, stalled=True), 1e-5, "scene")
+    assert stalled.tried == "down to steps at which errors fall no more; finest step tried 0.01 s"
 
 
 def test_errors_by_quantity_are_in_si_and_count_alone():
@@ -77,7 +84,7 @@ class Known(Engine):
     name = "known"
     checks_sizes = True
     methods = ("Plain",)
-    runs = 0
+    runs = None  # the steps of all
 
     def version(self):
         return "1"
@@ -91,8 +98,8 @@ class Known(Engine):
     def run(self, scene, spec):
         from crosscheck.references import truth
 
-        self.runs += 1
         per, h = steps_per_sample(scene, spec.step)
+        self.runs = [*(self.runs or ()), h]
         if h > self.limit:
             raise EngineError("it diverged")
         states = truth(scene).states
@@ -123,7 +130,7 @@ def test_the_largest_step_is_found_to_a_few_percent(pretend, order, error):
     fewest = max(1.0, interval / (error * size / 0.0817) ** (1 / order))  # steps in an interval, not yet a whole number
     assert found.errors["position"] == pytest.approx(found.error * size)
     assert found.error <= error
-    assert fewest <= round(interval / found.step) <= max(np.ceil(fewest), walks.CLOSE * fewest + 1)
+    assert fewest <= round(interval / found.step) <= max(np.ceil(fewest), advice.CLOSE * fewest + 1)
 
 
 def test_a_wrong_model_reaches_nothing_and_a_limit_of_steps_is_named(pretend):
@@ -136,16 +143,28 @@ def test_a_wrong_model_reaches_nothing_and_a_limit_of_steps_is_named(pretend):
     assert rough.breaks_at > 0.03 >= rough.step
 
 
-def test_one_walk_serves_every_error_and_is_kept(pretend, monkeypatch):
+def test_no_run_is_made_twice(pretend):
+    """Another error climbs the same ladder: it begins with the rungs that are known, whatever asked for them."""
     engine = pretend(Known(2))
     first = crosscheck.advise("single_pendulum", engine="known", error=1e-3)
-    made = engine.runs
+    made = list(engine.runs)
     assert crosscheck.advise("single_pendulum", engine="known", error=1e-3) == first
-    crosscheck.advise("single_pendulum", engine="known", error=1e-5)
     assert engine.runs == made
-    monkeypatch.setattr(walks, "BUDGET", 7.9)  # another budget is another walk
-    crosscheck.advise("single_pendulum", engine="known", error=1e-3)
-    assert engine.runs > made
+    second = crosscheck.advise("single_pendulum", engine="known", error=1e-5)
+    added = engine.runs[len(made):]
+    assert not {*made} & {step for step in added if abs(step / second.step - 1) > 1e-12}
+    assert min(added) < min(made)
+    ladder = advice.climb(crosscheck.load_scene("single_pendulum"), "known", [1e-5])
+    before = list(engine.runs)
+    advice.prepare(("single_pendulum", "known", ladder), every=True)  # for the study of largest steps
+    assert engine.runs == before
+    line, = lines(ladder)
+    assert (line.step, line.breaks_at) == (max(before), None)
+
+
+def test_a_document_has_the_advice_for_errors_that_were_looked_for():
+    assert [each.wanted for each in of_ladders(["scene"], [KNOWN])] == [1e-3]
+    assert of_ladders(["scene"], ["it has no method"]) == []
 
 
 def test_wrong_arguments_and_scenes_that_an_engine_cannot_model(pretend):
@@ -187,7 +206,7 @@ def record(method, size, error, cost, order=4.0, outcome="pass"):
         "known", method, size, scene="single_pendulum", version="1", outcome=outcome, wall_time=cost, steps=1,
         errors={"position": Errors(unit="m", end=error, max=error, time=1.0, body="pendulum", size=1.0)},
         order=order and Order(documented=4, observed=order, median=order, segments=8),
-        ladder=[Rung(step=16 * size, rtol=None)],
+        ladder=[document.Rung(step=16 * size, rtol=None)],
         command=f"crosscheck run single_pendulum --engine known --method {method} --step {size!r} --samples 9 "
         "--csv run.csv")
 
@@ -218,9 +237,10 @@ def test_records_say_what_to_expect(records, wanted, method, longest):
 
 
 def test_runs_that_were_made_are_not_estimated():
-    made = choose(dataclasses.replace(KNOWN, scene="single_pendulum", engine="known"), 1e-3, "single_pendulum")
+    made = choose(msgspec.structs.replace(KNOWN, scene="single_pendulum", engine="known"), 1e-3, "single_pendulum")
     assert made.estimated == ""
-    assert from_records([SCENE], [record("fine", 1e-3, 1e-8, 1.0)], [made]) == []
+    estimated = from_records([SCENE], [record("fine", 1e-3, 1e-8, 1.0)], [made])
+    assert [each.wanted for each in estimated] == [level for level in advice.LEVELS if level != made.wanted]
 
 
 def test_an_estimate_is_near_the_truth():

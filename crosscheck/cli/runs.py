@@ -200,8 +200,6 @@ def truth(
     say(f"checked against: {reference.second_source}")
     say(f"error of this truth: at most {reference.error:.1e} of the scene's length; the two differ by "
         f"{reference.disagreement:.1e} (rounding explains up to {reference.allowed:.1e})")
-    if reference.outvoted:
-        say(f"outvoted: {reference.outvoted}")
     say(f"a perturbation grows {reference.amplification:.3g}-fold over {shown.duration:g} s; "
         f"runs are compared with truth up to {reference.horizon:g} s"
         + (f", where it ends: {reference.horizon_cause}" if reference.horizon_cause else ""))

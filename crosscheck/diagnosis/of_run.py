@@ -22,9 +22,6 @@ from crosscheck.scene.states import States
 INTERVALS = 25
 """Number of intervals of the whole run, each with a start of truth. They take half a second or less in most scenes."""
 
-ENOUGH = 1e-11
-"""rtol of truth in an interval, far below what counts as a defect."""
-
 TURN = 0.05
 """Largest step of the whole run, in units of 1 / W."""
 
@@ -139,9 +136,7 @@ def defect(scene: Scene, scale: Scale, states: States, k: int) -> float:
 def _onward(scene: Scene, states: States, k: int) -> States | None:
     interval = float(states.t[k + 1] - states.t[k])
     try:
-        equations = Maximal(restarted(scene, states, k, interval))
-        equations.integrator = (equations.integrator[0], max(equations.integrator[1], ENOUGH))
-        return equations.run()
+        return Maximal(restarted(scene, states, k, interval)).run()
     except (TruthError, np.linalg.LinAlgError, ValueError):
         return None
 

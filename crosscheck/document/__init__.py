@@ -114,7 +114,6 @@ class Truth(Part, frozen=True, kw_only=True):
     horizon: float  # s, the time up to which it can be used
     events: tuple[tuple[float, str, str], ...] = ()  # s, joint or monitor, what happened; the first 200
     ended: str = ""  # what ends the claim of the scene before its duration: a monitor, with its time
-    outvoted: str = ""  # the formulation that differs from two others which agree, and by how much
 
 
 class Plan(Part, frozen=True):

@@ -37,11 +37,6 @@ class Crossed:
         parts = [[getattr(each.end, name)[0] for each in self.intervals] for name in "xRvw"]
         return States(self.t[self.index + 1], *(np.array(part) for part in parts))
 
-    @property
-    def sizes(self) -> np.ndarray:
-        """(K, I) the largest derivatives of y in each."""
-        return np.array([each.derivatives for each in self.intervals]).T
-
 
 def near_impacts(scene: Scene, truth: Reference, position: float, step: float) -> np.ndarray:
     """(T,) output times at which an error `position` (m) or so many seconds, `step`, may have an impact on either side.
@@ -71,17 +66,17 @@ def corrected_at_impacts(scene: Scene, run: Motion, truth: Reference, step: floa
     return States(run.t, run.x, run.R, v, w, hinges=run.hinges)
 
 
-def across(events: tuple[Event, ...], pose: float, rate: float, tau: float, sizes: np.ndarray) -> tuple[float, float]:
+def across(events: tuple[Event, ...], pose: float, rate: float, tau: float, acceleration: float) -> tuple[float, float]:
     """Bounds of the errors of y and dy/dt over an interval of length tau with events, from those without.
 
     An error of the state moves the time of an event, and what jumps there makes an error of that: of an error e the
-    jump over the slope of the surface. `sizes`: the largest derivatives of y in the interval.
+    jump over the slope of the surface. `acceleration`: the largest of y in the interval.
     """
     for event in events:
         late = event.by_pose * pose + event.by_rate * rate
         if event.after > tau + late:
             continue
-        change = event.acceleration + (2.0 * sizes[2] if event.velocity else 0.0)
+        change = event.acceleration + (2.0 * acceleration if event.velocity else 0.0)
         pose += late * (event.velocity + change * tau)
         rate += late * change
         if abs(event.after - tau) <= late:

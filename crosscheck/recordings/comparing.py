@@ -327,9 +327,9 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
     begin, grown = states.at(keep), np.zeros((2, len(keep)))
     if laws:
         crossed = Crossed(scene, states, keep, anchor_length(scene))
-        after, sizes = crossed.end, crossed.sizes
+        after = crossed.end
         for k, interval in enumerate(crossed.intervals):
-            grown[:, k] = across(interval.events, pose[k], noise[k], tau[k], sizes[:, k])
+            grown[:, k] = across(interval.events, pose[k], noise[k], tau[k], interval.acceleration)
     else:
         with np.errstate(over="ignore", invalid="ignore"):
             after = integrate(scene, begin, tau, int(min(200, max(2, np.ceil(rate * tau.max() / TURN)))))[0]

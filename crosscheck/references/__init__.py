@@ -1,12 +1,11 @@
-"""Independent truth: two formulations that share no equation, compared with each other before either is used.
+"""Independent truth: a motion by one formulation, and what it leaves in the equations of another.
 
-Nothing here imports `lieeuler` or an adapter. For a free body and a Lagrange top, elliptic functions are compared with
-Taylor series; for everything else, trees and loops of all joints under all forces, Taylor series in minimal coordinates
-with DOP853 in maximal ones. If these differ by more than the scene's conditioning explains, a third formulation, in
-natural coordinates and extended precision, decides which of them is wrong.
+Nothing here imports `lieeuler` or an adapter. The motion is a Taylor series in minimal coordinates; the index-1
+equations in maximal coordinates, of `crosscheck.scene`, are evaluated along it on every piece at once (`defects`).
+Neither formulation reads the formulas of the other. Where heyoka is not installed the second one makes the motion,
+and is compared with itself at other nodes.
 
-Force laws of joints make a motion smooth only in pieces: `pieces` finds where one ends, `modes` says what may follow,
-and each formulation has its own formulas and solves Gauss' principle by itself.
+Force laws of joints make a motion smooth only in pieces: `pieces` finds where one ends, `modes` says what may follow.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ def truth(scene: Scene) -> Reference:
     Raises
     ------
     TruthError
-        The formulations differ so much that no usable digits are left, or one of them ends early, as it does where the
+        The formulations differ so much that no usable digits are left, or the motion ends early, as it does where the
         rows of a loop lose rank, except in parallelograms. The error is `Chaotic`, with the `horizon` of the truth, if
         that is before the first output time.
     Unsupported
@@ -75,7 +74,7 @@ def dense(scene: Scene) -> Truth:
 
 
 def compute(scene: Scene) -> Reference:
-    """As `truth`, without the cache; if heyoka is not installed, from the formulations that do not need it."""
+    """As `truth`, without the cache; if heyoka is not installed, from the formulation that does not need it."""
     return _truth_of(scene).reference(scene)
 
 

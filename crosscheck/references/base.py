@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import CrosscheckError
+from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
-
-ORDERS = 10
-"""Highest derivative whose maximum is recorded."""
 
 LONGEST = 8.0
 """Longest piece of a series, s: where nothing moves, or a parabola is exact, nothing else would end it."""
@@ -67,13 +65,22 @@ def rounding(t: Any) -> Any:
     return 1e-12 * np.maximum(1.0, t)
 
 
+def scene_length(scene: Scene) -> float:
+    """Largest distance from a centre of mass to an anchor, or rod length, m; if all are zero, a radius of gyration."""
+    levers = [np.linalg.norm(joint.child_anchor) for joint in scene.joints if joint.child != GROUND]
+    levers += [np.linalg.norm(joint.parent_anchor) for joint in scene.joints if joint.parent != GROUND]
+    levers += [joint.length for joint in scene.joints if joint.length]
+    if max(levers, default=0.0) > 0.0:
+        return float(max(levers))
+    return float(max(np.sqrt(np.trace(body.inertia) / body.mass) for body in scene.bodies))
+
+
 @dataclasses.dataclass(frozen=True)
 class Reference:
     """Independent truth for one scene, at its output times.
 
-    The two formulations differ by `disagreement` (max over samples and bodies of |dx| / length and |dR|_F). The scene's
-    conditioning explains `allowed = max(1e-12, 1e-14 * amplification)` of it. A larger difference increases `error`,
-    and a third formulation then decided which of them is wrong.
+    `disagreement` is the error that the defects of the motion in the second formulation make. The scene's conditioning
+    explains `allowed = max(1e-12, 1e-14 * amplification)` of it. A larger one increases `error`.
     """
 
     states: States  # with a and alpha
@@ -83,9 +90,6 @@ class Reference:
     allowed: float
     amplification: float  # growth of a 1e-14 perturbation of the initial state over the run
     horizon: float  # s; the time up to which a 1e-15 perturbation stays below 1e-10, at most the duration
-    position_derivatives: np.ndarray  # (11,) k-th entry: max over time and bodies of |d^k x / dt^k|, world, SI
-    attitude_derivatives: np.ndarray  # (11,) k-th entry: max over time and bodies of |d^k R / dt^k|_F
-    outvoted: str = ""  # which formulation two others outvoted, and by how much
     horizon_cause: str = ""  # why the truth ends at its horizon, if that is before the end
     events: tuple[tuple[float, str, str], ...] = ()  # (time, joint or monitor, what happened), up to the horizon
 

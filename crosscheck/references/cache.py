@@ -30,7 +30,8 @@ from crosscheck.scene.model import Scene
 
 _DIGEST = "digest"
 
-SHARED = ("coordinates", "functions", "joints", "laws", "model", "states", "touching", "vectors")
+SHARED = ("armature", "basics", "constraints", "contacts", "coordinates", "functions", "joints", "laws", "mechanics",
+          "model", "spanning", "sparse", "states", "touching", "vectors")
 """Modules of `crosscheck.scene` that the formulas import, directly or not."""
 
 
@@ -110,17 +111,13 @@ def _digest(content: dict[str, Any]) -> str:
 def _content(truth: Truth) -> dict[str, np.ndarray]:
     """A truth as named arrays."""
     assert truth.end is not None
-    second = truth.second_end or End(np.zeros(0))
     content = {
         "start": [piece.start for piece in truth.pieces], "rest": [piece.rest for piece in truth.pieces],
         "length": [piece.length for piece in truth.pieces],
-        "coefficients": np.array([piece.coefficients for piece in truth.pieces]), "maxima": truth.maxima,
+        "coefficients": np.array([piece.coefficients for piece in truth.pieces]),
         "modes": [] if truth.pieces[0].mode is None else np.array([piece.mode for piece in truth.pieces]),
-        "growth": truth.growth, "end": truth.end.state, "end_time": [truth.end.time, truth.end.rest],
-        "laws": _written(truth.end), "second_laws": _written(second), "event_error": truth.event_error,
-        "second_x": truth.second[0], "second_R": truth.second[1], "second_source": truth.second_source,
-        "second_end": second.state, "second_time": [second.time, second.rest],
-        "third_x": truth.third[0], "third_R": truth.third[1]}
+        "growth": truth.growth, "sizes": truth.sizes, "defects": truth.defects, "end": truth.end.state,
+        "end_time": [truth.end.time, truth.end.rest], "laws": _written(truth.end)}
     return {name: np.asarray(value) for name, value in content.items()}
 
 
@@ -145,12 +142,7 @@ def _restored(scene: Scene, portable: bool, content: dict[str, Any]) -> Truth:
     truth.pieces = [Piece(*parts) for parts in zip(
         *(content[name].tolist() for name in ("start", "rest", "length")), content["coefficients"], modes, strict=True)]
     truth.end = _read_end(content["end"], content["end_time"], content["laws"])
-    truth.event_error = float(content["event_error"])
-    truth.maxima, truth.growth = content["maxima"], content["growth"]
-    truth.second, truth.third = ((content[f"{part}_x"], content[f"{part}_R"]) for part in ("second", "third"))
-    truth.second_source = str(content["second_source"])
-    if len(content["second_end"]):
-        truth.second_end = _read_end(content["second_end"], content["second_time"], content["second_laws"])
+    truth.growth, truth.sizes, truth.defects = (content[name] for name in ("growth", "sizes", "defects"))
     return truth
 
 

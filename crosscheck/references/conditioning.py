@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator
 
 import numpy as np
 
+from crosscheck.references.base import scene_length
 from crosscheck.references.generic import quaternion_product
-from crosscheck.references.natural import Natural
+from crosscheck.references.maximal import Maximal
 from crosscheck.references.taylor import Taylor
-from crosscheck.references.tree import FREE, scene_length
+from crosscheck.references.tree import FREE
 from crosscheck.scene.model import Scene
 
 PERTURBATION = 1e-8  # the growth is linear and applies to 1e-14 too, where rounding of the run would hide it
 SMALL_PERTURBATION = 1e-11  # used if PERTURBATION grows until the motion is no longer linear in it
 NONLINEAR = 1e-2  # central differences up to this size are linear up to their square
-DIRECTIONS, RANDOM_PERTURBATION = 4, 1e-9  # of `sampled_growth`
 HORIZON_GROWTH = 1e-10 / 1e-15
 INSTANTS = 401  # growth oscillates; this grid makes it independent of the scene's number of samples
 RESOLVED = 40  # a horizon within this many instants of the start is searched again on a finer grid
 CLOSURE_STEP = 1e-5  # step of central differences of loop rows; their error, its square, times PERTURBATION is 1e-18
 STARTS = 16  # times of a motion from which `floor` follows perturbations
-MANY, SAMPLES = 36, 12  # with more directions, this many random combinations are followed; accurate to about a fifth
+SAMPLES = 12  # with more directions, so many random combinations are followed; accurate to about a fifth
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,8 +39,8 @@ def measure(integrator: Taylor) -> Conditioning:
 
     Attitudes, joint angles and rods are perturbed by angles (rad), displacements by lengths, their rates in units of
     the rate max(|w0|, sqrt(g / length)) and of length times this rate. With loops, only combinations that keep the rows
-    closed count. Derivatives are central differences of Taylor runs; growth beyond 1e10 saturates. With more than MANY
-    directions the root of the sum of squares over all of them is estimated instead, which is no less than the worst.
+    closed count. Derivatives are differences of runs; growth beyond 1e10 saturates. With more than SAMPLES directions
+    the root of the sum of squares over all of them is estimated instead, which is no less than the worst.
     """
     t = np.linspace(0.0, integrator.scene.duration, INSTANTS)
     growth = growth_over(integrator, t)
@@ -55,33 +54,16 @@ def measure(integrator: Taylor) -> Conditioning:
     return Conditioning(amplification, float(np.max(growth[:last + 1])), float(t[last]))
 
 
-def growth_over(integrator: Taylor, t: np.ndarray) -> np.ndarray:
-    """(T,) growth of the worst small perturbation of the start at times t, which begin with 0; see `measure`."""
-    growth = _growth(integrator, t, PERTURBATION)
+def growth_over(integrator: Taylor, t: np.ndarray, solver: Maximal | None = None) -> np.ndarray:
+    """(T,) growth of the worst small perturbation of the start at times t, which begin with 0; see `measure`.
+
+    `solver` : what solves the equations instead of the Taylor series
+    """
+    growth = _growth(integrator, t, PERTURBATION, solver)
     if np.max(growth) * PERTURBATION > NONLINEAR:
-        small = _growth(integrator, t, SMALL_PERTURBATION)
+        small = _growth(integrator, t, SMALL_PERTURBATION, solver)
         growth = np.where(growth * PERTURBATION > NONLINEAR, np.maximum(small, growth), growth)
     return growth
-
-
-def sampled_growth(natural: Natural, t: np.ndarray) -> np.ndarray:
-    """`growth_over` from runs in natural coordinates with a few random perturbations of the start.
-
-    On average a random direction contains the worst one with the factor one over the root of the number of freedoms.
-    """
-    scene = natural.scene
-    states, length = natural.run(t), scene_length(scene)
-    rate = max(float(np.abs(scene.w0).max(initial=0.0)), math.sqrt(float(np.linalg.norm(scene.gravity)) / length))
-    rng = np.random.default_rng(0)
-    freedoms = max(1, 12 * scene.n - 2 * natural.rows.count)
-    largest = np.zeros(len(t))
-    for _ in range(DIRECTIONS):
-        x, turn, v, w = RANDOM_PERTURBATION * rng.standard_normal((4, scene.n, 3))
-        other = natural.run(t, natural.perturbed_start(length * x, turn, rate * length * v, rate * w))
-        gaps = np.maximum(np.linalg.norm(other.x - states.x, axis=-1).max(axis=1) / length,
-                          np.linalg.norm(other.R - states.R, axis=(-2, -1)).max(axis=1))
-        largest = np.maximum(largest, gaps / RANDOM_PERTURBATION)
-    return np.maximum(1.0, math.sqrt(freedoms / DIRECTIONS) * largest)
 
 
 def floor(scene: Scene) -> tuple[float, float]:
@@ -105,19 +87,26 @@ def floor(scene: Scene) -> tuple[float, float]:
     return float(np.finfo(float).eps * growths[worst]), float(starts[worst])
 
 
-def _growth(integrator: Taylor, t: np.ndarray, size: float) -> np.ndarray:
+def _growth(integrator: Taylor, t: np.ndarray, size: float, solver: Maximal | None = None) -> np.ndarray:
     """(T,) largest singular value of the derivative of any body's x / length or R with respect to the initial state."""
     length = scene_length(integrator.scene)
-    columns_x, columns_R = [], []
     directions = _all_directions(integrator, length)
-    sampled = len(directions) > MANY
+    sampled = len(directions) > SAMPLES
     if sampled:
         directions = np.random.default_rng(0).normal(size=(SAMPLES, len(directions))) @ directions
+
+    def poses(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if solver is None:
+            return integrator.pose(integrator.run(state, t))
+        found = solver.run(t, integrator.states(state[None], t[:1]))
+        return found.x, found.R
+
+    columns_x, columns_R = [], []
+    x, R = poses(integrator.initial)
     for direction in directions:
-        (x1, R1), (x0, R0) = (integrator.pose(integrator.run(_moved(integrator, sign * size * direction), t))
-                              for sign in (1.0, -1.0))
-        columns_x.append((x1 - x0) / (2 * size * length))
-        columns_R.append((R1 - R0).reshape(*R0.shape[:2], 9) / (2 * size))
+        moved_x, moved_R = poses(_moved(integrator, size * direction))
+        columns_x.append((moved_x - x) / (size * length))
+        columns_R.append((moved_R - R).reshape(*R.shape[:2], 9) / size)
     if not columns_x:  # nothing can move
         return np.zeros(len(t))
     stacked = (np.stack(columns, axis=-1) for columns in (columns_x, columns_R))

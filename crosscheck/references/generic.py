@@ -128,11 +128,9 @@ def square_root(value: Number) -> Number:
 
 
 def _function(name: str, value: Number) -> Number:
-    """An elementary function of a float, an array, a type with its own method, or a symbolic expression."""
+    """An elementary function of a float, an array, or a symbolic expression."""
     if isinstance(value, float | complex | np.ndarray):
         return getattr(np, name)(value)
-    if hasattr(value, name):
-        return getattr(value, name)()
     import heyoka
 
     return getattr(heyoka, name)(value)

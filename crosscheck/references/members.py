@@ -6,11 +6,12 @@ import functools
 
 import numpy as np
 
-from crosscheck.references import compute, conditioning, maximal
-from crosscheck.references.agreement import FLOOR, ROUNDOFF, Solved, agree
-from crosscheck.references.base import TruthError
-from crosscheck.references.taylor import SOURCE, Taylor
-from crosscheck.references.tree import scene_length
+from crosscheck.references import compute, conditioning
+from crosscheck.references.base import End, TruthError, scene_length
+from crosscheck.references.defects import defects
+from crosscheck.references.dense_output import ROUNDOFF, USABLE
+from crosscheck.references.maximal import Maximal
+from crosscheck.references.taylor import Taylor
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -57,26 +58,33 @@ class Members:
         return self._taylor.states(self._taylor.run(state))
 
     def check(self, member: Scene, states: States) -> float:
-        """The difference of a second formulation from these states.
+        """The error of these states: how far they are from its series, and what the defects of that make.
 
         Raises
         ------
         TruthError
-            The difference is larger than the conditioning of the structure explains.
+            They leave no usable digits.
         """
         if self.scene.has_laws:
             return compute(member).disagreement
         conditions = self._conditions
-        count = int(np.count_nonzero(member.t <= conditions.horizon * (1 + 1e-12)))
-        if count < 2:
+        if np.count_nonzero(member.t <= conditions.horizon * (1 + 1e-12)) < 2:
             raise TruthError(f"{member.name!r}: a perturbation of 1e-15 grows to 1e-10 before the first output time")
-        other = maximal.Maximal(member)
-        allowed = max(FLOOR, ROUNDOFF * conditions.within_horizon)
-        own = Solved(states, SOURCE)
-        agreed = agree(member, own, Solved(other.run(member.t[:count]), other.source), count, allowed)
-        if agreed.chosen is not own:
-            raise TruthError(f"{member.name!r}: the formulations disagree: {agreed.outvoted}")
-        return agreed.difference
+        state, series = self._state(member), self._taylor
+        if state is None:
+            series = Taylor(member)
+            state = series.initial
+        until = min(conditions.horizon, member.duration)
+        pieces, _ = series.advance(End(state), until)
+        sizes, _ = defects(Maximal(member), series, pieces)
+        own = series.states(series.run(state, member.t), member.t)
+        known = states.t <= until
+        apart = max(float(np.abs(own.x - states.x)[known].max()) / scene_length(member),
+                    float(np.abs(own.R - states.R)[known].max()))
+        error = apart + conditions.within_horizon * float(np.linalg.norm(sizes))
+        if not error <= max(USABLE, ROUNDOFF * conditions.within_horizon):
+            raise TruthError(f"{member.name!r}: the formulations disagree by {error:.2e}")
+        return error
 
     @functools.cached_property
     def _conditions(self) -> conditioning.Conditioning:

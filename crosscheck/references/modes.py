@@ -1,10 +1,9 @@
-"""Modes of the force laws of joints, and which follows which at an event; how a mode moves is left to formulations.
+"""Modes of the force laws of joints, and which follows which at an event.
 
-A coordinate is held, by dry friction or at a rigid stop, or it moves. Each formulation has formulas of its own for the
-efforts of a mode, its surfaces, what holds a coordinate, and the response to efforts and impulses, and solves by a
-method of its own the box problem of Gauss' principle: accelerations a = b + S f of coordinates under holding efforts
-lo <= f <= hi, with a = 0 where f is inside, a >= 0 where f = lo and a <= 0 where f = hi. It minimises the convex
-function 1/2 f S f + b f over the box, so its solution is unique.
+A coordinate is held, by dry friction or at a rigid stop, or it moves. What is held follows from the box problem of
+Gauss' principle: accelerations a = b + S f of coordinates under holding efforts lo <= f <= hi, with a = 0 where f is
+inside, a >= 0 where f = lo and a <= 0 where f = hi. It minimises the convex function 1/2 f S f + b f over the box, so
+its solution is unique. `crosscheck.references.defects` checks modes and events without them.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +46,11 @@ class Law:
     friction: Any  # the records of the scene, or None
     limits: Any
     servo: Any
+
+    @property
+    def number(self) -> int:
+        """Of the coordinate in its joint: a cylindrical one has the turn first, then the slide."""
+        return int(self.joint.type == "cylindrical" and not self.turns)
 
     @property
     def rigid(self) -> bool:
@@ -102,53 +106,6 @@ class Part:
 Mode = tuple[Part, ...]
 
 
-class Formulation(Protocol):
-    """What a formulation offers: arrays over laws, (L,) at one state, (L, T) over states (T, dimension)."""
-
-    laws: list[Law]
-    scene: Scene
-
-    def moving(self, t: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and rates."""
-        ...
-
-    def wanted(self, i: int, t: Number, q: Number, rate: Number) -> Number:
-        """What a servo would give without its limits."""
-        ...
-
-    def bound(self, i: int, part: Part, side: int, rate: Number) -> Number:
-        """The limit of a servo on one side."""
-        ...
-
-    def push(self, i: int, side: int, q: Number, rate: Number) -> Number:
-        """Size of the force of a soft stop, as if it could pull."""
-        ...
-
-    def efforts(self, mode: Mode, t: Number, q: Number, rate: Number) -> np.ndarray:
-        """All efforts but those that hold."""
-        ...
-
-    def holding(self, mode: Mode, t: np.ndarray, Y: np.ndarray) -> np.ndarray:
-        """Efforts that hold."""
-        ...
-
-    def response(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """b, S: accelerations without any effort of laws, and by unit efforts."""
-        ...
-
-    def choose(self, b: np.ndarray, S: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(f, a) of the box problem."""
-        ...
-
-    def kicked(self, t: float, y: np.ndarray, impulses: np.ndarray) -> np.ndarray:
-        """The state after impulses."""
-        ...
-
-    def on_surface(self, y: np.ndarray, i: int, q: float | None, rate: float | None) -> np.ndarray:
-        """The state with a coordinate or a rate set to what it is but for rounding."""
-        ...
-
-
 @dataclasses.dataclass
 class AfterEvent:
     """What follows an event: state, mode, what to list, and why the truth ends there if it does."""
@@ -160,9 +117,9 @@ class AfterEvent:
 
 
 class Machine:
-    """Events of a formulation."""
+    """Events of a `LawfulTaylor`."""
 
-    def __init__(self, form: Formulation) -> None:
+    def __init__(self, form: Any) -> None:
         self.form, self.laws = form, form.laws
         self.breaks = form.scene.knots
         self.gains = np.zeros(len(self.laws))  # the largest accelerations by unit efforts at starts

@@ -1,4 +1,4 @@
-"""Motion in smooth pieces: roots of surfaces on dense output, and the comparison of what two formulations found.
+"""Motion in smooth pieces: roots of surfaces on dense output.
 
 Nothing here knows physics. A surface is a function of the state that is positive inside a mode; where it falls to zero,
 the piece ends. On one step of a series every surface is an analytic function whose radius of convergence is several
@@ -8,7 +8,7 @@ steps, so that its values at NODES Chebyshev points give it to rounding, with al
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,7 @@ ZERO = 1e-12
 TOGETHER = 1e-10
 """Surfaces that are reached within this part of a step are reached together."""
 LATE = 1e-9
-"""Events of two formulations belong together if their times differ by less than this part of the time, or the s."""
+"""Events nearer than this part of the time, or of a second, are one."""
 
 EARLY = np.array([1e-3, 2e-3])
 """Places in a step that show how a surface leaves zero."""
@@ -135,18 +135,3 @@ def _polished(surface: Callable[[float], float], guess: float, length: float) ->
             break
         one, at_one, other, at_other = other, at_other, best, surface(best)
     return best
-
-
-def disagreement(one: Sequence[Event], other: Sequence[Event], until: float) -> tuple[str, float]:
-    """Where two lists of events differ up to a time, or an empty text, and the largest difference of their times."""
-    apart = 0.0
-    one, other = ([event for event in events if event[0] <= until * (1 - LATE)] for events in (one, other))
-    for first, second in zip(one, other, strict=False):
-        if first[1:] != second[1:] or abs(first[0] - second[0]) > LATE * max(1.0, first[0]):
-            return f"at t = {first[0]:.9g} s {first[1]} {first[2]}, at {second[0]:.9g} s {second[1]} {second[2]}", apart
-        apart = max(apart, abs(first[0] - second[0]))
-    if len(one) != len(other):
-        longer = max(one, other, key=len)[min(len(one), len(other))]
-        if longer[0] < until * (1 - 2 * LATE):
-            return f"only one of them has, at t = {longer[0]:.9g} s, {longer[1]} {longer[2]}", apart
-    return "", apart

@@ -54,10 +54,15 @@ class Interval:
                                         self.series.table(self.reached.mode).reshape(1, -1))
 
     @property
-    def derivatives(self) -> np.ndarray:
-        """(ORDERS + 1,) the largest derivatives of x over the length and of R over sqrt 2."""
-        sizes = self.series.derivative_maxima(self.pieces).max(axis=0) / np.array([[self.length], [np.sqrt(2.0)]])
-        return np.asarray(sizes.max(axis=0))
+    def acceleration(self) -> float:
+        """The largest |a| over the length, or |alpha| + |w|^2, 1/s^2, at the ends and in the middle of its pieces."""
+        y = np.array([_values(piece, piece.length * np.array([0.0, 0.5, 1.0])) for piece in self.pieces])
+        modes = np.repeat(np.array([piece.mode for piece in self.pieces]), 3, axis=0)
+        states = self.series.dense_states(np.zeros(len(modes)) + self.t, lambda _: y.reshape(len(modes), -1), modes)
+        assert states.a is not None
+        assert states.alpha is not None
+        turning = np.linalg.norm(states.alpha, axis=-1) + np.linalg.norm(states.w, axis=-1) ** 2
+        return max(float(np.linalg.norm(states.a, axis=-1).max()) / self.length, float(turning.max()))
 
     @property
     def events(self) -> tuple[Event, ...]:

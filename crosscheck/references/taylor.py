@@ -18,10 +18,9 @@ import numpy as np
 from crosscheck.errors import Unsupported
 from crosscheck.references import loops
 from crosscheck.references.articulated import accelerations, centripetal
-from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError
-from crosscheck.references.generic import ByBody, Matrix, Number, Vector, add, apply, cross, scale
+from crosscheck.references.base import LONGEST, End, Piece, TruthError
+from crosscheck.references.generic import ByBody, Matrix, Number, Vector, add, cross, scale
 from crosscheck.references.joint_motion import ZERO, Tree, joint_angles
-from crosscheck.references.series import Series, safe_step, shifted
 from crosscheck.references.tree import FREE, unfold
 from crosscheck.references.tree_loads import Loads, angle_rate, start_angle, tree_angle
 from crosscheck.scene.functions import TimeFunction, Value, at
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     import heyoka
 
 SOURCE = "Taylor series (heyoka), minimal coordinates"
-SUBPOINTS = 6  # points per step for maxima of derivatives: the k-th one varies over 1/k of the convergence radius
+WINDOW = 8  # number of last coefficients that determine a step; symmetry, as at rest, may make several in a row zero
 TOLERATED = 1.02  # relative to a safe step; the remainder grows only by its twentieth power or so
 DRIFT = 1e-13  # quaternion norms stay within a few hundred rounding errors; a larger drift is a defect
 
@@ -388,35 +387,20 @@ class Taylor:
         """States at times t from the values of the pieces; `values(k)` are those of the k-th derivative."""
         return self.states(values(0), t)
 
-    def derivative_maxima(self, pieces: Sequence[Piece]) -> np.ndarray:
-        """Largest |d^k x/dt^k| and |d^k R/dt^k|_F over each piece and the bodies, (pieces, 2, ORDERS + 1).
 
-        The Taylor polynomials of each step are expanded about SUBPOINTS points of the step, and poses are series of
-        these. The maximum over these points is a few percent below the true one at the highest orders.
-        """
-        series = np.concatenate([shifted(piece.coefficients, piece.length * k / SUBPOINTS) for piece in pieces
-                                 for k in range(SUBPOINTS)]).reshape(-1, len(self.initial), ORDERS + 1)
-        state = [Series(series[:, k]) for k in range(series.shape[1])]
-        frames = self.tree.frames(state, moving=False)
-        placed = self.tree.world(frames, moving=False)
-        factorials = np.array([float(math.factorial(k)) for k in range(ORDERS + 1)])
-        sizes = []
-        for body in range(self.scene.n):
-            R, point, _ = placed[body]
-            centre = add(ZERO, point, apply(R, frames[body].lever))
-            for entries in (centre, [entry for row in R for entry in row]):
-                square = np.sum([_coefficients(entry, len(series)) ** 2 for entry in entries], axis=0)
-                sizes.append(factorials * np.sqrt(square.reshape(len(pieces), SUBPOINTS, -1).max(axis=1)))
-        return np.stack([np.max(sizes[::2], axis=0), np.max(sizes[1::2], axis=0)], axis=1)
+def safe_step(tc: np.ndarray) -> float:
+    """The step from the last coefficients (dimension, order + 1) (Jorba and Zou, Experimental Mathematics 14, 2005).
 
-
-def _coefficients(entry: Series | float, length: int) -> np.ndarray:
-    """Coefficients (length, ORDERS + 1) of an entry, which may be a constant."""
-    if isinstance(entry, Series):
-        return entry.c
-    constant = np.zeros((length, ORDERS + 1))
-    constant[:, 0] = entry
-    return constant
+    The radius of convergence is the least estimate from the last WINDOW coefficients that are not zero; the factor is
+    that of the paper, with which the remainder of the series is below rounding.
+    """
+    sizes, order = np.abs(tc).max(axis=0), tc.shape[1] - 1
+    last = np.arange(order - WINDOW + 1, order + 1)
+    last = last[sizes[last] > 0.0]
+    if not len(last):
+        return math.inf
+    radius = float(np.min((max(1.0, sizes[0]) / sizes[last]) ** (1.0 / last)))
+    return radius * math.exp(-2.0 - 0.7 / (order - 1))
 
 
 def _stack(entries: Sequence[Number], length: int) -> np.ndarray:

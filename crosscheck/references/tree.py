@@ -114,13 +114,3 @@ def _link(scene: Scene, joint: Joint, inner: int, outer: int) -> Link:
     return Link(outer, inner, float(record.mass), record.inertia.tolist(), anchors[0], anchors[1], turn,
                 tuple(axis.tolist() for axis in turn_axes), shift, outward,
                 tuple(direction.tolist() for direction in directions), joint.length or 1.0, joint)
-
-
-def scene_length(scene: Scene) -> float:
-    """Largest distance from a centre of mass to an anchor, or rod length, m; if all are zero, a radius of gyration."""
-    levers = [np.linalg.norm(joint.child_anchor) for joint in scene.joints if joint.child != GROUND]
-    levers += [np.linalg.norm(joint.parent_anchor) for joint in scene.joints if joint.parent != GROUND]
-    levers += [joint.length for joint in scene.joints if joint.length]
-    if max(levers, default=0.0) > 0.0:
-        return float(max(levers))
-    return float(max(np.sqrt(np.trace(body.inertia) / body.mass) for body in scene.bodies))

@@ -21,7 +21,7 @@ def rotors(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
     """(I, S (T, 6n), s (T,)) of every coordinate with armature; states as in `crosscheck.scene.mechanics`."""
     for joint in scene.joints:
         for value, word in zip(joint.armature, joint.kind.coordinates, strict=False):
-            if value:
+            if value and word in ("turn", "slide"):
                 yield value, *rate_row(joint, word, scene, x, R, v, w)
 
 

@@ -290,7 +290,7 @@ def _sparsely_linearised(constraints: Constraints, guess: Configuration, unweigh
     tangents = np.zeros((len(displacements), 6, 6))
     tangents[:, :3, :3] = np.eye(3)
     tangents[:, 3:, 3:] = _right_tangents(displacements[:, 3:])
-    G = constraints.sparse_jacobian(moved.x, moved.R)
+    G = constraints.sparse_jacobian(moved.x[None], moved.R[None])
     return constraints.position(moved.x[None], moved.R[None])[0], G @ block_diagonal(tangents) @ unweighted
 
 
@@ -331,7 +331,7 @@ def _close_velocities(constraints: Constraints, state: Configuration) -> Configu
         if _at_rounding(constraints, rates, size, float(np.abs(state.w).max())):
             break
         unweighted = _inverse_root_mass(scene)
-        scaled = constraints.sparse_jacobian(state.x, state.R) @ unweighted
+        scaled = constraints.sparse_jacobian(state.x[None], state.R[None]) @ unweighted
         nearest = (least_norm(scaled, -rates) if scene.n > _LARGE
                    else np.linalg.lstsq(scaled.toarray(), -rates, rcond=RANK_TOLERANCE)[0])
         change = (unweighted @ nearest).reshape(-1, 6)

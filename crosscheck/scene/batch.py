@@ -10,6 +10,7 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.coordinates import hinge_angles, starting
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
+from crosscheck.scene.vectors import hat
 
 TURN = 0.1
 """Turn (rad) of the fastest motion in one step of the integration. With order 8 the error stays below 1e-12."""
@@ -74,7 +75,7 @@ def _integrated(scene: Scene, begin: States, tau: np.ndarray, latest: np.ndarray
 
     def keep(y: np.ndarray, dy: np.ndarray) -> None:
         (_, R, _, w), (_, dR, a, alpha) = states(y), states((dy.reshape(len(tau), -1) / span).ravel())
-        nodes.append((a, dR @ _hat(w) + R @ _hat(alpha), alpha))
+        nodes.append((a, dR @ hat(w) + R @ hat(alpha), alpha))
         np.maximum(fast, np.linalg.norm(w, axis=-1).max(axis=-1), out=fast)
 
     step, begun = min(1.0, (1.0 + 1e-12) / count), flat([begin.x, begin.R, begin.v, begin.w]).ravel()
@@ -90,12 +91,6 @@ def _integrated(scene: Scene, begin: States, tau: np.ndarray, latest: np.ndarray
                 within = within or solver.dense_output()
                 keep(within(share), slope(share, within(share)))
     return States(begin.t + tau, *states(solver.y), hinges=hinges), nodes, fast
-
-
-def _hat(w: np.ndarray) -> np.ndarray:
-    upper = np.zeros((*w.shape, 3))
-    upper[..., 0, 1], upper[..., 0, 2], upper[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
-    return upper - np.swapaxes(upper, -1, -2)
 
 
 def rates_of(scene: Scene, combined: np.ndarray | None = None, hinges: np.ndarray | None = None
@@ -116,6 +111,6 @@ def rates_of(scene: Scene, combined: np.ndarray | None = None, hinges: np.ndarra
             last[:, scene.hinges.index((name, joints[name].kind.coordinates.index("turn")))] = (
                 values - joints[name].zero_angle)
         a, alpha, _ = index1(x, R, v, w, angles, t, combined=combined)
-        return [v, R @ _hat(w), a, alpha]
+        return [v, R @ hat(w), a, alpha]
 
     return rates

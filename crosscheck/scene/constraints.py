@@ -202,22 +202,25 @@ class Constraints:
         return G[:, :, :n].reshape(len(x), self._all_rows, 6 * n)
 
     def sparse_jacobian(self, x: np.ndarray, R: np.ndarray) -> csr_array:
-        """G (m, 6n) of a single state, x (n, 3) and R (n, 3, 3), as a `scipy.sparse.csr_array`."""
+        """G of all states as the blocks (m, 6n) on the diagonal of a `scipy.sparse.csr_array`."""
         from scipy.sparse import coo_array
 
         entries: list[tuple[np.ndarray, ...]] = [(np.empty(0), np.empty(0, int), np.empty(0, int))]
-        for rows, body, linear, angular in self._blocks(x[None], R[None]):
+        state = np.arange(len(x))[:, None, None, None]
+        for rows, body, linear, angular in self._blocks(x, R):
+            own = rows[:, :, None]
+            factors = np.ones(own.shape)
+            for follower in self.followers:
+                factors = np.where(own == follower.leader, -follower.mimic.ratio, factors)
+                own = np.where(own == follower.leader, follower.row, own)
             for first, values in ((0, linear), (3, angular)):
                 if values is not None:
                     columns = 6 * body[:, None, None] + first + np.arange(3)
-                    there = np.broadcast_to(columns >= 0, values[0].shape)
-                    entries.append((values[0][there], np.broadcast_to(rows[:, :, None], values[0].shape)[there],
-                                    np.broadcast_to(columns, values[0].shape)[there]))
+                    there = np.broadcast_to(columns >= 0, (len(x), *values.shape[1:]))
+                    entries.append(tuple(np.broadcast_to(each, there.shape)[there] for each in (
+                        factors * values, self.m * state + own, 6 * self.scene.n * state + columns)))
         data, row, column = (np.concatenate(each) for each in zip(*entries, strict=True))
-        for follower in self.followers:
-            data[row == follower.leader] *= -follower.mimic.ratio
-            row[row == follower.leader] = follower.row
-        return coo_array((data, (row, column)), shape=(self.m, 6 * self.scene.n)).tocsr()
+        return coo_array((data, (row, column)), shape=(self.m * len(x), 6 * self.scene.n * len(x))).tocsr()
 
     def _blocks(self, x: np.ndarray, R: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, Any, np.ndarray]]:
         """(rows (K, r), bodies (K,), the two parts of a `Block`) of all joints."""

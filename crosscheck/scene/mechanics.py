@@ -6,6 +6,7 @@ Arrays have a leading time axis: x, v (T, n, 3) world, R (T, n, 3, 3) body to wo
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from crosscheck.scene.functions import at
 from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
+from crosscheck.scene.sparse import block_diagonal
 from crosscheck.scene.states import Motion, States
 from crosscheck.scene.vectors import cross
 
@@ -32,8 +34,11 @@ MISSED, NEXT = 1e-13, 1e-4
 """Share of the size of G M^-1 G^T by which vectors of its null space may miss it; share of its least eigenvalue that
 redundant rows may reach where joints are open, by which steps towards that space converge."""
 
-FEW_BODIES = 96
-"""Up to here dense index-1 systems take less time than sparse ones, or no more than some milliseconds."""
+FEW_BODIES = 16
+"""Up to here dense index-1 systems take less time than sparse ones."""
+
+AT_ONCE = 2000
+"""Bodies of all states whose sparse systems are solved as one."""
 
 
 Efforts = Sequence[tuple[Joint, bool, np.ndarray]]
@@ -277,9 +282,10 @@ class Index1:
         forces = applied_forces(scene, x, R, v, w, angles, t, efforts)
         gamma = constraints.gamma(x, R, v, w, t)
         if self.sparse:
+            parts = np.array_split(np.arange(len(x)), math.ceil(len(x) * scene.n / AT_ONCE))
             solved = [_sparse_index1(scene, constraints.sparse_jacobian(x[k], R[k]), forces[k], gamma[k])
-                      for k in range(len(x))]
-            rates, lam = (np.array(each) for each in zip(*solved, strict=True))
+                      for k in parts]
+            rates, lam = (np.concatenate(each) for each in zip(*solved, strict=True))
             a, alpha = np.split(rates.reshape(len(x), scene.n, 6), 2, axis=-1)
             return a, alpha, lam
         lam = np.zeros((len(x), constraints.m))
@@ -344,21 +350,20 @@ class Index1:
 
 
 def _sparse_index1(scene: Scene, G: csr_array, force: np.ndarray, gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """du/dt (6n,) and lam (m,) at one state of an open tree, at a cost proportional to the number of bodies."""
-    from scipy.sparse import bsr_array
+    """du/dt (T, 6n) and lam (T, m) of an open tree, at a cost proportional to the number of bodies."""
     from scipy.sparse.linalg import splu
 
-    blocks = np.zeros((2 * scene.n, 3, 3))
-    blocks[0::2] = np.eye(3) / scene.masses[:, None, None]
-    blocks[1::2] = np.linalg.inv(scene.inertias)
-    inverse = bsr_array((blocks, np.arange(2 * scene.n), np.arange(2 * scene.n + 1)), shape=(6 * scene.n, 6 * scene.n))
+    blocks = np.zeros((scene.n, 2, 3, 3))
+    blocks[:, 0] = np.eye(3) / scene.masses[:, None, None]
+    blocks[:, 1] = np.linalg.inv(scene.inertias)
+    inverse = block_diagonal(np.tile(blocks.reshape(-1, 3, 3), (len(force), 1, 1)))
     S = splu((G @ inverse @ G.T).tocsc())
-    rates, lam = inverse @ force, np.zeros(len(gamma))
+    rates, lam = inverse @ force.ravel(), np.zeros(gamma.size)
     for _ in range(2):  # as in the dense algebra
-        more = S.solve(G @ rates + gamma)
+        more = S.solve(G @ rates + gamma.ravel())
         rates = rates - inverse @ (G.T @ more)
         lam += more
-    return rates, lam
+    return rates.reshape(force.shape), lam.reshape(gamma.shape)
 
 
 def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Callable[[np.ndarray], np.ndarray]:

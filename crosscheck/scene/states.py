@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -55,6 +55,16 @@ class States:
                  if (value := getattr(self, name)) is not None}
         sensors = None if self.sensors is None else {name: known(values) for name, values in self.sensors.items()}
         return dataclasses.replace(self, sensors=sensors, **given)
+
+
+def joined(parts: Sequence[States]) -> States:
+    """States one after the other, with what all of them know, without readings of sensors."""
+    def all_of(name: str) -> np.ndarray | None:
+        values = [getattr(part, name) for part in parts]
+        return None if any(each is None for each in values) else np.concatenate(values)
+
+    given = {field.name: all_of(field.name) for field in dataclasses.fields(States) if field.name != "sensors"}
+    return States(**given)  # type: ignore[arg-type]
 
 
 class Motion(Protocol):

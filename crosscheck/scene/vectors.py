@@ -14,6 +14,13 @@ def cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     return product
 
 
+def hat(w: np.ndarray) -> np.ndarray:
+    """The matrices (..., 3, 3) of w x (.) of vectors (..., 3)."""
+    upper = np.zeros((*w.shape, 3))
+    upper[..., 0, 1], upper[..., 0, 2], upper[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
+    return upper - np.swapaxes(upper, -1, -2)
+
+
 def normal_references(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors n1, n2 with n1 x n2 = `axis` (3,), a unit vector.
 

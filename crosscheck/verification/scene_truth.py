@@ -60,7 +60,7 @@ def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED
     known = Truth(source=reference.source, second_source=reference.second_source,
                   disagreement=reference.disagreement, allowed=reference.allowed,
                   amplification=reference.amplification, error=reference.error,
-                  horizon=reference.horizon, outvoted=reference.outvoted,
+                  horizon=reference.horizon,
                   events=reference.events[:MOST_EVENTS],
                   ended=dense.horizon_cause if ends else "")
     own = sizes(scene, reference.states)

@@ -17,7 +17,7 @@ from crosscheck.judge import system_flow
 from crosscheck.judge.segments import Segment
 from crosscheck.judge.system_flow import SystemFlow
 from crosscheck.references import truth
-from crosscheck.references.natural import Natural
+from crosscheck.references.maximal import Maximal
 from crosscheck.scene.starts import restarted
 from crosscheck.verification.solution import judge
 from tests.judge.test_law_engines import scene as law_scene
@@ -168,7 +168,7 @@ def test_the_flow_is_the_same_without_heyoka(monkeypatch, name):
     reference = truth(scene)
     start = restarted(scene, reference.states, 3, 0.14, 8)
     usual = SystemFlow(scene, sizes(scene, reference.states), reference)
-    monkeypatch.setattr(system_flow, "dense", lambda scene: SimpleNamespace(series=Natural(scene)))
+    monkeypatch.setattr(system_flow, "dense", lambda scene: SimpleNamespace(series=Maximal(scene)))
     stepped = SystemFlow(scene, sizes(scene, reference.states), reference)
     one, other = (each.from_(start, float(reference.t[3]), start.t) for each in (usual, stepped))
     assert stepped.stepped

@@ -144,7 +144,7 @@ def test_damaged_file_is_computed_anew(folder, single, counted, damage):
     content = bytearray(file.read_bytes())
     if damage == "entry missing":
         with np.load(file) as stored:
-            kept = {name: stored[name] for name in stored.files if name != "maxima"}
+            kept = {name: stored[name] for name in stored.files if name != "sizes"}
         np.savez(file, **kept)
     elif damage == "flipped":
         content[content.index(b"\x93NUMPY") + 130] ^= 0xFF  # the first array starts at 128; the archive has a checksum
@@ -159,7 +159,7 @@ def test_damaged_file_is_computed_anew(folder, single, counted, damage):
 
 
 WRONG = {"a number that is none": ("coefficients", lambda c: np.where(c == c.max(), np.nan, c)),
-         "of another number of pieces": ("maxima", lambda part: part[:-1]),
+         "of another number of pieces": ("sizes", lambda part: part[:-1]),
          "of a motion that starts elsewhere": ("coefficients", lambda c: np.roll(c, 1, axis=1)),
          "of integers": ("growth", lambda part: part.astype(int))}
 

@@ -54,7 +54,7 @@ def test_agrees_with_taylor_in_everything(build, seed):
     series = integrator.states(integrator.run())
     for name in ("x", "R", "v", "w", "a", "alpha"):
         one, other = getattr(exact, name), getattr(series, name)
-        # the floor of two formulations, (14.1) of docs/theory.md, relative to the size of the quantity
+        # the floor of two formulations, (14.2) of docs/theory.md, relative to the size of the quantity
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.max(np.abs(one)), err_msg=name)
 
 

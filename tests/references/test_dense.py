@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from crosscheck.references import compute, dense, truth
-from crosscheck.references.dense_output import STATES, Truth
+from crosscheck.references.dense_output import Truth
 from crosscheck.references.maximal import Maximal
-from crosscheck.references.series import safe_step
-from crosscheck.references.taylor import Taylor
+from crosscheck.references.taylor import Taylor, safe_step
 from crosscheck.scene.file import load_scene
 
+STATES = ("x", "R", "v", "w", "a", "alpha")
 SCENES = ["double_pendulum", "four_bar", "planar_slider", "rolling_disk"]
 
 
@@ -41,7 +41,6 @@ def test_the_same_at_output_times_and_however_it_was_asked():
         np.testing.assert_array_equal(getattr(asked.at(scene.t), name), getattr(at_once.states, name))
         np.testing.assert_array_equal(getattr(truth(scene).states, name), getattr(at_once.states, name))
     reference = truth(scene)
-    np.testing.assert_array_equal(reference.position_derivatives, at_once.position_derivatives)
     assert reference.amplification == pytest.approx(at_once.amplification, rel=1e-12)
 
 
@@ -57,16 +56,15 @@ def test_pieces_do_not_depend_on_what_was_asked():
         assert one.length <= 1.02 * safe_step(one.coefficients)
 
 
-def test_maxima_are_those_of_the_time_asked_for():
-    """A swing that speeds up: over its first tenth, derivatives are smaller and those of a computation of its own."""
+def test_growth_and_error_are_those_of_the_time_asked_for():
+    """A swing: over its first tenth they are smaller, and those of a computation of its own."""
     scene = load_scene("single_pendulum").replace(duration=1.0, samples=3)
     short = scene.replace(duration=0.1)
     known = dense(scene)
     for one, other in ((known.reference(short), compute(short)), (known.reference(scene), compute(scene))):
-        np.testing.assert_array_equal(one.position_derivatives, other.position_derivatives)
-        np.testing.assert_array_equal(one.attitude_derivatives, other.attitude_derivatives)
+        assert one.disagreement == pytest.approx(other.disagreement, rel=0.5)  # a piece that ends later counts whole
         assert one.amplification == pytest.approx(other.amplification, rel=1e-6)
-    assert known.reference(short).position_derivatives[2] < 0.99 * known.reference(scene).position_derivatives[2]
+    assert known.reference(short).amplification < 0.99 * known.reference(scene).amplification
 
 
 @pytest.mark.parametrize("times", [[-1.0], [0.2, 0.1], [np.nan]])

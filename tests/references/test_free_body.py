@@ -38,7 +38,7 @@ def test_agrees_with_taylor_in_everything(build, shape, rate, turn):
     series = integrator.states(integrator.run())
     for name in ("x", "R", "v", "w", "a", "alpha"):
         one, other = getattr(exact, name), getattr(series, name)
-        # (14.1) of docs/theory.md, relative to the size; alpha vanishes in a sphere: then to that of w^2
+        # (14.2) of docs/theory.md, relative to the size; alpha vanishes in a sphere: then to that of w^2
         size = max(np.max(np.abs(one)), np.max(np.abs(exact.w)) ** 2 if name == "alpha" else 0.0)
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * size, err_msg=name)
 

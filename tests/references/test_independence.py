@@ -13,7 +13,8 @@ FOLDER = pathlib.Path(references.__file__).parent
 OWN = {"crosscheck.scene.model", "crosscheck.scene.states", "crosscheck.errors", "crosscheck.files",  # no mechanics
        "crosscheck.scene.functions",  # data of a scene, which series evaluate by formulas of their own
        "crosscheck.scene.touching"}  # distances of shapes, by coal
-OF_MAXIMAL = {"crosscheck.scene.coordinates", "crosscheck.scene.vectors"}  # where hinges are at zero
+OF_MAXIMAL = {"crosscheck.scene.mechanics", "crosscheck.scene.armature", "crosscheck.scene.coordinates",
+              "crosscheck.scene.vectors"}
 
 
 def imported(file):
@@ -42,20 +43,18 @@ def test_imports_nothing_under_test(file):
     assert not [node.lineno for node in nodes if isinstance(node, ast.Attribute) and node.attr == "kind"]  # of a joint
 
 
-SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "series",
-          "tree_laws", "monitors"}
-MAXIMAL = {"maximal", "world", "world_rows", "world_loads", "world_laws"}
-NATURAL = {"natural", "natural_loads"}
+SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "tree_laws",
+          "monitors"}
+MAXIMAL = {"maximal", "defects"}
 
 
 def test_the_formulations_share_no_equations():
     """Each may use data and errors of the package."""
-    parts = dict.fromkeys(SERIES, MAXIMAL | NATURAL) | dict.fromkeys(MAXIMAL, SERIES | NATURAL)
-    parts |= dict.fromkeys(NATURAL, SERIES | MAXIMAL)
+    parts = dict.fromkeys(SERIES, MAXIMAL) | dict.fromkeys(MAXIMAL, SERIES)
     for name, others in parts.items():
         modules = {f"crosscheck.references.{other}" for other in others}
         assert not {module for module in imported(FOLDER / f"{name}.py") if belongs(module, modules)}, name
-    frame = {"__init__", "agreement", "base", "cache", "conditioning", "dense_output", "members", "modes", "pieces",
+    frame = {"__init__", "base", "cache", "conditioning", "dense_output", "members", "modes", "pieces",
              "restarts"}
     assert {file.stem for file in FOLDER.glob("*.py")} == frame | set(parts)  # a new module has to be placed
 

@@ -20,19 +20,23 @@ def test_it_agrees_with_compiled_series(scene, duration):
     np.testing.assert_allclose(own.states.x, other.states.x, rtol=0, atol=1e-12)  # the bound of each
     np.testing.assert_allclose(own.states.R, other.states.R, rtol=0, atol=1e-12)
     assert own.horizon == other.horizon
-    # Random directions miss the worst one by a small factor.
-    assert 0.2 < own.amplification / other.amplification < 5.0
-    # Maxima over two different grids of points: the k-th derivative may change by k / 4 of itself between two points of
-    # a grid, and by the square of a half of that about its maximum, 0.1 at k = 5.
-    np.testing.assert_allclose(own.position_derivatives[:6], other.position_derivatives[:6], rtol=0.1)
-    np.testing.assert_allclose(own.attitude_derivatives[:6], other.attitude_derivatives[:6], rtol=0.1)
+    assert own.amplification == pytest.approx(other.amplification, rel=0.01)  # at other points of the motion
+    assert "one formulation" in own.second_source
 
 
-def test_a_mistake_in_one_formulation_is_caught(monkeypatch):
-    loaded = crosscheck.load_scene("single_pendulum").replace(duration=0.5, samples=6)
-    monkeypatch.setattr(maximal, "weight", lambda masses, gravity: np.outer(masses, 1.01 * gravity))
-    with pytest.raises(references.TruthError, match="disagree"):
+def test_where_the_rows_lose_rank_there_is_no_truth():
+    """A parallelogram that stretches out goes on as one or as two crossed bars: what rounding chooses is not said."""
+    loaded = crosscheck.load_scene("parallelogram").replace(duration=0.6, samples=4)
+    with pytest.raises(references.TruthError, match=r"disagree by|no step is short enough"):
         Truth(loaded, portable=True).reference(loaded)
+
+
+def test_a_motion_that_is_not_settled_is_caught(monkeypatch):
+    """A piece of ten times the tolerated length is no solution at other nodes."""
+    loaded = crosscheck.load_scene("double_pendulum").replace(duration=0.5, samples=6)
+    monkeypatch.setattr(maximal, "TAIL", 1e-6)
+    found = Truth(loaded, portable=True).reference(loaded)
+    assert found.disagreement > 100 * found.allowed
 
 
 def test_it_is_prolonged_as_if_at_once():
@@ -41,5 +45,5 @@ def test_it_is_prolonged_as_if_at_once():
     twice.prolong(0.2)
     one, other = at_once.reference(loaded), twice.reference(loaded)
     np.testing.assert_array_equal(one.states.x, other.states.x)
-    np.testing.assert_array_equal(one.states.alpha, other.states.alpha)
-    assert one.disagreement == other.disagreement
+    np.testing.assert_allclose(one.states.alpha, other.states.alpha, rtol=0, atol=1e-14)  # sums in another order
+    assert one.disagreement == pytest.approx(other.disagreement, rel=0.1)

@@ -38,7 +38,7 @@ def test_jacobian_is_the_derivative_in_the_group(name, seed):
     G = constraints.jacobian(x[None], R[None])[0]
     # |G| |u| stays below 50: a ratio of -2.5 and speeds of two bodies
     np.testing.assert_allclose(derivative(along), (G @ u.ravel())[rows], rtol=0, atol=50 * DIFFERENCE)
-    np.testing.assert_allclose(constraints.sparse_jacobian(x, R).toarray(), G, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(constraints.sparse_jacobian(x[None], R[None]).toarray(), G, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -5,7 +5,6 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import crosscheck
-from crosscheck.references.natural_loads import series_of
 from crosscheck.scene import functions
 from lieeuler import _kernel
 
@@ -35,14 +34,13 @@ def test_a_spline_is_that_of_scipy():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_series_of_the_kernel_and_of_extended_precision_are_the_derivatives(kind):
+def test_series_of_the_kernel_are_the_derivatives(kind):
     f = KINDS[kind]
     kernel = _kernel.TimeFunction(f.breaks, f.pieces, f.terms)
     for t in (0.0, 0.41, 0.8, 1.4, 1.9):
         wanted = [f(t, k) / np.prod(np.arange(1.0, k + 1)) for k in range(8)]
         size = max(1.0, np.abs(wanted).max())
         np.testing.assert_allclose(kernel.expand(t, 8), wanted, rtol=0, atol=1e-14 * size)
-        np.testing.assert_allclose(series_of(f, np.longdouble(t), 8).astype(float), wanted, rtol=0, atol=1e-14 * size)
 
 
 def test_tables_are_held_or_straight_between_their_times_and_constant_outside():

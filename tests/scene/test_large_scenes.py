@@ -82,7 +82,7 @@ def test_the_sparse_jacobian_is_the_dense_one():
     for name in ("four_bar", "slider_crank", "taut_chain", "puck_on_plane", "universal_pendulum"):
         scene = load_scene(name)
         constraints = Constraints(scene)
-        np.testing.assert_array_equal(constraints.sparse_jacobian(scene.x0, scene.R0).toarray(),
+        np.testing.assert_array_equal(constraints.sparse_jacobian(scene.x0[None], scene.R0[None]).toarray(),
                                       constraints.jacobian(scene.x0[None], scene.R0[None])[0])
 
 

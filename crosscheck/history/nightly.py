@@ -187,7 +187,7 @@ def _compared(results: Document, name: str, history_store: Engine, session: Sess
     for attempt in range(1, CONFIRMATIONS + 1):
         if not doubtful:
             break
-        results = _measured_again(results, doubtful, f"again {attempt}", session, limits)
+        results = _remeasured(results, doubtful, f"again {attempt}", session, limits)
         changes = compare(before, store.run_from_document(name, results), usual)
         doubtful &= {_cell_of(change) for change in changes if change.kind == "speed"}
     kept = [change for change in changes if change.kind != "speed" or _cell_of(change) in doubtful]
@@ -199,7 +199,7 @@ def _cell_of(change: Change) -> tuple[str, str, bool]:
     return change.scene, change.who, change.bad
 
 
-def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], name: str, session: Session,
+def _remeasured(results: Document, doubtful: set[tuple[str, str, bool]], name: str, session: Session,
                     limits: Limits | None) -> Document:
     cells = {(scene, label) for scene, label, _ in doubtful}
     # A change of a whole engine has no scene.

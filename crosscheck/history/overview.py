@@ -70,7 +70,7 @@ ACROSS, TALL = 120, 24
 
 
 @dataclasses.dataclass(frozen=True)
-class Course:
+class CellHistory:
     """One cell over the runs. An entry is None if that run lacks the cell or the value."""
 
     label: str
@@ -78,21 +78,22 @@ class Course:
     figures: dict[str, list[Figure | None]]
 
 
-def courses(store: sql.Engine, metrics: Sequence[str], limit: int) -> tuple[list[StoredRun], dict[CellKey, Course]]:
-    """The last runs with the profile of the newest one, the oldest first, and the course of every cell."""
+def histories(store: sql.Engine, metrics: Sequence[str], limit: int
+              ) -> tuple[list[StoredRun], dict[CellKey, CellHistory]]:
+    """The last runs with the profile of the newest one, the oldest first, and the history of every cell."""
     everything = recent(store, 10 * limit)
     runs = [run for run in everything if run.profile == everything[0].profile][:limit][::-1]
     place = {run.name: index for index, run in enumerate(runs)}
     among = RUNS.c.name.in_(place)
-    by_cell: dict[CellKey, Course] = {}
+    by_cell: dict[CellKey, CellHistory] = {}
     with store.connect() as connection:
         cells: dict[int, tuple[CellKey, int]] = {}
         for row in connection.execute(sql.select(RESULTS, RUNS.c.name.label("run")).select_from(RESULTS.join(RUNS))
                                       .where(among).order_by(RUNS.c.started, RESULTS.c.id)):
             key = (row.scene, row.engine, row.method, row.form)
-            course = by_cell.setdefault(key, Course(row.label, [None] * len(runs),
-                                                  {name: [None] * len(runs) for name in metrics}))
-            course.outcomes[place[row.run]] = row.outcome
+            cell = by_cell.setdefault(key, CellHistory(row.label, [None] * len(runs),
+                                                     {name: [None] * len(runs) for name in metrics}))
+            cell.outcomes[place[row.run]] = row.outcome
             cells[row.id] = key, place[row.run]
         for row in connection.execute(sql.select(METRICS).select_from(METRICS.join(RESULTS).join(RUNS))
                                       .where(among, METRICS.c.name.in_(metrics))):
@@ -154,15 +155,15 @@ def write_history(folder: Path, store: sql.Engine) -> Path:
 
     Raises `ArgumentError` if the store is empty or the folder cannot be written.
     """
-    runs, cells = courses(store, COLUMNS, NIGHTS)
+    runs, cells = histories(store, COLUMNS, NIGHTS)
     if not runs:
         raise ArgumentError(EMPTY)
     groups: dict[tuple[str, str], list[list[str | None]]] = {}
-    for key, course in cells.items():
-        groups.setdefault(key[:2], []).append(course.outcomes)
+    for key, cell in cells.items():
+        groups.setdefault(key[:2], []).append(cell.outcomes)
     names = [run.name for run in runs]
-    rows = [(key[0], course.label, next((each for each in reversed(course.outcomes) if each), ""),
-             [spark(course.figures[name]) for name in COLUMNS]) for key, course in sorted(cells.items())]
+    rows = [(key[0], cell.label, next((each for each in reversed(cell.outcomes) if each), ""),
+             [spark(cell.figures[name]) for name in COLUMNS]) for key, cell in sorted(cells.items())]
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         write_page(

@@ -84,14 +84,14 @@ class Place:
 
 
 def drive(function: Callable[[Task], Result], tasks: Iterable[Task], place: Place, limits: Limits | None = None,
-          again: bool = False) -> Iterator[tuple[int, Task, Result | Crash]]:
+          retry: bool = False) -> Iterator[tuple[int, Task, Result | Crash]]:
     """(position, task, result) of every task as it ends. Tasks are drawn from `tasks` as workers become free.
 
     Parameters
     ----------
     function, tasks : picklable; the function must be importable by name
     limits : most time and resident memory of one task
-    again : run a task once more if its process was killed from outside, for example by a system out of memory
+    retry : run a task once more if its process was killed from outside, for example by a system out of memory
 
     Raises
     ------
@@ -109,7 +109,7 @@ def drive(function: Callable[[Task], Result], tasks: Iterable[Task], place: Plac
         for future in ended:
             index, task, tries = flying.pop(future)
             result = place.result(future)
-            if again and isinstance(result, Crash) and result.signal in OUTSIDE and tries < TRIES:
+            if retry and isinstance(result, Crash) and result.signal in OUTSIDE and tries < TRIES:
                 flying[place.submit(function, task, limits)] = index, task, tries + 1
             else:
                 yield index, task, result
@@ -117,7 +117,7 @@ def drive(function: Callable[[Task], Result], tasks: Iterable[Task], place: Plac
 
 def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task], jobs: int = 2,
               done: Callable[[int, Result | Crash], object] | None = None, limits: Limits | None = None,
-              again: bool = False, place: Place | None = None) -> list[Result | Crash]:
+              retry: bool = False, place: Place | None = None) -> list[Result | Crash]:
     """Results of `function(task)` for every task, in order, from `jobs` workers. `done` is called with (index, result)
     in this thread as each task ends. `place`: workers that stay. The others are those of `drive`.
     """
@@ -126,7 +126,7 @@ def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task], jobs: i
         return []
     results: dict[int, Result | Crash] = {}
     with contextlib.nullcontext(place) if place else Place(min(jobs, len(listed))) as place:
-        for index, _, result in drive(function, listed, place, limits, again):
+        for index, _, result in drive(function, listed, place, limits, retry):
             results[index] = result
             if done is not None:
                 done(index, result)
@@ -147,14 +147,14 @@ class Stages:
     place: Place | None = None  # whose workers serve all stages; otherwise each stage starts its own
 
     def run(self, stage: str, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Sequence[str],
-            labels: Sequence[str], limits: Limits | None = None, again: bool = False,
+            labels: Sequence[str], limits: Limits | None = None, retry: bool = False,
             failure: Callable[[Result | Crash], str] | None = None, reuse: Reuse = "rows",
-            seen: Callable[[list[Result | Crash | None]], object] | None = None) -> list[Result | Crash]:
+            on_results: Callable[[list[Result | Crash | None]], object] | None = None) -> list[Result | Crash]:
         """Results of one stage, in order. `keys` are those of the rows, `labels` name tasks in the progress bar.
 
-        With `again`, a task whose process was killed from outside runs once more. `failure` returns what is wrong with
-        a result, or "". If something is wrong, the label begins with `FAILED` and ends with that text. `seen` is called
-        with all results as tasks end: None for those that have not.
+        With `retry`, a task whose process was killed from outside runs once more. `failure` returns what is wrong with
+        a result, or "". If something is wrong, the label begins with `FAILED` and ends with that text. `on_results` is
+        called with all results as tasks end: None for those that have not.
         """
         results: list[Result | Crash | None] = [self.kept(stage, key, reuse) for key in keys]
         missing = [index for index, result in enumerate(results) if result is None]
@@ -168,10 +168,10 @@ class Stages:
             results[index] = result
             wrong = failure(result) if failure is not None else ""
             self.count(f"{FAILED}{labels[index]}: {wrong}" if wrong else labels[index])
-            if seen is not None:
-                seen(results)
+            if on_results is not None:
+                on_results(results)
 
-        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, again, self.place)
+        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, retry, self.place)
         return cast(list[Result | Crash], results)
 
     def kept(self, stage: str, key: str, reuse: Reuse = "rows") -> Any:

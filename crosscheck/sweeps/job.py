@@ -132,7 +132,7 @@ def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progr
         work = functools.partial(cluster.carrying, {} if far is None else adapters.sources(engines), cells.run)
         try:
             for tasks in (run.tasks(), run.alone()):
-                for _, task, result in drive(work, tasks, place, LIMITS, again=True):
+                for _, task, result in drive(work, tasks, place, LIMITS, retry=True):
                     known.add(run.rows(task, result))
         except CrosscheckError as error:
             raise type(error)(f"{error}; {run.computed} of {asked.cells} cells were computed and are kept: the same "

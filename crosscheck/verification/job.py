@@ -318,7 +318,7 @@ def _truths(stages: Stages, keys: Callable[..., str], names: list[str], settings
     tasks = [(name, settings.most_seconds, settings.most_steps) for name in names]
     prepared = stages.run("truth", prepare, tasks, [keys("truth", task[0], None, *task, asked) for task in tasks],
                           # Every run of a scene needs it.
-                          [f"truth of {Path(name).name}" for name in names], again=True)
+                          [f"truth of {Path(name).name}" for name in names], retry=True)
     return [SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
                        truth=None, sizes=None, failure=readable(each.message), details=readable(each.details) or "")
             if isinstance(each, Crash) else each for name, each in zip(names, prepared, strict=True)]
@@ -384,7 +384,7 @@ def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths
         "cell", functools.partial(carried.call, guarded_cell), chosen,
         [keys("cell", cell.scene, cell.way.engine, cell) for cell in chosen],
         [f"{Path(cell.scene).name}: {cell.label}" for cell in chosen], within, failure=_failure,
-        seen=lambda results: on_results(functools.partial(recorded, results)))
+        on_results=lambda results: on_results(functools.partial(recorded, results)))
     return recorded(results)
 
 

@@ -78,8 +78,8 @@ def test_a_fork_answers_nothing():
 
 def test_a_task_that_may_runs_again_after_a_kill_from_outside(tmp_path):
     assert "SIGKILL" in drive.run_tasks(tasks.die_once, [tmp_path / "first"], 1)[0].message
-    assert drive.run_tasks(tasks.die_once, [tmp_path / "second", tmp_path / "third.term"], 1, again=True) == [1, 1]
-    assert "SIGKILL" in drive.run_tasks(tasks.square_or_die, [-1], 1, again=True)[0].message
+    assert drive.run_tasks(tasks.die_once, [tmp_path / "second", tmp_path / "third.term"], 1, retry=True) == [1, 1]
+    assert "SIGKILL" in drive.run_tasks(tasks.square_or_die, [-1], 1, retry=True)[0].message
 
 
 def test_large_tasks_and_results_arrive_whole():

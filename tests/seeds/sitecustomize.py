@@ -41,7 +41,50 @@ def slower():
     lieeuler.integrate = integrate
 
 
-SEEDS = {"coefficient": wrong_coefficient, "version": other_version, "slower": slower}
+def clock():
+    """Times are drawn: each step of a method takes the same time, on a machine whose pace and load vary by process.
+
+    A process is twice as fast as another, a run varies by 3 %, and every third waits for the processor for half its
+    time. The clocks of the measurement advance by these times alone, so that nothing depends on the machine.
+    """
+    import types
+    from pathlib import Path
+
+    import numpy as np
+
+    import lieeuler
+    from crosscheck.verification import speed
+
+    real, clocks = lieeuler.integrate, [0.0, 0.0]  # of the wall and of the processor, s
+    state = {"rng": np.random.default_rng(0), "pace": 1.0}
+
+    def work(seconds):
+        """Passes so many seconds of an even machine, and returns those of this one."""
+        taken = seconds * state["pace"] * (1.0 + 0.03 * state["rng"].standard_normal())
+        waited = taken * 0.5 * (state["rng"].random() < 1 / 3)
+        clocks[0] += taken + waited
+        clocks[1] += taken
+        return taken + waited
+
+    def kernel():
+        """The calibration kernel of a process, which has a pace of its own."""
+        counter = Path(os.environ["CROSSCHECK_TEST_PROCESSES"])
+        with counter.open("ab") as file:
+            file.write(b".")
+        state["rng"] = np.random.default_rng(counter.stat().st_size)
+        state["pace"] = state["rng"].uniform(1.0, 2.0)
+        return lambda: speed.undisturbed(lambda: work(1e-3))[0]
+
+    def integrate(problem, method, *words, **options):
+        solution = real(problem, method, *words, **options)
+        wall = work((1e-6 + 1e-7 * (sum(map(ord, str(method))) % 7)) * solution.stats.steps)
+        return dataclasses.replace(solution, stats=dataclasses.replace(solution.stats, wall_time=wall))
+
+    lieeuler.integrate, speed.calibration_kernel = integrate, kernel
+    speed.time = types.SimpleNamespace(perf_counter=lambda: clocks[0], process_time=lambda: clocks[1])
+
+
+SEEDS = {"clock": clock, "coefficient": wrong_coefficient, "version": other_version, "slower": slower}
 
 for _name in filter(None, os.environ.get("CROSSCHECK_TEST_SEED", "").split(",")):
     SEEDS[_name]()

@@ -42,8 +42,7 @@ def document(truths, judged, engines, profile="default", need=1.0):
 def timing(run):
     """Points of a timing study, made up: times as the inverse of the steps of the run's ladder."""
     return [Point(step=rung.step, rtol=rung.rtol, wall_time=1e-5 / rung.step, steps=int(1 / rung.step),
-                  us_per_step=10.0, seconds_per_second=1e-5 / rung.step, seconds_deviation=1e-7,
-                  error=rung.errors["position"], main=False) for rung in run.ladder]
+                  error=rung.errors["position"]) for rung in run.ladder]
 
 
 def small_results():

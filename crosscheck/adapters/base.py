@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import importlib.metadata
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypedDict, final
@@ -221,9 +221,9 @@ class Engine:
         raise Unsupported(f"the adapter of {self.name} has no method probe(scene, states, form)")
 
     @final
-    def takes_map(self, wanted: str | None) -> str | None:
-        """The coordinate map `wanted` if the engine has this option, else None."""
-        return wanted if "coordinate_map" in self.options else None
+    def takes(self, wanted: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+        """Those of the options `wanted`, with their values, that the engine has."""
+        return {name: value for name, value in wanted if name in self.options}
 
 
 class StandIn(Engine):

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 Settings = Annotated[list[str] | None, typer.Option("--set", help="KEY=VALUE, an option of this engine, such as "
                                                     "reduce=off; may be repeated; an unknown key lists all")]
-MapSetting = Annotated[list[str] | None, typer.Option("--set", help="coordinate_map=exp, cayley or ccsk: how rotation "
-                                                      "vectors become rotations, in engines that have a choice")]
+SharedSettings = Annotated[list[str] | None, typer.Option("--set", help="KEY=VALUE, for the engines that have such an "
+                                                          "option, such as softness=tight; may be repeated")]
 Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step methods; default: chosen for the scene")]
 Scheduler = Annotated[str | None, typer.Option(help="use a Dask scheduler, tcp://host:port, or another executor, "
                                                "module:factory; default: processes on this machine")]
@@ -135,17 +135,9 @@ def settings(given: Iterable[str] | None) -> dict[str, Any]:
     return read
 
 
-def coordinate_map(given: Iterable[str] | None) -> str | None:
-    """The map for runs of many engines, which take no other option of an engine's own; raises `ArgumentError`."""
-    from crosscheck.adapters.base import CHOICES
-
-    for name, value in settings(given).items():
-        if name != "coordinate_map":
-            raise ArgumentError(unknown("--set", name, ("coordinate_map",)) + "; crosscheck run has the others")
-        if value not in CHOICES[name]:
-            raise ArgumentError(unknown(f"--set {name}", value, CHOICES[name]))
-        return str(value)
-    return None
+def shared(given: Iterable[str] | None) -> tuple[tuple[str, Any], ...]:
+    """The same for runs of many engines."""
+    return tuple(settings(given).items())
 
 
 def loaded(name: str, reading: Reading) -> Scene:

@@ -56,7 +56,7 @@ def work_precision(
     repeats: Annotated[int, typer.Option(min=1, help="interleaved rounds; their medians count")] = 5,
     time_limit: Annotated[float, options.time_limit("stepping only; longer runs are left out")] = 1.0,
     bound: Annotated[bool, typer.Option(help="also heyoka's Taylor series, which bounds what is possible")] = True,
-    setting: options.MapSetting = None,
+    setting: options.SharedSettings = None,
     duration: options.Duration = None,
     out: Out = Path("reports/work-precision"),
 ) -> None:
@@ -64,7 +64,7 @@ def work_precision(
     from crosscheck.studies.work_precision import FRONTIERS, WorkPrecision, WorkPrecisionAsk
 
     ask = WorkPrecisionAsk(chosen(scene), chosen(engine), chosen(method), time_limit, repeats, bound, duration,
-                           coordinate_map=options.coordinate_map(setting))
+                           options=options.shared(setting))
     document = _conduct(WorkPrecision(), ask, out)
     terminal = console(180)
     bounded = any(front.bound_cost for each in document.scenes for front in each.frontier.get(each.compared, ()))
@@ -106,14 +106,14 @@ def drift(
     step: Step = 2.0**-10,
     steps: Annotated[int, typer.Option(min=2, help="of each run")] = 1_000_000,
     time_limit: Annotated[float, options.time_limit("longer ones are left out")] = 120.0,
-    setting: options.MapSetting = None,
+    setting: options.SharedSettings = None,
     out: Out = Path("reports/drift"),
 ) -> None:
     """Measure the drift of energy, momentum, constraints and attitudes over long runs."""
     from crosscheck.studies.drift import DriftAsk, DriftStudy
 
     ask = DriftAsk(chosen(scene), chosen(engine), chosen(method), time_limit, step, steps,
-                   coordinate_map=options.coordinate_map(setting))
+                   options=options.shared(setting))
     document = _conduct(DriftStudy(), ask, out)
     columns = [key("scene"), key("run"), *figures("steps", "stepping, s"), words("energy"),
                *figures("energy band", "slope, 1/s", "slope T / band", "growth", "momentum band"), words("momentum"),

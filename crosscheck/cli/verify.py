@@ -35,7 +35,7 @@ def verify(
     method: Annotated[list[str] | None, typer.Option(help="a name; may be repeated; default: all")] = None,
     profile: Annotated[str, typer.Option(help="default: four scenes; smoke: their first second, no timing; "
                                          "full: every scene, within a budget of steps")] = "default",
-    setting: options.MapSetting = None,
+    setting: options.SharedSettings = None,
     step: options.Step = None,
     duration: options.Duration = None,
     jobs: options.Jobs = 2,
@@ -98,7 +98,7 @@ def verify(
     with progress_bar("which runs there are") as progress:
         answer = verify_scenes(
             files, engine, method, step, need, budget, duration=duration, profile=profile,
-            asked=Asked(coordinate_map=options.coordinate_map(setting)), jobs=jobs, scheduler=scheduler,
+            asked=Asked(options=options.shared(setting)), jobs=jobs, scheduler=scheduler,
             limits=limits_of(time_limit, memory_limit), tolerances=own, fresh=fresh, out=out, spoken=spoken,
             command=shlex.join(["crosscheck", *sys.argv[1:]]), progress=progress, note=complain,
             on_budget=provisional)
@@ -225,7 +225,7 @@ def nightly(
     scene: options.SceneNames = None,
     engine: options.Engines = None,
     profile: Annotated[str, typer.Option(help="as in `crosscheck verify`")] = "full",
-    setting: options.MapSetting = None,
+    setting: options.SharedSettings = None,
     step: options.Step = None,
     duration: options.Duration = None,
     jobs: options.Jobs = 2,
@@ -251,7 +251,7 @@ def nightly(
     from crosscheck.history import nightly as nights
     from crosscheck.verification.job import limits_of
 
-    asked = Asked(coordinate_map=options.coordinate_map(setting), step=step, duration=duration)
+    asked = Asked(options=options.shared(setting), step=step, duration=duration)
     wanted = nights.Wanted(profile, scene, engine, jobs, limits_of(time_limit, memory_limit), asked, scheduler, fresh)
     with progress_bar("which runs there are") as progress:
         night = nights.nightly(out, wanted, store, keep, progress)

@@ -18,8 +18,9 @@ from crosscheck.document.part import Part as Part
 from crosscheck.document.part import Way as Way
 from crosscheck.document.part import extended as extended
 from crosscheck.document.part import grouped as grouped
+from crosscheck.document.part import set_words as set_words
 
-SCHEMA = 2
+SCHEMA = 3
 """Version of results.json. It rises if a key is removed or changes its meaning. New keys do not raise it."""
 
 EULER = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
@@ -67,16 +68,16 @@ class Origin(Part, frozen=True, kw_only=True):
 class Asked(Part, frozen=True, kw_only=True, omit_defaults=True):
     """Options that the user asked for in main runs instead of those of the plan; None: as planned."""
 
-    coordinate_map: str | None = None  # also in order studies, of the engines that have this option
+    options: tuple[tuple[str, Any], ...] = ()  # name and value, of the engines that have such an option
     step: float | None = None  # s, of methods with a fixed step
     duration: float | None = None  # s
 
     @property
     def words(self) -> list[str]:
         """The command-line options that ask for the same."""
-        chart = ["--set", f"coordinate_map={self.coordinate_map}"] if self.coordinate_map else []
         given = (("--step", self.step), ("--duration", self.duration))
-        return chart + [word for option, value in given if value is not None for word in (option, str(value))]
+        return set_words(self.options) + [
+            word for option, value in given if value is not None for word in (option, str(value))]
 
 
 AS_PLANNED = Asked()
@@ -260,17 +261,13 @@ class Rung(Part, frozen=True, kw_only=True):
 
 
 class Point(Part, frozen=True, kw_only=True):
-    """One step or tolerance of the timing study."""
+    """The time and the error of one step or tolerance."""
 
     step: float | None  # s
     rtol: float | None
     wall_time: float  # s, median
     steps: int
-    us_per_step: float
-    seconds_per_second: float  # of stepping per simulated second
-    seconds_deviation: float  # median absolute deviation
-    error: float | None  # m, at the end
-    main: bool  # at the step of the main run
+    error: float  # m, at the end
 
 
 class Speed(Part, frozen=True, kw_only=True):

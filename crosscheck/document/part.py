@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Self, TypeVar
 
 import msgspec
@@ -33,6 +33,12 @@ def grouped(values: Iterable[Value], key: Callable[[Value], Key]) -> dict[Key, l
     return groups
 
 
+def set_words(options: Iterable[tuple[str, object]]) -> list[str]:
+    """The words of a command line that ask for options of engines."""
+    return [word for name, value in options if value is not None for word in (
+        "--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}")]
+
+
 class Way(Part, frozen=True):
     """One way to run any scene: engine and method, step or rtol, and the options that are not the default."""
 
@@ -51,6 +57,16 @@ class Way(Part, frozen=True):
         return cls(engine, method, step, rtol, form, coordinate_map, tuple(
             (name, value) for name, value in options.items() if value is not None))
 
+    def having(self, options: Mapping[str, Any]) -> Self:
+        """This way with options of the engine, and without others."""
+        others = tuple((name, value) for name, value in options.items() if name != "coordinate_map")
+        return msgspec.structs.replace(self, coordinate_map=options.get("coordinate_map"), options=others)
+
+    @property
+    def settings(self) -> list[str]:
+        """The options other than the map, in words."""
+        return [f"{name} {value}" for name, value in self.options]
+
     @property
     def arguments(self) -> dict[str, Any]:
         """The arguments of `crosscheck.run` after the method: step or rtol, and the options."""
@@ -59,6 +75,6 @@ class Way(Part, frozen=True):
 
     @property
     def label(self) -> str:
-        """Engine, method, form and map."""
-        named = ", ".join(filter(None, (self.form, self.coordinate_map)))
+        """Engine, method, form and options."""
+        named = ", ".join(filter(None, (self.form, self.coordinate_map, *self.settings)))
         return f"{self.engine} {self.method}" + (f" ({named})" if named else "")

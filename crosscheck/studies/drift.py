@@ -116,7 +116,7 @@ class TooLong(ArgumentError):
 def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[GradedWay]:
     """The ways for long runs: every method with a fixed step, in the first form that can model the scene."""
     first: dict[tuple[str, str], GradedWay] = {}
-    for way in ways(scene, engines, ask.methods or METHODS, asked_map=ask.coordinate_map)[0]:
+    for way in ways(scene, engines, ask.methods or METHODS, options=ask.options)[0]:
         if not way.adaptive:
             first.setdefault((way.engine, way.method), way)
     return list(first.values())

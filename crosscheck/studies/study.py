@@ -19,7 +19,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import msgspec
 
 from crosscheck import adapters
-from crosscheck.document import Origin, Part
+from crosscheck.document import Origin, Part, set_words
 from crosscheck.errors import ArgumentError, unknown, writing
 from crosscheck.files import cell, digest, plain, put
 from crosscheck.jobs.table import Session, Table
@@ -27,6 +27,7 @@ from crosscheck.report.standalone import write_page
 from crosscheck.running import provenance, versions
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
+from crosscheck.verification.job import check_options
 from crosscheck.verification.ladder import STAGE as LADDER
 from crosscheck.verification.ladder import Ladder
 
@@ -96,7 +97,7 @@ class Ask:
     engines: tuple[str, ...] | None = None
     methods: tuple[str, ...] | None = None
     time_limit: float = 1.0
-    coordinate_map: str | None = dataclasses.field(default=None, kw_only=True)  # of engines that have this option
+    options: tuple[tuple[str, Any], ...] = dataclasses.field(default=(), kw_only=True)  # of engines that have them
     fresh: bool = dataclasses.field(default=True, kw_only=True)  # rows of other studies, with their times, do not count
 
     def command(self, study: str) -> str:
@@ -106,8 +107,8 @@ class Ask:
             value = getattr(self, field.name)
             if field.name == "scenes" or value == field.default:
                 continue
-            if field.name == "coordinate_map":
-                words += ["--set", f"coordinate_map={value}"]
+            if field.name == "options":
+                words += set_words(value)
                 continue
             flag = {"engines": "engine", "methods": "method"}.get(field.name, field.name.replace("_", "-"))
             if isinstance(value, bool):
@@ -180,6 +181,7 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
     versions.need(ask.engines or ())
     engines = ask.engines or tuple(name for name in adapters.names() if not adapters.has_own_environment(name))
     check_names(engines, ask.methods)
+    check_options(ask.options, engines)
     scenes = [load_scene(name) for name in ask.scenes or study.scenes]
     check(out, study.name)
     meta = msgspec.convert(provenance.describe(engines) | {

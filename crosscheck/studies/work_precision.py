@@ -312,7 +312,7 @@ class WorkPrecision:
             return
         ladders = replace(ladders, duration=sampled.duration, truth=Known(
             source=truth.source, disagreement=truth.disagreement, amplification=truth.amplification))
-        chosen, refused = ways(sampled, work.engines, ask.methods, asked_map=ask.coordinate_map)
+        chosen, refused = ways(sampled, work.engines, ask.methods, options=ask.options)
         missing = [rung_of(sampled, way, None, "unsupported", reason) for way, reason in refused]
 
         def kept(rungs: list[Rung]) -> None:

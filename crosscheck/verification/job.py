@@ -8,9 +8,9 @@ import functools
 import shlex
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 from msgspec.structs import replace
@@ -23,7 +23,6 @@ from crosscheck.document import (
     Document,
     Finding,
     Meta,
-    Point,
     Record,
     Scene,
     SceneTruth,
@@ -42,6 +41,7 @@ from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
 from crosscheck.judge.verdict import beyond
 from crosscheck.running import cluster, provenance, support, versions
+from crosscheck.running.arguments import engine_options
 from crosscheck.scene.file import load_scene, read_scene, scene_names, tagged
 from crosscheck.verification import advice, trust
 from crosscheck.verification.cell import run_cell
@@ -49,7 +49,7 @@ from crosscheck.verification.ladder import STAGE, Ladder, key
 from crosscheck.verification.plan import PENDING, Profile
 from crosscheck.verification.plan import profile as profile_called
 from crosscheck.verification.scene_truth import prepare_truth
-from crosscheck.verification.speed import measure_speed, timed
+from crosscheck.verification.speed import Timed, measure_speed
 from crosscheck.verification.task import Carried, Cell, all_cells
 
 if TYPE_CHECKING:
@@ -98,8 +98,7 @@ def guarded_cell(cell: Cell) -> Record:
 Progress = Callable[[int, int, str], None]
 """Called with (number of finished tasks, number of all tasks, name of the last finished one)."""
 
-ROW_TYPES = {"truth": SceneTruth, "cell": Record, "timing": tuple[list[list[Point]], dict[int, str]],
-             "speed": list[list[tuple[float, float]]], STAGE: Ladder}
+ROW_TYPES = {"truth": SceneTruth, "cell": Record, "speed": list[Timed], STAGE: Ladder}
 """Types of the results of each stage, for `crosscheck.jobs.table`."""
 
 
@@ -128,6 +127,16 @@ def check_methods(names: Sequence[str] | None, engines: Sequence[str]) -> None:
             raise ArgumentError(unknown("method", name, known))
 
 
+def check_options(wanted: Iterable[tuple[str, Any]], engines: Sequence[str]) -> None:
+    """Raise `ArgumentError` for an option that none of the engines has, or a value that it cannot have."""
+    for name, value in wanted:
+        takers = [engine for engine in engines if name in adapters.get(engine).options]
+        if not takers:
+            raise ArgumentError(unknown("--set", name, sorted({
+                option for engine in engines for option in adapters.get(engine).options} - {"form"})))
+        engine_options(takers[0], adapters.get(takers[0]), "", {name: value})
+
+
 def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, *more: object) -> str:
     """Digest of all that results depend on: scenes, versions, the code with its kernel, and `more` (JSON values)."""
     names = select_scenes(scenes, profile_called(profile).every_scene)
@@ -154,7 +163,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     limits : of one cell; None: those of `crosscheck.verification.job`
     overrides : tolerances of the user, from `crosscheck.judge.overrides.read`
     search : also make the runs for advice, up to half a minute of processor time per scene and engine
-    asked : map, step and duration of main runs instead of those of the plan
+    asked : options, step and duration of main runs instead of those of the plan
     scheduler : where truths and runs are computed, for `crosscheck.running.cluster.connect`; timings are made here
     on_results : called now and then with the document of what has ended, see `PAUSE`
     need : the share of its time over which the motion of a run has to be judged for it to pass
@@ -177,11 +186,12 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     within = limits or limits_of()
     scene_names, engine_names = select_scenes(scenes, settings.every_scene), select_engines(engines)
     check_methods(methods, engine_names)
+    check_options(asked.options, engine_names)
     started = time.perf_counter()
     with Place(jobs) as near:  # its workers keep the engines that they have loaded
         cells = [cell for cell in all_cells(scene_names, engine_names, settings, within, near)
                  if not methods or cell.way.method in methods]
-        left = total = (len(scene_names) * (1 + bool(settings.timing) + settings.speed)
+        left = total = (len(scene_names) * (1 + settings.speed)
                         + len(cells) + search * len(scene_names) * len(engine_names))
 
         def ended(label: str) -> None:
@@ -218,8 +228,6 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
             paced.call([])
             records = _records(elsewhere, keys, cells, truths, within, carried, paced, budget is not None)
         alone = dataclasses.replace(stages, jobs=1)
-        if settings.timing:
-            records = timed(cells, records, settings.timing, stages, within, near)
         calibration = None
         if settings.speed:
             records, calibration = measure_speed(records, profile, alone, within)
@@ -330,9 +338,8 @@ def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, ove
     plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
     without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
     return [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
-                                overrides=overrides, as_planned=asked == AS_PLANNED, way=replace(
-                                    cell.way, coordinate_map=adapters.get(cell.way.engine).takes_map(
-                                        asked.coordinate_map)))
+                                overrides=overrides, as_planned=asked == AS_PLANNED,
+                                way=cell.way.having(adapters.get(cell.way.engine).takes(asked.options)))
             for cell in cells]
 
 
@@ -393,7 +400,8 @@ def labels(runs: Sequence[Record]) -> list[str]:
     forms = grouped({(run.engine, run.method, run.form) for run in runs if run.form}, lambda each: each[:2])
     return [f"{run.engine} {run.method}"
             + (f" ({run.form})" if run.form and len(forms[run.engine, run.method]) > 1 else "")
-            + (f" with {run.coordinate_map}" if run.coordinate_map else "") for run in runs]
+            + (f" with {', '.join(named)}" if (named := [*filter(None, [run.coordinate_map]), *run.settings]) else "")
+            for run in runs]
 
 
 def command(name: str, profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None,

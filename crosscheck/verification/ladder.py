@@ -9,8 +9,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -51,7 +51,7 @@ class GradedWay(Way, frozen=True, kw_only=True):
 
 
 def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = None,
-         default_form: bool = False, asked_map: str | None = None
+         default_form: bool = False, options: Iterable[tuple[str, Any]] = ()
          ) -> tuple[list[GradedWay], list[tuple[GradedWay, str]]]:
     """All ways to integrate the scene, and the unsupported combinations with their reasons.
 
@@ -60,12 +60,12 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
     engines : names for `crosscheck.adapters.get`
     methods : only these; None: all
     default_form : only the form that the engine chooses by itself; the `form` of a way is None then
-    asked_map : coordinate map for the engines that have this option
+    options : names and values, for the engines that have such an option
     """
     possible, missing = [], []
     for name in engines:
         adapter = adapters.get(name)
-        chart = adapter.takes_map(asked_map)
+        own = adapter.takes(options)
         forms = (None,) if default_form else adapter.forms or (None,)
         for form in forms:
             for method in adapter.methods:
@@ -73,10 +73,10 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
                     continue
                 varies = method in adapter.adaptive_methods
                 spec = RunSpec(method, None if varies else scene.duration / 64, RTOLS[0] if varies else None, form,
-                               coordinate_map=chart)
+                               **own)
                 reason = adapter.unsupported(scene, spec)
-                way = GradedWay(name, method, form=form, coordinate_map=chart, adaptive=varies,
-                                order=None if reason else adapter.documented_order(scene, spec))
+                way = GradedWay(name, method, form=form, adaptive=varies,
+                                order=None if reason else adapter.documented_order(scene, spec)).having(own)
                 if reason is None:
                     possible.append(way)
                 else:

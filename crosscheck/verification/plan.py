@@ -22,7 +22,7 @@ AFFORDABLE = 2e5
 """Cube of the bodies times the radians of a run whose truth takes about half a minute: 64 bodies for .1 s."""
 
 RTOLS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
-"""Relative tolerances of the timing study of adaptive methods."""
+"""Relative tolerances at which time is shown against error."""
 
 
 def duration_within(scene: Scene, most_seconds: float | None = None) -> float | None:
@@ -68,17 +68,17 @@ class Profile:
 
     name: str
     forms: bool  # whether to run the forms of the model that are not an engine's default, too
-    timing: int  # number of repeats of the timing study; 0: none
     most_steps: int = 100_000  # most steps of a run of one body
     most_seconds: float | None = None  # duration (s) of runs at most; None: those of the scenes
     every_scene: bool = False  # whether to run all scenes of the library or only those with the tag "default"
-    speed: int = 0  # number of rounds of the speed study, which compares with a calibration kernel; 0: none
+    speed: int = 0  # number of processes that measure times, which compare with a calibration kernel; 0: none
+    points: bool = False  # whether to show time against error at coarser steps, too
 
 
 PROFILES = {
-    "default": Profile("default", True, 3),
-    "smoke": Profile("smoke", False, 0, most_seconds=1.0),
-    "full": Profile("full", True, 0, 20_000, every_scene=True, speed=3),
+    "default": Profile("default", True, speed=1, points=True),
+    "smoke": Profile("smoke", False, most_seconds=1.0),
+    "full": Profile("full", True, 20_000, every_scene=True, speed=3),
 }
 
 

@@ -1,4 +1,4 @@
-"""The speed study: time per step of every run relative to a calibration kernel, so that nights and machines compare.
+"""Times per step of every run relative to a calibration kernel, so that nights and machines compare.
 
 A run's time is divided by the time of a fixed piece of work just before and after it, because a busy or slow machine
 slows down both. Both are short, and a try is repeated if the process had to wait for the processor. The runs of a scene
@@ -12,26 +12,22 @@ import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from msgspec.structs import replace
 
 from crosscheck import references
 from crosscheck.adapters import built_in
-from crosscheck.adapters.base import RawRun
 from crosscheck.compare.errors import errors
 from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way, extended, grouped
-from crosscheck.errors import CrosscheckError
+from crosscheck.errors import CrosscheckError, EngineDied
 from crosscheck.files import digest
-from crosscheck.jobs.drive import Crash, Limits, Place, Stages, run_tasks
+from crosscheck.jobs.drive import Crash, Limits, Stages
 from crosscheck.jobs.workers import child
 from crosscheck.judge.verdict import beyond
-from crosscheck.running.attempt import Ran, attempt, lasting
+from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
 from crosscheck.verification.plan import RTOLS, profile
-from crosscheck.verification.task import Cell
 from crosscheck.verification.trust import NOISE_DEVIATIONS
 
 CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (numpy.linalg.solve)"
@@ -41,7 +37,9 @@ varied twice as much between processes on a loaded machine."""
 
 Pair = tuple[float, float]
 """Time per step (s) of a run, and that of the calibration kernel."""
-Made = TypeVar("Made")
+End = tuple[int, float]
+"""Steps of a run, and its error of position at the end, m."""
+Timed = tuple[list[Pair], End | None]
 
 REPEATS = 3
 """Number of turns of each run in one round."""
@@ -66,20 +64,33 @@ ONCE = 0.1
 WAITED = 0.03
 """Largest share of waiting in an undisturbed try."""
 
+COARSER = (8, 4, 2, 1)
+"""Steps at which time is shown against error, over that of the main run."""
+
+SHOWN, SAMPLES = 1.0, 6
+"""Simulated time (s) of these errors, and the output times of its truth."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Burst:
-    """A run to be timed."""
+    """A run to be timed; `until` (s) is the time at which its error is wanted, too."""
 
     way: Way
     duration: float | None = None  # s, of an adaptive run: the time of about `STEPS` steps; None: the whole scene
+    until: float | None = None
 
     @classmethod
-    def of(cls, record: Record) -> Burst:
-        """A short version of the main run of a record."""
+    def all_of(cls, record: Record, points: bool) -> tuple[Burst, ...]:
+        """A short version of the main run of a record, and runs at coarser steps or other tolerances."""
+        way = replace(extended(Way, record), form=None if record.default_form else record.form)
         share = None if record.rtol is None or not record.steps else STEPS / record.steps
-        return cls(replace(extended(Way, record), form=None if record.default_form else record.form),
-                   None if share is None or record.duration is None else share * record.duration)
+        main = cls(way, None if share is None or record.duration is None else share * record.duration)
+        if not points or not record.errors:
+            return (main,)
+        sizes = ({"step": record.step * times} for times in COARSER) if record.step else (
+            {"rtol": rtol} for rtol in RTOLS)
+        until = min(record.duration or SHOWN, SHOWN)
+        return (main, *(cls(replace(way, **size), main.duration, until) for size in sizes))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,8 +102,8 @@ class Round:
     repeats: int = REPEATS
 
 
-def time_round(task: Round) -> list[list[Pair]]:
-    """For each burst, pairs (s per step, s of the calibration kernel). The list is empty for a run that fails."""
+def time_round(task: Round) -> list[Timed]:
+    """For each burst, pairs (s per step, s of the calibration kernel), none for a run that fails, and its end."""
     scene = load_scene(task.scene)
     kernel = calibration_kernel()
     kernel()
@@ -108,6 +119,8 @@ def time_round(task: Round) -> list[list[Pair]]:
                 spans[index] = span = span or _spans(scene, burst)
                 began = time.process_time()  # a run that had to wait for the processor is not a long one
                 seconds = _seconds_per_step(scene, burst, span, most=PATIENCE // len(span) if turn else 1)
+            except EngineDied:
+                raise
             except CrosscheckError:  # failures are recorded by the main run of the same cell
                 spans[index] = None
                 continue
@@ -118,7 +131,18 @@ def time_round(task: Round) -> list[list[Pair]]:
             if turn or long:
                 samples[index].append((seconds, 0.5 * (before + after)))
             before = after
-    return samples
+    return [(pairs, _end(scene, burst) if pairs and burst.until else None)
+            for burst, pairs in zip(task.bursts, samples, strict=True)]
+
+
+def _end(scene: Scene, burst: Burst) -> End | None:
+    """The largest error of position at the end of a run of the length that a burst asks for; None if it fails."""
+    short = scene.lasting(burst.until or scene.duration).replace(samples=SAMPLES)
+    outcome = attempt(short.replace(samples=2), burst.way, monitor=False, derived=False)
+    if not isinstance(outcome, Ran):
+        return None
+    found = errors(short, outcome.raw.states, references.truth(short).states.at([0, -1]))["position"].end
+    return outcome.raw.steps, found
 
 
 def _spans(scene: Scene, burst: Burst) -> tuple[float, ...]:
@@ -243,63 +267,69 @@ def measure_speed(records: Sequence[Record], called: str, stages: Stages, within
     Parameters
     ----------
     records : of any scenes; records of failed runs and of engines in their own environments are not changed
-    called : the profile, which says how many processes take turns; every run has several turns in each
+    called : the profile, which says how many processes take turns, every run has several turns in each, and whether
+        coarser runs are timed, too
     stages : with one job, so that nothing else runs
     within : limits of one run
     name : of these rounds, which are measured once a session
     """
+    settings, made = profile(called), list(records)
     chosen = grouped((index for index, record in enumerate(records) if record.us_per_step is not None),
                      lambda index: records[index].scene)
-    tasks = [Round(scene, tuple(Burst.of(records[index]) for index in own)) for scene, own in chosen.items()]
-    samples: list[list[Pair]] = [[] for _ in records]
-    for turn in range(1, profile(called).speed + 1):
-        for own, made in zip(chosen.values(), _round(stages, tasks, f"{name} {turn}", within), strict=True):
-            for index, pairs in zip(own, made, strict=True):
-                samples[index] += pairs
-    kernels = [kernel for pairs in samples for _, kernel in pairs]
-    calibration = Calibration(what=CALIBRATION, us=1e6 * statistics.median(kernels) if kernels else None,
-                              deviation=1e6 * spread(kernels) if kernels else None)
-    return [_filled_in(record, summarise(pairs)) for record, pairs in zip(records, samples, strict=True)], calibration
+    kernels: list[float] = []
+    for scene, own in chosen.items():
+        bursts = [(index, burst) for index in own for burst in Burst.all_of(records[index], settings.points)]
+        task = Round(scene, tuple(burst for _, burst in bursts))
+        samples: list[Timed] = [([], None) for _ in bursts]
+        crashed: dict[int, str] = {}
+        for turn in range(1, settings.speed + 1):
+            results, reasons = _round(stages, task, f"{name} {turn}", within)
+            samples = [(before + pairs, ended or end) for (before, ended), (pairs, end) in zip(
+                samples, results, strict=True)]
+            crashed |= {bursts[number][0]: reason for number, reason in reasons.items()}
+        kernels += [kernel for pairs, _ in samples for _, kernel in pairs]
+        for index in own:
+            (main, _), *coarser = (each for (place, _), each in zip(bursts, samples, strict=True) if place == index)
+            points = [_point(burst, *each) for burst, each in zip(
+                [burst for place, burst in bursts if place == index][1:], coarser, strict=True)]
+            made[index] = replace(_filled_in(records[index], summarise(main)),
+                                  timing=[point for point in points if point is not None])
+            if index in crashed:
+                made[index] = beyond(made[index], Finding.ended_early(f"when it was timed: {crashed[index]}"))
+    return made, Calibration(what=CALIBRATION, us=1e6 * statistics.median(kernels) if kernels else None,
+                             deviation=1e6 * spread(kernels) if kernels else None)
 
 
-def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None) -> list[list[list[Pair]]]:
-    """The pairs of each burst of each task. Runs that crash their process have none."""
-    whole = None if within is None or within.time is None else dataclasses.replace(
-        within, time=within.time * max((len(task.bursts) for task in tasks), default=1))
-
-    def measured(tasks: list[Round], which: str) -> list[list[list[Pair]] | Crash]:
-        return stages.run("speed", time_round, tasks, [digest("speed", name, task) for task in tasks],
-                          [f"speed of {task.scene}, {which}" for task in tasks], whole, reuse="samples")
-
-    def without(task: Round, first: list[list[Pair]] | Crash) -> list[list[Pair]]:
-        def repeat(left: list[int]) -> list[list[Pair]] | Crash:
-            part = dataclasses.replace(task, bursts=tuple(task.bursts[index] for index in left))
-            return measured([part], f"{name}, again")[0]
-
-        return without_culprits(repeat, len(task.bursts), first)[0]
-
-    return [without(task, first) for task, first in zip(tasks, measured(tasks, name), strict=True)]
+def _point(burst: Burst, pairs: list[Pair], end: End | None) -> Point | None:
+    if not pairs or end is None:
+        return None
+    return Point(step=burst.way.step, rtol=burst.way.rtol, steps=end[0], error=end[1],
+                 wall_time=end[0] * statistics.median(seconds for seconds, _ in pairs))
 
 
-def without_culprits(run: Callable[[list[int]], list[list[Made]] | Crash], count: int,
-                     first: list[list[Made]] | Crash | None = None) -> tuple[list[list[Made]], dict[int, str]]:
-    """What pieces of work give that one process does in turns, and of some the reason why they give nothing.
+def _round(stages: Stages, task: Round, name: str, within: Limits | None) -> tuple[list[Timed], dict[int, str]]:
+    """What `time_round` gives for each burst, and of some the reason why they give nothing.
 
-    `run` does those with the given numbers. If one of them crashes the process or exceeds the limits, all others are
-    done again without it. `first`: what `run` gave for all, if it was called before.
+    If one of them crashes the process or exceeds the limits, all others are done again without it.
     """
-    left = list(range(count))
-    reasons: dict[int, str] = {}
+    results: list[Timed] = [([], None) for _ in task.bursts]
+    left, reasons = list(range(len(task.bursts))), dict[int, str]()
     while left:
-        made, first = run(left) if first is None else first, None
+        whole = None if within is None or within.time is None else dataclasses.replace(
+            within, time=within.time * len(left))
+        part = dataclasses.replace(task, bursts=tuple(task.bursts[number] for number in left))
+        which = f"{name}{', again' if reasons else ''}"
+        made, = stages.run("speed", time_round, [part], [digest("speed", which, part)],
+                           [f"speed of {Path(task.scene).name}, {which}"], whole, reuse="samples")
         if not isinstance(made, Crash):
-            by_number = dict(zip(left, made, strict=True))
-            return [by_number.get(index, []) for index in range(count)], reasons
+            for number, each in zip(left, made, strict=True):
+                results[number] = each
+            break
         # If none was at work, none is the cause, and another attempt would fail, too.
         culprits = [left[int(made.at)]] if made.at else left
         reasons |= dict.fromkeys(culprits, made.message)
-        left = [index for index in left if index not in culprits]
-    return [[] for _ in range(count)], reasons
+        left = [number for number in left if number not in culprits]
+    return results, reasons
 
 
 def _filled_in(record: Record, measured: Speed | None) -> Record:
@@ -311,127 +341,3 @@ def _filled_in(record: Record, measured: Speed | None) -> Record:
     per_second = 1e-6 * record.steps / record.duration
     return replace(record, seconds_per_second=per_second * measured.us_per_step,
                    seconds_deviation=per_second * measured.us_deviation)
-
-
-ENOUGH, ALIKE = 0.1, 1.05
-"""Two runs have no third if they take more stepping time (s) than this, as long runs average noise out, or if their
-times differ by less than this factor."""
-
-TIMED, SAMPLES = 1.0, 6
-"""Simulated time (s) of the timing study, and the output times of its truth."""
-
-COARSER = (8, 4, 2, 1)
-"""Steps of the timing study over that of the main run."""
-
-MOST_TIMED = 1000
-"""Most steps of repeats, and of all runs at the step of the main run. They are enough to measure the time per step."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Timing:
-    """The runs of one scene in a timing study, and the largest number of repeats.
-
-    Of each run its cell, its documented order, and step (s) or rtol of the main run, which is timed, too; None: not.
-    """
-
-    runs: tuple[tuple[Cell, int | None, float | None], ...]
-    repeats: int
-
-
-def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages: Stages,
-          within: Limits, place: Place) -> list[Record]:
-    """The records with stepping times, one scene after the other in one worker of `place`, with nothing else running.
-
-    Engines in their own environments are left out, because their times are not comparable with others.
-    """
-    timed_records = list(records)
-    for scene, own in grouped(range(len(cells)), lambda index: cells[index].scene).items():
-        chosen = [index for index in own if records[index].duration and not records[index].own_environment]
-        if chosen:
-            task = Timing(tuple((cells[index], records[index].documented_order,
-                                 records[index].step or records[index].rtol) for index in chosen), repeats)
-            key = digest("timing", task)
-            made = stages.kept("timing", key, "samples")
-            if made is None:
-                made = guarded_timing(task, within, place)
-                if stages.session is not None:
-                    made = stages.session.put("timing", key, made)
-            for position, index in enumerate(chosen):
-                timed_records[index] = _with_points(records[index], made[0][position], made[1].get(position))
-        stages.count(f"timing of {Path(scene).name}")
-    return timed_records
-
-
-def _with_points(record: Record, points: list[Point], reason: str | None) -> Record:
-    if reason is not None:
-        record = beyond(record, Finding.ended_early(f"in the timing study: {reason}"))
-    for point in points:
-        if point.main:
-            record = replace(record, us_per_step=point.us_per_step, seconds_per_second=point.seconds_per_second,
-                             seconds_deviation=point.seconds_deviation)
-    return replace(record, timing=[point for point in points if not point.main])
-
-
-def guarded_timing(task: Timing, within: Limits | None = None, place: Place | None = None
-                   ) -> tuple[list[list[Point]], dict[int, str]]:
-    """The points of `time_cells`, made in one worker process, and for some cells the reason why they have none.
-
-    The time limit is that of all cells together. `place`: of a worker that stays.
-    """
-    each = within or Limits()
-
-    def run(left: list[int]) -> list[list[Point]] | Crash:
-        whole = Limits(None if each.time is None else each.time * len(left), each.memory)
-        part = dataclasses.replace(task, runs=tuple(task.runs[index] for index in left))
-        return run_tasks(time_cells, [part], 1, limits=whole, place=place)[0]
-
-    return without_culprits(run, len(task.runs))
-
-
-def time_cells(timing: Timing) -> list[list[Point]]:
-    """Stepping time against end error of every cell. The runs of all cells take turns in this process.
-
-    Runs have two samples only, so that no engine spends time on output. The first of each makes the whole window and
-    has its error; others stop after `MOST_TIMED`, if steps are fixed, as does the last point of a cell ("main"), which
-    is at the step of its main run and has no error. Times are medians over the repeats. A failing run gives no point.
-    """
-    first = timing.runs[0][0]
-    scene = load_scene(first.scene)
-    short = scene.lasting(min(first.plan.duration or scene.duration, TIMED)).replace(samples=SAMPLES)
-    brief, exact = short.replace(samples=2), references.truth(short).states
-    end = dataclasses.replace(exact, **{name: getattr(exact, name)[[0, -1]] for name in ("t", "x", "R", "v", "w")},
-                              a=None, alpha=None, lam=None)
-    ladders = [[cell.plan.step(order) * times for times in COARSER] if order is not None else RTOLS
-               for cell, order, _ in timing.runs]
-    made: dict[tuple[int, int], list[RawRun]] = {}  # by the number of the run and of its rung
-    for _ in range(timing.repeats):
-        for index, ((cell, order, main), sizes) in enumerate(zip(timing.runs, ladders, strict=True)):
-            child.at(str(index))
-            for rung, size in enumerate((*sizes, *(() if main is None else (main,)))):
-                before = made.setdefault((index, rung), [])
-                if len(before) > 1 and (sum(raw.wall_time for raw in before) > ENOUGH
-                                        or max(map(_second, before)) <= ALIKE * min(map(_second, before))):
-                    continue
-                step, rtol = (size, None) if order is not None else (None, size)
-                shorter = brief if step is None or not (before or rung == len(sizes)) else brief.replace(
-                    duration=min(brief.duration, MOST_TIMED * step))
-                outcome = lasting(attempt(shorter, cell.way, step=step, rtol=rtol, monitor=False, derived=False))
-                if isinstance(outcome, Ran):
-                    before.append(outcome.raw)
-    return [[_point(brief, [*sizes, main or 0.0][rung], order, made[index, rung], end if rung < len(sizes) else None)
-             for rung in range(len(sizes) + 1) if made.get((index, rung))]
-            for index, ((_, order, main), sizes) in enumerate(zip(timing.runs, ladders, strict=True))]
-
-
-def _second(raw: RawRun) -> float:
-    return raw.wall_time / max(1, raw.steps)
-
-
-def _point(scene: Scene, size: float, order: int | None, raws: list[RawRun], end: States | None) -> Point:
-    """One point. Without `end`, the truth at the end of the runs, it is the point of the main run."""
-    whole, each = raws[0], [_second(raw) for raw in raws]
-    second, simulated = statistics.median(each), float(whole.states.t[-1]) / max(1, whole.steps)
-    return Point(step=size if order is not None else None, rtol=size if order is None else None,
-                 wall_time=second * max(1, whole.steps), steps=int(whole.steps), us_per_step=1e6 * second,
-                 seconds_per_second=second / simulated, seconds_deviation=spread(each) / simulated,
-                 error=None if end is None else errors(scene, whole.states, end)["position"].end, main=end is None)

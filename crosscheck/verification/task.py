@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
-from crosscheck.document import Plan, Way
+from crosscheck.document import Plan, Way, set_words
 from crosscheck.jobs.drive import Crash, Limits, Place, run_tasks
 from crosscheck.running import cluster, provenance
 from crosscheck.scene.file import carry, load_scene, read_scene, scene_names
@@ -44,8 +44,7 @@ class Cell:
         words = ["crosscheck", "run", self.scene, "--engine", way.engine, "--method", way.method]
         words += ["--step", repr(way.step)] if way.step is not None else ["--rtol", repr(way.rtol)]
         words += ["--form", way.form] if way.form else []
-        own = {"coordinate_map": way.coordinate_map, **dict(way.options)}
-        words += [word for name, value in own.items() if value is not None for word in ("--set", f"{name}={value}")]
+        words += set_words((("coordinate_map", way.coordinate_map), *way.options))
         words += ["--duration", repr(self.plan.duration)] if self.plan.duration else []
         return shlex.join([*words, "--samples", str(self.plan.samples), "--csv", "run.csv"])
 

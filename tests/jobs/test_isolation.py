@@ -14,7 +14,6 @@ from crosscheck.jobs import drive
 from crosscheck.jobs.workers.process import GIGABYTE, Limits
 from crosscheck.verification import job
 from crosscheck.verification.job import limits_of
-from crosscheck.verification.speed import Timing, guarded_timing
 from tests import ROOT
 from tests.grid_tasks import sleep_for, square_or_die
 
@@ -90,21 +89,19 @@ def test_the_report_is_complete(results, tmp_path):
     assert not {"\x00", "\x1b"} & set(shown)
 
 
-def test_a_timing_study_goes_on_without_the_engine_that_ends_it():
-    from crosscheck.document import Plan, Way
-    from crosscheck.references import truth
-    from crosscheck.scene.file import load_scene
-    from crosscheck.verification.speed import COARSER, SAMPLES
-    from crosscheck.verification.task import Cell
+def test_times_are_measured_without_the_engine_that_ends_it():
+    from crosscheck.document import Errors, Record
+    from crosscheck.verification.speed import COARSER, measure_speed
 
-    plan = Plan({1: 1e-2}, duration=1.0)
-    truth(load_scene("single_pendulum").replace(duration=1.0, samples=SAMPLES))
-    runs = tuple((Cell("single_pendulum", Way(engine, method), plan), order, 1e-2) for engine, method, order in (
-        ("mujoco", "RK4", 4), (bad("Segfaulting"), "Rest", 1), ("mujoco", "Euler", 1)))
-    points, reasons = guarded_timing(Timing(runs, 1))
-    assert [len(each) for each in points] == [len(COARSER) + 1, 0, len(COARSER) + 1]
-    assert list(reasons) == [1]
-    assert "SIGSEGV" in reasons[1]
+    errors = {"position": Errors(unit="m", end=1e-3, max=1e-3, time=1.0, body="pendulum", size=1.0)}
+    records = [Record(engine, method, 1e-2, scene="single_pendulum", version="1", duration=1.0, steps=100,
+                      errors=errors, us_per_step=1.0, outcome="pass")
+               for engine, method in (("mujoco", "RK4"), (bad("Segfaulting"), "Rest"), ("mujoco", "Euler"))]
+    made, _ = measure_speed(records, "default", drive.Stages(1, None, lambda label: None))
+    assert [len(each.timing) for each in made] == [len(COARSER), 0, len(COARSER)]
+    assert [each.outcome for each in made] == ["pass", "fail", "pass"]
+    assert "SIGSEGV" in made[1].findings[-1].detail
+    assert all(each.us_per_step != 1.0 for each in made[::2])
 
 
 def test_a_worker_lives_on_and_its_successor_too():

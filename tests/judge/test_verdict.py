@@ -1,17 +1,21 @@
 """One verdict per run: every outcome, provoked with an engine whose errors are known."""
 
-import dataclasses
 import math
+import time
+from collections import Counter
 
 import numpy as np
 import pytest
 
 from crosscheck import adapters
+from crosscheck.adapters.base import RawRun
 from crosscheck.adapters.external.own import completed
 from crosscheck.document import Finding, Plan, Way
+from crosscheck.jobs.drive import Stages
 from crosscheck.judge.verdict import worst
+from crosscheck.verification import speed
 from crosscheck.verification.cell import run_cell
-from crosscheck.verification.speed import COARSER, MOST_TIMED, TIMED, Timing, time_cells
+from crosscheck.verification.speed import COARSER, SHOWN, measure_speed
 from crosscheck.verification.task import Cell
 from tests.fake_engine import FakeEngine, install
 
@@ -91,39 +95,45 @@ def test_what_an_engine_cannot_model_is_no_failure(verdict):
     assert (record.outcome, record.message) == ("unsupported", "it knows no ball joints")
 
 
-def test_timing_gives_stepping_time_and_end_error(monkeypatch):
-    install(monkeypatch, FakeEngine())
-    cell = Cell("single_pendulum", Way("fake", "Plain"), PLAN)
-    (points,) = time_cells(Timing(((cell, 2, None),), 2))
-    assert [point.step for point in points] == [1e-3 * times for times in COARSER]
-    for point in points:
+def timed(engine, step, monkeypatch):
+    """The record of a run of an engine at this step with its times, and those of coarser runs."""
+    install(monkeypatch, engine)
+    monkeypatch.setattr("crosscheck.jobs.drive.run_tasks", lambda function, tasks, jobs, done, *_: [
+        done(place, function(task)) for place, task in enumerate(tasks)])
+    record = run_cell(Cell("single_pendulum", Way("fake", "Plain"), Plan({1: step}, samples=26, duration=SHOWN)))
+    (made,), _ = measure_speed([record], "default", Stages(1, None, lambda label: None))
+    return made
+
+
+def test_times_are_those_of_stepping_and_come_with_end_errors(monkeypatch):
+    run = timed(FakeEngine(), 1e-3, monkeypatch)
+    assert [point.step for point in run.timing] == [1e-3 * times for times in COARSER]
+    for point in run.timing:
         # 0.1 h^2 t at the end, on numbers of size one
-        assert point.error == pytest.approx(0.1 * point.step ** 2 * TIMED, rel=1e-6)
-        assert point.us_per_step == pytest.approx(1.0)
+        assert point.error == pytest.approx(0.1 * point.step ** 2 * SHOWN, rel=1e-6)
+        assert point.wall_time == pytest.approx(1e-6 * point.steps)
+    assert run.us_per_step == pytest.approx(1.0)
+    assert run.seconds_per_second == pytest.approx(1e-6 / 1e-3)
 
 
-def test_timing_repeats_short_runs_whose_times_differ_and_ends_repeats_early(monkeypatch):
-    started, steps = [], [1e-3 * times for times in COARSER]
-    coarse, *_, fine = steps
+def test_short_runs_are_timed_in_several_turns_and_long_ones_once(monkeypatch):
+    started = Counter()
 
-    class Slow(FakeEngine):
-        def run(self, scene, spec):
-            started.append((spec.step, round(scene.duration / spec.step)))
-            raw = super().run(scene, spec)
-            later = 1.0 + 0.1 * len(started) if spec.step in (coarse, fine) else 1.0
-            return dataclasses.replace(raw, wall_time=later * (1.0 if spec.step == fine else raw.wall_time))
+    def attempt(scene, way, **_):
+        started[way.step] += 1
+        end = time.process_time() + (1.1 * speed.ONCE if way.step == 8e-3 else 0.0)
+        while time.process_time() < end:
+            pass
+        steps = round(scene.duration / way.step)
+        return speed.Ran(scene, way, RawRun(None, 1e-6 * steps, steps, way.step))
 
-    install(monkeypatch, Slow())
-    cell, main = Cell("single_pendulum", Way("fake", "Plain"), PLAN), TIMED / 10_000
-    (points,) = time_cells(Timing(((cell, 2, main),), 3))
-    counts = [sum(step == size for step, _ in started) for size in (*steps, main)]
-    assert counts == [3] + [2] * (len(counts) - 1)
-    assert {made for step, made in started if step == main} == {MOST_TIMED}
-    assert [made for step, made in started if step == fine] == [round(TIMED / fine), MOST_TIMED]
-    assert points[-1].main
-    assert points[-1].error is None
-    assert points[-1].us_per_step == pytest.approx(1.0)
-    assert points[-1].seconds_per_second == pytest.approx(1e-6 / main)
+    monkeypatch.setattr(speed, "attempt", attempt)
+    long, short = speed.time_round(speed.Round("single_pendulum", tuple(
+        speed.Burst(Way("lieeuler", "rattle2", step)) for step in (8e-3, 4e-3))))
+    assert started[8e-3] == 2  # one loads libraries
+    assert 2 + speed.REPEATS <= started[4e-3] <= 2 + speed.REPEATS * speed.PATIENCE
+    assert (len(long[0]), len(short[0])) == (1, speed.REPEATS)
+    assert {round(1e6 * seconds, 9) for seconds, _ in long[0] + short[0]} == {1.0}
 
 
 @pytest.mark.parametrize("method", [

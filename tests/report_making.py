@@ -40,7 +40,7 @@ def document(truths, judged, engines, profile="default", need=1.0):
 
 
 def timing(run):
-    """Points of a timing study, made up: times as the inverse of the steps of the run's ladder."""
+    """Times and errors, made up: times as the inverse of the steps of the run's ladder."""
     return [Point(step=rung.step, rtol=rung.rtol, wall_time=1e-5 / rung.step, steps=int(1 / rung.step),
                   error=rung.errors["position"]) for rung in run.ladder]
 

@@ -98,7 +98,7 @@ class Verdict:
     scene: Scene | None = None
     differences: Differences | None = None
     predicted: validation.Predicted | None = None  # of a log with inputs, by joint and horizon
-    shown: dict[str, float] = dataclasses.field(default_factory=dict)  # the smallest alterations that would have shown
+    detectable: dict[str, float] = dataclasses.field(default_factory=dict)  # the smallest alterations
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
@@ -127,7 +127,7 @@ class Verdict:
             for k, joint in enumerate(joints)}
         return dict(finite({name: getattr(self, name) for name in kept}
                            | {"largest_defects": defects, "text": str(self), "exit_code": self.exit_code}
-                           | ({"predicted": predicted, "shown": self.shown} if seen else {})))
+                           | ({"predicted": predicted, "detectable": self.detectable} if seen else {})))
 
 
 def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, columns: object = None,
@@ -281,7 +281,7 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
         return verdict
     seen, names = found.predicted, [joint.name for joint in scene.joints]
     half = max(k for k, h in enumerate(seen.horizons) if h <= validation.HALF or k == 0)
-    verdict.predicted, verdict.shown, verdict.share, verdict.until = seen, found.shown, log.share, end
+    verdict.predicted, verdict.detectable, verdict.share, verdict.until = seen, found.detectable, log.share, end
     verdict.errors = {"joint_position": float(seen.error[:, half].max())}
     verdict.floors = {"joint_position": float(seen.u[:, half].max())}
     lines = [validation.row(name, seen, k) for k, name in enumerate(names)]
@@ -314,7 +314,7 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
     verdict.code = {"pass": "", "fail": KINDS["tolerance"].code}.get(verdict.outcome, KINDS["unresolved"].code)
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
     lines.append("the smallest that would have shown, 95 times of 100: " + ", ".join(
-        validation.sized(key, value) for key, value in found.shown.items()
+        validation.sized(key, value) for key, value in found.detectable.items()
         if key.partition(" ")[0] in ("mass", "friction", "delay")))
     notes += [*said, "noise: " + ", ".join(f"{name} {each.said}" for name, each in zip(names, log.noise, strict=True)),
               f"{len(log.starts)} segments of {log.span:.3g} s, {100 * log.share:.3g} % of the recording; each starts "

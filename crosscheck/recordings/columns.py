@@ -60,7 +60,7 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     point: tuple[float, float, float] | None = None
     wrap: bool = False
     ignore: bool = False
-    between: Literal["hold", "linear", "spline"] = "hold"  # of an input, from one value to the next
+    between: Literal["", "hold", "linear", "spline"] = ""  # of an input, from one value to the next; "": not known
     side: Literal["", "motor", "link"] = ""  # of an effort: before or behind the friction of the joint
     gear: float = 1.0  # turns of the motor per turn of the joint, by which an effort of a motor is multiplied
     clock: str = ""  # the column of the times of an input, where it has its own

@@ -26,6 +26,9 @@ from crosscheck.scene.model import Force, Scene
 from crosscheck.scene.starts import at_coordinates, bodies_at
 from crosscheck.scene.vectors import exponential
 
+FAR = 10.0
+"""s before its first and after its last value, as long as these hold on."""
+
 SWEEPS = 20
 """Of the joints, for the friction that acts in a step: each one's depends on the others'."""
 
@@ -36,7 +39,7 @@ class Signal:
 
     t: np.ndarray
     values: np.ndarray
-    between: str = "hold"
+    between: str = "hold"  # "": held, as far as is known
 
     @classmethod
     def of(cls, group: Group, t: np.ndarray) -> Signal:
@@ -50,22 +53,18 @@ class Signal:
 
     @functools.cached_property
     def _integral(self) -> Callable[[np.ndarray], np.ndarray]:
+        from scipy.interpolate import CubicSpline, PPoly
+
         if self.between == "spline":
-            from scipy.interpolate import CubicSpline
-
             return CubicSpline(self.t, self.values).antiderivative()  # type: ignore[no-any-return]
-        mean = self.values[:-1] if self.between == "hold" else 0.5 * (self.values[1:] + self.values[:-1])
-        sums = np.concatenate([[0.0], np.cumsum(mean * np.diff(self.t))])
+        slopes = np.diff(self.values) / np.diff(self.t) * (self.between == "linear")
+        pieces = np.array([[0.0, *slopes, 0.0], [self.values[0], *self.values]])
+        return PPoly(pieces, [self.t[0] - FAR, *self.t, self.t[-1] + FAR]).antiderivative()  # type: ignore[no-any-return]
 
-        def integral(t: np.ndarray) -> np.ndarray:
-            inside = np.interp(t, self.t, sums)
-            if self.between == "linear":
-                k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
-                tau, h = np.clip(t - self.t[k], 0.0, self.t[k + 1] - self.t[k]), self.t[k + 1] - self.t[k]
-                inside = sums[k] + tau * (self.values[k] + 0.5 * tau * (self.values[k + 1] - self.values[k]) / h)
-            return np.asarray(inside + (t - np.clip(t, self.t[0], self.t[-1])) * np.where(
-                t < self.t[0], self.values[0], self.values[-1]))
-        return integral
+    @functools.cached_property
+    def other(self) -> Signal:
+        """The values by straight lines, where it is not known whether they are held."""
+        return self if self.between else Signal(self.t, self.values, "linear")
 
     def means(self, edges: np.ndarray) -> np.ndarray:
         """The means between rows of times (T, ...)."""
@@ -75,15 +74,16 @@ class Signal:
         """The function of time, as known around an interval."""
         low = max(int(np.searchsorted(self.t, begin, side="right")) - 3, 0)
         part = slice(low, max(int(np.searchsorted(self.t, end)) + 3, low + 4))
-        made: TimeFunction = getattr(functions, self.between)(self.t[part].tolist(), self.values[part].tolist())
-        return made
+        made = getattr(functions, self.between or "hold")
+        return made(self.t[part].tolist(), self.values[part].tolist())  # type: ignore[no-any-return]
 
 
 OF_BODIES = ("mass", "inertia", "centre of mass x", "centre of mass y", "centre of mass z")
 OF_JOINTS = ("damping", "friction", "armature", "torque gain", "torque offset", "zero")
-OF_ALL = ("delay", "tilt x", "tilt y")
+OF_ALL = ("delay", "tilt x", "tilt y", "between")
 """What may be altered: mass and inertia relative, the centre of mass in m, body axes; of joints in SI, the gain
-relative, the zero of the encoder; the delay of all inputs in s; turns of gravity in rad about axes of the world."""
+relative, the zero of the encoder; the delay of all inputs in s; turns of gravity in rad about axes of the world; and
+the part of straight lines in inputs that the log does not tell from held ones."""
 
 
 def _with(record: Any, **fields: Any) -> Any:
@@ -99,6 +99,7 @@ class System:
     Attributes
     ----------
     efforts, targets, target_velocities : of each joint its signal, None where there is none
+    measured : (n,) whether an effort is measured, so that its noise is no part of the motion
     names : (what, owner) of each of the K alterations
 
     Raises
@@ -116,10 +117,18 @@ class System:
         signals = {(g.key if g.key not in EFFORTS else "effort", g.owner): Signal.of(g, t) for g in inputs}
         self.efforts, self.targets, self.target_velocities = (
             [signals.get((key, joint.name)) for joint in scene.joints] for key in ("effort", *TARGETS))
+        acting = {g.owner for g in inputs if g.key in EFFORTS}  # what its servo gives is among it
+        for name, servo in scene.servos.values():
+            if servo.period is not None and name not in acting:
+                raise Unsupported(f"the servo of joint {name!r} samples every {servo.period:g} s, and a log does not "
+                                  "say when; record the effort that it gives")
+        self.measured = np.array([("effort_measured", joint.name) in {(g.key, g.owner) for g in inputs}
+                                  for joint in scene.joints])
         behind = {g.owner for g in inputs if g.row.side == "link"}  # its friction has acted, and acts no second time
         self.scene = scene.replace(joints=tuple(dataclasses.replace(
             joint, damping=(), dry_friction=(), armature=()) if joint.name in behind else joint
-            for joint in scene.joints), sensors=())
+            for joint in scene.joints), sensors=(), forces=tuple(
+                force for force in scene.forces if force.type != "servo" or force.joint not in acting))
         self.n = len(scene.joints)
         self.names = [(what, body.name) for body in scene.bodies for what in OF_BODIES] + [
             (what, joint.name) for joint in scene.joints for what in OF_JOINTS] + [(what, "") for what in OF_ALL]
@@ -187,7 +196,7 @@ class System:
     def _parameters(self, altered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Alterations of joints (N, n, 6), and the parameters of the compiled function."""
         joints = altered[:, self._bodies:self._delay].reshape(-1, self.n, len(OF_JOINTS))
-        turned = exponential(np.pad(altered[:, self._delay + 1:], ((0, 0), (0, 1))))
+        turned = exponential(np.pad(altered[:, self._delay + 1:self._delay + 3], ((0, 0), (0, 1))))
         gravity = np.einsum("nij,j->ni", turned, self.scene.gravity)
         return joints, np.concatenate([altered[:, :self._bodies], joints[..., 2], gravity], 1).T.copy()
 
@@ -200,16 +209,22 @@ class System:
         state[len(self._initial):] = (u - joints[..., 0] * v).T
         return np.asarray(self._signs * self._function(state, pars=pars).T)
 
-    def inputs(self, begin: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    def inputs(self, begin: np.ndarray, edges: np.ndarray, other: bool = False) -> np.ndarray:
         """(T - 1, 3, N, n) mean efforts, set points and their rates between edges (T,) after times (N,), as recorded;
-        NaN where a servo has its own."""
+        NaN where a servo has its own. `other`: by straight lines where it is not known whether they are held."""
         made = np.full((len(edges) - 1, 3, len(begin), self.n), np.nan)
         for row, signals in enumerate((self.efforts, self.targets, self.target_velocities)):
             for k, signal in enumerate(signals):
                 if signal is not None:
-                    made[:, row, :, k] = signal.means(begin + edges[:, None])
+                    made[:, row, :, k] = (signal.other if other else signal).means(begin + edges[:, None])
         made[:, 0] = np.nan_to_num(made[:, 0])
         return made
+
+    @property
+    def unsure(self) -> bool:
+        """Whether it is not known of an input that it is held from one value to the next."""
+        return any(each is not None and not each.between for signals in (
+            self.efforts, self.targets, self.target_velocities) for each in signals)
 
     def pushes(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, given: np.ndarray) -> np.ndarray:
         """(N, n) what inputs (3, N, n) and servos give."""
@@ -268,8 +283,13 @@ class System:
         joints, parameters = self._parameters(altered)
         count, h = max(1, int(np.ceil(span / step * (1 - 1e-9)))), step
         rows = [(q, v)]
-        since, which = np.unique(begin - altered[:, self._delay], return_inverse=True)
-        halves = self.inputs(since, 0.5 * h * np.arange(2 * count + 1))
+        since, own = np.unique(begin - altered[:, self._delay], return_inverse=True)
+        which = own
+        edges, between = 0.5 * h * np.arange(2 * count + 1), altered[:, -1]
+        halves = self.inputs(since, edges)
+        if between.any():
+            halves, which = halves[:, :, own], np.arange(len(start))
+            halves += between[:, None] * (self.inputs(since, edges, True)[:, :, own] - halves)
         means, tilts = 0.5 * (halves[::2] + halves[1::2]), 1.5 * (halves[1::2] - halves[::2])
         gain, offset = 1.0 + joints[..., 3], joints[..., 4]
         for k in range(count):

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from crosscheck.errors import ArgumentError, Unsupported, unknown
 from crosscheck.recordings.columns import EFFORTS
@@ -306,11 +307,12 @@ class Fit:
             self.step /= 2
         self.sizes = self._sizes()
         self.begun = log.begun[self.picked]
+        self.unknown = self.shaken * system.measured  # accelerations by what is not known of efforts
+        self._roots: dict[bytes, np.ndarray] = {}
 
     def _sizes(self) -> np.ndarray:
         """(K,) alterations that change accelerations by about a hundredth of what they are."""
         system, log = self.system, self.log
-        n = system.n
         q, v = log.state[..., 0], log.state[..., 1]
         none = np.zeros((len(q), len(system.names)))
         given = system.inputs(log.starts, np.array([0.0, log.period]))[0]
@@ -328,7 +330,7 @@ class Fit:
                          "centre of mass z": 0.1}.get(what, 1.0))
         noises = np.array([0.0 if each is None else measured(each.t, each.values).sigma for each in system.efforts])
         self.pushed = np.abs(np.einsum("nii->ni", S)).mean(axis=0) * noises  # accelerations by the noise of inputs
-        assert len(effort) == n
+        self.shaken = np.abs(S).mean(axis=0) * noises  # (n, n) of each joint by each effort
         return 1e-2 * np.array(made)
 
     def slopes(self, start: np.ndarray, which: Sequence[int], altered: np.ndarray, span: float | None = None
@@ -361,6 +363,56 @@ class Fit:
                     for s in range(len(start))]
         return [np.nan_to_num(each, nan=1e9, posinf=1e9, neginf=-1e9) for each in left]
 
+    def root(self, s: int) -> np.ndarray | None:
+        """A root of the covariance of a segment's rows, over their noise; None: they are independent.
+
+        An unknown effort is held from row to row, and moves a joint as the integral of its integral.
+        """
+        if not self.unknown.any():
+            return None
+        data = self.data[s]
+        t = np.concatenate([each[0] for each in data])
+        counts = [len(each[0]) for each in data]
+        scale, joint = np.repeat([each[2] for each in data], counts), np.repeat(range(len(data)), counts)
+        key = b"".join(each.tobytes() for each in ((t / self.log.period).round(2), scale, self.unknown))
+        if key not in self._roots:
+            first, last = np.minimum.outer(t, t), np.maximum.outer(t, t)
+            pushed = (self.unknown @ self.unknown.T)[np.ix_(joint, joint)] * self.log.period
+            self._roots[key] = np.linalg.cholesky(np.eye(len(t)) + pushed * first**2 * (3 * last - first) / 6
+                                                  / np.outer(scale, scale))
+        return self._roots[key]
+
+    def reduced(self) -> tuple[np.ndarray, np.ndarray, float, int, float]:
+        """(N, b, chi^2, degrees of freedom, log of the determinant of the covariance) of the last rows."""
+        size = 2 * self.system.n
+        count = self.last[0][0].shape[1] - size
+        N, b, chi2, free, determinant = np.zeros((count, count)), np.zeros(count), 0.0, 0, 0.0
+        self.parts, self.follows = [], np.zeros((len(self.last), size, count))
+        for s, (A, r) in enumerate(self.last):
+            root = self.root(s)
+            if root is not None:
+                A, r = (solve_triangular(root, each, lower=True) for each in (A, r))
+                determinant += 2 * float(np.log(np.diag(root)).sum())
+            Q = np.linalg.qr(A[:, :size])[0]
+            self.follows[s] = -np.linalg.lstsq(A[:, :size], A[:, size:], rcond=1e-10)[0]
+            E, rest = (each - Q @ (Q.T @ each) for each in (A[:, size:], r))
+            self.parts.append((E.T @ E, E.T @ rest))
+            N, b, chi2, free = N + E.T @ E, b + E.T @ rest, chi2 + float(rest @ rest), free + len(r) - size
+        return N, b, chi2, free, determinant
+
+    def loosened(self) -> None:
+        """Take the noise of inputs as unknown if the last rows ask for that: what no single alteration explains.
+
+        A log may be slower than what gives its inputs.
+        """
+        sure, likely = self.unknown, []
+        for each in (sure, self.shaken) if self.system.unsure else (sure,):
+            self.unknown = each
+            N, b, chi2, _, determinant = self.reduced()
+            pairs = [np.array([k, len(b) - 1]) for k in range(len(b) - 1) if N[k, k] * self.sizes[k] ** 2 > NOTHING]
+            likely.append(chi2 + determinant + min(alone(N[np.ix_(pair, pair)], b[pair], PARTS)[2] for pair in pairs))
+        self.unknown = sure if likely[0] == min(likely) else self.shaken
+
     @functools.cached_property
     def data(self) -> list[list[tuple[np.ndarray, np.ndarray, float]]]:
         """Of each fitted segment and joint: s since the start, positions, their standard deviation."""
@@ -390,7 +442,6 @@ class Fit:
     def normal(self, which: Sequence[int], altered: np.ndarray, rounds: int = ROUNDS
                ) -> tuple[np.ndarray, np.ndarray, float, int]:
         """(N, b, chi^2, degrees of freedom) of alterations around a given one, each segment from its best start."""
-        size = 2 * self.system.n
         start, left = self.begun.copy(), self.residuals(self.begun, altered)
         share = np.ones(len(start))
         for _ in range(rounds):
@@ -406,24 +457,22 @@ class Fit:
             if (gain < 1e-2 and share.min() < 0.5) or (gain < 1e-2 and better.all()):
                 break
         self.begun = start
-        N, b, chi2, free = np.zeros((len(which), len(which))), np.zeros(len(which)), 0.0, 0
-        self.follows = np.zeros((len(start), size, len(which)))
-        for s, (A, r) in enumerate(zip(self.designs(start, which, altered), left, strict=True)):
-            Q = np.linalg.qr(A[:, :size])[0]
-            self.follows[s] = -np.linalg.lstsq(A[:, :size], A[:, size:], rcond=1e-10)[0]
-            E, rest = (each - Q @ (Q.T @ each) for each in (A[:, size:], r))
-            N, b, chi2, free = N + E.T @ E, b + E.T @ rest, chi2 + float(rest @ rest), free + len(r) - size
-        return N, b, chi2, free
+        self.last = list(zip(self.designs(start, which, altered), left, strict=True))
+        return self.reduced()[:4]
 
-    def headline(self, prior: np.ndarray, u_num: np.ndarray | None = None) -> Predicted:
-        """Errors of prediction over the horizons; `prior` (K,): standard deviations of alterations that are inputs."""
+    def headline(self, prior: np.ndarray, u_num: np.ndarray | None = None, between: float = 0.0) -> Predicted:
+        """Errors of prediction over the horizons; `prior` (K,): standard deviations of alterations that are inputs.
+
+        Inputs are straight to the part `between`.
+        """
         log, n = self.log, self.system.n
         rows = np.arange(len(log.starts))
         horizons = log.horizons
-        grid, q, v = self.system.flow(log.starts, log.begun, horizons[-1] + 2 * log.period, self.step)
+        altered = np.append(np.zeros(len(prior) - 1), between)
+        grid, q, v = self.system.flow(log.starts, log.begun, horizons[-1] + 2 * log.period, self.step,
+                                      np.tile(altered, (len(rows), 1)))
         known = np.flatnonzero(prior).tolist()
-        coarse, by_start, by_altered = self.slopes(log.begun[self.picked], known, np.zeros(len(prior)),
-                                                   horizons[-1])
+        coarse, by_start, by_altered = self.slopes(log.begun[self.picked], known, altered, horizons[-1])
         near = self.picked[np.abs(self.picked[None] - rows[:, None]).argmin(axis=1)]  # segments that were not varied
         like = np.searchsorted(self.picked, near)
         error = np.full((len(rows), n, len(horizons)), np.nan)
@@ -442,7 +491,8 @@ class Fit:
                 for i in range(n):
                     spread[:, i::n, i::n] = log.spread[:, i]
                 variance[:, k, j] = np.einsum("si,sij,sj->s", Phi, spread, Phi) + log.noise[k].sigma**2
-                given[:, k, j] = np.sum((by_altered[place][like][:, k] * prior[prior > 0]) ** 2, axis=1)
+                given[:, k, j] = np.sum((by_altered[place][like][:, k] * prior[prior > 0]) ** 2, axis=1) + np.sum(
+                    self.unknown[k] ** 2) * log.period * h**3 / 3
                 ends[:, k] = told
         num = np.zeros((n, len(horizons))) if u_num is None else u_num
         z = error / np.sqrt(variance + given + num**2)
@@ -488,21 +538,59 @@ def sized(key: str, value: float) -> str:
     return f"{what}{f' of {owner}' if owner else ''} {(100.0 if unit == '%' else 1.0) * value:.2g} {unit}"
 
 
+PARTS = np.linspace(0.0, 1.0, 41)
+"""Of straight lines in inputs of which it is not known whether they are held, that are tried."""
+
+
+def alone(N: np.ndarray, b: np.ndarray, parts: np.ndarray) -> tuple[float, float, float, float]:
+    """(size, its standard deviation, chi^2 less that without it, part of straight lines) of one alteration.
+
+    N (2, 2) and b (2,) are of it and of that part, which may be any of `parts` at equal odds.
+    """
+    size = (b[0] - parts * N[0, 1]) / N[0, 0]
+    chi2 = parts * (parts * N[1, 1] - 2 * b[1]) - size**2 * N[0, 0]
+    odds = np.exp(-0.5 * (chi2 - chi2.min()))
+    odds /= odds.sum()
+    mean, best = float(odds @ size), int(np.argmin(chi2))
+    return mean, math.sqrt(1 / N[0, 0] + float(odds @ (size - mean) ** 2)), float(chi2[best]), float(parts[best])
+
+
+def scatter(sizes: np.ndarray, weights: np.ndarray) -> float:
+    """Variance of a size from segment to segment beyond their own, whose inverses are the weights; 0 if it is noise.
+
+    Source: R. DerSimonian, N. Laird, Controlled Clinical Trials 7 (1986) 177, where Cochran's Q is beyond 95 %.
+    """
+    from scipy.stats import chi2
+
+    mean, count = float(weights @ sizes / weights.sum()), len(sizes) - 1
+    Q = float(weights @ (sizes - mean) ** 2)
+    if count < 1 or chi2.cdf(Q, count) <= 0.95:
+        return 0.0
+    return (Q - count) / float(weights.sum() - weights @ weights / weights.sum())
+
+
 def refined(fit: Fit, k: int, rounds: int = 8) -> Cause:
-    """One alteration, fitted where the motion is not linear in it."""
+    """One alteration, fitted where the motion is not linear in it.
+
+    What a size differs by from segment to segment beyond its noise is no noise, and is not less in their mean.
+    """
     what, owner = fit.system.names[k]
-    altered, begun = np.zeros(len(fit.system.names)), fit.begun
+    altered, begun, last = np.zeros(len(fit.system.names)), fit.begun, len(fit.system.names) - 1
     made, before = Cause(what, owner, 0.0, math.inf, math.inf, 1), math.inf
+    parts = PARTS if fit.system.unsure and what != "delay" else np.zeros(1)
     for _ in range(rounds):
-        N, b, chi2, free = fit.normal([k], altered)
+        N, b, chi2, free = fit.normal([k, last], altered)
         if not chi2 < before * 1.001 or not N[0, 0] > 0:
             break
         before = chi2
-        change = float(b[0] / N[0, 0])
-        sigma = float(1 / math.sqrt(N[0, 0]))
-        made = Cause(what, owner, float(altered[k]) + change, sigma, chi2 - change * float(b[0]), free)
-        altered[k] += change
-        fit.begun = fit.begun + change * fit.follows[..., 0]
+        change, sigma, gain, part = alone(N, b, parts - altered[last])
+        spare = max(1.0, (chi2 + gain) / free)
+        own = np.array([each[0, 0] for each, _ in fit.parts])
+        sizes = np.array([each[0] - part * rest[0, 1] for rest, each in fit.parts]) / np.where(own > 0, own, 1.0)
+        sigma = math.sqrt(sigma**2 * spare + scatter(sizes[own > 0], own[own > 0] / spare))
+        made = Cause(what, owner, float(altered[k]) + change, sigma, chi2 + gain, free)
+        altered[k], altered[last] = altered[k] + change, altered[last] + part
+        fit.begun = fit.begun + fit.follows @ np.array([change, part])
         if abs(change) < 0.05 * made.sigma:
             break
     fit.begun = begun
@@ -541,31 +629,52 @@ class Answer:
     causes: list[Cause]  # that explain it equally well, the best first
     explained: float  # part of what the log misses beyond its noise, by the best
     worst: float  # rms of what fitted segments leave over their noise
-    shown: dict[str, float]  # the smallest alteration of each kind and owner that would have shown
+    detectable: dict[str, float]  # the smallest alteration of each kind and owner that would have shown
     fails: bool
 
 
 def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
     """Predictions of one model, and the alterations that its log asks for."""
     fit, prior = Fit(log, system), priors(system, uncertain)
-    predicted = fit.headline(prior, fit.numerical(log.horizons))
-    none, every = np.zeros(len(system.names)), range(len(system.names))
-    N, b, chi2, free = fit.normal(every, none)
+    none, last = np.zeros(len(system.names)), len(system.names) - 1
+    every = range(last)
+    fit.normal(range(last + 1), none)
+    fit.loosened()
+    N, b, chi2, free, _ = fit.reduced()
+    parts = PARTS if system.unsure else np.zeros(1)
     known = np.flatnonzero(prior > 0)
-    gains, sizes = np.zeros(len(none)), np.full(len(none), math.inf)
-    for k in every:
-        others = known[known != k]
+    gains, sizes = np.zeros(last), np.full(last, math.inf)
+
+    def without(rows: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """N and b of some alterations, and what chi^2 loses, where uncertain inputs may be what they like."""
         inner = N[np.ix_(others, others)] + np.diag(1 / prior[others] ** 2)
-        lost = np.linalg.solve(inner, np.column_stack([N[others, k], b[others]])) if len(others) else np.zeros((0, 2))
-        own, push = N[k, k] - N[k, others] @ lost[:, 0], b[k] - N[k, others] @ lost[:, 1]
-        if own > 1e-9 * N[k, k] > 0 and N[k, k] * fit.sizes[k] ** 2 > NOTHING:
-            sizes[k] = math.sqrt(1 / own + prior[k] ** 2)
-            gains[k] = (push / own) ** 2 / sizes[k] ** 2
+        lost = np.linalg.solve(inner, np.column_stack([N[np.ix_(others, rows)], b[others]]))
+        return (N[np.ix_(rows, rows)] - N[np.ix_(rows, others)] @ lost[:, :-1],
+                b[rows] - N[np.ix_(rows, others)] @ lost[:, -1], float(b[others] @ lost[:, -1]))
+
+    def straight(N: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+        """(part of straight lines that fits best without an alteration, what chi^2 changes by)."""
+        chi2 = parts * (parts * N[-1, -1] - 2 * b[-1])
+        return float(parts[np.argmin(chi2)]), float(chi2.min())
+
+    for k in every:
+        if not N[k, k] * fit.sizes[k] ** 2 > NOTHING:
+            continue
+        M, g, _ = without(np.array([k, last]), known[known != k])
+        if M[0, 0] > 1e-9 * N[k, k]:
+            _, sigma, gain, _ = alone(M, g, parts if system.names[k][0] != "delay" else np.zeros(1))
+            more = max(straight(M, g)[1] - gain, 0.0)
+            gains[k] = more * sigma**2 / (sigma**2 + prior[k] ** 2)
+            sizes[k] = math.sqrt(sigma**2 + prior[k] ** 2)
+    M, g, given = without(np.array([last]), known)
+    between, less = straight(M, g)
+    predicted = fit.headline(prior, fit.numerical(log.horizons), between)
+    chi2 += less
     scale = max(1.0, (chi2 - gains.max()) / free)
-    shown = {f"{what} {owner}".strip(): (CRITICAL + MISSED) * size * math.sqrt(scale)
-             for (what, owner), size in zip(system.names, sizes, strict=True) if np.isfinite(size)}
+    early = 0.5 * log.period * system.unsure  # which straight lines make of a delay
+    shown = {f"{what} {owner}".strip(): (CRITICAL + MISSED) * size * math.sqrt(scale) + early * (what == "delay")
+             for (what, owner), size in zip(system.names, sizes, strict=False) if np.isfinite(size)}
     order = np.argsort(-gains)
-    given = b[known] @ np.linalg.solve(N[np.ix_(known, known)] + np.diag(1 / prior[known] ** 2), b[known])
     beyond = bool(chi2 - given > COVER**2 * free)  # of what uncertain inputs may make
     if gains[order[0]] <= CRITICAL**2 * scale and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
@@ -577,9 +686,7 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
             made.sort(key=lambda cause: cause.chi2)
     best = made[0]
     spare = max(1.0, best.chi2 / free)
-    explained = (chi2 - best.chi2) / max(chi2 - free, 1e-300)
-    for each in made:
-        each.sigma *= math.sqrt(max(1.0, each.chi2 / free))
+    explained = (chi2 - best.chi2) / max(chi2 - free, chi2 - best.chi2, 1e-300)
     if abs(best.size) <= CRITICAL * best.sigma and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
     alike = [each for each in made if each.chi2 - best.chi2 <= ALIKE * spare]

@@ -29,7 +29,7 @@ from crosscheck.recordings.comparing import (
     RATES,
     UNITS,
     Differences,
-    Shown,
+    Outputs,
     compare,
     gaps,
     norms,
@@ -329,7 +329,7 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
     return verdict
 
 
-def _two(scene: Scene, other: Scene, recording: Recording, log: Any, seen: validation.Predicted) -> list[str]:
+def _two(scene: Scene, other: Scene, recording: Recording, log: Any, predicted: validation.Predicted) -> list[str]:
     """Predictions of another model beside those of the first."""
     names = [joint.name for joint in scene.joints]
     if [joint.name for joint in other.joints] != names:
@@ -337,11 +337,11 @@ def _two(scene: Scene, other: Scene, recording: Recording, log: Any, seen: valid
                             f"not {', '.join(names)}")
     system, _ = validation.chosen(other, log, recording)
     fit = validation.Fit(log, system)
-    beside = fit.headline(np.zeros(len(system.names)), fit.numerical(seen.horizons))
+    beside = fit.headline(np.zeros(len(system.names)), fit.numerical(predicted.horizons))
     made = [f"prediction errors of {scene.name} and {other.name}, rms:"]
     for k, name in enumerate(names):
-        for h, horizon in enumerate(seen.horizons):
-            one, two, u = (float(each[k, h]) for each in (seen.error, beside.error, seen.u))
+        for h, horizon in enumerate(predicted.horizons):
+            one, two, u = (float(each[k, h]) for each in (predicted.error, beside.error, predicted.u))
             word = "they differ by less than u_val" if abs(one - two) <= u else (
                 f"{(scene if one < two else other).name} predicts better, by more than u_val")
             made.append(f"{name} after {horizon:g} s: {one:.3g} and {two:.3g}, u_val {u:.2g}: {word}")
@@ -403,7 +403,7 @@ def _truth(scene: Scene, recording: Recording, truth: Any, start: str
         if mistake:
             notes.append(f"the first row makes sense with {mistake}, and truth starts from it so")
         moved = {group.key: norms(gaps(group, group.values, value, True))[0] for group, value in
-                 zip(first.groups, Shown(scene, first.groups).of(states), strict=True)}
+                 zip(first.groups, Outputs(scene, first.groups).of(states), strict=True)}
         shifts = ", ".join(f"{key.replace('_', ' ')} changed by {size:.1e} to satisfy the joints"
                            for key, size in moved.items() if size > 1e-12)
         notes.append("truth starts from the first row" + (f", {shifts}" if shifts else ""))
@@ -424,12 +424,12 @@ def _truth(scene: Scene, recording: Recording, truth: Any, start: str
     return lambda given: given, truth, 0.0, notes
 
 
-def _sizes(seen: Differences, allowed: Mapping[str, float], lines: list[str]) -> list[str]:
+def _sizes(diff: Differences, allowed: Mapping[str, float], lines: list[str]) -> list[str]:
     """Errors beyond their tolerances; all of them into `lines`."""
     failed = []
-    for key in seen.recording.keys:
-        which, at = seen.worst(key)
-        group, sizes, floors, t = seen.recording.groups[which], seen.sizes[which], seen.floor[which], seen.recording.t
+    for key in diff.recording.keys:
+        which, at = diff.worst(key)
+        group, sizes, floors, t = diff.recording.groups[which], diff.sizes[which], diff.floor[which], diff.recording.t
         error, floor = float(sizes[at]), float(floors[at])
         digits = f", of which printed digits leave open {floor:.1e}" if floor > 1e-3 * error and floor > 1e-12 else ""
         said = f"{group.label}: off by up to {error:.3g} {group.unit} (t = {t[at]:.6g} s){digits}"
@@ -441,47 +441,47 @@ def _sizes(seen: Differences, allowed: Mapping[str, float], lines: list[str]) ->
     return failed
 
 
-def _kinds(seen: Differences, notes: list[str]) -> list[str]:
+def _kinds(diff: Differences, notes: list[str]) -> list[str]:
     """Rates that are not the derivatives of what is recorded beside them, and attitudes that are no rotations."""
-    failed, t = [], seen.recording.t
-    groups = {(g.key, g.owner): k for k, g in enumerate(seen.recording.groups)}
+    failed, t = [], diff.recording.t
+    groups = {(g.key, g.owner): k for k, g in enumerate(diff.recording.groups)}
     for (key, owner), k in groups.items():
         if key not in POSES or len(t) < 8:
             continue
         rate = groups.get((RATES[POSES.index(key)], owner))
-        pose, speed = seen.recording.groups[k], seen.recording.groups[rate or 0]
+        pose, speed = diff.recording.groups[k], diff.recording.groups[rate or 0]
         if rate is None or pose.frame or speed.frame or (
                 len(speed.parts) < 3 if key == "attitude" else pose.parts != speed.parts):
             continue
         tau = np.diff(t)
-        moved = np.diff(seen.gap[k], axis=0) / tau[:, None]
-        mean = 0.5 * (seen.gap[rate][1:] + seen.gap[rate][:-1])
+        moved = np.diff(diff.gap[k], axis=0) / tau[:, None]
+        mean = 0.5 * (diff.gap[rate][1:] + diff.gap[rate][:-1])
         if key == "attitude":  # the rotation vector between them turns with the body
-            w = 0.5 * (seen.values[rate][1:] + seen.values[rate][:-1])
-            moved = moved + np.cross(w, 0.5 * (seen.gap[k][1:] + seen.gap[k][:-1]))
+            w = 0.5 * (diff.values[rate][1:] + diff.values[rate][:-1])
+            moved = moved + np.cross(w, 0.5 * (diff.gap[k][1:] + diff.gap[k][:-1]))
         off = norms(moved - mean)
-        change = np.linalg.norm(np.diff(seen.values[rate], axis=0), axis=1)  # a rate of one interval later or before
-        leave = change + 0.1 * norms(mean) + (seen.floor[k][1:] + seen.floor[k][:-1]) / tau + seen.floor[rate][1:]
-        wild = off > 2 * leave + 1e-9 * np.abs(seen.values[rate]).max(initial=0.0)
+        change = np.linalg.norm(np.diff(diff.values[rate], axis=0), axis=1)  # a rate of one interval later or before
+        leave = change + 0.1 * norms(mean) + (diff.floor[k][1:] + diff.floor[k][:-1]) / tau + diff.floor[rate][1:]
+        wild = off > 2 * leave + 1e-9 * np.abs(diff.values[rate]).max(initial=0.0)
         if wild.mean() > 0.3:
             at = int(np.argmax(off / (leave + 1e-300)))
             failed.append(f"{speed.label} is not the rate of {pose.label}: off by {off[at]:.3g} {speed.unit} at t = "
                           f"{t[at]:.6g} s, where one interval changes it by {change[at]:.2g}")
-    for group in seen.recording.groups:
+    for group in diff.recording.groups:
         if group.crooked > 1e-6 + 4 * float(group.floor.max()):
             notes.append(f"{group.label}: recorded attitudes are {group.crooked:.1e} from rotations")
     return failed
 
 
-def _defects(scene: Scene, seen: Differences, since: float, allowed: Mapping[str, float], verdict: Verdict,
+def _defects(scene: Scene, diff: Differences, since: float, allowed: Mapping[str, float], verdict: Verdict,
              notes: list[str]) -> list[str]:
     """Intervals that miss the true motion from their own start; the frame of all into the verdict."""
     import pandas as pd
 
-    missed = comparing.intervals(scene, seen, since)
+    missed = comparing.intervals(scene, diff, since)
     if missed is None:
         notes.append("not judged: single intervals" + (
-            ", of fewer than four rows" if len(seen.recording.t) < 4 else
+            ", of fewer than four rows" if len(diff.recording.t) < 4 else
             ", because the columns do not determine the state of all bodies, or a sampled servo has one of its own"))
         return []
     t, defects = missed
@@ -554,7 +554,7 @@ def _orders(runs: list[Differences], steps: list[float], order: int | None, verd
     kept.groups = [dataclasses.replace(g, values=true @ exponential(gap) if g.key == "attitude" else true + gap)
                    for g, true, gap in zip(kept.groups, exact, limits, strict=True)]
     floors = [floor[rows[0]] + more for floor, more in zip(runs[0].floor, unsure, strict=True)]
-    return Differences(runs[0].shown, kept, runs[0].truth, runs[0].t[rows[0]], exact, limits, floors), failed
+    return Differences(runs[0].outputs, kept, runs[0].truth, runs[0].t[rows[0]], exact, limits, floors), failed
 
 
 def _stacked(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -563,7 +563,7 @@ def _stacked(parts: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack([np.pad(part, ((0, 0), (0, most - part.shape[1]))) for part in parts], axis=1)
 
 
-def _tends(errors: list[np.ndarray], h: Sequence[float], floor: float, claimed: int | None
+def _tends(errors: list[np.ndarray], h: Sequence[float], floor: float, order: int | None
            ) -> tuple[float | None, Limit]:
     """(observed order, where runs less truth go), of two or three, the finest first.
 
@@ -578,8 +578,8 @@ def _tends(errors: list[np.ndarray], h: Sequence[float], floor: float, claimed: 
     elif largest(errors[0]) > 2 * floor and np.linalg.norm(
             far - (far @ near) / (near @ near) * near) <= PARALLEL * np.linalg.norm(far):
         seen = math.log(np.linalg.norm(far) / np.linalg.norm(near)) / math.log(h[1] / h[0])
-    meant = seen is None or claimed is None or seen >= claimed - MARGIN
-    p = claimed if claimed is not None and meant else max(1, round(seen or 1.0))
+    meant = seen is None or order is None or seen >= order - MARGIN
+    p = order if order is not None and meant else max(1, round(seen or 1.0))
     if len(errors) > 2:
         return seen, limit(h, errors, p, rounding)
     weights = cancelling(np.array(h), p)
@@ -589,10 +589,10 @@ def _tends(errors: list[np.ndarray], h: Sequence[float], floor: float, claimed: 
                                "digits": floor_of(rounding, 0.0, weights)}, "order")
 
 
-def _cause(scene: Scene, begun: Callable[[Scene], Scene], seen: Differences, until: float, limit: bool
+def _cause(scene: Scene, begun: Callable[[Scene], Scene], diff: Differences, until: float, limit: bool
            ) -> tuple[str | None, list[str]]:
     """(the cause, what to say of it and of the others)."""
-    named, every = find_causes.find(begun(scene), seen, until)
+    named, every = find_causes.find(begun(scene), diff, until)
     if len(named) == 1:
         part = "" if named[0].left <= find_causes.CERTAIN else ", in part"
         return named[0].name, [

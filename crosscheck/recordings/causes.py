@@ -24,7 +24,7 @@ from crosscheck.diagnosis.of_sensors import filtered, mistakes
 from crosscheck.diagnosis.stepping import munthe_kaas
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import ArgumentError
-from crosscheck.recordings.comparing import POSES, RATES, Differences, Shown, gaps, norms, part_of, restored
+from crosscheck.recordings.comparing import POSES, RATES, Differences, Outputs, gaps, norms, part_of, restored
 from crosscheck.recordings.reading import Recording
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.batch import State, integrate
@@ -85,18 +85,18 @@ class Cause(NamedTuple):
 class Case:
     """Some rows of a recording beside truth, and how much of their difference a hypothesis leaves."""
 
-    def __init__(self, scene: Scene, seen: Differences, rows: np.ndarray) -> None:
-        self.scene, self.truth = scene, seen.truth
-        self.values = [value[rows] for value in seen.values]
-        self.known = [np.isfinite(size[rows]) for size in seen.sizes]
-        piece = part_of(seen.recording, rows)  # a missing value is taken for the true one: it tells nothing
+    def __init__(self, scene: Scene, diff: Differences, rows: np.ndarray) -> None:
+        self.scene, self.truth = scene, diff.truth
+        self.values = [value[rows] for value in diff.values]
+        self.known = [np.isfinite(size[rows]) for size in diff.sizes]
+        piece = part_of(diff.recording, rows)  # a missing value is taken for the true one: it tells nothing
         self.recording = dataclasses.replace(piece, groups=[
             dataclasses.replace(group, values=np.where(known.reshape(-1, *(1,) * (true.ndim - 1)), group.values, true))
             for group, known, true in zip(piece.groups, self.known, self.values, strict=True)])
-        self.groups, self.t = self.recording.groups, seen.t[rows]
-        self.shown = Shown(scene, self.groups)
-        self.floor = [float(floor[rows].max()) for floor in seen.floor]
-        self.before = [np.nan_to_num(norms(gap[rows])) for gap in seen.gap]
+        self.groups, self.t = self.recording.groups, diff.t[rows]
+        self.outputs = Outputs(scene, self.groups)
+        self.floor = [float(floor[rows].max()) for floor in diff.floor]
+        self.before = [np.nan_to_num(norms(gap[rows])) for gap in diff.gap]
         moved: dict[tuple[str, str], float] = {}  # of a quantity, since a joint that rests has no size of its own
         for group, value, floor in zip(self.groups, self.values, self.floor, strict=True):
             kind = group.key, group.unit
@@ -117,8 +117,8 @@ class Case:
         """True values at any times, in any order; after the horizon of truth its last ones."""
         grid, places = np.unique(np.maximum(times, 0.0), return_inverse=True)
         self.truth.at(grid[-1:])  # prolonged, so that its horizon is known
-        values = [value[places] for value in self.shown.at(self.truth, np.minimum(grid, self.truth.horizon))]
-        return self.whole(values, self.shown.at(self.truth, self.t[:1]))
+        values = [value[places] for value in self.outputs.at(self.truth, np.minimum(grid, self.truth.horizon))]
+        return self.whole(values, self.outputs.at(self.truth, self.t[:1]))
 
     def flat(self, values: Values) -> np.ndarray:
         """All values side by side, over their sizes, (T, k)."""
@@ -156,11 +156,11 @@ class Case:
         return Cause(name, said, self.left(values), free)
 
 
-def find(scene: Scene, seen: Differences, until: float) -> tuple[list[Cause], list[Cause]]:
+def find(scene: Scene, diff: Differences, until: float) -> tuple[list[Cause], list[Cause]]:
     """(causes that explain and are equally simple, all others from the best on)."""
-    judged = _unhindered(scene, seen, np.flatnonzero(seen.recording.t <= until))
-    near = Case(scene, seen, judged[:NEIGHBOURS])
-    far = Case(scene, seen, judged[np.unique(np.linspace(0, len(judged) - 1, ROWS).astype(int))])
+    judged = _unhindered(scene, diff, np.flatnonzero(diff.recording.t <= until))
+    near = Case(scene, diff, judged[:NEIGHBOURS])
+    far = Case(scene, diff, judged[np.unique(np.linspace(0, len(judged) - 1, ROWS).astype(int))])
     every = [*_reports(far), *_times(near, far), *_samples(near), *_euler(near)]
     if not any(cause.left <= CERTAIN and not cause.free for cause in every):  # nothing is simpler than no magnitude
         with np.errstate(all="ignore"):
@@ -177,16 +177,16 @@ def find(scene: Scene, seen: Differences, until: float) -> tuple[list[Cause], li
     return sorted(named.values(), key=lambda cause: cause.left), every
 
 
-def _unhindered(scene: Scene, seen: Differences, rows: np.ndarray) -> np.ndarray:
+def _unhindered(scene: Scene, diff: Differences, rows: np.ndarray) -> np.ndarray:
     """The rows before the recorded motion itself touches or leaves a range, after which more acts than the scene has.
 
     That is sought in `ROWS` rows, where the recording determines the poses.
     """
-    complete = rows[seen.recording.complete[rows]]
+    complete = rows[diff.recording.complete[rows]]
     if not scene.monitors or len(complete) < 2:
         return rows
     looked = complete[np.unique(np.linspace(0, len(complete) - 1, ROWS).astype(int))]
-    states = restored(scene, part_of(seen.recording, looked), seen.truth.at(seen.t[looked]))
+    states = restored(scene, part_of(diff.recording, looked), diff.truth.at(diff.t[looked]))
     if states is None:
         return rows
     joints = histories(scene, states)
@@ -282,7 +282,7 @@ def _reports(case: Case) -> Iterator[Cause]:
 
 
 def _lot(case: Case, k: int) -> Lot:
-    group, states, b = case.groups[k], case.states, case.shown.body.get(case.groups[k].owner)
+    group, states, b = case.groups[k], case.states, case.outputs.body.get(case.groups[k].owner)
     if b is None:
         return Lot(group.values, case.values[k])
     R, parent = states.R[:, b], next((joint.parent for joint in case.scene.joints if joint.child == b), -1)
@@ -310,7 +310,7 @@ def _misreported(case: Case, key: str, scope: Sequence[int], where: str) -> Iter
             arms = {g.owner: m.arm if each is None else each for g, m, each in zip(groups, lots, theta, strict=True)}
             for k, g in enumerate(case.groups):
                 if g.key == "velocity" and g.owner in arms and len(g.parts) == 3:
-                    R, w = (part[:, case.shown.body[g.owner]] for part in (case.states.R, case.states.w))
+                    R, w = (part[:, case.outputs.body[g.owner]] for part in (case.states.R, case.states.w))
                     changed[k] = case.values[k] + _out(R, np.cross(w, arms[g.owner]))
             yield case.cause(name, f"{text}, and velocities", changed, free)
 
@@ -525,7 +525,7 @@ def _steps_missed(case: Case, piece: Recording, pairs: list[tuple[int, int | Non
     states = restored(case.scene, dataclasses.replace(piece, groups=groups), case.truth.at(t))
     if states is None:
         return None
-    shown, tau = Shown(case.scene, groups), np.full(len(t), min(INSTANT, 0.1 * float(h.min())))
+    shown, tau = Outputs(case.scene, groups), np.full(len(t), min(INSTANT, 0.1 * float(h.min())))
     ahead, behind = (shown.of(integrate(case.scene, states, sign * tau, 1)[0]) for sign in (1, -1))
     for k, rate in rates:
         a = ((ahead[k] - behind[k]) / (2 * tau[:, None]))[of_rate:len(t) - 1 + of_rate]
@@ -548,7 +548,7 @@ def _run(case: Case, made: Scene | Model | None, rows: int | None = None) -> Val
             return None
     except FAILS:
         return None
-    shown = case.shown if isinstance(made, Model) else Shown(made, case.groups)
+    shown = case.outputs if isinstance(made, Model) else Outputs(made, case.groups)
     values = [value[len(states.t) - len(case.t[:rows]):] for value in shown.of(states)]
     return case.whole(values, values)
 

@@ -49,7 +49,7 @@ POSES = ("position", "attitude", "joint_position")
 RATES = ("velocity", "angular_velocity", "joint_velocity")
 
 
-class Shown:
+class Outputs:
     """The recorded quantities as another motion of the scene shows them."""
 
     def __init__(self, scene: Scene, groups: Sequence[Group]) -> None:
@@ -89,15 +89,15 @@ class Shown:
         return self.of(motion.at(t))
 
 
-def gaps(group: Group, recorded: np.ndarray, shown: np.ndarray, modulo: bool = False) -> np.ndarray:
-    """Recorded minus shown, (T, k); of attitudes the rotation vector between them. `modulo`: angles up to full turns.
+def gaps(group: Group, recorded: np.ndarray, true: np.ndarray, modulo: bool = False) -> np.ndarray:
+    """Recorded minus true, (T, k); of attitudes the rotation vector between them. `modulo`: angles up to full turns.
     """
     if group.key == "attitude":
-        return turn(shown, recorded)
+        return turn(true, recorded)
     if len(group.parts) == 4:  # a quaternion and its negative are the same attitude
-        same = np.einsum("tk,tk->t", recorded, shown)
-        return np.asarray(recorded * np.where(same < 0, -1.0, 1.0)[:, None] - shown)
-    difference = recorded - shown
+        same = np.einsum("tk,tk->t", recorded, true)
+        return np.asarray(recorded * np.where(same < 0, -1.0, 1.0)[:, None] - true)
+    difference = recorded - true
     if group.angle and (group.wrap or modulo):
         difference = difference - 2 * np.pi * np.round(difference / (2 * np.pi))
     return np.asarray(difference)
@@ -113,7 +113,7 @@ class Differences:
     """A recording beside truth: per group the difference at every sample, NaN where it has none, and what its digits
     leave open."""
 
-    shown: Shown
+    outputs: Outputs
     recording: Recording
     truth: Any
     t: np.ndarray  # (T,) s of truth
@@ -169,7 +169,7 @@ def first_rows(recording: Recording, count: int = 5) -> Recording | None:
 
 def compare(scene: Scene, recording: Recording, truth: Any, since: float = 0.0) -> Differences:
     """The differences from a truth whose time zero is `since` (s) of the recording."""
-    shown = Shown(scene, recording.groups)
+    shown = Outputs(scene, recording.groups)
     t = recording.t - since
     pieces = [shown.at(truth, t[begin:begin + CHUNK]) for begin in range(0, len(t), CHUNK)]
     joined = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
@@ -219,12 +219,12 @@ def _speed(group: Group, values: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(rates, axis=1) / (np.sqrt(2.0) if group.key == "attitude" else 1.0))
 
 
-def _step(shown: Shown, states: States, what: str, off: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+def _step(outputs: Outputs, states: States, what: str, off: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
     """(least change (T, 6 n) after which all groups show what is recorded and joints are closed, slopes of all).
 
     `what`: "pose" or "rate"; `off` (T, m) is what the joints lack, `width` that of difference quotients.
     """
-    count, size, groups = len(states.t), 6 * shown.scene.n, shown.groups
+    count, size, groups = len(states.t), 6 * outputs.scene.n, outputs.groups
 
     def apart(one: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> np.ndarray:
         parts = [gaps(g, a, b, True) for g, a, b in zip(groups, one, other, strict=True)]
@@ -232,12 +232,12 @@ def _step(shown: Shown, states: States, what: str, off: np.ndarray, width: float
 
     columns = []
     for unit in np.eye(size) * width:
-        ahead, behind = (shown.of(moved(states, what, np.tile(sign * unit, (count, 1)).reshape(count, -1, 6)))
+        ahead, behind = (outputs.of(moved(states, what, np.tile(sign * unit, (count, 1)).reshape(count, -1, 6)))
                          for sign in (1, -1))
         columns.append(apart(ahead, behind) / (2 * width))
-    G = Constraints(shown.scene).jacobian(states.x, states.R)
+    G = Constraints(outputs.scene).jacobian(states.x, states.R)
     A = np.concatenate([np.stack(columns, axis=2), G], axis=1)
-    left = apart([g.values for g in groups], shown.of(states))
+    left = apart([g.values for g in groups], outputs.of(states))
     return (np.linalg.pinv(A, rcond=1e-7) @ np.concatenate([left, -off], axis=1)[..., None])[..., 0], A
 
 
@@ -249,7 +249,7 @@ def restored(scene: Scene, recording: Recording, base: Motion) -> States | None:
     """
     constraints = Constraints(scene)
     poses, rates = ([g for g in recording.groups if g.key in keys] for keys in (POSES, RATES))
-    shown, states = Shown(scene, poses), States(base.t, base.x, base.R, base.v, base.w,
+    shown, states = Outputs(scene, poses), States(base.t, base.x, base.R, base.v, base.w,
                                                 hinges=_turned(scene, recording, base))
     total = np.zeros((len(base.t), 6 * scene.n))
     for _ in range(5):
@@ -265,7 +265,7 @@ def restored(scene: Scene, recording: Recording, base: Motion) -> States | None:
         u = u + CubicSpline(base.t, total).derivative()(base.t)
     both = u.reshape(len(total), -1, 6)
     now = dataclasses.replace(states, v=both[..., :3], w=both[..., 3:])
-    change, _ = _step(Shown(scene, rates), now, "rate", constraints.velocity(now.x, now.R, now.v, now.w, now.t), 1.0)
+    change, _ = _step(Outputs(scene, rates), now, "rate", constraints.velocity(now.x, now.R, now.v, now.w, now.t), 1.0)
     return moved(now, "rate", change.reshape(both.shape))
 
 
@@ -297,15 +297,15 @@ class Defect:
     step: float  # the largest change of the quantity over one interval
 
 
-def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray, dict[str, Defect]] | None:
+def intervals(scene: Scene, diff: Differences, since: float) -> tuple[np.ndarray, dict[str, Defect]] | None:
     """(times at which intervals begin, defects by quantity); None where the recording does not determine the state."""
-    groups = [k for k, group in enumerate(seen.recording.groups) if group.key in POSES + RATES]
-    recording = dataclasses.replace(seen.recording, groups=[seen.recording.groups[k] for k in groups])
+    groups = [k for k, group in enumerate(diff.recording.groups) if group.key in POSES + RATES]
+    recording = dataclasses.replace(diff.recording, groups=[diff.recording.groups[k] for k in groups])
     if not groups:
         return None
     rows, laws = np.flatnonzero(recording.complete), scene.has_laws
     sampled = any(servo.period is not None for _, servo in scene.servos.values())
-    if len(rows) < 4 or (sampled and seen.t[0] > 0.0):  # what such a servo holds is known from the start only
+    if len(rows) < 4 or (sampled and diff.t[0] > 0.0):  # what such a servo holds is known from the start only
         return None
     if laws:  # the memory of laws goes from one interval to the next
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_OF_LAWS + 1).astype(int))]
@@ -313,13 +313,13 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
         firsts = np.linspace(0, len(rows) - 9, MOST_INTERVALS // 8).astype(int)
         rows = rows[np.unique((firsts[:, None] + np.arange(9)).ravel())]
     piece = part_of(recording, rows)
-    states = restored(scene, piece, seen.truth.at(piece.t - since))
+    states = restored(scene, piece, diff.truth.at(piece.t - since))
     if states is None:
         return None
     keep = np.flatnonzero(np.ones(len(rows) - 1) if laws else np.diff(rows) == 1)
     tau = np.diff(states.t)[keep]
     rate = max(float(np.linalg.norm(states.w, axis=-1).max(initial=0.0)), 1.0)
-    floors = [np.maximum(each[rows][keep], each[rows][keep + 1]) for each in (seen.floor[k] for k in groups)]
+    floors = [np.maximum(each[rows][keep], each[rows][keep + 1]) for each in (diff.floor[k] for k in groups)]
     known = any(group.key in RATES for group in recording.groups)
     noise = np.max([each if group.key in RATES else each * (rate if known else 1.0) / (1.0 if known else tau)
                     for group, each in zip(recording.groups, floors, strict=True)], axis=0)
@@ -334,7 +334,7 @@ def intervals(scene: Scene, seen: Differences, since: float) -> tuple[np.ndarray
         with np.errstate(over="ignore", invalid="ignore"):
             after = integrate(scene, begin, tau, int(min(200, max(2, np.ceil(rate * tau.max() / TURN)))))[0]
     defects: dict[str, Defect] = {}
-    for group, value, floor in zip(piece.groups, Shown(scene, recording.groups).of(after), floors, strict=True):
+    for group, value, floor in zip(piece.groups, Outputs(scene, recording.groups).of(after), floors, strict=True):
         gap = norms(gaps(group, group.values[keep + 1], value, True))
         change = norms(gaps(group, group.values[keep + 1], group.values[keep], True))
         is_rate = group.key in RATES

@@ -18,7 +18,7 @@ import numpy as np
 
 from crosscheck.adapters.lieeuler import motion
 from crosscheck.errors import CrosscheckError
-from crosscheck.recordings.comparing import Shown, differenced, first_rows, gaps, norms, part_of, restored
+from crosscheck.recordings.comparing import Outputs, differenced, first_rows, gaps, norms, part_of, restored
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.model import Scene, quaternion_from_rotation, rotation_from_quaternion
@@ -172,7 +172,7 @@ def missed(scene: Scene, recording: Recording, truth: Any, recorded_start: bool,
         return np.inf
     t = piece.t - since
     rate = max(float(np.linalg.norm(begun.w0, axis=-1).max()), fastest(scene), 1.0)
-    shown = Shown(begun, piece.groups)
+    shown = Outputs(begun, piece.groups)
     try:
         states = motion(begun, "rkmk853", TURN / rate, np.unique(np.concatenate([[0.0], t])))
     except (CrosscheckError, np.linalg.LinAlgError, FloatingPointError):

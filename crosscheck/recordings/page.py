@@ -76,12 +76,12 @@ def _predicted(verdict: Verdict) -> dict[str, object]:
                        for name, values in zip(names, rows, strict=True)], "defects": [], "series": {}}
 
 
-def _curves(verdict: Verdict, seen: Differences) -> dict[str, object]:
+def _curves(verdict: Verdict, diff: Differences) -> dict[str, object]:
     """Curves for Plotly: errors, defects, and recorded beside true values."""
-    rows = np.unique(np.linspace(0, len(seen.t) - 1, POINTS).astype(int))
-    t = _plain(seen.recording.t[rows])
+    rows = np.unique(np.linspace(0, len(diff.t) - 1, POINTS).astype(int))
+    t = _plain(diff.recording.t[rows])
     errors, values = [], {}
-    for group, sizes, true in zip(seen.recording.groups, seen.sizes, seen.values, strict=True):
+    for group, sizes, true in zip(diff.recording.groups, diff.sizes, diff.values, strict=True):
         largest = np.maximum.reduceat(sizes, rows)
         errors.append({"x": t, "y": _plain(np.where(largest > 0, largest, np.nan)), "name": group.label})
         if group.key != "attitude":
@@ -95,18 +95,18 @@ def _curves(verdict: Verdict, seen: Differences) -> dict[str, object]:
     return {"errors": errors, "defects": defects, "series": values}
 
 
-def _drawn(verdict: Verdict, seen: Differences) -> dict[str, Any] | None:
+def _drawn(verdict: Verdict, diff: Differences) -> dict[str, Any] | None:
     """The motion, as recorded and as it is in truth; None where the recording does not determine it."""
-    rows = np.unique(np.linspace(0, len(seen.t) - 1, PICTURES).astype(int))
-    scene, piece = seen.shown.scene, part_of(seen.recording, rows)
-    exact = seen.truth.at(seen.t[rows])
+    rows = np.unique(np.linspace(0, len(diff.t) - 1, PICTURES).astype(int))
+    scene, piece = diff.outputs.scene, part_of(diff.recording, rows)
+    exact = diff.truth.at(diff.t[rows])
     recorded = restored(scene, piece, exact)
     if recorded is None:
         return None
     actors = [{"label": label, "x": _plain(np.moveaxis(states.x, 0, -1)), "q": _plain(quaternions(states.R)),
                "dx": None if label == "truth" else _plain(np.moveaxis(states.x - exact.x, 0, -1))}
               for label, states in (("truth", exact), ("recording", recorded))]
-    return {"t": _plain(seen.t[rows]), "drawing": msgspec.to_builtins(drawing(scene)), "actors": actors}
+    return {"t": _plain(diff.t[rows]), "drawing": msgspec.to_builtins(drawing(scene)), "actors": actors}
 
 
 def _plain(values: np.ndarray) -> object:

@@ -12,7 +12,7 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.errors import CrosscheckError
-from crosscheck.recordings.comparing import UNITS, Shown, gaps, norms
+from crosscheck.recordings.comparing import UNITS, Outputs, gaps, norms
 from crosscheck.recordings.reading import Group
 from crosscheck.references import dense
 from crosscheck.running.arguments import best_method
@@ -60,7 +60,7 @@ def _figure(scene: Scene, figure: Published, engines: Sequence[str]) -> Figure:
     if figure.quantity == "attitude":
         value = rotation_from_quaternion(value / np.linalg.norm(value)) if value.size == 4 else value.reshape(1, 3, 3)
     group = Group(figure.quantity, owner, tuple(range(len(figure.value))), value, np.zeros(1))
-    truth, shown = dense(scene), Shown(scene, [group])
+    truth, shown = dense(scene), Outputs(scene, [group])
     exact = shown.at(truth, np.array([figure.time]))[0]
     given = {}
     for engine in engines:

@@ -184,18 +184,18 @@ class Text(Source):
         return f"cannot be read as columns of numbers ({' '.join(str(error).split())})"
 
     @functools.cached_property
-    def _shown(self) -> Any:
+    def _head(self) -> Any:
         return self._frames(self.columns, kind=str, nrows=SHOWN)
 
     def texts(self, name: str) -> Sequence[str]:
         """The first values as they are printed."""
-        cells = self._shown[name]
+        cells = self._head[name]
         return [str(cell).replace(self.decimal, ".") for cell in (
             self._bare(name, cells) if name in self.units else cells)]
 
     def words(self, name: str) -> list[str]:
         """The different texts of a column, in the order in which they come; none if it holds numbers."""
-        if is_number(str(self._shown[name].iloc[0])) or name in self.units:
+        if is_number(str(self._head[name].iloc[0])) or name in self.units:
             return []
         cells = (frame[name] for frame in self._frames([name], kind=str, usecols=[name], chunksize=CHUNK))
         return list(dict.fromkeys(str(cell) for part in cells for cell in part.unique()))
@@ -234,13 +234,13 @@ def opened(data: object, scene: Scene) -> Source:
                             f"{type(data).__name__}")
     path = Path(data)
 
-    def told(error: Exception) -> ArgumentError:  # each library has errors of its own for a broken file
+    def unreadable(error: Exception) -> ArgumentError:  # each library has errors of its own for a broken file
         if isinstance(error, ImportError):
             return ArgumentError(f"{path}: {missing(error)}")
         return ArgumentError(f"{path}: cannot be read ({error.strerror or error})" if isinstance(error, OSError) else
                              f"{path}: no {path.suffix[1:] or 'CSV'} file that can be read ({error})")
 
-    with errors_as(told):
+    with errors_as(unreadable):
         if path.is_dir() or not path.exists():
             raise ArgumentError(f"{path}: {'is a folder' if path.is_dir() else 'there is no such file'}; "
                                 "name a .csv, .npz or .parquet file")

@@ -522,13 +522,14 @@ class Fit:
         return worst
 
 
-def row(name: str, seen: Predicted, k: int) -> str:
+def row(name: str, predicted: Predicted, k: int) -> str:
     """Predictions of one joint in words."""
-    parts = [f"{h:g} s: {e:.2g} ({u:.2g})" for h, e, u in zip(seen.horizons, seen.error[k], seen.u[k], strict=True)]
-    last = seen.horizons.index(max(h for h in seen.horizons if h <= HALF or h == seen.horizons[0]))
-    of = ", ".join(f"{each} {getattr(seen, each)[k, last]:.1g}" for each in ("u_num", "u_input", "u_D"))
+    parts = [f"{h:g} s: {e:.2g} ({u:.2g})" for h, e, u in zip(predicted.horizons, predicted.error[k], predicted.u[k],
+                                                              strict=True)]
+    last = predicted.horizons.index(max(h for h in predicted.horizons if h <= HALF or h == predicted.horizons[0]))
+    of = ", ".join(f"{each} {getattr(predicted, each)[k, last]:.1g}" for each in ("u_num", "u_input", "u_D"))
     return (f"{name}: predictions are off by (rms, u_val in brackets) {', '.join(parts)}; u_val after "
-            f"{seen.horizons[last]:g} s is of {of}")
+            f"{predicted.horizons[last]:g} s is of {of}")
 
 
 def sized(key: str, value: float) -> str:

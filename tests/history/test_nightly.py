@@ -197,7 +197,7 @@ def test_two_nights_in_one_folder_exclude_each_other(tmp_path):
 
 def test_ten_unchanged_nights_raise_no_alarm_and_a_slowdown_of_thirty_per_cent_does(tmp_path, monkeypatch):
     """Times are drawn, see `tests/seeds`: what is tested is how they are measured, repeated and compared."""
-    monkeypatch.setenv("CROSSCHECK_TEST_PROCESSES", str(tmp_path / "processes"))
+    monkeypatch.setenv("CROSSCHECK_TEST_CALIBRATIONS", str(tmp_path / "calibrations"))
     monkeypatch.setenv("PYTHONPATH", str(SEEDS))
     monkeypatch.setenv("CROSSCHECK_TEST_SEED", "clock")  # of the workers of nights in this process
     out = tmp_path / "nightly"

@@ -23,6 +23,13 @@ def other_version():
     importlib.metadata.version = lambda name: "0.1.1" if name == "lieeuler-crosscheck" else real(name)
 
 
+def wait(seconds):
+    """Takes so much time of the processor."""
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        pass
+
+
 def slower():
     """Every run of lieeuler takes 30 % longer: it waits busily for as long, in its own time."""
     import lieeuler
@@ -32,9 +39,7 @@ def slower():
     def integrate(*words, **options):
         solution = real(*words, **options)
         more = 0.3 * solution.stats.wall_time
-        end = time.perf_counter() + more
-        while time.perf_counter() < end:
-            pass
+        wait(more)
         stats = dataclasses.replace(solution.stats, wall_time=solution.stats.wall_time + more)
         return dataclasses.replace(solution, stats=stats)
 
@@ -42,10 +47,11 @@ def slower():
 
 
 def clock():
-    """Times are drawn: each step of a method takes the same time, on a machine whose pace and load vary by process.
+    """Times are drawn: each step of a method takes the same time, on a machine whose pace and load vary.
 
-    A process is twice as fast as another, a run varies by 3 %, and every third waits for the processor for half its
-    time. The clocks of the measurement advance by these times alone, so that nothing depends on the machine.
+    Between two calibrations its pace changes by up to a factor 2; a run varies by 3 %, and every third waits for the
+    processor for half its time. The clock of the measurement passes by these times alone. The engine of a user has a
+    process of its own, so that what both have to know is in a file: its size is the number of calibrations so far.
     """
     import types
     from pathlib import Path
@@ -53,35 +59,43 @@ def clock():
     import numpy as np
 
     import lieeuler
+    from crosscheck.adapters.external import own
     from crosscheck.verification import speed
 
-    real, clocks = lieeuler.integrate, [0.0, 0.0]  # of the wall and of the processor, s
-    state = {"rng": np.random.default_rng(0), "pace": 1.0}
+    real, counter = lieeuler.integrate, Path(os.environ["CROSSCHECK_TEST_CALIBRATIONS"])
+    now = {"wall": 0.0, "processor": 0.0, "calibrations": -1}
 
-    def work(seconds):
+    def work(seconds, who):
         """Passes so many seconds of an even machine, and returns those of this one."""
-        taken = seconds * state["pace"] * (1.0 + 0.03 * state["rng"].standard_normal())
-        waited = taken * 0.5 * (state["rng"].random() < 1 / 3)
-        clocks[0] += taken + waited
-        clocks[1] += taken
+        calibrations = counter.stat().st_size if counter.exists() else 0
+        if calibrations != now["calibrations"]:
+            now["calibrations"], now["noise"] = calibrations, np.random.default_rng([calibrations, who])
+        pace = np.random.default_rng(calibrations).uniform(1.0, 2.0)
+        taken = seconds * pace * (1.0 + 0.03 * now["noise"].standard_normal())
+        waited = 0.5 * taken * (now["noise"].random() < 1 / 3)
+        now["wall"] += taken + waited
+        now["processor"] += taken
         return taken + waited
 
+    def passing(seconds):
+        now["wall"] += seconds
+        now["processor"] += seconds
+
     def kernel():
-        """The calibration kernel of a process, which has a pace of its own."""
-        counter = Path(os.environ["CROSSCHECK_TEST_PROCESSES"])
+        """The calibration kernel of a process."""
         with counter.open("ab") as file:
             file.write(b".")
-        state["rng"] = np.random.default_rng(counter.stat().st_size)
-        state["pace"] = state["rng"].uniform(1.0, 2.0)
-        return lambda: speed.undisturbed(lambda: work(1e-3))[0]
+        return lambda: speed.undisturbed(lambda: work(1e-3, 0))[0]
 
     def integrate(problem, method, *words, **options):
         solution = real(problem, method, *words, **options)
-        wall = work((1e-6 + 1e-7 * (sum(map(ord, str(method))) % 7)) * solution.stats.steps)
+        wall = work((1e-6 + 1e-7 * (sum(map(ord, str(method))) % 7)) * solution.stats.steps, 1)
         return dataclasses.replace(solution, stats=dataclasses.replace(solution.stats, wall_time=wall))
 
     lieeuler.integrate, speed.calibration_kernel = integrate, kernel
-    speed.time = types.SimpleNamespace(perf_counter=lambda: clocks[0], process_time=lambda: clocks[1])
+    globals()["wait"] = passing
+    own.time = speed.time = types.SimpleNamespace(perf_counter=lambda: now["wall"],
+                                                  process_time=lambda: now["processor"])
 
 
 SEEDS = {"clock": clock, "coefficient": wrong_coefficient, "version": other_version, "slower": slower}

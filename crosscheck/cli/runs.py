@@ -379,9 +379,9 @@ def _print_cause(answer: Any) -> None:
     """Print the verdict, the measured difference, the evidence, and what to change."""
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[answer.outcome]
     say(f"{mark} {answer.sentence}" + (f" ({answer.code})" if answer.code else ""))
-    say(f"difference from truth as steps vanish: {answer.deviation:.1e}, which is known to {answer.noise:.1e} (the "
-        f"largest of |dx|/L, |dR|, |dv|/(L W) and |dw|/W in the first {answer.window:.3g} s, where L is the longest "
-        "lever and W the fastest rate of the scene)")
+    say(f"difference from truth as steps vanish: {figure(answer.deviation, '–')}, known to {figure(answer.noise, '–')} "
+        f"(the largest of |dx|/L, |dR|, |dv|/(L W) and |dw|/W in the first {answer.window:.3g} s, where L is the "
+        "longest lever and W the fastest rate of the scene)")
     if answer.explained is not None:
         say(f"left of it once truth has the cause too: {answer.explained:.1e}")
     if answer.documented_order is not None:

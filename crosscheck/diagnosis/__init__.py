@@ -8,6 +8,7 @@ their own.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import time
 from typing import Any
@@ -19,7 +20,6 @@ from crosscheck.adapters.base import Engine
 from crosscheck.diagnosis import (
     altered,
     fit,
-    misreadings,
     observe,
     of_laws,
     of_model,
@@ -30,8 +30,8 @@ from crosscheck.diagnosis import (
     of_verdict,
     shown,
 )
-from crosscheck.diagnosis.models import of_scene
 from crosscheck.diagnosis.observe import Observation, Subject
+from crosscheck.diagnosis.of_model import Known
 from crosscheck.diagnosis.of_output import Noise
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.document import Way
@@ -47,6 +47,9 @@ AGREES = 1e-8
 
 UNSURE = 1e-3
 """Normalised error of a limit above which it cannot be compared: the runs do not converge."""
+
+PATIENCE = 60.0
+"""Processor time (s) after which the answer is what is known so far."""
 
 
 def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | None = None,
@@ -65,7 +68,8 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     Returns
     -------
     Explanation
-        Its `sentence` has the answer, `causes` the named causes, and `evidence` what was tested.
+        Its `sentence` has the answer, `causes` the named causes, and `evidence` what was tested. After 60 s of
+        processor time it is what is known so far.
 
     Raises
     ------
@@ -82,24 +86,14 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     reason = subject.unsupported(loaded, None if subject.order(loaded) is None else step or 1e-3)
     if reason is not None:
         raise Unsupported(f"{subject.engine.name} {subject.way.method} on scene {loaded.name!r}: {reason}")
-    if loaded.has_laws and (law := of_laws.diagnose(subject, loaded)) is not None:
-        law.seconds = time.perf_counter() - began
-        return law
-    scale = observe.scale_of(loaded)
-    noise = of_output.floor(subject, observe.window(loaded, scale), scale)
+    answer = Explanation(loaded.name, subject.engine.name, subject.way.method, subject.way.form, "pass", "", [], [], [],
+                         loaded.duration, None, None, documented_order=subject.order(loaded))
     try:
-        first = observe.first_look(subject, loaded, scale, noise.size if noise else 0.0)
-    except observe.Silent as error:
-        raise EngineError(f"{subject.engine.name} {subject.way.method} on scene {loaded.name!r}: {error}") from error
-    answer = _judged(subject, first, noise)
-    if answer.outcome == "pass":
-        _looked_through(subject, first, loaded, step, answer)
-    if loaded.sensors:
-        of_sensors.add(subject, loaded, first.scale, step, answer)
-    if answer.outcome == "pass":
-        of_verdict.add(subject, loaded, step, answer)
+        _ask(subject, loaded, step, answer)
+    except fit.OutOfTime:
+        answer.unexplained.append(f"{PATIENCE:g} s of processor time are over")
     answer.seconds = time.perf_counter() - began
-    return answer
+    return answer.conclude()
 
 
 def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str | None,
@@ -109,37 +103,54 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
     if chosen not in adapter.methods:
         raise ArgumentError(unknown(f"method of {adapter.name}", chosen, adapter.methods))
     return Subject(adapter, Way.of(adapter.name, chosen, form=form, **engine_options(
-        adapter.name, adapter, chosen, options)))
+        adapter.name, adapter, chosen, options)), fit.Limit(time.process_time() + PATIENCE))
 
 
-def _looked_through(subject: Subject, first: Observation, scene: Scene, step: float | None,
-                    answer: Explanation) -> None:
+def _ask(subject: Subject, scene: Scene, step: float | None, answer: Explanation) -> None:
+    """Ask one question after the other, until the difference is explained."""
+    if scene.has_laws and answer.ask(of_laws.diagnose, subject, scene, answer):
+        return
+    scale = observe.scale_of(scene)
+    noise = answer.ask(of_output.floor, subject, observe.window(scene, scale), scale)
+    try:
+        first = observe.first_look(subject, scene, scale, noise.size if noise else 0.0)
+    except observe.Silent as error:
+        raise EngineError(f"{subject.engine.name} {subject.way.method} on scene {scene.name!r}: {error}") from error
+    answer.window, answer.noise = first.scene.duration, first.noise
+    answer.ask(_judge, subject, first, noise, answer)
+    if answer.is_empty:
+        answer.ask(_look_through, subject, first, scene, step, answer)
+    if scene.sensors:
+        answer.ask(of_sensors.add, subject, scene, first.scale, step, answer)
+    if answer.is_empty:
+        subject.limit.check()
+        answer.ask(of_verdict.add, subject, scene, step, answer)
+
+
+def _look_through(subject: Subject, first: Observation, scene: Scene, step: float | None, answer: Explanation) -> None:
     """Look at the whole run if its beginning agrees, and add what is found to `answer`."""
     answer.window, late = of_run.diagnose(subject, scene, first.scale, step)
     if late is None:
-        answer.conclude([])
         return
     answer.evidence.append(late.evidence)
     answer.causes += late.causes
-    unexplained = [] if late.causes else [late.text]
     seen = None if late.causes else of_run.observation(subject, scene, first.scale, late.until)
     if seen is not None:
-        fitted = of_model.diagnose(subject, seen, alone=True)
-        answer.evidence += fitted.evidence
-        answer.tried += fitted.tried
-        if fitted.causes and not fitted.unexplained:
+        fitted = dataclasses.replace(answer, causes=[], candidates=[], unexplained=[])
+        of_model.diagnose(subject, seen, fitted, alone=True)
+        answer.tried = fitted.tried
+        if not fitted.unexplained:
             answer.causes += [NamedCause(cause.name, f"{cause.magnitude}, from about t = {late.time:.4g} s on",
                                          cause.mend) for cause in fitted.causes]
-            unexplained = []
-    answer.conclude(unexplained)
+    if not answer.causes:
+        answer.unexplained.append(late.text)
 
 
-def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explanation:
+def _judge(subject: Subject, first: Observation, noise: Noise | None, answer: Explanation) -> None:
     """Compare the limit with truth, look for causes of a difference, and compare the motion of the altered model."""
     scene, scale = first.scene, first.scale
-    deviation = float(np.abs(first.y - scale.flat(observe.true_motion(scene))).max())
-    answer = Explanation(scene.name, subject.engine.name, subject.way.method, subject.way.form, "pass", "", [], [],
-                         [], scene.duration, deviation, first.noise, documented_order=subject.order(scene))
+    exact = scale.flat(observe.true_motion(scene))
+    deviation = answer.deviation = float(np.abs(first.y - exact).max())
     if noise is not None:
         answer.causes += [noise.cause] if noise.cause else []
         name, text = ("precision floor", f"{noise.size:.1e}, as declared") if noise.cause is None else (
@@ -147,55 +158,48 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
         answer.evidence.append(Evidence(name, "numerics", None, None, "states at a fine step", text,
                                         noise.cause is not None))
         answer.tried += 1
-        exact = scale.flat(observe.true_motion(scene))
         if deviation <= max(of_output.SPREAD * noise.size, fit.EXPLAINED * first.noise) or (
                 noise.cause is not None and of_output.between_samples(first.y, exact) is not None):
-            return answer.conclude([])
-    differs = deviation > max(AGREES, fit.EXPLAINED * first.noise)
-    if differs and (limited := of_stepping.limited(subject, first)) is not None:
-        answer.causes.append(limited)
-        return answer.conclude([])
-    if differs and noise is not None and noise.cause is None and subject.order(scene) is not None:
-        cause, evidence = of_stepping.adds_up(subject, scene, scale)
-        answer.evidence.append(evidence)
-        answer.tried += 1
-        if cause is not None:  # it hides whatever is smaller
-            answer.causes.append(cause)
-            return answer.conclude([])
-    fitted = of_model.diagnose(subject, first) if differs else of_model.ModelFinding()
-    model = fitted.model or of_scene(scene, absent=fitted.absent)
-    start = (scene.R0, scene.w0) if fitted.start is None else misreadings.misread(scene, *fitted.start)
-    unexplained = list(fitted.unexplained)
-    if first.noise > UNSURE and not fitted.causes:
-        unexplained.append(f"runs at finer steps leave {first.noise:.1e} open: there is no limit to compare")
-    answer.causes += fitted.causes
-    answer.evidence += fitted.evidence
-    answer.tried += fitted.tried
-    if fitted.told:
-        return answer.conclude([])
-    if differs and not fitted.causes and not unexplained:
-        unexplained.append("the motion differs, but neither its start nor its accelerations do")
-    if differs and fitted.causes and not unexplained and not fitted.soft:
-        meant = fitted.reported.undo(first.states) if fitted.reported else first.states
-        after = np.abs(scale.flat(meant) - scale.flat(altered.predict(model, *start)))
-        if fitted.absent is not None:
-            after = np.delete(after, fitted.absent, axis=1)
+            return
+    known: Known | None = Known.of(scene)
+    if deviation > max(AGREES, fit.EXPLAINED * first.noise):
+        if (limited := of_stepping.limited(subject, first)) is not None:
+            answer.causes.append(limited)
+            return
+        if noise is not None and noise.cause is None and subject.order(scene) is not None and of_stepping.adds_up(
+                subject, scene, scale, answer):
+            return  # it hides whatever is smaller
+        known = _model(subject, first, deviation, answer)
+    elif first.noise > UNSURE:
+        answer.unexplained.append(NO_LIMIT.format(first.noise))
+    if known is not None and noise is None:  # errors of the step cannot be distinguished from noise
+        of_stepping.diagnose(subject, first, known, answer)
+
+
+NO_LIMIT = "runs at finer steps leave {:.1e} open: there is no limit to compare"
+
+
+def _model(subject: Subject, first: Observation, deviation: float, answer: Explanation) -> Known | None:
+    """The engine's model, if its motion is that of one, with the causes of its difference from the scene's."""
+    scale, beside = first.scale, len(answer.causes)
+    known = of_model.diagnose(subject, first, answer)
+    if known is None:
+        return None
+    found = len(answer.causes) > beside
+    if first.noise > UNSURE and not found:
+        answer.unexplained.append(NO_LIMIT.format(first.noise))
+    if not found and not answer.unexplained:
+        answer.unexplained.append("the motion differs, but neither its start nor its accelerations do")
+    if found and not answer.unexplained and not known.soft:
+        meant = first.states if known.undo is None else known.undo(first.states)
+        after = np.abs(scale.flat(meant) - scale.flat(altered.predict(known.model, *known.start)))
+        if known.absent is not None:
+            after = np.delete(after, known.absent, axis=1)
         answer.explained = float(after.max())
         # Magnitudes are fitted to accelerations and as uncertain as these. Over the time 1 / W that is a velocity.
         unsure = fit.EXPLAINED * shown.accelerations(first)[1]
         if answer.explained > max(AGREES, 10 * fit.EXPLAINED * first.noise, unsure):
-            unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
+            answer.unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
         elif answer.explained > fit.CLEAR * deviation:
-            unexplained.append(f"the altered model leaves {answer.explained / deviation:.0%} of the difference")
-    known = of_stepping.Known(model, start, fitted.soft, fitted.reported.undo if fitted.reported else None,
-                              fitted.absent, bool(fitted.causes))
-    # Errors of the step cannot be distinguished from noise.
-    steps = of_stepping.NumericsFinding() if noise else of_stepping.diagnose(subject, first, known)
-    answer.observed_order = steps.order
-    answer.causes += steps.causes
-    answer.candidates = fitted.candidates
-    answer.evidence += steps.evidence
-    answer.tried += steps.tried
-    if any(cause.name == "clamp" for cause in steps.causes):  # no accelerations belong to its kinks
-        unexplained = []
-    return answer.conclude(unexplained + steps.unexplained)
+            answer.unexplained.append(f"the altered model leaves {answer.explained / deviation:.0%} of the difference")
+    return known

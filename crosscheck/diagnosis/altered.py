@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from crosscheck.diagnosis import misreadings
-from crosscheck.diagnosis.models import Accelerations, Model, Points
 from crosscheck.diagnosis.stepping import munthe_kaas, semi_implicit
 from crosscheck.scene import mechanics
+from crosscheck.scene.altered import Accelerations, Model, Points
 from crosscheck.scene.batch import State
 from crosscheck.scene.coordinates import followed, hinge_angles, starting
 from crosscheck.scene.model import GROUND, Scene

@@ -1,21 +1,22 @@
-"""Fits of hypotheses to observed accelerations, one at a time and in pairs.
+"""One fit of alterations to what an engine shows, and one search: the best, then the next on what it leaves.
 
-The residual z is the difference of observed and predicted accelerations, over the noise of the observed ones. A
-hypothesis explains the observation if no entry of z is beyond `EXPLAINED`.
+What is shown is a residual z over its noise: of accelerations, a motion, joint coordinates, a reading or derivatives.
+Alterations explain it if no entry of z is beyond `EXPLAINED`.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import itertools
+import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from crosscheck.diagnosis.alterations import Alteration
-from crosscheck.diagnosis.models import Accelerations, Model
-from crosscheck.errors import CrosscheckError
+from crosscheck.scene.alterations import FAILS, Alteration
+from crosscheck.scene.altered import Accelerations, Model
 
 EXPLAINED = 10.0
 """Largest |z| that noise may leave. The noise estimates the error of the limit to a factor of a few."""
@@ -26,24 +27,46 @@ SEEN = 30.0
 CLEAR = 0.1
 """Largest part of a difference that a cause may leave and still be named."""
 
+PART = 0.5
+"""Largest part of a difference that a cause may leave and still be said to explain a part of it."""
+
 NEAR = 1e3
 """Times `EXPLAINED` that a quick fit may leave and be fitted in full: it ends before the last digits."""
 
 THIN = 3
 """The search uses one in so many instants, the full fit all of them."""
 
-FAILS = (ArithmeticError, ValueError, LookupError, TypeError, CrosscheckError)
-"""What an alteration may raise that makes no sense of a scene: it is left out."""
+BEST = 8
+"""Number of single alterations, from the best on, to which a second one is added."""
 
 FAR = 1e15
 """Residual of magnitudes for which the equations have no solution."""
 
 ORDERED = {"inertia point", "inertia frame"}
-"""Kinds whose order matters in a pair: an inertia may be moved and then turned, or turned and then moved."""
+"""Causes whose order matters in a pair: an inertia may be moved and then turned, or turned and then moved."""
 
 ITERATIONS, GIVE_UP, DIFFERENCE = 10, 0.97, 1e-6
 """Of the quick fits: the largest number of steps, the ratio of residuals above which they end, and the relative width
 of difference quotients."""
+
+
+class OutOfTime(Exception):
+    """The processor time of an explanation is over: what is known so far is its answer."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Limit:
+    """The end of the processor time (s) that an explanation may take."""
+
+    end: float = np.inf
+
+    def check(self) -> None:
+        """Raises `OutOfTime` after the end."""
+        if time.process_time() > self.end:
+            raise OutOfTime
+
+
+WITHOUT = Limit()
 
 
 @dataclasses.dataclass
@@ -71,9 +94,24 @@ class Fit:
         return tuple(sorted({cause.name(theta) for cause, theta in zip(self.causes, self.theta, strict=True)}))
 
     @property
+    def words(self) -> str:
+        """The causes with their magnitudes."""
+        return "; ".join(cause.words(theta) for cause, theta in zip(self.causes, self.theta, strict=True))
+
+    @property
     def mistakes(self) -> int:
         """Number of mistakes that lead to it."""
         return sum(cause.mistakes(theta) for cause, theta in zip(self.causes, self.theta, strict=True))
+
+    @property
+    def magnitudes(self) -> int:
+        """Number of fitted numbers. Special magnitudes do not count."""
+        return sum(cause.magnitudes(theta) for cause, theta in zip(self.causes, self.theta, strict=True))
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing at all is left that noise could hide."""
+        return self.left <= 1.0
 
     @property
     def explains(self) -> bool:
@@ -81,57 +119,65 @@ class Fit:
         return self.left <= self.most
 
 
-class Data:
-    """Observed accelerations of a scene and its copies, and the residuals of models with altered parameters."""
+def simplest(fits: Sequence[Fit]) -> list[Fit]:
+    """Of fits that explain, those with the fewest mistakes, and of these those with the fewest fitted numbers."""
+    fits = [each for each in fits if each.mistakes == min(other.mistakes for other in fits)]
+    return [each for each in fits if each.magnitudes == min(other.magnitudes for other in fits)]
 
-    def __init__(self, copies: Sequence[Copy], absent: int | None = None, soft: bool = False, quick: bool = False
-                 ) -> None:
-        self.copies, self.absent, self.soft, self.quick = copies, absent, soft, quick
 
-    @property
-    def right(self) -> list[Model]:
-        """The models that are meant."""
-        return [copy.right for copy in self.copies]
+class Case:
+    """Something that an engine shows, and the residual z that alterations of what is right leave of it."""
+
+    quick = False
+    """Whether fits end early; those that come near are fitted again in full."""
+    dear = False
+    """Whether residuals cost so much that a fit begins at the best start alone, and ends early."""
+    limit = WITHOUT
+
+    def residual(self, causes: Sequence[Alteration], theta: Sequence[np.ndarray]) -> np.ndarray:
+        """z, one vector. It may raise any of `FAILS` for magnitudes that make no sense."""
+        raise NotImplementedError
+
+    @functools.cached_property
+    def size(self) -> int:
+        """Number of entries of z."""
+        return self.residual((), ()).size
 
     @functools.cached_property
     def before(self) -> float:
-        """The largest |z| of the models that are meant."""
-        return float(np.abs(self.residual(self.right)).max())
+        """The largest |z| without alterations."""
+        return float(np.abs(self.residual((), ())).max())
 
     @property
     def most(self) -> float:
         """The largest |z| that a fit may leave."""
         return min(EXPLAINED, CLEAR * self.before)
 
-    def residual(self, models: Sequence[Model]) -> np.ndarray:
-        """The residual z of all copies in one vector."""
-        parts = []
-        for copy, model in zip(self.copies, models, strict=True):
-            there = copy.accelerations
-            z = (there.points.rates - there(model, self.soft)) / (copy.units * copy.noise)
-            if self.absent is not None:
-                z[:, self.absent] = 0.0
-            if model.quadratic or model.coulomb:
-                z[there.reversing(model.scene)] = 0.0
-            parts.append(z.ravel())
-        return np.concatenate(parts)
+    def _finite(self, causes: Sequence[Alteration], values: np.ndarray) -> np.ndarray:
+        parts = np.split(values, np.cumsum([cause.free for cause in causes])[:-1])
+        with np.errstate(all="ignore"):
+            try:
+                z = self.residual(causes, parts)
+            except FAILS:  # these magnitudes make no sense, the next ones may
+                return np.full(self.size, FAR)
+        return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
 
     def fit(self, causes: tuple[Alteration, ...], starts: Sequence[tuple[float, ...]] | None = None) -> Fit:
         """The best fit of a combination of causes from all combinations of `starts`; None: the starts of each cause."""
         from scipy.optimize import least_squares
 
-        def residual(values: np.ndarray) -> np.ndarray:
-            with np.errstate(all="ignore"):
-                try:
-                    z = self.residual(self._altered(causes, values))
-                except FAILS:  # these magnitudes make no sense, the next ones may
-                    return np.full(sum(copy.accelerations.points.rates.size for copy in self.copies), FAR)
-            return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
-
+        self.limit.check()
+        residual = functools.partial(self._finite, causes)
+        choices = [np.concatenate([np.array(start, dtype=float) for start in choice]) for choice in (
+            [starts] if starts is not None else itertools.product(*(cause.starts for cause in causes)))]
         fits = []
-        for choice in [starts] if starts is not None else itertools.product(*(cause.starts for cause in causes)):
-            theta = np.concatenate([np.array(start, dtype=float) for start in choice])
-            if len(theta) and self.quick:
+        if self.dear:
+            choices += [np.array(special) for cause in causes[:1] for special in cause.special(choices[0])]
+            fits = [self._judged(causes, theta) for theta in choices]
+            least = min(fits, key=lambda fit: fit.left)
+            choices = [np.concatenate(least.theta)] if least.left < self.before and not least.exact else []
+        for theta in choices:
+            if len(theta) and (self.quick or self.dear):
                 theta = gauss_newton(residual, theta)
             elif len(theta):
                 theta = least_squares(residual, theta, method="lm", x_scale=np.maximum(np.abs(theta), 0.1), xtol=1e-13,
@@ -153,23 +199,42 @@ class Data:
                     break
         return fit
 
-    def _altered(self, causes: tuple[Alteration, ...], theta: np.ndarray) -> list[Model]:
-        models, at = self.right, 0
-        for cause in causes:
-            models = [cause.apply(model, theta[at:at + cause.free]) for model in models]
-            at += cause.free
-        if not all(model.physical(right) for model, right in zip(models, self.right, strict=True)):
-            raise ValueError("damping that drives a motion, or a mass that is none")
-        return models
-
     def _judged(self, causes: tuple[Alteration, ...], theta: np.ndarray) -> Fit:
         parts = np.split(theta, np.cumsum([cause.free for cause in causes])[:-1])
-        with np.errstate(all="ignore"):
-            try:
-                worst = float(np.abs(self.residual(self._altered(causes, theta))).max())
-            except FAILS:
-                return Fit(causes, tuple(parts), np.inf)
-        return Fit(causes, tuple(parts), worst if np.isfinite(worst) else np.inf, self.most)
+        worst = float(np.abs(self._finite(causes, theta)).max())
+        return Fit(causes, tuple(parts), worst if worst < FAR else np.inf, self.most)
+
+
+class Data(Case):
+    """Observed accelerations of a scene and its copies, beside those of models."""
+
+    def __init__(self, copies: Sequence[Copy], absent: int | None = None, soft: bool = False, quick: bool = False,
+                 limit: Limit = WITHOUT) -> None:
+        self.copies, self.absent, self.soft, self.quick, self.limit = copies, absent, soft, quick, limit
+
+    def residual(self, causes: Sequence[Alteration], theta: Sequence[np.ndarray]) -> np.ndarray:
+        """Of all copies."""
+        parts = []
+        for copy in self.copies:
+            model = altered(copy.right, causes, theta)
+            there = copy.accelerations
+            z = (there.points.rates - there(model, self.soft)) / (copy.units * copy.noise)
+            if self.absent is not None:
+                z[:, self.absent] = 0.0
+            if model.quadratic or model.coulomb:
+                z[there.reversing(model.scene)] = 0.0
+            parts.append(z.ravel())
+        return np.concatenate(parts)
+
+
+def altered(right: Model, causes: Sequence[Alteration], theta: Sequence[np.ndarray]) -> Model:
+    """The model after these alterations of its scene. Raises ValueError if it is not physical."""
+    model = right
+    for cause, part in zip(causes, theta, strict=True):
+        model = cause.apply(model, part)
+    if not model.physical(right):
+        raise ValueError("damping that drives a motion, or a mass that is none")
+    return model
 
 
 def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
@@ -194,46 +259,51 @@ def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray
     return theta
 
 
-def search(full: Data, thin: Data, causes: Sequence[Alteration], pairing: bool = True) -> tuple[list[Fit], list[Fit]]:
-    """(fits that explain, all fits of single causes). Pairs of causes are fitted only if no single one explains."""
-    causes, last = [cause for cause in causes if not cause.last], [cause for cause in causes if cause.last]
-    singles = [thin.fit((cause,)) for cause in causes]
-    singles = [full.fit(each.causes, tuple(tuple(part) for part in each.theta))
-               if each.left <= NEAR * EXPLAINED else each for each in singles]
-    explaining = [full.simplest(fit) for fit in singles if fit.explains]
-    if explaining or not pairing:
-        return explaining, singles
-    begin = {id(fit.causes[0]): fit.theta[0] for fit in singles}
-    near = [each for each in singles if each.left <= SEEN]
-    near = [each for each in near if each.left <= CLEAR * full.before]
-    if near:  # what is left for a second cause is hardly more than noise
-        return [full.simplest(each) for each in near], singles
-    pairs = [pair for pair in itertools.combinations([cause for cause in causes if not cause.alone], 2)
-             if pair[0].kind != pair[1].kind or (pair[0].target != pair[1].target and pair[0].target)]
-    pairs += [(other, one) for one, other in pairs if {one.kind, other.kind} == ORDERED]
+def search(full: Case, thin: Case, causes: Sequence[Alteration], pairing: bool = True) -> tuple[list[Fit], list[Fit]]:
+    """(fits that explain, all other fits of single causes and the best pair), as far as the time goes.
+
+    Only if no single cause explains, a second one is added to each of the `BEST`.
+    """
+    explaining: list[Fit] = []
+    singles: list[Fit] = []
+    with contextlib.suppress(OutOfTime):
+        for cause in causes:
+            if not cause.last:
+                each = thin.fit((cause,))
+                singles.append(_refined(full, each) if each.left <= NEAR * EXPLAINED else each)
+        explaining = [full.simplest(fit) for fit in singles if fit.explains]
+        if explaining or not pairing:
+            return explaining, singles
+        if near := [each for each in singles if each.left <= SEEN and each.left <= CLEAR * full.before]:
+            return [full.simplest(each) for each in near], singles  # hardly more than noise is left for a second cause
+        explaining += _pairs(full, thin, singles) or [
+            each for each in (full.fit((cause,)) for cause in causes if cause.last) if each.explains]
+    return explaining, singles
+
+
+def _refined(full: Case, fit: Fit) -> Fit:
+    return full.fit(fit.causes, tuple(tuple(part) for part in fit.theta))
+
+
+def _pairs(full: Case, thin: Case, singles: Sequence[Fit]) -> list[Fit]:
+    """Pairs that explain; single causes instead, if from the magnitudes of a pair one gets so far."""
+    begin = {id(fit.causes[0]): tuple(fit.theta[0]) for fit in singles}
+    ranked = [fit.causes[0] for fit in sorted(singles, key=lambda fit: fit.left) if not fit.causes[0].alone]
+    tried = {frozenset((id(one), id(other))): (one, other) for one in ranked[:BEST] for other in ranked
+             if one.cause != other.cause or (one.target != other.target and one.target)}
+    pairs = [*tried.values(), *((other, one) for one, other in tried.values() if {one.cause, other.cause} == ORDERED)]
+    explaining: list[Fit] = []
     alone: list[Fit] = []
     for one, other in pairs:
-        best = thin.fit((one, other), (tuple(begin[id(one)]), tuple(begin[id(other)])))
-        for start in _starts(one, other):
+        best = thin.fit((one, other), (begin[id(one)], begin[id(other)]))
+        for start in [(start, other.starts[0]) for start in one.starts] + [
+                (one.starts[0], start) for start in other.starts[1:]]:
             if best.left <= EXPLAINED:
                 break
             best = min(best, thin.fit((one, other), start), key=lambda fit: fit.left)
-        if best.left <= NEAR * EXPLAINED:
-            refined = full.fit((one, other), tuple(tuple(part) for part in best.theta))
-            if refined.explains:
-                explaining.append(full.simplest(refined))
-                alone += _alone(full, refined)
-    if not (alone or explaining):
-        explaining = [each for each in (full.fit((cause,)) for cause in last) if each.explains]
-    return alone or explaining, singles
-
-
-def _starts(one: Alteration, other: Alteration) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-    """Starts of a fit of a pair: every start of either cause with the first one of the other."""
-    return [(start, other.starts[0]) for start in one.starts] + [(one.starts[0], start) for start in other.starts[1:]]
-
-
-def _alone(full: Data, pair: Fit) -> list[Fit]:
-    """Fits of single causes of a pair that explain: from the magnitudes of the pair a fit may get further."""
-    fits = [full.fit((cause,), (tuple(theta),)) for cause, theta in zip(pair.causes, pair.theta, strict=True)]
-    return [full.simplest(fit) for fit in fits if fit.explains]
+        if best.left <= NEAR * EXPLAINED and (refined := _refined(full, best)).explains:
+            explaining.append(full.simplest(refined))
+            fits = [full.fit((cause,), (tuple(theta),)) for cause, theta in zip(
+                refined.causes, refined.theta, strict=True)]
+            alone += [full.simplest(fit) for fit in fits if fit.explains]
+    return alone or explaining

@@ -14,6 +14,7 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.compare.order import cancelling
+from crosscheck.diagnosis.fit import WITHOUT, Limit
 from crosscheck.document import Way
 from crosscheck.references.maximal import Maximal
 from crosscheck.running.attempt import Ran, attempt
@@ -136,6 +137,7 @@ class Subject:
 
     engine: Engine
     way: Way
+    limit: Limit = WITHOUT
 
     def spec(self, step: float | None = 1e-3, rtol: float | None = None) -> RunSpec:
         """The request for one run."""
@@ -154,7 +156,8 @@ class Subject:
         return self.engine.unsupported(scene, self.spec(step, 1e-9 if step is None else None))
 
     def run(self, scene: Scene, step: float | None = None, rtol: float | None = None) -> RawRun:
-        """A raw run. Raises `Silent` with the reason if there is none."""
+        """A raw run. Raises `Silent` with the reason if there is none, and `OutOfTime`."""
+        self.limit.check()
         with np.errstate(all="ignore"):  # steps that are too coarse overflow, which is an outcome
             outcome = attempt(scene, self.way, self.engine, step=step, rtol=rtol, monitor=False)
         if not isinstance(outcome, Ran):

@@ -16,11 +16,11 @@ import numpy as np
 
 from crosscheck.diagnosis import fit
 from crosscheck.diagnosis.misreadings import POINTS
-from crosscheck.diagnosis.models import Accelerations, of_scene
 from crosscheck.diagnosis.observe import REACH
-from crosscheck.diagnosis.result import Evidence, NamedCause
+from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.diagnosis.shown import FAITHFUL, Shown, data, points_of
 from crosscheck.scene import mechanics
+from crosscheck.scene.altered import Accelerations, of_scene
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.model import GROUND, Joint, Mimic, Scene
@@ -43,8 +43,9 @@ def altered_joints(shown: list[Shown], scenes: Iterable[Scene]) -> float:
                  for each, scene in zip(shown, scenes, strict=True)], None, False, 1).before
 
 
-def elsewhere(shown: list[Shown]) -> tuple[list[NamedCause], Evidence] | None:
-    """The causes if the motion is that of joints at other points or about other axes."""
+def elsewhere(shown: list[Shown], answer: Explanation) -> bool:
+    """Whether the motion is that of joints at other points or about other axes, which is named."""
+    answer.tried += bool(shown[0].observation.scene.joints)
     scene = shown[0].observation.scene
     worst, every = 0.0, [dict[int, Moves]() for _ in shown]
     for k, joint in enumerate(scene.joints):
@@ -55,11 +56,11 @@ def elsewhere(shown: list[Shown]) -> tuple[list[NamedCause], Evidence] | None:
         for places, (before, fields) in fits:
             worst = max(worst, before)
             if fields is None:
-                return None
+                return False
             for moves in places if fields else ():
                 moves[k] = moves.get(k, {}) | fields
     if not any(every):
-        return None
+        return False
     left = altered_joints(shown, (moved(each.observation.scene, moves) for each, moves in zip(
         shown, every, strict=True)))
     said: dict[str, list[str]] = {}
@@ -72,11 +73,13 @@ def elsewhere(shown: list[Shown]) -> tuple[list[NamedCause], Evidence] | None:
                 f"joint {scene.joints[k].name!r}: {side}'s {what} {off}")
     right = altered_joints(shown, (each.observation.scene for each in shown))
     holds = left <= min(fit.EXPLAINED, fit.CLEAR * right)
-    evidence = Evidence(" and ".join(said), "model", worst, left, "speed at which joints open, then accelerations with "
-                        "the fitted joints, over their noise", "; ".join(itertools.chain(*said.values())), holds)
-    return ([NamedCause(name, "; ".join(texts), "check the anchors and axes that the engine is given, and the point of "
-                        "the body that it takes for the centre of mass") for name, texts in said.items()],
-            evidence) if holds else None
+    answer.evidence.append(Evidence(
+        " and ".join(said), "model", worst, left, "speed at which joints open, then accelerations with the fitted "
+        "joints, over their noise", "; ".join(itertools.chain(*said.values())), holds))
+    answer.causes += [NamedCause(name, "; ".join(texts), "check the anchors and axes that the engine is given, and the "
+                                 "point of the body that it takes for the centre of mass")
+                      for name, texts in said.items() if holds]
+    return holds
 
 
 def moved(scene: Scene, moves: dict[int, Moves]) -> Scene:
@@ -160,8 +163,8 @@ EXACT = 1e-6
 """Relative: a fitted ratio nearer than this to one that has a name is that one."""
 
 
-def mimics(shown: list[Shown]) -> tuple[list[NamedCause], Evidence] | None:
-    """Causes and their evidence; None if all mimics are the scene's."""
+def mimics(shown: list[Shown], answer: Explanation) -> bool:
+    """Whether the motion is that of other mimics, which are named."""
     causes: list[NamedCause] = []
     altered: dict[str, Mimic | None] = {}
     worst = 0.0
@@ -173,13 +176,17 @@ def mimics(shown: list[Shown]) -> tuple[list[NamedCause], Evidence] | None:
         if before > 1.0:
             causes.append(_named_mimic(joint.name, joint.mimic, altered[joint.name]))
     if not causes:
-        return None
+        return False
     left = altered_joints(shown, (each.observation.scene.replace(joints=tuple(
         joint if joint.mimic is None else dataclasses.replace(joint, mimic=altered[joint.name])
         for joint in each.observation.scene.joints)) for each in shown))
-    return causes, Evidence(
+    holds = left <= fit.EXPLAINED
+    answer.tried += 1
+    answer.evidence.append(Evidence(
         "mimic", "model", worst, left, "gap of the joints that follow others, then accelerations with their mimics so "
-        "altered, over their noise", "; ".join(cause.magnitude for cause in causes), left <= fit.EXPLAINED)
+        "altered, over their noise", "; ".join(cause.magnitude for cause in causes), holds))
+    answer.causes += causes if holds else []
+    return holds
 
 
 def fitted_mimic(shown: list[Shown], joint: Joint, mimic: Mimic) -> tuple[float, Mimic | None]:

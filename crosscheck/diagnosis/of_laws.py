@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from crosscheck.diagnosis.alterations import Alteration
-from crosscheck.diagnosis.fit import FAILS, gauss_newton
-from crosscheck.diagnosis.models import Model, of_scene
+from crosscheck.diagnosis.fit import EXPLAINED, Case, Limit, altered, search, simplest
 from crosscheck.diagnosis.observe import Silent, Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.running.run import run
+from crosscheck.scene.alterations import Alteration
+from crosscheck.scene.altered import Model, of_scene
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.laws import DryFriction, Limits
 from crosscheck.scene.model import Force, Joint, Scene
@@ -37,66 +37,56 @@ FAR = 1e3
 MEND = "compare this law in the engine's model with the scene's"
 
 
-def diagnose(subject: Subject, scene: Scene) -> Explanation | None:
-    """The altered laws that reproduce an engine's motion; None if it is the scene's, or none does."""
+class Coordinates(Case):
+    """The joint coordinates (T, k) that an engine shows, beside those of a scene with altered laws."""
+
+    dear = True
+
+    def __init__(self, scene: Scene, seen: np.ndarray, noise: float, limit: Limit) -> None:
+        self.right, self.seen, self.noise, self.limit = of_scene(scene), seen, noise, limit
+
+    def residual(self, causes: Sequence[Alteration], theta: Sequence[np.ndarray]) -> np.ndarray:
+        """Of a run by lieeuler's Taylor series; the noise counts as `EXPLAINED`."""
+        scene = altered(self.right, causes, theta).scene
+        moved = run(scene, "lieeuler", "taylor", rtol=ACCURATE, reduce="off", monitor=False)
+        return np.ravel(_coordinates(scene, moved) - self.seen) / self.noise * EXPLAINED
+
+
+def diagnose(subject: Subject, scene: Scene, answer: Explanation) -> bool:
+    """Whether altered laws reproduce an engine's motion, which are named; not if it is the scene's, or none does."""
     order = subject.order(scene)
     sizes = [{"rtol": rtol} for rtol in RTOLS] if order is None else [
         {"step": scene.duration / steps} for steps in (STEPS, 2 * STEPS)]
     try:
         coarse, fine = (_coordinates(scene, subject.run(scene, **size).states) for size in sizes)
     except Silent:
-        return None
+        return False
     seen = fine + (fine - coarse) / (2.0 ** (order or 60) - 1.0)
     noise = max(SEEN, LEFT * float(np.abs(seen - coarse).max()))
-    right = of_scene(scene)
-
-    def gap(cause: Alteration | None, theta: np.ndarray) -> np.ndarray:
-        try:
-            model = right if cause is None else cause.apply(right, theta)
-            moved = run(model.scene, "lieeuler", "taylor", rtol=ACCURATE, reduce="off", monitor=False)
-        except FAILS:
-            return np.full(seen.size, FAR)
-        return np.ravel(_coordinates(scene, moved) - seen)
-
-    before = float(np.abs(gap(None, np.zeros(0))).max())
+    case = Coordinates(scene, seen, noise, subject.limit)
+    before = case.before * noise / EXPLAINED
     if not noise < CLEAR * before < CLEAR * FAR:
-        return None
-    tried = [(each, *_fitted(each, gap, before)) for each in alternatives(scene)]
-    evidence = [Evidence(each.name(theta), "law", before, left, "joint coordinates, rad or m", each.words(theta),
-                         left <= noise) for each, theta, left in tried if left < CLEAR * before]
-    holding = [(each.free and theta.tolist() not in [list(special) for special in each.special(theta)], left, each,
-                theta) for each, theta, left in tried if left <= min(noise, CLEAR * before)]
+        return False
+    holding, others = search(case, case, list(alternatives(scene)), pairing=False)
+    answer.tried += len(others)
+    answer.evidence += [Evidence(" and ".join(each.names), "law", before, each.left * noise / EXPLAINED,
+                                 "joint coordinates, rad or m", each.words, each.explains)
+                        for each in others if each.left < CLEAR * case.before]
     if not holding:
-        return None
-    simplest = [case for case in holding if bool(case[0]) == min(bool(free) for free, *_ in holding)]
-    least = min(left for _, left, *_ in simplest)
-    named = [(each, theta) for _, left, each, theta in simplest if left <= max(5.0 * least, 0.1 * noise)]
-    answer = Explanation(scene.name, subject.engine.name, subject.way.method, subject.way.form, "fail", "", [], [],
-                         evidence, scene.duration, before, noise, least, order, tried=len(tried))
-    answer.causes.append(NamedCause(" or ".join(sorted({each.name(theta) for each, theta in named})),
-                                    ", or equally ".join(each.words(theta) for each, theta in named), MEND))
-    return answer.conclude([])
+        return False
+    holding = simplest(holding)
+    least = min(each.left for each in holding)
+    named = [each for each in holding if each.left <= max(5.0 * least, 0.1 * EXPLAINED)]
+    answer.deviation, answer.noise, answer.explained = before, noise, least * noise / EXPLAINED
+    answer.causes.append(NamedCause(" or ".join(sorted({" and ".join(each.names) for each in named})),
+                                    ", or equally ".join(each.words for each in named), MEND))
+    return True
 
 
 def _coordinates(scene: Scene, states: Motion) -> np.ndarray:
     """(T, coordinates) of all joints."""
     count, joints = len(states.t), histories(scene, states).values()
     return np.asarray(np.hstack([each.position.reshape(count, -1) for each in joints]))
-
-
-def _fitted(cause: Alteration, gap: Callable[[Alteration, np.ndarray], np.ndarray], before: float
-            ) -> tuple[np.ndarray, float]:
-    """The magnitude of an altered law, and the largest difference that it leaves. It is fitted where a start helps."""
-    def left(theta: np.ndarray) -> float:
-        return float(np.abs(gap(cause, theta)).max())
-
-    starts = [np.array(start) for start in (*cause.starts, *cause.special(np.array(cause.starts[0])))]
-    least, start = min(((left(start), start) for start in starts), key=lambda pair: pair[0])
-    if len(start) and SEEN < least < before:
-        fitted = gauss_newton(lambda theta: gap(cause, theta) / SEEN, start)
-        if (further := left(fitted)) < least:
-            return fitted, further
-    return start, least
 
 
 def alternatives(scene: Scene) -> Iterator[Alteration]:

@@ -13,13 +13,11 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from crosscheck.diagnosis import fit
-from crosscheck.diagnosis.models import levers
 from crosscheck.diagnosis.observe import FASTEST, REACH, Observation, Scale, Silent, Subject, rates, true_motion
-from crosscheck.diagnosis.result import Evidence, NamedCause
-from crosscheck.references.base import TruthError
+from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.references.maximal import Maximal
-from crosscheck.scene.batch import rates_of
-from crosscheck.scene.coordinates import hinge_angles
+from crosscheck.scene.alterations import FAILS, Alteration
+from crosscheck.scene.altered import levers
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
@@ -69,69 +67,73 @@ MOST_DIGITS = 7
 SINGLE = float(np.finfo(np.float32).eps)
 
 
-@dataclasses.dataclass(frozen=True)
-class Told:
-    """A hypothesis. `show` gives the states of a scene under this mistake, or None if it does not apply."""
-
-    name: str
-    detail: str
-    mend: str
-    show: Callable[[Scene], States | None]
-    undo: Callable[[States], States] | None = None
-
-
-def diagnose(observations: list[Observation]) -> tuple[list[Told], list[Evidence]]:
-    """The hypotheses that reproduce all observations, and the evidence for those that were tried."""
-    named, evidence = [], []
-    exact = observations[0].scale.flat(true_motion(observations[0].scene))
-    before = float(np.abs(observations[0].y - exact).max())
-    if len(observations) == 1 and before <= max(AGREES, fit.EXPLAINED * observations[0].noise):
-        return [], []  # this part of the motion is right
-    for told in hypotheses(observations[0]):
-        after = _gap(told, observations[0])
-        holds = after * max(AGREES, fit.EXPLAINED * observations[0].noise) <= fit.CLEAR * before
-        for each in observations[1:]:
-            if after > 1.0:
+def diagnose(observations: list[Observation], answer: Explanation) -> bool:
+    """Whether a hypothesis reproduces all observations. Those that do are named together."""
+    named = []
+    first = observations[0]
+    before = float(np.abs(first.y - first.scale.flat(true_motion(first.scene))).max()) / _open(first)
+    if len(observations) == 1 and before <= 1.0:
+        return False  # this part of the motion is right
+    for cause in hypotheses(first):
+        answer.tried += 1
+        after, holds = 0.0, True
+        for each in observations:
+            after = max(after, _left(cause, each))
+            holds = after <= min(1.0, fit.CLEAR * before if each is first else 1.0)
+            if not holds:
                 break
-            after = max(after, _gap(told, each))
-        holds &= after <= 1.0
         if holds or after < 1e3:
-            evidence.append(Evidence(f"{told.name}: {told.detail}", "report", before, after,
-                                     "motion against the one predicted, over its noise", holds=holds))
-        named += [told] if holds else []
-    return named, evidence
+            answer.evidence.append(Evidence(f"{cause.cause}: {_words(cause)}", "report", before, after,
+                                            "motion against the one predicted, over its noise", holds=holds))
+        named += [cause] if holds else []
+    if named:
+        answer.causes.append(NamedCause(" or ".join(sorted({each.cause for each in named})),
+                                        ", or equally ".join(map(_words, named)), named[0].mend))
+    return bool(named)
 
 
-def _gap(told: Told, each: Observation) -> float:
+def _open(each: Observation) -> float:
+    """What noise may leave of y."""
+    return max(AGREES, fit.EXPLAINED * each.noise)
+
+
+def _words(cause: Alteration) -> str:
+    return cause.words(np.array(cause.starts[0]))
+
+
+def _left(cause: Alteration, each: Observation) -> float:
     """Largest difference between observation and prediction, over what noise may leave.
 
     Most hypotheses fail at the first two samples, which take a twentieth of the time.
     """
-    gap = 0.0
+    gap, theta = 0.0, np.array(cause.starts[0])
     for count in (2, each.scene.samples):
         scene = each.scene.replace(duration=float(each.scene.t[count - 1]), samples=count)
         try:
-            states = told.show(scene)
-        except (TruthError, np.linalg.LinAlgError, ValueError):
+            states = at_times(scene, cause.apply(scene.t, theta)) if cause.kind == "clock" else cause.apply(
+                true_motion(scene), theta)
+        except FAILS:
             return math.inf
-        left = math.inf if states is None else float(np.abs(each.y[:count] - each.scale.flat(states)).max())
-        gap = left / max(AGREES, fit.EXPLAINED * each.noise) if np.isfinite(left) else math.inf
+        left = float(np.abs(each.y[:count] - each.scale.flat(states)).max())
+        gap = left / _open(each) if np.isfinite(left) else math.inf
         if gap > 1.0:
             break
     return gap
 
 
-def hypotheses(first: Observation) -> Iterator[Told]:
-    """All hypotheses that make sense for the scene."""
+def _reported(cause: str, words: str, mend: str, apply: Callable[[States], States]) -> Alteration:
+    """One of the states, with nothing left to fit."""
+    return Alteration(cause, lambda states, _: apply(states), ((),), lambda _: words, mend, kind="motion")
+
+
+def hypotheses(first: Observation) -> Iterator[Alteration]:
+    """All of the output that make sense for the scene. Points, axes and times are those that the first one shows."""
     scene = first.scene
-
-    def reordered(order: Sequence[int]) -> Told:
-        return Told("order of bodies", "bodies are reported in the order " + ", ".join(
-            scene.bodies[k].name for k in order), "report bodies in the scene's order", lambda given: picked(
-                true_motion(given), order), lambda states: picked(states, list(np.argsort(order))))
-
     if 1 < scene.n <= MOST_ORDERS:
-        yield from map(reordered, list(itertools.permutations(range(scene.n)))[1:])
+        for order in list(itertools.permutations(range(scene.n)))[1:]:
+            yield _reported("order of bodies", "bodies are reported in the order " + ", ".join(
+                scene.bodies[k].name for k in order), "report bodies in the scene's order",
+                lambda states, order=order: picked(states, order))  # type: ignore[misc]
     yield from _points(first)
     yield from _attitudes(first)
     yield from _filtered(first)
@@ -143,7 +145,7 @@ def picked(states: States, order: Sequence[int]) -> States:
     return States(states.t, *(getattr(states, name)[:, order] for name in ("x", "R", "v", "w")))
 
 
-def _points(first: Observation) -> Iterator[Told]:
+def _points(first: Observation) -> Iterator[Alteration]:
     """Positions of other points of the bodies than their centres of mass, or from another origin."""
     scene, exact = first.scene, true_motion(first.scene)
     off = first.states.x - exact.x
@@ -154,66 +156,62 @@ def _points(first: Observation) -> Iterator[Told]:
         "position of another point", f"points off by {fitted} m from the centres of mass, body axes")
     s = levers(scene) if joint else s
 
-    def at_points(given: Scene, with_speed: bool) -> States:
-        states = true_motion(given)
+    def at_points(states: States, with_speed: bool) -> States:
         x = states.x + np.einsum("tnij,nj->tni", states.R, s)
         v = states.v + np.einsum("tnij,tnj->tni", states.R, np.cross(states.w, s)) if with_speed else states.v
         return States(states.t, x, states.R, v, states.w)
 
     for quantity, with_speed in (("positions", False), ("positions and velocities", True)):
-        yield Told(name, f"{quantity} are those of {text}", "report the centre of mass",
-                   lambda given, with_speed=with_speed: at_points(given, with_speed))  # type: ignore[misc]
+        yield _reported(name, f"{quantity} are those of {text}", "report the centre of mass",
+                        lambda states, with_speed=with_speed: at_points(states, with_speed))  # type: ignore[misc]
     grounded = any(joint.parent == GROUND for joint in scene.joints)
-    yield Told("anchors or origin of positions" if grounded else "origin of positions",
-               f"all positions are off by {_vector(away)} m",
-               "check the origin of the world, and where joints hold on the ground",
-               lambda given: dataclasses.replace(true_motion(given), x=true_motion(given).x + away))
+    yield _reported("anchors or origin of positions" if grounded else "origin of positions",
+                    f"all positions are off by {_vector(away)} m", "check the origin of the world, and where joints "
+                    "hold on the ground", lambda states: dataclasses.replace(states, x=states.x + away))
 
 
-def _attitudes(first: Observation) -> Iterator[Told]:
+def _attitudes(first: Observation) -> Iterator[Alteration]:
     """Attitudes that are turned by a constant in each body, or mirrored."""
     scene, exact = first.scene, true_motion(first.scene)
-    mend = "report the attitude of the body axes of the scene, in its world axes"
 
-    def told(name: str, detail: str, R: Callable[[np.ndarray], np.ndarray],
-             w: Callable[[np.ndarray], np.ndarray]) -> Told:
-        return Told(name, detail, mend, lambda given: dataclasses.replace(
-            true_motion(given), R=R(true_motion(given).R), w=w(true_motion(given).w)))
+    def turned(name: str, detail: str, R: Callable[[np.ndarray], np.ndarray],
+               w: Callable[[np.ndarray], np.ndarray]) -> Alteration:
+        return _reported(name, detail, "report the attitude of the body axes of the scene, in its world axes",
+                         lambda states: dataclasses.replace(states, R=R(states.R), w=w(states.w)))
 
     U, _, V = np.linalg.svd(np.mean(np.swapaxes(exact.R, -1, -2) @ first.states.R, axis=0))
     Q = U @ V
     cosines = np.clip((np.trace(Q, axis1=1, axis2=2) - 1) / 2, -1, 1)
-    turned = [f"body {body.name!r} by {np.degrees(np.arccos(cosine)):.5g} deg"
+    angles = [f"body {body.name!r} by {np.degrees(np.arccos(cosine)):.5g} deg"
               for body, cosine in zip(scene.bodies, cosines, strict=True) if cosine < 1 - AGREES]
     for text, spin in (("", lambda w: w), (", with its angular velocity", lambda w: np.einsum("nji,tnj->tni", Q, w))):
-        if turned and np.linalg.det(Q).min() > 0:
-            yield told("turned attitude", "; ".join(turned) + text, lambda R: R @ Q, spin)
+        if angles and np.linalg.det(Q).min() > 0:
+            yield turned("turned attitude", "; ".join(angles) + text, lambda R: R @ Q, spin)
     for axis, letter in enumerate("xyz"):
         S = np.diag([-1.0 if k == axis else 1.0 for k in range(3)])
         for text, change in (("in world and body axes", lambda R, S=S: S @ R @ S),
                              ("in world axes", lambda R, S=S: S @ R), ("in body axes", lambda R, S=S: R @ S)):
             for more, spin in (("", lambda w: w), (", with angular velocities", lambda w, S=S: -w @ S)):
-                yield told("mirrored attitude", f"{letter} has the other sign {text}{more}", change, spin)
+                yield turned("mirrored attitude", f"{letter} has the other sign {text}{more}", change, spin)
 
 
-def _filtered(first: Observation) -> Iterator[Told]:
+def _filtered(first: Observation) -> Iterator[Alteration]:
     """Velocities that lag by a time tau behind the motion: v - tau a."""
-    states = first.states
+    true = true_motion(first.scene)
     for names, text in ((("v", "w"), "all velocities"), (("v",), "velocities"), (("w",), "angular velocities")):
-        def filtered(given: Scene, tau: float, names: tuple[str, ...] = names) -> States:
-            true = true_motion(given)
-            flow = rates_of(given, hinges=hinge_angles(given, true))
-            rates = dict(zip("vw", flow(true.t, true.x, true.R, true.v, true.w)[2:], strict=True))
-            return dataclasses.replace(true, **{name: getattr(true, name) - tau * rates[name] for name in names})
+        def filtered(states: States, theta: np.ndarray, names: tuple[str, ...] = names) -> States:
+            rates = {"v": states.a, "w": states.alpha}
+            return dataclasses.replace(states, **{
+                name: getattr(states, name) - theta[0] * np.asarray(rates[name]) for name in names})
 
-        exact, late = filtered(first.scene, 0.0), filtered(first.scene, 1.0)
-        slopes, gaps = (np.concatenate([(getattr(one, name) - getattr(exact, name)).ravel() for name in names])
-                        for one in (late, states))
-        tau = float(slopes @ gaps / max(float(slopes @ slopes), 1e-300))
+        exact, late, given = (np.concatenate([getattr(each, name).ravel() for name in names]) for each in (
+            true, filtered(true, np.ones(1)), first.states))
+        slopes = late - exact
+        tau = float(slopes @ (given - exact) / max(float(slopes @ slopes), 1e-300))
         if abs(tau) * first.scale.rate > AGREES:
-            yield Told("filtered velocity", f"{text} are those of v - tau dv/dt, tau = {tau:.5g} s", "report the "
-                       "velocities of the state, not of a filter or of a difference of positions",
-                       lambda given, tau=tau, shown=filtered: shown(given, tau))  # type: ignore[misc]
+            yield Alteration("filtered velocity", filtered, ((tau,),), lambda t, text=text: (  # type: ignore[misc]
+                f"{text} are those of v - tau dv/dt, tau = {t[0]:.5g} s"), "report the velocities of the state, not of "
+                "a filter or of a difference of positions", kind="motion")
 
 
 def _vector(values: np.ndarray) -> str:
@@ -223,7 +221,7 @@ def _vector(values: np.ndarray) -> str:
 # --- times ------------------------------------------------------------------------------------------------------------
 
 
-def _times(first: Observation) -> Iterator[Told]:
+def _times(first: Observation) -> Iterator[Alteration]:
     """An offset of all times, and a clock that runs at another pace."""
     few = first.scene.replace(samples=len(first.y[::THIN]))
     delays = shifts(few, first.scale, first.y[::THIN])
@@ -233,14 +231,14 @@ def _times(first: Observation) -> Iterator[Told]:
         delays[1:] / few.t[1:]))
     # A motion that starts late, and rests in half of the samples, has the delay of the last one.
     for offset in (middle, last) if abs(last - middle) > LATER * abs(last) else (middle,):
-        rests = offset <= -(1.0 - AGREES) * few.duration
-        yield Told("time offset", f"it stands still in the first {-offset:.6g} s, at least" if rests else
-                   f"the motion of {offset:+.6g} s later", "start at the scene's start, and report each "
-                   "state at its time",
-                   lambda given, offset=offset: at_times(given, np.maximum(given.t + offset, 0.0)))  # type: ignore[misc]
+        yield Alteration("time offset", lambda t, by: np.maximum(t + by[0], 0.0), ((offset,),), lambda by: (
+            f"it stands still in the first {-by[0]:.6g} s, at least" if by[0] <= -(1.0 - AGREES) * few.duration else
+            f"the motion of {by[0]:+.6g} s later"), "start at the scene's start, and report each state at its time",
+            kind="clock")
     if pace > STOPPED - 1.0:
-        yield Told("time scale", f"times are those of a clock {1 + pace:.6g} as fast", "check the unit of time and the "
-               "step that is really made", lambda given: at_times(given, (1.0 + pace) * given.t))
+        yield Alteration("time scale", lambda t, by: (1.0 + by[0]) * t, ((pace,),), lambda by: (
+            f"times are those of a clock {1 + by[0]:.6g} as fast"), "check the unit of time and the step that is "
+            "really made", kind="clock")
 
 
 def at_times(scene: Scene, times: np.ndarray) -> States:

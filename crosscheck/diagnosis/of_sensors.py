@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from crosscheck.diagnosis.observe import Scale, Silent, Subject
-from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
+from crosscheck.diagnosis.result import Evidence, Explanation
 from crosscheck.scene import mechanics
+from crosscheck.scene.alterations import Alteration
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, Sensor, quaternion_product
 from crosscheck.scene.sensors import SENSOR_TYPES, Reader, gap, read
 from crosscheck.scene.states import States
@@ -39,14 +40,17 @@ LAGS = (1, 2, 3, -1)
 
 UNCOUNTED = "springs or drives not counted"
 
-Told = tuple[str, str, np.ndarray]
-"""Name of a mistake, the mistake in words, and the readings under it."""
-
 MENDS = {"gravity": "an accelerometer reads a - g, an acceleration a",
          "one step late": "read sensors after the step, at the state that is reported",
          "before the constraint solve": "read sensors after the constraints are solved",
          "force on the parent": "report the wrench that the parent exerts on the child",
          "lever": "read at the site, with its lever from the centre of mass"}
+
+
+def _reading(cause: str, words: str, values: np.ndarray) -> Alteration:
+    """A mistake with its readings (T, ...)."""
+    return Alteration(cause, lambda right, _: values, ((),), lambda _: words, MENDS.get(
+        cause, "read the sensor as a scene defines it: point, axes, sign and what it contains"), kind="output")
 
 
 def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer: Explanation) -> None:
@@ -58,28 +62,22 @@ def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer
         states = subject.run(brief, interval if fixed else None, None if fixed else RTOL).states
     except Silent:
         return
-    wrong = []
     for sensor in scene.sensors:
         if (given := (states.sensors or {}).get(sensor.name)) is None:
             continue
-        left, after, told = named(brief, states, sensor, given)
+        left, after, cause = named(brief, states, sensor, given)
         if left <= AGREES:
             continue
         label = f"sensor {sensor.name!r}"
-        if told is None:
-            wrong.append(f"{label} differs from the reading of its own states by {left:.2g} of its size")
-        else:
-            name, text, _ = told
-            answer.causes.append(NamedCause(name, f"{label}: {text}", MENDS.get(
-                name, "read the sensor as a scene defines it: point, axes, sign and what it contains")))
-        answer.evidence.append(Evidence(told[0] if told else "sensor", "report", left, after, "difference of a reading "
-                                        "from that of the same states, over its size", label, told is not None))
-    if wrong or answer.causes:
-        before = [answer.sentence.partition(": ")[2]] if answer.outcome == "unresolved" else []
-        answer.conclude([*before, *wrong])
+        words = f"{label}: {cause.words(np.zeros(0))}" if cause else label
+        if not answer.test(Evidence(cause.cause if cause else "sensor", "report", left, after, "difference of a "
+                                    "reading from that of the same states, over its size", words, cause is not None),
+                           cause.mend if cause else ""):
+            answer.unexplained.append(f"{label} differs from the reading of its own states by {left:.2g} of its size")
 
 
-def named(scene: Scene, states: States, sensor: Sensor, given: np.ndarray) -> tuple[float, float | None, Told | None]:
+def named(scene: Scene, states: States, sensor: Sensor, given: np.ndarray
+          ) -> tuple[float, float | None, Alteration | None]:
     """(difference of readings from those of the states over their size, what a mistake leaves of it, that mistake)."""
     bare = States(states.t, states.x, states.R, states.v, states.w)
     both = [bare] if states.a is None else [bare, dataclasses.replace(bare, a=states.a, alpha=states.alpha)]
@@ -89,11 +87,12 @@ def named(scene: Scene, states: States, sensor: Sensor, given: np.ndarray) -> tu
     before = float(gap(given, right).max()) / size
     if before > AGREES:
         exact = itertools.chain(mistakes(reader, sensor, right), _followed(given, right))
-        for told, share in itertools.chain(((each, EXPLAINED) for each in exact),
-                                           ((each, FOLLOWED) for each in filtered(given, right))):
-            after = _left(given, told[2]) / size if told[2].shape == given.shape else math.inf
+        for cause, share in itertools.chain(((each, EXPLAINED) for each in exact),
+                                            ((each, FOLLOWED) for each in filtered(given, right))):
+            values = cause.apply(right, np.zeros(0))
+            after = _left(given, values) / size if values.shape == given.shape else math.inf
             if after <= max(AGREES, share * before):
-                return before, after, told
+                return before, after, cause
     return before, None, None
 
 
@@ -107,13 +106,13 @@ def _is_attitude(values: np.ndarray) -> bool:
     return values.shape[1:] == (4,)
 
 
-def mistakes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told]:
+def mistakes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alteration]:
     """All mistakes that the type of the sensor can have, the plainest first."""
     for lag in LAGS:
         shifted = np.full_like(right, np.nan)
         shifted[max(lag, 0):len(right) + min(lag, 0)] = right[max(-lag, 0):len(right) - max(lag, 0)]
-        yield ("one step late" if lag == 1 else "late" if lag > 0 else "early",
-               f"readings come {abs(lag)} step{'s' * (abs(lag) > 1)} {'late' if lag > 0 else 'early'}", shifted)
+        yield _reading("one step late" if lag == 1 else "late" if lag > 0 else "early",
+                       f"readings come {abs(lag)} step{'s' * (abs(lag) > 1)} {'late' if lag > 0 else 'early'}", shifted)
     if _is_attitude(right):
         yield from _attitudes(reader, sensor, right)
         return
@@ -123,36 +122,38 @@ def mistakes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told
     if sensor.joint is not None:
         joint = reader.joints[sensor.joint]
         yield from _of_joint(reader, sensor, joint, right)
-    yield ("sign", "the reading has the other sign", -right)
+    yield _reading("sign", "the reading has the other sign", -right)
 
 
-def _followed(given: np.ndarray, right: np.ndarray) -> Iterator[Told]:
+def _followed(given: np.ndarray, right: np.ndarray) -> Iterator[Alteration]:
     """Mistakes whose size is fitted to the reading: a factor, an offset, an order of components, a clamp, rounding."""
     if right.ndim == 2 and right.shape[1] == 3:
         for order in list(itertools.permutations(range(3)))[1:]:
-            yield ("order of components", f"components are {', '.join('xyz'[k] for k in order)}", right[:, order])
+            yield _reading("order of components", f"components are {', '.join('xyz'[k] for k in order)}",
+                           right[:, order])
         for k in range(3):
-            yield ("sign", f"component {'xyz'[k]} has the other sign", right * np.where(np.arange(3) == k, -1.0, 1.0))
-    yield ("zero", "the reading is always zero", 0.0 * right)
+            yield _reading("sign", f"component {'xyz'[k]} has the other sign",
+                           right * np.where(np.arange(3) == k, -1.0, 1.0))
+    yield _reading("zero", "the reading is always zero", 0.0 * right)
     square = float(np.nansum(right**2))
     factor = float(np.nansum(given * right)) / square if square else 1.0
     if abs(factor) > 0:
         unit = {"degrees": 180 / np.pi, "radians": np.pi / 180}
         name = next((word for word, value in unit.items() if abs(factor / value - 1) < 1e-6), "gear")
-        yield (name if name == "gear" else "unit", f"readings are {factor:.6g} times what they should be"
-               + (f", {name}" if name != "gear" else ""), factor * right)
+        yield _reading(name if name == "gear" else "unit", f"readings are {factor:.6g} times what they should be"
+                       + (f", {name}" if name != "gear" else ""), factor * right)
     away = np.nanmean(given - right, axis=0)
-    yield ("offset", f"readings are off by {np.array2string(away, precision=5)}", right + away)
+    yield _reading("offset", f"readings are off by {np.array2string(away, precision=5)}", right + away)
     lower, upper = np.nanmin(given), np.nanmax(given)
     if lower > np.nanmin(right) or upper < np.nanmax(right):
-        yield ("clamp", f"readings are cut to {lower:.4g} and {upper:.4g}", np.clip(right, lower, upper))
+        yield _reading("clamp", f"readings are cut to {lower:.4g} and {upper:.4g}", np.clip(right, lower, upper))
     turns = 2 * np.pi * np.round((given - right) / (2 * np.pi))
-    yield ("wrapped angle", "angles jump by whole turns", right + turns)
+    yield _reading("wrapped angle", "angles jump by whole turns", right + turns)
     for digits in range(1, 7):
-        yield ("rounded output", f"readings are rounded to {digits} decimals", np.round(right, digits))
+        yield _reading("rounded output", f"readings are rounded to {digits} decimals", np.round(right, digits))
 
 
-def filtered(given: np.ndarray, right: np.ndarray) -> Iterator[Told]:
+def filtered(given: np.ndarray, right: np.ndarray) -> Iterator[Alteration]:
     """Low-pass filters in the forms that loops over steps have, and means over some samples."""
     change = given[1:] - given[:-1]
     for now in (1.0, 0.0, 0.5):
@@ -162,36 +163,36 @@ def filtered(given: np.ndarray, right: np.ndarray) -> Iterator[Told]:
             made = given.copy()
             for k in range(len(change)):
                 made[k + 1] = made[k] + share * (drive[k] - made[k])
-            yield ("filtered", f"a low-pass filter, each step closes {share:.3g} of the gap", made)
+            yield _reading("filtered", f"a low-pass filter, each step closes {share:.3g} of the gap", made)
     for count in range(2, 11):
         made = np.full_like(right, np.nan)
         for k in range(count - 1, len(right)):
             made[k] = right[k - count + 1:k + 1].mean(axis=0)
-        yield ("filtered", f"readings are means over {count} samples", made)
+        yield _reading("filtered", f"readings are means over {count} samples", made)
 
 
-def _others(reader: Reader, sensor: Sensor) -> Iterator[Told]:
+def _others(reader: Reader, sensor: Sensor) -> Iterator[Alteration]:
     """The reading of another site or joint in place of the sensor's."""
     scene = reader.scene
     for site in scene.sites if sensor.site is not None else ():
         if site.name != sensor.site:
-            yield ("another site", f"it is the reading at site {site.name!r}",
-                   read(reader, dataclasses.replace(sensor, site=site.name)))
+            yield _reading("another site", f"it is the reading at site {site.name!r}",
+                           read(reader, dataclasses.replace(sensor, site=site.name)))
     kind = None if sensor.joint is None else reader.joints[sensor.joint].kind
     for joint in scene.joints if kind is not None else ():
         if joint.name != sensor.joint and joint.kind.coordinates == kind.coordinates:  # type: ignore[union-attr]
-            yield ("another joint", f"it is the reading of joint {joint.name!r}",
-                   read(reader, dataclasses.replace(sensor, joint=joint.name)))
+            yield _reading("another joint", f"it is the reading of joint {joint.name!r}",
+                           read(reader, dataclasses.replace(sensor, joint=joint.name)))
 
 
-def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told]:
+def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alteration]:
     """Axes, lever, gravity and rate terms of a vector at a site."""
     scene, site = reader.scene, reader.sites[sensor.site or ""]
     world = read(reader, dataclasses.replace(sensor, frame="world"))
     in_site = sensor.frame == "site"
     turned = dataclasses.replace(sensor, frame="world" if in_site else "site")
-    yield ("world for site axes" if in_site else "site for world axes",
-           f"the reading is in {turned.frame} axes", read(reader, turned))
+    yield _reading("world for site axes" if in_site else "site for world axes",
+                   f"the reading is in {turned.frame} axes", read(reader, turned))
 
     def seen(axes: np.ndarray, vector: np.ndarray = world) -> np.ndarray:
         return np.asarray(np.einsum("tji,tj->ti", axes, np.broadcast_to(vector, world.shape)))
@@ -199,29 +200,29 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told
     def shown(vector: np.ndarray) -> np.ndarray:
         return seen(reader.axes(site), vector) if in_site else np.broadcast_to(vector, world.shape)
 
-    yield ("frame of the body", "the reading is in the axes of the body, without the attitude of the site",
-           seen(reader.R[:, site.body]))
+    yield _reading("frame of the body", "the reading is in the axes of the body, without the attitude of the site",
+                   seen(reader.R[:, site.body]))
     if in_site:
-        yield ("inverse rotation", "the vector is turned from the site to the world once more",
-               np.einsum("tij,tj->ti", reader.axes(site), world))
+        yield _reading("inverse rotation", "the vector is turned from the site to the world once more",
+                       np.einsum("tij,tj->ti", reader.axes(site), world))
     for body in range(GROUND, scene.n):
         if body == site.body:
             continue
         name = "the ground" if body == GROUND else f"body {scene.bodies[body].name!r}"
         other = dataclasses.replace(site, body=body)
-        yield ("frame of another body", f"the reading is in axes of {name}", seen(reader.R[:, body]))
-        yield ("frame of another body", f"the reading is in the axes that the site would have on {name}",
-               seen(reader.axes(other)))
+        yield _reading("frame of another body", f"the reading is in axes of {name}", seen(reader.R[:, body]))
+        yield _reading("frame of another body", f"the reading is in the axes that the site would have on {name}",
+                       seen(reader.axes(other)))
         if sensor.type in ("angular_velocity", "gyroscope"):
-            yield ("relative to another body", f"the turning is that against {name}",
-                   right - shown(reader.turned(body, reader.w[:, body])))
+            yield _reading("relative to another body", f"the turning is that against {name}",
+                           right - shown(reader.turned(body, reader.w[:, body])))
     g, w = scene.gravity, reader.w[:, site.body]
     arm, spin = site.position, reader.turned(site.body, w)
     if sensor.type in ("acceleration", "accelerometer"):
         words = {1: "gravity is missing", -1: "gravity counts twice", 2: "gravity has the other sign"} if (
             sensor.type == "accelerometer") else {-1: "it is a - g, as an accelerometer reads", 1: "it is a + g"}
         for times, text in words.items():
-            yield ("gravity", text, right + times * shown(g))
+            yield _reading("gravity", text, right + times * shown(g))
         inward = reader.turned(site.body, cross(w, cross(w, arm)))
         tangent = reader.turned(site.body, cross(reader.alpha[:, site.body], arm))
         coriolis = cross(spin, reader.velocity(site))
@@ -231,42 +232,42 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told
                            ("it is the derivative of the velocity in body axes, without w x v", -coriolis),
                            ("w x v counts twice", coriolis), ("w x v of the centre of mass is left out", -central),
                            ("2 w x v is added", 2 * coriolis)):
-            yield ("Coriolis or centripetal term", text, right + shown(part))
+            yield _reading("Coriolis or centripetal term", text, right + shown(part))
     for text, place in (("left out", 0.0 * arm), ("taken with the other sign", -arm)):
-        yield "lever", f"the lever of the site is {text}", _moved(reader, sensor, position=place)
+        yield _reading("lever", f"the lever of the site is {text}", _moved(reader, sensor, position=place))
     if SENSOR_TYPES[sensor.type].dynamic and sensor.joint is None:
         s = reader.states
         free = mechanics.applied_forces(scene, s.x, s.R, s.v, s.w, reader.angles, s.t) @ mechanics.inverse_mass(scene)
         a, alpha = np.split(free.reshape(len(s.t), scene.n, 6), 2, axis=2)
-        yield ("before the constraint solve", "the reading is that of bodies on which no constraint acts yet",
-               read(Reader(scene, dataclasses.replace(s, a=a, alpha=alpha)), sensor))
+        yield _reading("before the constraint solve", "the reading is that of bodies on which no constraint acts yet",
+                       read(Reader(scene, dataclasses.replace(s, a=a, alpha=alpha)), sensor))
 
 
-def _of_joint(reader: Reader, sensor: Sensor, joint: Joint, right: np.ndarray) -> Iterator[Told]:
+def _of_joint(reader: Reader, sensor: Sensor, joint: Joint, right: np.ndarray) -> Iterator[Alteration]:
     """Parts of a wrench or of an effort."""
     scene = reader.scene
     if sensor.type == "joint_effort":
         for force in scene.loads:
             if force.joint == joint.name and not force.is_spring:
                 rest = scene.replace(forces=tuple(each for each in scene.forces if each is not force))
-                yield (UNCOUNTED, f"the {force.type} is left out", read(Reader(rest, reader.states), sensor))
+                yield _reading(UNCOUNTED, f"the {force.type} is left out", read(Reader(rest, reader.states), sensor))
             elif force.joint == joint.name:
                 on_child = mechanics.force_on_bodies(scene, force, reader.states, reader.angles)[:, joint.child]
                 along = on_child[:, :3] if force.type == "slide_spring" else reader.turned(joint.child, on_child[:, 3:])
-                yield (UNCOUNTED, "the spring and damper of the joint count as a drive", right + np.einsum(
-                    "tk,tk->t", along, reader.turned(joint.child, joint.child_axis)))
+                yield _reading(UNCOUNTED, "the spring and damper of the joint count as a drive", right + np.einsum(
+                            "tk,tk->t", along, reader.turned(joint.child, joint.child_axis)))
     if sensor.type not in ("force", "torque"):
         return
-    yield ("force on the parent", "it is what the child exerts on the parent", -right)
+    yield _reading("force on the parent", "it is what the child exerts on the parent", -right)
     for name, text, *pair in _parts(reader, sensor, joint):
         part = pair[sensor.type == "torque"]
         if sensor.frame == "site":
             part = np.einsum("tji,tj->ti", reader.axes(reader.sites[sensor.site or ""]), part)
-        yield name, text, right + part
+        yield _reading(name, text, right + part)
     for text, borne in _borne(reader, joint):
         lighter = Reader(scene, reader.states)
         lighter.__dict__["_borne"] = {**reader._borne, joint.name: borne}
-        yield (UNCOUNTED, text, read(lighter, sensor))
+        yield _reading(UNCOUNTED, text, read(lighter, sensor))
 
 
 def _parts(reader: Reader, sensor: Sensor, joint: Joint) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
@@ -330,22 +331,23 @@ def _moved(reader: Reader, sensor: Sensor, **changes: Any) -> np.ndarray:
     return read(Reader(reader.scene.replace(sites=sites), reader.states), sensor)
 
 
-def _attitudes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Told]:
+def _attitudes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alteration]:
     """Conventions of quaternions, and attitudes of other frames."""
-    yield ("inverse rotation", "it is the attitude of the world in the site", right * [1.0, -1.0, -1.0, -1.0])
-    yield ("order of components", "the scalar comes last", right[:, [1, 2, 3, 0]])
-    yield ("order of components", "the scalar is taken as the last", right[:, [3, 0, 1, 2]])
+    yield _reading("inverse rotation", "it is the attitude of the world in the site", right * [1.0, -1.0, -1.0, -1.0])
+    yield _reading("order of components", "the scalar comes last", right[:, [1, 2, 3, 0]])
+    yield _reading("order of components", "the scalar is taken as the last", right[:, [3, 0, 1, 2]])
     if sensor.site is None:
         return
     scene, site = reader.scene, reader.sites[sensor.site]
 
     at = functools.partial(_moved, reader, sensor)
-    yield ("frame of the body", "it is the attitude of the body", at(attitude=np.array([1.0, 0.0, 0.0, 0.0])))
+    yield _reading("frame of the body", "it is the attitude of the body", at(attitude=np.array([1.0, 0.0, 0.0, 0.0])))
     for body in range(scene.n):
         if body != site.body:
             name = f"body {scene.bodies[body].name!r}"
-            yield ("frame of another body", f"it is the attitude that the site would have on {name}", at(body=body))
+            yield _reading("frame of another body", f"it is the attitude that the site would have on {name}",
+                           at(body=body))
             its = at(body=body, attitude=np.array([1.0, 0.0, 0.0, 0.0])) * [1.0, -1.0, -1.0, -1.0]
-            yield ("relative to another body", f"it is the attitude in {name}", quaternion_product(its, right))
+            yield _reading("relative to another body", f"it is the attitude in {name}", quaternion_product(its, right))
     swapped = site.attitude * np.array([1.0, -1.0, -1.0, -1.0])
-    yield ("inverse rotation", "the attitude of the site is taken the other way", at(attitude=swapped))
+    yield _reading("inverse rotation", "the attitude of the site is taken the other way", at(attitude=swapped))

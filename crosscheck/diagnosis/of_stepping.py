@@ -8,14 +8,12 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from crosscheck.compare.order import observed_order
 from crosscheck.diagnosis import altered, fit, misreadings, of_output, of_run
-from crosscheck.diagnosis.models import Model
 from crosscheck.diagnosis.observe import (
     REACH,
     ROUNDING,
@@ -31,7 +29,8 @@ from crosscheck.diagnosis.observe import (
     true_motion,
     window,
 )
-from crosscheck.diagnosis.result import Evidence, NamedCause
+from crosscheck.diagnosis.of_model import Known
+from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.diagnosis.variants import close
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
@@ -66,6 +65,9 @@ MOST_SUBSTEPS = 64
 NO_SUBSTEPS = 1.2
 """Number of sub-steps below which the errors are those of the steps that were asked for."""
 
+HIDDEN = "{:g} steps for each that is asked for: {}"
+MEND_HIDDEN = "switch off adaptive or internal steps, or count them where speeds are compared"
+
 NO_GAIN = (0.0, 0.0)
 
 PUSH = 1e-2
@@ -81,53 +83,28 @@ class Order:
     lower: int | None  # the order they show instead of the documented one
 
 
-@dataclasses.dataclass
-class NumericsFinding:
-    """What the numerical diagnosis found."""
-
-    causes: list[NamedCause] = dataclasses.field(default_factory=list)
-    evidence: list[Evidence] = dataclasses.field(default_factory=list)
-    unexplained: list[str] = dataclasses.field(default_factory=list)
-    order: float | None = None
-    tried: int = 0
-
-
-@dataclasses.dataclass(frozen=True)
-class Known:
-    """What was found about an engine's model before its stepping is tested."""
-
-    model: Model
-    start: tuple[np.ndarray, np.ndarray]  # attitudes and angular velocities
-    soft: bool  # whether its joints give way, by an unknown law, so that no plain method can be compared with it
-    undo: Callable[[States], States] | None = None  # corrects a misreport
-    absent: int | None = None  # number of a body that the engine does not have
-    altered: bool = False  # whether the model differs from the scene's
-
-
-def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFinding:
+def diagnose(subject: Subject, first: Observation, known: Known, answer: Explanation) -> None:
     """Name what makes the stepping differ from the documented one."""
-    result, order = NumericsFinding(), subject.order(first.scene)
+    order = subject.order(first.scene)
     if order is None:
-        return result
+        return
     if first.order is not None and first.order < order - CLEAR and not known.altered:
         shown = of_output.late(subject, first) or of_output.behind(subject, first)
-        result.tried += 1
+        answer.tried += shown is None
         if shown is not None:
-            result.causes.append(shown)
-            result.evidence.append(Evidence(shown.name, "report", first.order, None, f"observed order, documented "
-                                            f"{order}", shown.magnitude, True))
-            return result
+            answer.test(Evidence(shown.name, "report", first.order, None, f"observed order, documented {order}",
+                                 shown.magnitude, True), shown.mend)
+            return
     ordered = _ordered(subject, first.scene, first.scale, order)
-    result.order = None if ordered is None else ordered.observed
+    answer.observed_order = None if ordered is None else ordered.observed
     low = ordered is not None and ordered.lower is not None
     if ordered is not None and low:
-        _lower_order(subject, first, order, known, ordered, result)
+        answer.ask(_lower_order, subject, first, order, known, ordered, answer)
     if "acceleration" in subject.held(first.scene) and not known.soft and known.model.centripetal == 1.0:
-        gain = _gain(subject, first, known, result)
+        gain = answer.ask(_gain, subject, first, known, answer, otherwise=NO_GAIN)
         known = dataclasses.replace(known, model=known.model.replace(gain=gain))
     if not low:
-        _substeps(subject, first, order, known, result)
-    return result
+        answer.ask(_substeps, subject, first, order, known, answer)
 
 
 def limited(subject: Subject, first: Observation) -> NamedCause | None:
@@ -244,47 +221,43 @@ def keeps_plane(subject: Subject, copy: Scene, scale: Scale) -> bool:
 
 
 def _lower_order(subject: Subject, first: Observation, order: int, known: Known, ordered: Order,
-                 result: NumericsFinding) -> None:
+                 answer: Explanation) -> None:
     quantity = f"observed order, documented {order}"
     seen = first.scene.replace(duration=1.0 / first.scale.rate, samples=SAMPLES)
     try:
         stuck = of_run.clamped(subject.run(seen, seen.duration / (seen.samples - 1)).states)
     except Silent:
         stuck = None
-    if stuck is not None:  # its kink lowers the order of any method
-        result.causes.append(NamedCause("clamp", f"{stuck} in the first {seen.duration:.3g} s", of_run.UNCLAMPED))
-        result.evidence.append(Evidence("clamp", "report", ordered.observed, None, quantity, stuck, True))
+    if stuck is not None:  # its kink lowers the order of any method, and has no accelerations
+        answer.unexplained.clear()
+        answer.test(Evidence("clamp", "report", ordered.observed, None, quantity,
+                             f"{stuck} in the first {seen.duration:.3g} s", True), of_run.UNCLAMPED)
         return
     copy = planar(first.scene, first.scale, known.model.scene.gravity)
     plane = None
     if copy is not None and subject.unsupported(copy) is None and keeps_plane(subject, copy, first.scale):
         plane = _ordered(subject, copy, first.scale, order)
-    result.tried += 2
     shown = f"order {ordered.observed:.2f} where the documentation says {order}"
     if plane is None:
-        result.evidence.append(Evidence("group update", "numerics", ordered.observed, None, quantity,
-                                        note="no copy on which rotations commute could be run"))
-        result.unexplained.append(f"{shown}, and no copy with commuting rotations to tell why")
+        answer.test(Evidence("group update", "numerics", ordered.observed, None, quantity,
+                             note="no copy on which rotations commute could be run"), "")
+        answer.unexplained.append(f"{shown}, and no copy with commuting rotations to tell why")
         return
     commuting = plane.lower is None
     text = "at rounding" if plane.observed is None else f"{plane.observed:.2f}"
-    result.evidence.append(Evidence("group update", "numerics", ordered.observed, plane.observed, quantity,
-                                    holds=commuting, note=f"order {text} on a copy in which all rotations commute"))
-    result.evidence.append(Evidence("order of the step", "numerics", ordered.observed, plane.observed, quantity,
-                                    holds=not commuting, note="the order would be as low where all rotations commute"))
-    if commuting:
-        result.causes.append(NamedCause("group update", f"{shown}, but order {text} where rotations commute",
-                                        "move attitudes by a method of the group (Munthe-Kaas, Crouch-Grossman), not "
-                                        "by summed velocities"))
-    else:
-        result.causes.append(NamedCause("order of the step", f"{shown}, and order {text} where rotations commute",
-                                        "check the coefficients of the method, and what it is documented to be"))
+    for name, joined, holds, mend in (
+            ("group update", "but", commuting, "move attitudes by a method of the group (Munthe-Kaas, "
+             "Crouch-Grossman), not by summed velocities"),
+            ("order of the step", "and", not commuting, "check the coefficients of the method, and what it is "
+             "documented to be")):
+        answer.test(Evidence(name, "numerics", ordered.observed, plane.observed, quantity,
+                             f"{shown}, {joined} order {text} where all rotations commute", holds), mend)
 
 
 # --- hidden sub-steps -------------------------------------------------------------------------------------------------
 
 
-def _substeps(subject: Subject, first: Observation, order: int, known: Known, result: NumericsFinding) -> None:
+def _substeps(subject: Subject, first: Observation, order: int, known: Known, answer: Explanation) -> None:
     scene, scale = first.scene, first.scale
     count = None if known.soft else {1: 16, 4: 4}.get(order)
     brief = scene.replace(duration=1.0 / scale.rate, samples=2)
@@ -293,9 +266,9 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
     try:
         raw = subject.run(brief, brief.duration / asked)
         if raw.steps > asked:
-            result.causes.append(_hidden(raw.steps / asked, "its own count of steps says so"))
-            result.evidence.append(Evidence("hidden sub-steps", "numerics", float(asked), float(raw.steps),
-                                            "steps asked for and taken", holds=True))
+            answer.test(Evidence("hidden sub-steps", "numerics", float(asked), float(raw.steps), "steps asked for and "
+                                 "taken", HIDDEN.format(raw.steps / asked, "its own count of steps says so"), True),
+                        MEND_HIDDEN)
             return
         if count is None:
             return
@@ -313,9 +286,9 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
             end = altered.stepped(model, *known.start, order, asked * k, name == "joints")
             return _there(scale.flat(end)[0], known)
 
-        result.tried += 1
         guess = _fewer(float(np.abs(at(1) - limit).max()), size, order)
         if not NO_SUBSTEPS <= guess <= MOST_SUBSTEPS:
+            answer.tried += 1
             continue
         # Each error is the distance from its own limit: fitted magnitudes of the model are less exact than that.
         settled = _there(scale.flat(altered.predict(model, *known.start))[-1], known)
@@ -325,11 +298,9 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
             off[k] = at(k) - settled
             k = int(np.clip(round(k * _fewer(float(np.abs(off[k]).max()), size, order)), 2, MOST_SUBSTEPS))
         left, k = min((float(np.abs(each - error).max()), k) for k, each in off.items())
-        holds = left <= ALIKE * size
-        result.evidence.append(Evidence("hidden sub-steps", "numerics", size, left, "state, against a plain method of "
-                                        f"order {order} in coordinates of the {name}", f"{k} sub-steps", holds))
-        if holds:
-            result.causes.append(_hidden(k, f"its error is that of {k} steps of a plain method of order {order}"))
+        if answer.test(Evidence("hidden sub-steps", "numerics", size, left, f"state, against a plain method of order "
+                                f"{order} in coordinates of the {name}", HIDDEN.format(k, f"its error is that of {k} "
+                                f"steps of a plain method of order {order}"), left <= ALIKE * size), MEND_HIDDEN):
             return
 
 
@@ -348,11 +319,6 @@ def _there(y: np.ndarray, known: Known) -> np.ndarray:
     return y if known.absent is None else np.delete(y, known.absent, axis=0)
 
 
-def _hidden(count: float, why: str) -> NamedCause:
-    return NamedCause("hidden sub-steps", f"{count:g} steps for each that is asked for: {why}",
-                      "switch off adaptive or internal steps, or count them where speeds are compared")
-
-
 # --- stabilisation ----------------------------------------------------------------------------------------------------
 
 
@@ -364,7 +330,7 @@ def pushed(scene: Scene, scale: Scale) -> Scene:
         for body in scene.bodies))
 
 
-def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFinding) -> tuple[float, float]:
+def _gain(subject: Subject, first: Observation, known: Known, answer: Explanation) -> tuple[float, float]:
     """Fit G du/dt + gamma = -2 alpha G u - beta^2 Phi to the motion after a small violation of the joints.
 
     Returns alpha (1/s) and beta^2 (1/s^2), or zeros if there is no gain.
@@ -394,20 +360,16 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
     design = np.column_stack([-2 * speeds.ravel(), -gaps.ravel()])
     (damping, stiffness), *_ = np.linalg.lstsq(design, left.ravel(), rcond=None)
     after = float(np.abs(left.ravel() - design @ [damping, stiffness]).max()) / noise
-    result.tried += 1
     if before <= fit.SEEN:
         return NO_GAIN
     holds = after <= fit.EXPLAINED
     if not holds and "position" in subject.held(scene):
         return NO_GAIN  # joint coordinates may take the anchors from the start, violated or not
     gains = f"alpha = {damping * scale.rate:.4g} 1/s, beta^2 = {stiffness * scale.rate**2:.4g} 1/s^2"
-    result.evidence.append(Evidence("stabilisation gain", "constraint", before, after, "constraint acceleration after "
-                                    "a small violation, over its noise", gains, holds))
-    if holds:
-        result.causes.append(NamedCause("stabilisation gain", gains, "the method is documented to enforce "
-                                        "accelerations exactly: set the gains to zero, or document them"))
-    else:
-        result.unexplained.append("constraint errors change by no law of constant gains")
+    if not answer.test(Evidence("stabilisation gain", "constraint", before, after, "constraint acceleration after a "
+                                "small violation, over its noise", gains, holds), "the method is documented to enforce "
+                       "accelerations exactly: set the gains to zero, or document them"):
+        answer.unexplained.append("constraint errors change by no law of constant gains")
     return (damping * scale.rate, stiffness * scale.rate**2) if holds else NO_GAIN
 
 
@@ -435,13 +397,13 @@ MEND_ROUNDING = ("find what every step rounds to the same side, such as velociti
                  "quaternions that are not quite of length one, and leave it out or compute it in double precision")
 
 
-def adds_up(subject: Subject, scene: Scene, scale: Scale) -> tuple[NamedCause | None, Evidence]:
-    """The cause if errors double with the number of steps and keep their direction, and the evidence in any case.
+def adds_up(subject: Subject, scene: Scene, scale: Scale, answer: Explanation) -> bool:
+    """Whether errors double with the number of steps and keep their direction, which is named.
 
     `scene` has the duration and output times of an observation. The subject has fixed steps.
     """
     exact = scale.flat(true_motion(scene))
-    interval, gaps = scene.duration / (scene.samples - 1), list[np.ndarray]()
+    interval, gaps, text = scene.duration / (scene.samples - 1), list[np.ndarray](), ""
     for count in DOUBLINGS:
         began = time.perf_counter()
         try:
@@ -453,10 +415,11 @@ def adds_up(subject: Subject, scene: Scene, scale: Scale) -> tuple[NamedCause | 
             size, left = float(np.abs(gaps[-1]).max()), float(np.abs(gaps[-1] - 2 * gaps[-2]).max())
             text = (f"{size / steps:.1e} a step in {steps} steps, errors double with their number; any other "
                     f"difference is below {left:.1e}")
-            return NamedCause(ADDS_UP, text, MEND_ROUNDING), _rounding(text, True)
+            break
         if time.perf_counter() - began > PATIENCE:
             break
-    return None, _rounding("errors do not double with the number of steps", False)
+    return answer.test(Evidence(ADDS_UP, "numerics", None, None, "errors at a step and at half of it", text or
+                                "errors do not double with the number of steps", bool(text)), MEND_ROUNDING)
 
 
 def _doubles(coarse: np.ndarray, fine: np.ndarray) -> bool:
@@ -464,6 +427,3 @@ def _doubles(coarse: np.ndarray, fine: np.ndarray) -> bool:
     one, two = float(np.linalg.norm(coarse)), float(np.linalg.norm(fine))
     return one > 0.0 and LEAST_RATIO <= two / one <= MOST_RATIO and float(np.vdot(coarse, fine)) >= ALONG * one * two
 
-
-def _rounding(text: str, holds: bool) -> Evidence:
-    return Evidence(ADDS_UP, "numerics", None, None, "errors at a step and at half of it", text, holds)

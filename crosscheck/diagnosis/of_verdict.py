@@ -57,12 +57,11 @@ def add(subject: Subject, scene: Scene, step: float | None, answer: Explanation)
                         for finding in failing]
     answer.causes += _causes({finding.kind: finding for finding in failing})
     first = worst(failing)
-    unexplained = []
     if first is not None and not answer.causes:
         figures = "" if first.value is None or first.bound is None else (
             f" {first.value:.2g} {first.unit}, bound {first.bound:.2g}")
-        unexplained = [f"crosscheck verify rejects it: {first.kind}{figures}; {first.detail or verdict.message}"]
-    answer.conclude(unexplained)
+        answer.unexplained.append(f"crosscheck verify rejects it: {first.kind}{figures}; "
+                                  f"{first.detail or verdict.message}")
 
 
 CLAIMS = (

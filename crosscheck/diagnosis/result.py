@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable
+from typing import Any
 
 from crosscheck.document.outcomes import EXIT_CODES, Outcome, code
+from crosscheck.scene.alterations import FAILS
 
 
 @dataclasses.dataclass
@@ -30,6 +32,9 @@ class NamedCause:
     magnitude: str
     mend: str
 
+    def __str__(self) -> str:
+        return f"{self.name} ({self.magnitude})"
+
 
 @dataclasses.dataclass
 class Explanation:
@@ -53,23 +58,49 @@ class Explanation:
     verdict: str = ""  # what `crosscheck verify` says of it, where nothing else was found
     tried: int = 0
     seconds: float = 0.0
+    unexplained: list[str] = dataclasses.field(default_factory=list)  # what the causes leave open
+    in_part: list[NamedCause] = dataclasses.field(default_factory=list)  # they leave more than the noise
+    left_out: list[str] = dataclasses.field(default_factory=list)  # questions that failed, with the reason
 
-    def conclude(self, unexplained: Sequence[str]) -> Explanation:
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was found so far."""
+        return not self.causes and not self.unexplained
+
+    def test(self, evidence: Evidence, mend: str) -> bool:
+        """Count a hypothesis, and name it as a cause if it holds."""
+        self.tried += 1
+        self.evidence.append(evidence)
+        if evidence.holds:
+            self.causes.append(NamedCause(evidence.hypothesis, evidence.magnitude, mend))
+        return evidence.holds
+
+    def ask(self, question: Callable[..., Any], *given: object, otherwise: Any = None) -> Any:
+        """What a question finds. One that fails on what an engine gives is left out; then nothing is "no difference".
+        """
+        try:
+            return question(*given)
+        except FAILS as error:
+            name = f"{question.__module__.rpartition('.')[2]}.{question.__name__}"
+            self.left_out.append(f"{name} was left out: {type(error).__name__}: {error}")
+            return otherwise
+
+    def conclude(self) -> Explanation:
         """Settle the outcome and its sentence by the causes that were found and what these leave unexplained."""
+        unexplained = [*self.unexplained, *(self.left_out if not self.causes else [])]
         self.outcome = "unresolved" if unexplained else "fail" if self.causes else "pass"
         who = f"{self.engine} {self.method} on {self.scene}"
         if self.outcome == "pass":
             self.sentence = (f"{who}: no difference beyond {max(self.deviation or 0.0, self.noise or 0.0):.1e} in the "
                              f"first {self.window:.3g} s" + (f"; verify says: {self.verdict}" if self.verdict else ""))
             return self
-        causes = " and ".join(f"{cause.name} ({cause.magnitude})" for cause in self.causes)
-        if self.outcome == "fail":
-            text = causes
-        else:
-            text = f"unknown; {'; '.join(unexplained)}"
-            text += f"; {self.tried} hypotheses tried" if self.tried else ""
-            text += f"; each of these would do: {', '.join(self.candidates)}" if self.candidates else ""
-            text += f"; what would explain a part of it: {causes}" if causes else ""
+        text = " and ".join(map(str, self.causes))
+        if self.outcome == "unresolved":
+            parts = [*self.causes, *self.in_part]
+            text = "; ".join(["unknown", *unexplained, *(
+                [f"{self.tried} hypotheses tried"] if self.tried else []), *(
+                [f"each of these would do: {', '.join(self.candidates)}"] if self.candidates else []), *(
+                [f"in part: {' and '.join(map(str, parts))}"] if parts else [])])
         self.sentence = f"{who}: {text}; looked at: the first {self.window:.3g} s"
         return self
 

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 
 from crosscheck.diagnosis import fit, misreadings
-from crosscheck.diagnosis.models import Accelerations, Points, of_scene
 from crosscheck.diagnosis.observe import REACH, Observation, rates
 from crosscheck.scene import mechanics
+from crosscheck.scene.altered import Accelerations, Points, of_scene
 from crosscheck.scene.states import States
 
 FAITHFUL = 1e-8
@@ -53,14 +53,15 @@ def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
     return slopes, max(noise, LEAST_NOISE)
 
 
-def data(shown: list[Shown], absent: int | None, soft: bool, stride: int) -> fit.Data:
+def data(shown: list[Shown], absent: int | None, soft: bool, stride: int, limit: fit.Limit = fit.WITHOUT
+         ) -> fit.Data:
     """Residuals of all copies, at every `stride`-th instant."""
     copies = []
     for each in shown:
         scene, scale = each.observation.scene, each.observation.scale
         copies.append(fit.Copy(of_scene(scene, each.forces, each.states.R[0], absent), Accelerations(
             points_of(each, stride)), each.noise, np.repeat([scale.length * scale.rate**2, scale.rate**2], 3)))
-    return fit.Data(copies, absent, soft, quick=stride > 1)
+    return fit.Data(copies, absent, soft, stride > 1, limit)
 
 
 def points_of(each: Shown, stride: int = 1) -> Points:

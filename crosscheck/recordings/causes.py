@@ -14,11 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from crosscheck.adapters.lieeuler import motion
-from crosscheck.diagnosis.alterations import Alteration, alterations
 from crosscheck.diagnosis.altered import Flow
-from crosscheck.diagnosis.fit import FAILS, gauss_newton
+from crosscheck.diagnosis.fit import gauss_newton
 from crosscheck.diagnosis.misreadings import placed, rolled
-from crosscheck.diagnosis.models import Model, levers, of_scene
 from crosscheck.diagnosis.of_laws import alternatives
 from crosscheck.diagnosis.of_sensors import filtered, mistakes
 from crosscheck.diagnosis.stepping import munthe_kaas
@@ -27,6 +25,8 @@ from crosscheck.errors import ArgumentError
 from crosscheck.recordings.comparing import POSES, RATES, Differences, Outputs, gaps, norms, part_of, restored
 from crosscheck.recordings.reading import Recording
 from crosscheck.references.maximal import fastest
+from crosscheck.scene.alterations import FAILS, Alteration, alterations
+from crosscheck.scene.altered import Model, levers, of_scene
 from crosscheck.scene.batch import State, integrate
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import histories
@@ -365,10 +365,12 @@ def _sensed(case: Case) -> Iterator[Cause]:
     for k, group in enumerate(case.groups):
         if group.key == group.owner:
             reader, sensor = Reader(case.scene, case.states), sensors[group.owner]
-            for name, said, values in mistakes(reader, sensor, read(reader, sensor)):
-                flat = values.reshape(len(values), -1)
+            right = read(reader, sensor)
+            for each in mistakes(reader, sensor, right):
+                flat = (values := each.apply(right, ())).reshape(len(values), -1)
                 if flat.shape[1] > max(group.parts):
-                    yield case.cause(name, f"sensor {group.owner!r}: {said}", {k: flat[:, list(group.parts)]})
+                    yield case.cause(each.cause, f"sensor {group.owner!r}: {each.words(np.zeros(0))}",
+                                     {k: flat[:, list(group.parts)]})
 
 
 # --- when it is reported ----------------------------------------------------------------------------------------------
@@ -446,8 +448,10 @@ def _samples(case: Case) -> Iterator[Cause]:
             knots = np.concatenate([[0], np.flatnonzero(~straight) + 1, [len(t) - 1]])
             yield case.cause("interpolated output", f"straight lines over {len(t) / len(knots):.3g} samples",
                              case.shaped(np.stack([np.interp(t, t[knots], part[knots]) for part in true.T], axis=1)))
-        for name, text, values in filtered(given, true):
-            yield case.cause(name, text, case.shaped(np.where(np.isnan(values), given, values)), 1)
+        for each in filtered(given, true):
+            values = each.apply(true, ())
+            yield case.cause(each.cause, each.words(np.zeros(0)), case.shaped(np.where(
+                np.isnan(values), given, values)), 1)
     clamped, said = {}, []
     for k, group in enumerate(case.groups):
         low, high = group.values.min(axis=0), group.values.max(axis=0)
@@ -619,7 +623,7 @@ def _models(case: Case, stepped: bool) -> Iterator[Cause]:
             return _altered(right, cause, np.array(theta, dtype=float))
 
         sample = build(np.array(cause.starts[0]) + 1e-3)
-        doubled = cause.kind == "armature" and cause.alone  # one that the scene lacks moves a hinge as its inertia does
+        doubled = cause.cause == "armature" and cause.alone  # one that is added moves a hinge as its inertia does
         if cause.last or doubled or sample is None or isinstance(sample, Model) is not stepped:
             continue
         starts = cause.starts

@@ -8,10 +8,10 @@ import pytest
 import crosscheck
 from crosscheck import adapters
 from crosscheck.diagnosis import altered, fit, of_run
-from crosscheck.diagnosis.alterations import alterations
-from crosscheck.diagnosis.models import Accelerations, Points, of_scene
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene import mechanics
+from crosscheck.scene.alterations import alterations
+from crosscheck.scene.altered import Accelerations, Points, of_scene
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.functions import TimeFunction
 
@@ -77,8 +77,23 @@ def test_a_wrong_drive_is_told_by_its_accelerations(name):
     points.rates += 1e-7 * np.random.default_rng(0).uniform(-1, 1, points.rates.shape)
     data = fit.Data([fit.Copy(of_scene(scene), Accelerations(points), 1e-7, np.ones(6))])
     kinds = ("drive", "drive delay", "drive phase", "load", "gravity")
-    found, _ = fit.search(data, data, [each for each in alterations(scene) if each.kind in kinds])
+    found, _ = fit.search(data, data, [each for each in alterations(scene) if each.cause in kinds])
     assert [each.names for each in found] == [(name,)]
+
+
+@pytest.mark.parametrize(("damped", "words"), [((1,), "at joint 'elbow'"), ((0, 1), "at every joint")])
+def test_a_damper_of_one_joint_is_not_that_of_every_joint(damped, words):
+    scene = load_scene("driven_double_pendulum").replace(duration=0.8, samples=17)
+    wrong = scene.replace(joints=tuple(dataclasses.replace(joint, damping=(0.2,)) if k in damped else joint
+                                       for k, joint in enumerate(scene.joints)))
+    points = at(scene, Maximal(scene).run())
+    points.angles = {joint.name: np.zeros(17) for joint in scene.joints}  # of dampers without stiffness
+    points.rates = Accelerations(points)(of_scene(wrong))
+    data = fit.Data([fit.Copy(of_scene(scene), Accelerations(points), 1e-7, np.ones(6))])
+    found, _ = fit.search(data, data, [each for each in alterations(scene) if each.cause == "extra damping"])
+    assert [each.names for each in found] == [("extra damping",)]
+    assert words in found[0].words
+    assert "0.2" in found[0].words
 
 
 class Wrong:

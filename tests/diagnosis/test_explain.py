@@ -156,6 +156,43 @@ def test_a_cause_nobody_thought_of_is_unknown_and_lists_what_was_tried(pendulum)
     assert any(not each.holds for each in answer.evidence)
 
 
+def test_a_cause_that_leaves_more_than_the_noise_is_said_in_part(pendulum):
+    def two_more(scene):
+        return misbuilt.inertia(lambda s, k: s.inertias[k] + np.diag([0.0, 3e-3, 2e-3]))(
+            scene.replace(gravity=scene.gravity + np.array([0.1, 2.0, 3.0])))
+
+    answer = explain(pendulum, Misbuilt(adapters.get("lieeuler"), (two_more,)), "rkmk4")
+    assert answer.outcome == "unresolved", answer.sentence
+    assert answer.in_part, answer.evidence
+    assert "in part: " in answer.sentence
+    assert not {each.name for each in answer.in_part} & set(answer.names)
+
+
+def test_a_question_that_fails_is_left_out_and_never_a_pass(pendulum, monkeypatch):
+    def fails(*given):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("crosscheck.diagnosis.of_joints.elsewhere", fails)
+    wrong = Misbuilt(adapters.get("lieeuler"), (misbuilt.gravity(lambda g: 1.1 * g),))
+    answer = explain(pendulum, wrong, "rkmk4")
+    assert answer.names == ("gravity size",), answer.sentence
+    assert len(answer.left_out) == 1
+    monkeypatch.setattr("crosscheck.diagnosis.of_verdict.add", fails)
+    answer = explain(pendulum, "lieeuler", "rkmk4")
+    assert (answer.outcome, answer.exit_code) == ("unresolved", 3)
+    assert "was left out: LinAlgError: Singular matrix" in answer.sentence
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_after_its_time_the_answer_is_what_is_known(pendulum, monkeypatch, right):
+    monkeypatch.setattr("crosscheck.diagnosis.PATIENCE", 0.05)
+    engine = adapters.get("lieeuler") if right else Misbuilt(
+        adapters.get("lieeuler"), (misbuilt.gravity(lambda g: 1.1 * g),))
+    answer = explain(pendulum, engine, "rkmk4")
+    assert answer.outcome == "unresolved"
+    assert "0.05 s of processor time are over" in answer.sentence
+
+
 @pytest.mark.parametrize(("engine", "method"), [("mujoco", "RK4"), ("mujoco", "Euler"), ("lieeuler", "rattle4"),
                                                 ("lieeuler", "DAE1L_LSE"), ("lieeuler", "BAUMGARTE_LE")])
 def test_no_cause_is_named_for_a_correct_engine(pendulum, engine, method):

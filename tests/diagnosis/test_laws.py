@@ -14,7 +14,7 @@ from crosscheck import adapters
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco.own_law import default
 from crosscheck.cli.app import app
-from crosscheck.diagnosis import explain, laws, of_laws
+from crosscheck.diagnosis import Explanation, explain, laws, of_laws
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.document import Advice, Way
 from crosscheck.errors import ArgumentError, Unsupported
@@ -157,7 +157,7 @@ def test_explain_leaves_a_right_law_alone(tmp_path):
     scene = SCENES["bounce"](tmp_path)
     for engine, method in (("lieeuler", "rkmk4"), ("lieeuler", "DAE1L_LSE")):
         subject = Subject(adapters.get(engine), Way.of(engine, method))
-        assert of_laws.diagnose(subject, scene) is None
+        assert not of_laws.diagnose(subject, scene, Explanation(*[""] * 4, "pass", "", [], [], [], 1.0, None, None))
 
 
 def test_a_robot_that_does_not_move_gets_no_green(monkeypatch):

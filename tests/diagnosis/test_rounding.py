@@ -64,9 +64,10 @@ class Made:
 def test_errors_that_double_with_the_steps_and_keep_their_direction_are_named(engine, named):
     scene = load_scene("single_pendulum")
     scale = observe.scale_of(scene)
-    cause, evidence = of_stepping.adds_up(Subject(engine, Way("fake", "Plain")), observe.window(scene, scale), scale)
-    assert (cause is not None) == evidence.holds == named, evidence.magnitude
-    assert cause is None or cause.name == "rounding that adds up"
+    answer = diagnosis.Explanation("", "", "", None, "pass", "", [], [], [], 1.0, None, None)
+    found = of_stepping.adds_up(Subject(engine, Way("fake", "Plain")), observe.window(scene, scale), scale, answer)
+    assert found == answer.evidence[0].holds == named, answer.evidence
+    assert answer.names == ("rounding that adds up",) * named
 
 
 @pytest.mark.parametrize(("engine", "outcome", "named"), [

@@ -203,7 +203,7 @@ def test_wrong_sensors(case):
     sensor = next(each for each in r.scene.sensors if each.name == name)
     left, after, told = of_sensors.named(r.scene, r.states, sensor, values)
     assert left > of_sensors.AGREES
-    assert (told[0] if told else "") == cause or not cause
+    assert (told.cause if told else "") == cause or not cause
     assert told is None or after < 0.04 * left
 
 
@@ -263,7 +263,7 @@ def test_what_mujoco_leaves_out():
     states = adapters.get("mujoco").run(scene, adapters.base.RunSpec("RK4", 1e-3)).states
     told = {name: of_sensors.named(scene, states, sensor, states.sensors[name])[2] for sensor in scene.sensors
             if (name := sensor.name) in states.sensors}
-    assert {name: cause[0] for name, cause in told.items() if cause is not None} == {
+    assert {name: cause.cause for name, cause in told.items() if cause is not None} == {
         "acceleration world": "gravity", "force site elbow": "loads not counted",
         "torque site elbow": "loads not counted"}
 

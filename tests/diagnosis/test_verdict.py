@@ -47,11 +47,8 @@ def test_no_tick_where_verify_fails(key, monkeypatch):
     with adapters.lent(MISTAKES[key]) as name:
         assert run_cell(Cell(NAME, Way(name, METHOD), Plan({1: 1e-2}, samples=101))).outcome == "fail"
 
-    def blind(subject, first, noise):
-        return Explanation(NAME, subject.engine.name, METHOD, None, "pass", "", [], [], [], 1.0, 0.0, 0.0)
-
-    monkeypatch.setattr(diagnosis, "_judged", blind)
-    monkeypatch.setattr(diagnosis, "_looked_through", lambda *given: None)
+    monkeypatch.setattr(diagnosis, "_judge", lambda *given: None)
+    monkeypatch.setattr(diagnosis, "_look_through", lambda *given: None)
     answer = diagnosis.explain(NAME, MISTAKES[key], METHOD)
     assert answer.outcome != "pass"
     assert answer.exit_code > 0
@@ -64,6 +61,7 @@ def test_findings_about_reports_are_causes_and_others_are_not():
     for key in ("acceleration without gravity", "gravity"):
         answers[key] = Explanation(NAME, "", METHOD, None, "pass", "", [], [], [], 1.0, 0.0, 0.0)
         of_verdict.add(Subject(MISTAKES[key], Way("lieeuler", METHOD)), scene, None, answers[key])
+        answers[key].conclude()
     assert answers["acceleration without gravity"].names == ("reported accelerations",)
     assert answers["gravity"].outcome == "unresolved"
     assert "crosscheck verify rejects it" in answers["gravity"].sentence
@@ -77,6 +75,7 @@ def test_a_known_defect_is_told_with_its_reason(monkeypatch):
     monkeypatch.setattr("crosscheck.verification.cell.defects", lambda engine, run: (entry,))
     answer = Explanation(NAME, "", METHOD, None, "pass", "", [], [], [], 1.0, 0.0, 0.0)
     of_verdict.add(subject, scene, 1e-2, answer)
+    answer.conclude()
     assert answer.outcome == "pass"
     assert answer.verdict.startswith("known; heavier on Sundays")
 

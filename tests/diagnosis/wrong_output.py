@@ -9,11 +9,11 @@ from scipy.interpolate import interp1d
 from scipy.spatial.transform import Rotation
 
 from crosscheck import adapters
-from crosscheck.diagnosis import models, of_output
+from crosscheck.diagnosis import of_output
 from crosscheck.diagnosis.observe import scale_of, window
 from crosscheck.diagnosis.of_run import restarted
 from crosscheck.references.maximal import Maximal
-from crosscheck.scene import mechanics
+from crosscheck.scene import altered, mechanics
 from tests.engines.stepper import Misbuilt
 
 
@@ -38,7 +38,7 @@ def with_states(states, **changes):
 def at_joint(speed):
     """Positions, and velocities too, of the joints."""
     def change(rng, scene, states):
-        levers = models.levers(scene)
+        levers = altered.levers(scene)
         x = states.x + np.einsum("tnij,nj->tni", states.R, levers)
         v = states.v + np.einsum("tnij,tnj->tni", states.R, np.cross(states.w, levers)) if speed else states.v
         return with_states(states, x=x, v=v)

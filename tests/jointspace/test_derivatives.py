@@ -164,7 +164,7 @@ def test_a_state_at_which_a_law_changes_has_no_derivative(law, said):
 
 
 @pytest.mark.parametrize(("scene", "source", "right", "cause"), [
-    ("arm", "pinocchio", False, "the damping of joints is left out (da_dv)"),
+    ("arm", "pinocchio", False, "missing damper: damping of every spring times 0 (da_dv)"),
     ("arm", "mujoco", True, ""), ("arm", "mujoco:transitionFD", True, ""), ("arm", "mujoco:differences", True, ""),
     ("arm", "pinocchio:differences", True, ""), ("arm", "lieeuler", True, ""), ("arm", "exudyn:differences", True, ""),
     ("arm", "exudyn", False, "the change of the mass matrix with position is left out (da_dq)"),
@@ -174,7 +174,7 @@ def test_a_state_at_which_a_law_changes_has_no_derivative(law, said):
     ("heavy_top", "exudyn:differences", True, ""), ("heavy_top", "mujoco:inverseFD@1e-9", True, ""),
     ("universal_pendulum", "pinocchio", False, "JointModelComposite"), ("universal_pendulum", "mujoco", True, ""),
     ("universal_pendulum", "pinocchio:rnea", False, "not the derivatives of its own accelerations"),
-    ("seven hinges", "pinocchio", False, "the damping of joints is left out (da_dv)"),
+    ("seven hinges", "pinocchio", False, "missing damper: damping of every spring times 0 (da_dv)"),
     ("seven hinges", "mujoco", True, ""),
 ])
 def test_verdicts_on_engines(scene, source, right, cause):
@@ -252,8 +252,10 @@ def test_noise_that_is_odd_about_the_start_is_seen():
 
 @pytest.mark.parametrize(("change", "cause"), [
     (lambda scene: scene, ""),
-    (lambda scene: scene.replace(gravity=2 * scene.gravity), "gravity counts twice"),
-    (lambda scene: scene.replace(gravity=0 * scene.gravity), "gravity is left out")])
+    (lambda scene: scene.replace(gravity=2 * scene.gravity),
+     "gravity size: gravity (0, 0, -19.62) m/s^2 instead of (0, 0, -9.81)"),
+    (lambda scene: scene.replace(gravity=0 * scene.gravity),
+     "gravity size: gravity (0, 0, 0) m/s^2 instead of (0, 0, -9.81)")])
 def test_wrong_sources_on_a_loop_are_named(change, cause):
     engine = Misbuilt(adapters.get("lieeuler"), (change,))
     engine.name = "own"
@@ -368,16 +370,18 @@ def in_parent_axes(left, right):
 
 FLIP, SWAP = np.diag([1.0, -1.0, 1.0]), np.eye(3)[[2, 1, 0]]
 WRONG = {
-    "damping": (joints, of_scene(damping=0.0), "damping of joints is left out"),
-    "damping of one": (joints, altered(lambda s: without_damping_of(s, "j1")), "damping of joint 'j1' is left out"),
-    "armature": (joints, of_scene(armature=0.0), "armature is left out"),
-    "armature of one": (joints, altered(lambda s: one_joint(s, 2, armature=())), "armature of joint 'j2'"),
-    "springs": (joints, of_scene(stiffness=0.0), "stiffness of joints is left out"),
+    "damping": (joints, of_scene(damping=0.0), "missing damper: damping of every spring times 0"),
+    "damping of one": (joints, altered(lambda s: without_damping_of(s, "j1")),
+                       "missing damper: joint 'j1' (torsional_spring): damping 0"),
+    "armature": (joints, of_scene(armature=0.0), "missing armature: armature of all joints"),
+    "armature of one": (joints, altered(lambda s: one_joint(s, 2, armature=())),
+                        "missing armature: armature of joint 'j2' 0"),
+    "springs": (joints, of_scene(stiffness=0.0), "missing spring: stiffness of every spring times 0"),
     "torques": (joints, altered(lambda s: s.replace(forces=tuple(
-        force for force in s.forces if force.type == "torsional_spring"))), "the loads are left out"),
-    "gravity": (joints, of_scene(gravity=[0.0] * 3), "gravity is left out"),
-    "gravity's sign": (joints, of_scene(gravity=[0.0, 0.0, 9.81]), "gravity has the wrong sign"),
-    "gravity twice": (joints, of_scene(gravity=[0.0, 0.0, -19.62]), "gravity counts twice"),
+        force for force in s.forces if force.type == "torsional_spring"))), "load: all constant loads times 0"),
+    "gravity": (joints, of_scene(gravity=[0.0] * 3), "gravity size: gravity (0, 0, 0) m/s^2"),
+    "gravity's sign": (joints, of_scene(gravity=[0.0, 0.0, 9.81]), "gravity sign: gravity (0, 0, 9.81) m/s^2"),
+    "gravity twice": (joints, of_scene(gravity=[0.0, 0.0, -19.62]), "gravity size: gravity (0, 0, -19.62) m/s^2"),
     "at rest": (joints, altered(lambda s: s.replace(bodies=tuple(dataclasses.replace(
         body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in s.bodies))), "rates are left out"),
     "at zero": (joints, altered(lambda s: placed(s, np.zeros(3), JointSpace(s).rates)), "at zero coordinates"),
@@ -468,7 +472,7 @@ def test_the_command_finds_pinocchios_damping_and_mujocos_curve():
     answer = CliRunner().invoke(app, ["linearise", "branching_tree"])
     assert answer.exit_code == 1
     assert "✗ pinocchio:aba" in answer.output
-    assert "the damping of joints is left out (da_dv)" in answer.output
+    assert "missing damper: damping of every spring times 0 (da_dv)" in answer.output
     assert re.search(r"of MuJoCo's steps 1e-0[678] is the best", answer.output)
 
 

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli.app import app
-from crosscheck.diagnosis.alterations import alterations
-from crosscheck.diagnosis.models import of_scene
 from crosscheck.recordings import _tends, suggest
 from crosscheck.recordings import causes as find_causes
+from crosscheck.scene.alterations import alterations
+from crosscheck.scene.altered import of_scene
 from crosscheck.scene.coordinates import histories
 from tests.recordings.corpus import LAWS, RIGHT, WRONG, only, written
 from tests.recordings.motions import SCENES, TIMES, arm, hinged, lawful, solved, toml, tumbler, two
@@ -352,7 +352,7 @@ def test_damping_that_would_drive_a_motion_is_no_cause():
     scene = crosscheck.load_scene("single_pendulum")
     right = of_scene(scene)
     for kind in ("extra damping", "quadratic drag", "Coulomb friction"):
-        slowed = [each for each in alterations(scene) if each.kind == kind]
+        slowed = [each for each in alterations(scene) if each.cause == kind]
         assert slowed
         for each in slowed:
             assert find_causes._altered(right, each, np.array([0.1])) is not None

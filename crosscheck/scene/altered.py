@@ -29,8 +29,9 @@ class Model:
 
     scene: Scene  # the springs of its joints are among its forces
     numbers: tuple[int, ...]  # of its forces among the loads of the scene that is meant
-    shown: np.ndarray  # (n, 3, 3) attitudes in which the engine starts
+    starts: np.ndarray  # (n, 3, 3) attitudes in which the engine starts
     joint_damping: float = 0.0  # N m s/rad, on the relative angular velocity across every joint
+    damped: Mapping[str, float] = dataclasses.field(default_factory=dict)  # the same, of the joints of these names
     drag: float = 0.0  # 1/s: force - drag m v on every body
     spin_drag: float = 0.0  # 1/s: torque - spin_drag J w on every body
     quadratic: float = 0.0  # 1/m: force - quadratic m |v| v on every body
@@ -75,18 +76,19 @@ class Model:
     @property
     def as_scene(self) -> Scene | None:
         """The scene that moves so; None if none does."""
-        plain = Model(self.scene, self.numbers, self.shown)
-        if self.joint_damping and all(joint.type == "revolute" for joint in self.scene.joints):
-            return self.replace(joint_damping=0.0).with_more(*(Force(
+        plain = Model(self.scene, self.numbers, self.starts)
+        damped = [(joint, float(size)) for joint in self.scene.joints if (
+            size := self.joint_damping + self.damped.get(joint.name, 0.0))]
+        if damped and all(joint.type == "revolute" for joint, _ in damped):
+            return self.replace(joint_damping=0.0, damped={}).with_more(*(Force(
                 "torsional_spring", joint.parent, joint.child, joint.name, {
-                    "stiffness": 0.0, "rest_angle": 0.0, "damping": float(self.joint_damping)})
-                for joint in self.scene.joints)).as_scene
+                    "stiffness": 0.0, "rest_angle": 0.0, "damping": size}) for joint, size in damped)).as_scene
         return self.scene if all(np.array_equal(getattr(self, field.name), getattr(plain, field.name))
                                  for field in dataclasses.fields(Model)[3:] if field.name != "wind") else None
 
     def physical(self, right: Model) -> bool:
         """Whether nothing that should slow a motion drives it, as nothing does, and masses make sense."""
-        if min(self.joint_damping, self.drag, self.spin_drag, self.quadratic, self.coulomb, *(
+        if min(*self.damped.values(), self.joint_damping, self.drag, self.spin_drag, self.quadratic, self.coulomb, *(
                 force.parameters["damping"] for force in self.scene.forces if force.is_spring)) < 0.0:
             return False
         if self.scene.bodies is right.scene.bodies:
@@ -96,7 +98,7 @@ class Model:
         return bool(sizes.min() > 1 / NONSENSE and sizes.max() < NONSENSE)
 
 
-def of_scene(scene: Scene, numbers: tuple[int, ...] | None = None, shown: np.ndarray | None = None,
+def of_scene(scene: Scene, numbers: tuple[int, ...] | None = None, starts: np.ndarray | None = None,
              absent: int | None = None) -> Model:
     """The model that is meant, without the joints and forces of the body `absent`; `numbers`: as in `Model`."""
     numbers = tuple(range(len(scene.loads))) if numbers is None else numbers
@@ -106,7 +108,7 @@ def of_scene(scene: Scene, numbers: tuple[int, ...] | None = None, shown: np.nda
     kept = [k for k, force in enumerate(scene.loads) if absent is None or (
         force.joint in there if force.joint is not None else absent not in (force.parent, force.child))]
     return Model(scene.replace(joints=joints, forces=tuple(scene.loads[k] for k in kept)), tuple(
-        numbers[k] for k in kept), scene.R0 if shown is None else shown)
+        numbers[k] for k in kept), scene.R0 if starts is None else starts)
 
 
 def levers(scene: Scene) -> np.ndarray:
@@ -153,6 +155,8 @@ class Accelerations:
             f[:, :, 3:] += (1.0 - np.asarray(m.gyroscopic).reshape(-1, 1)) * mechanics.gyroscopic(scene.inertias, p.w)
         if m.joint_damping or m.coulomb:
             f += m.joint_damping * self.friction(scene) + m.coulomb * self.friction(scene, unit=True)
+        for name, size in m.damped.items():
+            f += size * self.friction(scene, at=name)
         for number, factor in m.levers.items():
             force = scene.forces[m.numbers.index(number)] if number in m.numbers else None
             if force is not None and force.type in ("linear_spring", "constant_force"):
@@ -185,14 +189,14 @@ class Accelerations:
             rates, _ = index1.bound(rates, G, np.concatenate([target, bias], axis=1), solve)
         return np.asarray(rates[:, :6 * scene.n].reshape(p.rates.shape))
 
-    def friction(self, scene: Scene, unit: bool = False) -> np.ndarray:
-        """Generalised force (P, n, 6) of damping at every joint: minus the relative angular velocity.
+    def friction(self, scene: Scene, unit: bool = False, at: str | None = None) -> np.ndarray:
+        """Generalised force (P, n, 6) of damping at every joint, or one: minus the relative angular velocity.
 
         `unit`: of a moment of size 1 in that direction.
         """
         R, w = self.points.R, self.points.w
         f = np.zeros((*w.shape[:2], 6))
-        for joint in scene.joints:
+        for joint in scene.joints if at is None else [each for each in scene.joints if each.name == at]:
             spin = np.einsum("pij,pj->pi", R[:, joint.child], w[:, joint.child])
             if joint.parent != GROUND:
                 spin = spin - np.einsum("pij,pj->pi", R[:, joint.parent], w[:, joint.parent])

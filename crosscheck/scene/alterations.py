@@ -6,16 +6,20 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from crosscheck.diagnosis.models import Model, levers
+from crosscheck.errors import CrosscheckError
+from crosscheck.scene.altered import Model, levers
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.model import Body, Force, Joint, Scene
 
 Say = Callable[[np.ndarray], str]
 Special = Callable[[np.ndarray], Sequence[tuple[float, ...]]]
+
+FAILS = (ArithmeticError, ValueError, LookupError, TypeError, CrosscheckError)
+"""What an alteration may raise that makes no sense of a scene: it is left out."""
 
 MASSLESS = 1e-3
 """Part of the scene's mass below which a mass counts as none."""
@@ -34,14 +38,14 @@ DIAGONAL = np.eye(3, dtype=bool)
 
 @dataclasses.dataclass(frozen=True)
 class Alteration:
-    """A hypothesis: `apply` alters a model by magnitudes theta, and `starts` are where their fit begins.
+    """A hypothesis: `apply` alters what its `kind` says by the magnitudes theta, whose fit begins at `starts`.
 
-    The alterations of a pair are of different kinds. `title` names one by its magnitudes if the name of the kind is not
-    enough. `special` lists magnitudes near fitted ones that have a name of their own, the simplest first.
+    `title` names the cause by its magnitudes if one name is not enough. `special` lists magnitudes near fitted ones
+    that have a name of their own, the simplest first.
     """
 
-    kind: str
-    apply: Callable[[Model, np.ndarray], Model]
+    cause: str
+    apply: Callable[..., Any]  # (what is altered, theta) -> the same, altered
     starts: tuple[tuple[float, ...], ...]  # ((),): nothing to fit
     words: Say
     mend: str
@@ -50,20 +54,27 @@ class Alteration:
     mistakes: Callable[[np.ndarray], int] = lambda theta: 1
     """Number of mistakes that lead to these magnitudes. Of equal explanations that with the fewest is named."""
     target: str = ""
-    """The part of the model that it alters. Two alterations of one kind make a pair if these differ."""
+    """The part of the model that it alters. Two alterations of one cause make a pair if these differ."""
     alone: bool = False
     """Whether it is never part of a pair."""
     last: bool = False
     """Whether it is tried only if no pair explains: with its many magnitudes it would stand for several others."""
+    kind: Literal["scene", "motion", "output", "clock"] = "scene"
+    """What it alters: a `Model`; `States`, given their scene; values (T, ...) of one output; times (T,) in s."""
 
     def name(self, theta: np.ndarray) -> str:
         """The cause in a few words."""
-        return self.kind if self.title is None else self.title(theta)
+        return self.cause if self.title is None else self.title(theta)
 
     @property
     def free(self) -> int:
         """Number of magnitudes."""
         return len(self.starts[0])
+
+    def magnitudes(self, theta: np.ndarray) -> int:
+        """Number of fitted numbers. Special magnitudes do not count, but one of several does as a size."""
+        special = any(np.array_equal(theta, value) for value in self.special(theta))
+        return self.free if not special else int(self.free > 1 and self.name(theta) == "gravity size")
 
 
 def alterations(scene: Scene, as_given: bool = False) -> list[Alteration]:
@@ -78,12 +89,17 @@ def alterations(scene: Scene, as_given: bool = False) -> list[Alteration]:
     if scene.gravity.any():  # on a hinge, gravity of another size is one of many gravities with the same motion
         named.append(dataclasses.replace(named[0], apply=lambda m, t: m.altered(gravity=t[0] * scene.gravity), starts=(
             (1.0,),), words=lambda t: named[0].words(t[0] * scene.gravity), title=lambda t: named[0].name(
-                t[0] * scene.gravity), special=lambda t: [(0.0,), (-1.0,)], mistakes=lambda t: 1, alone=True))
+                t[0] * scene.gravity), special=lambda t: [(0.0,), (-1.0,), (2.0,)], mistakes=lambda t: 1, alone=True))
     named += [cause for where, bodies in scopes for cause in _inertias(scene, where, bodies, as_given)]
     named += [cause for k in range(scene.n) for cause in _masses(scene, k)]
     named += [cause for where, bodies in scopes for cause in _sizes(scene, where, bodies)]
     named += list(_exchanged(scene))
     named += [cause for k in range(len(scene.loads)) for cause in _force(scene, k)]
+    constant = [force.type not in ("servo", *RESTS) and not force.functions for force in scene.loads]
+    if sum(constant) > 1:
+        named.append(Alteration("load", lambda m, t: m.with_force(None, lambda force: _scaled(force, t[0]) if (
+            force.type not in RESTS and not force.functions) else {}), ((1.0,),), lambda t: (
+                f"all constant loads times {t[0]:.6g}"), "check the loads on their way into the engine", None, _none))
     if any(force.is_spring for force in scene.loads):
         named += list(_every_spring(scene))
     if len(scene.functions) > 1:
@@ -126,7 +142,7 @@ def _gravity(scene: Scene) -> Alteration:
 def _vector(values: np.ndarray) -> str:
     """Three numbers without the noise of the fit."""
     size = float(np.abs(values).max())
-    return f"({', '.join(f'{0.0 if abs(value) < 1e-6 * size else value:.6g}' for value in values)})"
+    return f"({', '.join(f'{0.0 if abs(value) <= 1e-6 * size else value:.6g}' for value in values)})"
 
 
 def _inertias(scene: Scene, where: str, bodies: tuple[int, ...], as_given: bool) -> Iterator[Alteration]:
@@ -156,7 +172,7 @@ def _inertias(scene: Scene, where: str, bodies: tuple[int, ...], as_given: bool)
                          "give the inertia about the point the engine expects: the centre of mass, or the joint")
     for given, (text, turn) in itertools.product((False, True) if as_given else (False,), TURNED):
         def reframed(m: Model, _: np.ndarray, given: bool = given, turn: Any = turn) -> Model:
-            R = m.scene.R0 if given else m.shown
+            R = m.scene.R0 if given else m.starts
             return m.with_bodies(lambda k, body: {"inertia": turn(R[k], body.inertia)}, bodies)
 
         yield Alteration("inertia frame", reframed, ((),), lambda t, text=text: f"{where}: {text}",  # type: ignore[misc]
@@ -190,7 +206,7 @@ def _masses(scene: Scene, k: int) -> Iterator[Alteration]:
     for inertia, text, starts in ((True, "mass and inertia of body {!r} times {:.6g}", ((0.1,), (-1.0,), (-5.0,))),
                                   (False, "mass of body {!r} times {:.6g}, inertia as it is", ((0.1,), (-1.0,)))):
         yield Alteration(
-            "mass", lambda m, t, inertia=inertia: m.with_bodies(  # type: ignore[misc]
+            "mass", lambda m, t, inertia=inertia: m.with_bodies(
                 lambda _, body: _heavier(np.exp(t[0]), body, inertia), (k,)),
             starts, lambda t, text=text: text.format(name, np.exp(t[0])),  # type: ignore[misc]
             f"check that body {name!r} and its mass reach the engine",
@@ -304,6 +320,12 @@ def _every_spring(scene: Scene) -> Iterator[Alteration]:
                              lambda t, text=text: f"{text} of every spring times {t[0]:.6g}",  # type: ignore[misc]
                              EVERY, lambda t, kind=kind, none=none: none if abs(t[0]) < GONE  # type: ignore[misc]
                              else kind, _none)
+    if any(force.type == "linear_spring" and force.parameters["damping"] for force in scene.loads):
+        yield Alteration("spring stiffness", lambda m, t: m.with_force(None, lambda force: {
+            key: t[0] * force.parameters[key] for key in ("stiffness", "damping")} if (
+                force.type == "linear_spring") else {}), ((1.0,),), lambda t: (
+                    f"stiffness and damping of all linear springs times {t[0]:.6g}"), EVERY, lambda t: (
+                        "missing spring" if abs(t[0]) < GONE else "spring stiffness"), _none, alone=True)
     if any(force.type == "linear_spring" for force in scene.loads):
         yield Alteration("moment of a force", lambda m, t: m.replace(levers=dict.fromkeys(m.numbers, t[0])), ((1.0,),),
                          lambda t: f"moments about the centres of mass of every spring times {t[0]:.6g}", EVERY, None,
@@ -318,6 +340,9 @@ def _none(_theta: np.ndarray) -> list[tuple[float, ...]]:
     return [(0.0,)]
 
 
+WITHOUT_FRICTION = "switch off damping, friction and armature that the scene does not have"
+
+
 def _slowed(scene: Scene) -> Iterator[Alteration]:
     """Damping and friction that the scene does not have."""
     for kind, text, *fields in (
@@ -328,9 +353,18 @@ def _slowed(scene: Scene) -> Iterator[Alteration]:
             ("quadratic drag", "a force of {:.6g} 1/m times m |v| v against the velocity of every body", "quadratic"),
             *((("Coulomb friction", "a moment of {:.6g} N m against the turning at every joint", "coulomb"),)
               if scene.joints else ())):
-        yield Alteration(kind, lambda m, t, fields=fields: m.replace(**dict.fromkeys(fields, t[0])),  # type: ignore[misc]
+        yield Alteration(kind, lambda m, t, fields=fields: m.replace(**dict.fromkeys(fields, t[0])),
                          ((0.0,),), lambda t, text=text: text.format(t[0]),  # type: ignore[misc]
-                         "switch off damping, friction and armature that the scene does not have")
+                         WITHOUT_FRICTION)
+    sprung = {force.joint for force in scene.loads if force.is_spring}
+    for joint in scene.joints if len(scene.joints) > 1 else ():
+        if joint.type in ("revolute", "spherical") and joint.name not in sprung:
+            def damped(m: Model, t: np.ndarray, joint: Joint = joint) -> Model:
+                there = any((each.name, each.type) == (joint.name, joint.type) for each in m.scene.joints)
+                return m.replace(damped={**m.damped, joint.name: t[0]}) if there else m
+
+            yield Alteration("extra damping", damped, ((0.0,),), lambda t, name=joint.name: (  # type: ignore[misc]
+                f"{t[0]:.6g} N m s/rad at joint {name!r}"), WITHOUT_FRICTION, target=joint.name)
 
     # No wind is vertical.
     across = np.linalg.svd(scene.gravity[None])[2][1:] if scene.gravity.any() else np.eye(3)

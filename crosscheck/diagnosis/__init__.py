@@ -19,6 +19,7 @@ from crosscheck import adapters
 from crosscheck.adapters.base import Engine
 from crosscheck.diagnosis import (
     altered,
+    copies,
     fit,
     observe,
     of_laws,
@@ -28,7 +29,6 @@ from crosscheck.diagnosis import (
     of_sensors,
     of_stepping,
     of_verdict,
-    shown,
 )
 from crosscheck.diagnosis.observe import Observation, Subject
 from crosscheck.diagnosis.of_model import Known
@@ -197,7 +197,7 @@ def _model(subject: Subject, first: Observation, deviation: float, answer: Expla
             after = np.delete(after, known.absent, axis=1)
         answer.explained = float(after.max())
         # Magnitudes are fitted to accelerations and as uncertain as these. Over the time 1 / W that is a velocity.
-        unsure = fit.EXPLAINED * shown.accelerations(first)[1]
+        unsure = fit.EXPLAINED * copies.accelerations(first)[1]
         if answer.explained > max(AGREES, 10 * fit.EXPLAINED * first.noise, unsure):
             answer.unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
         elif answer.explained > fit.CLEAR * deviation:

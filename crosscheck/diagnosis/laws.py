@@ -165,11 +165,11 @@ def which_law(scene: Scene, engine: str, method: str | None = None, step: float 
     exact, without = _truth(scene)
     spec = RunSpec(method, step or scene.duration / COARSEST, form=form, softness=softness)
     own = _own(adapter, scene, spec)
-    way = _walk(scene, engine, spec, exact, own)
+    way = _halved(scene, engine, spec, exact, own)
     apart = None if own is None or exact is None else gap(scene, own, exact)
     other = adapter.nearest_law(scene, spec)
     return LawAnswers(f"{scene.name}, {engine} {method}", way, apart,
-                      None if other is None else _walk(scene, engine, other, exact, None), without)
+                      None if other is None else _halved(scene, engine, other, exact, None), without)
 
 
 def _truth(scene: Scene) -> tuple[States | None, str]:
@@ -191,7 +191,7 @@ def _own(adapter: Engine, scene: Scene, spec: RunSpec) -> States | None:
         return None
 
 
-def _walk(scene: Scene, engine: str, spec: RunSpec, exact: States | None, own: States | None) -> Way:
+def _halved(scene: Scene, engine: str, spec: RunSpec, exact: States | None, own: States | None) -> Way:
     assert spec.step is not None
     steps = tuple(spec.step / 2**level for level in range(LEVELS))
     options: dict[str, Any] = {key: value for key, value in (("softness", spec.softness), ("form", spec.form))

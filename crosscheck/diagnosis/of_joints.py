@@ -15,10 +15,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from crosscheck.diagnosis import fit
+from crosscheck.diagnosis.copies import FAITHFUL, ObservedCopy, data, points_of
 from crosscheck.diagnosis.misreadings import POINTS
 from crosscheck.diagnosis.observe import REACH
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
-from crosscheck.diagnosis.shown import FAITHFUL, Shown, data, points_of
 from crosscheck.scene import mechanics
 from crosscheck.scene.altered import Accelerations, of_scene
 from crosscheck.scene.constraints import Constraints
@@ -37,21 +37,21 @@ Moves = dict[str, np.ndarray]
 """Displacements (m) of the anchors of one joint and changes of its axes, in the axes of their bodies."""
 
 
-def altered_joints(shown: list[Shown], scenes: Iterable[Scene]) -> float:
+def altered_joints(copies: list[ObservedCopy], scenes: Iterable[Scene]) -> float:
     """The largest difference of accelerations over its noise from those of other scenes."""
     return data([dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=scene))
-                 for each, scene in zip(shown, scenes, strict=True)], None, False, 1).before
+                 for each, scene in zip(copies, scenes, strict=True)], None, False, 1).before
 
 
-def elsewhere(shown: list[Shown], answer: Explanation) -> bool:
+def elsewhere(copies: list[ObservedCopy], answer: Explanation) -> bool:
     """Whether the motion is that of joints at other points or about other axes, which is named."""
-    answer.tried += bool(shown[0].observation.scene.joints)
-    scene = shown[0].observation.scene
-    worst, every = 0.0, [dict[int, Moves]() for _ in shown]
+    answer.tried += bool(copies[0].observation.scene.joints)
+    scene = copies[0].observation.scene
+    worst, every = 0.0, [dict[int, Moves]() for _ in copies]
     for k, joint in enumerate(scene.joints):
-        fits = [(every, fitted_anchors(shown, k))] if joint.type in POINTS else []
+        fits = [(every, fitted_anchors(copies, k))] if joint.type in POINTS else []
         if joint.kind.axes in ("parallel", "perpendicular"):  # an engine may take the axis in a body from its start
-            fits += [([moves], fitted_axes(each, k)) for moves, each in zip(every, shown, strict=True)
+            fits += [([moves], fitted_axes(each, k)) for moves, each in zip(every, copies, strict=True)
                      if each.observation.scene.joints[k].type == joint.type]
         for places, (before, fields) in fits:
             worst = max(worst, before)
@@ -61,8 +61,8 @@ def elsewhere(shown: list[Shown], answer: Explanation) -> bool:
                 moves[k] = moves.get(k, {}) | fields
     if not any(every):
         return False
-    left = altered_joints(shown, (moved(each.observation.scene, moves) for each, moves in zip(
-        shown, every, strict=True)))
+    left = altered_joints(copies, (moved(each.observation.scene, moves) for each, moves in zip(
+        copies, every, strict=True)))
     said: dict[str, list[str]] = {}
     for k, fields in next(filter(None, every)).items():
         for field, d in fields.items():
@@ -71,7 +71,7 @@ def elsewhere(shown: list[Shown], answer: Explanation) -> bool:
                    f"turned by {np.degrees(2 * np.arcsin(0.5 * np.linalg.norm(d))):.5g} deg")
             said.setdefault({"anchor": "anchors", "axis": "joint axis"}[what], []).append(
                 f"joint {scene.joints[k].name!r}: {side}'s {what} {off}")
-    right = altered_joints(shown, (each.observation.scene for each in shown))
+    right = altered_joints(copies, (each.observation.scene for each in copies))
     holds = left <= min(fit.EXPLAINED, fit.CLEAR * right)
     answer.evidence.append(Evidence(
         " and ".join(said), "model", worst, left, "speed at which joints open, then accelerations with the fitted "
@@ -91,11 +91,11 @@ def moved(scene: Scene, moves: dict[int, Moves]) -> Scene:
     return scene.replace(joints=tuple(joints))
 
 
-def fitted_axes(shown: Shown, k: int) -> tuple[float, Moves | None]:
+def fitted_axes(copy: ObservedCopy, k: int) -> tuple[float, Moves | None]:
     """(gap over its noise by which the k-th joint leaves its axes, the fewest moved axes that it keeps to, or None)."""
-    scene, scale, s = shown.observation.scene, shown.observation.scale, shown.states
+    scene, scale, s = copy.observation.scene, copy.observation.scale, copy.states
     joint = scene.joints[k]
-    noise = (FAITHFUL + fit.EXPLAINED * shown.observation.noise) * max(1.0, scale.length)
+    noise = (FAITHFUL + fit.EXPLAINED * copy.observation.noise) * max(1.0, scale.length)
     bases = {field: np.linalg.svd(getattr(joint, field)[None])[2][1:] for field in AXES[2]}
 
     def fields(sides: tuple[str, ...], theta: np.ndarray) -> Moves:
@@ -118,14 +118,14 @@ def fitted_axes(shown: Shown, k: int) -> tuple[float, Moves | None]:
     return before, None
 
 
-def fitted_anchors(shown: list[Shown], k: int) -> tuple[float, Moves | None]:
+def fitted_anchors(copies: list[ObservedCopy], k: int) -> tuple[float, Moves | None]:
     """(speed over its noise at which the k-th joint opens, the fewest moved anchors that keep it closed, or None).
 
     A joint may open at a constant speed of its own in every copy.
     """
     rows: dict[str, list[np.ndarray]] = {"child_anchor": [], "parent_anchor": []}
     gaps, copies = [], []
-    for each in shown:
+    for each in copies:
         scene, scale, states = each.observation.scene, each.observation.scale, each.states
         joint, noise = scene.joints[k], FAITHFUL + fit.EXPLAINED * each.observation.noise
         gap = np.zeros((len(states.t), 3))
@@ -163,23 +163,23 @@ EXACT = 1e-6
 """Relative: a fitted ratio nearer than this to one that has a name is that one."""
 
 
-def mimics(shown: list[Shown], answer: Explanation) -> bool:
+def mimics(copies: list[ObservedCopy], answer: Explanation) -> bool:
     """Whether the motion is that of other mimics, which are named."""
     causes: list[NamedCause] = []
     altered: dict[str, Mimic | None] = {}
     worst = 0.0
-    for joint in shown[0].observation.scene.joints:
+    for joint in copies[0].observation.scene.joints:
         if joint.mimic is None:
             continue
-        before, altered[joint.name] = fitted_mimic(shown, joint, joint.mimic)
+        before, altered[joint.name] = fitted_mimic(copies, joint, joint.mimic)
         worst = max(worst, before)
         if before > 1.0:
             causes.append(_named_mimic(joint.name, joint.mimic, altered[joint.name]))
     if not causes:
         return False
-    left = altered_joints(shown, (each.observation.scene.replace(joints=tuple(
+    left = altered_joints(copies, (each.observation.scene.replace(joints=tuple(
         joint if joint.mimic is None else dataclasses.replace(joint, mimic=altered[joint.name])
-        for joint in each.observation.scene.joints)) for each in shown))
+        for joint in each.observation.scene.joints)) for each in copies))
     holds = left <= fit.EXPLAINED
     answer.tried += 1
     answer.evidence.append(Evidence(
@@ -189,10 +189,10 @@ def mimics(shown: list[Shown], answer: Explanation) -> bool:
     return holds
 
 
-def fitted_mimic(shown: list[Shown], joint: Joint, mimic: Mimic) -> tuple[float, Mimic | None]:
+def fitted_mimic(copies: list[ObservedCopy], joint: Joint, mimic: Mimic) -> tuple[float, Mimic | None]:
     """(largest gap of the joint over its noise, the mimic that it shows). The mimic is None if no ratio fits."""
     gaps, rates, turns = [], [], []
-    for each in shown:
+    for each in copies:
         scene, scale = each.observation.scene, each.observation.scale
         if all(other.name != joint.name or other.mimic is None for other in scene.joints):
             continue
@@ -236,26 +236,26 @@ LAWFUL = 0.95
 """Least part of constraint forces or accelerations that a linear law of the opening has to reproduce."""
 
 
-def gives_way(shown: Shown, absent: int | None) -> bool:
+def gives_way(copy: ObservedCopy, absent: int | None) -> bool:
     """Whether joints are closed at the start and open in the limit of small steps, as if springs held them."""
-    scene, scale, states = shown.observation.scene, shown.observation.scale, shown.states
+    scene, scale, states = copy.observation.scene, copy.observation.scale, copy.states
     constraints = Constraints(scene)
     rows = constraints.rows_without(absent)
     if not rows.size:
         return False
     gaps = np.abs(constraints.position(states.x, states.R)[:, rows]) / scale.length
-    limit = FAITHFUL + fit.EXPLAINED * shown.observation.noise
+    limit = FAITHFUL + fit.EXPLAINED * copy.observation.noise
     opening = float(gaps.max())
     return bool(gaps[0].max() <= limit < opening)
 
 
-def lawful(shown: list[Shown], absent: int | None) -> bool:
+def lawful(copies: list[ObservedCopy], absent: int | None) -> bool:
     """Whether constraint forces, or accelerations, are linear in Phi and G u, with constants of their own per row."""
     columns: list[list[np.ndarray]] = [[], [], [], []]
-    for each in shown:
+    for each in copies:
         scene, scale = each.observation.scene, each.observation.scale
         constraints = Constraints(scene)
-        if constraints.m != Constraints(shown[0].observation.scene).m:
+        if constraints.m != Constraints(copies[0].observation.scene).m:
             continue
         inner = slice(REACH, len(each.states.t) - REACH)
         x, R, v, w = (getattr(each.states, name)[inner] for name in ("x", "R", "v", "w"))
@@ -284,8 +284,8 @@ def _linear(gaps: np.ndarray, speeds: np.ndarray, answers: np.ndarray) -> float:
     return 1.0 - left / max(float(np.sum(answers**2)), 1e-300)
 
 
-def opening(shown: Shown, absent: int | None) -> str:
+def opening(copy: ObservedCopy, absent: int | None) -> str:
     """The largest opening of joints, in words."""
-    scene, states, constraints = shown.observation.scene, shown.states, Constraints(shown.observation.scene)
+    scene, states, constraints = copy.observation.scene, copy.states, Constraints(copy.observation.scene)
     gaps = np.abs(constraints.position(states.x, states.R)[:, constraints.rows_without(absent)])
     return f"joints open to {gaps.max():.3g} m within {scene.duration:.3g} s at vanishing steps"

@@ -42,14 +42,14 @@ class Coordinates(Case):
 
     dear = True
 
-    def __init__(self, scene: Scene, seen: np.ndarray, noise: float, limit: Limit) -> None:
-        self.right, self.seen, self.noise, self.limit = of_scene(scene), seen, noise, limit
+    def __init__(self, scene: Scene, observed: np.ndarray, noise: float, limit: Limit) -> None:
+        self.right, self.observed, self.noise, self.limit = of_scene(scene), observed, noise, limit
 
     def residual(self, causes: Sequence[Alteration], theta: Sequence[np.ndarray]) -> np.ndarray:
         """Of a run by lieeuler's Taylor series; the noise counts as `EXPLAINED`."""
         scene = altered(self.right, causes, theta).scene
         moved = run(scene, "lieeuler", "taylor", rtol=ACCURATE, reduce="off", monitor=False)
-        return np.ravel(_coordinates(scene, moved) - self.seen) / self.noise * EXPLAINED
+        return np.ravel(_coordinates(scene, moved) - self.observed) / self.noise * EXPLAINED
 
 
 def diagnose(subject: Subject, scene: Scene, answer: Explanation) -> bool:
@@ -61,9 +61,9 @@ def diagnose(subject: Subject, scene: Scene, answer: Explanation) -> bool:
         coarse, fine = (_coordinates(scene, subject.run(scene, **size).states) for size in sizes)
     except Silent:
         return False
-    seen = fine + (fine - coarse) / (2.0 ** (order or 60) - 1.0)
-    noise = max(SEEN, LEFT * float(np.abs(seen - coarse).max()))
-    case = Coordinates(scene, seen, noise, subject.limit)
+    observed = fine + (fine - coarse) / (2.0 ** (order or 60) - 1.0)
+    noise = max(SEEN, LEFT * float(np.abs(observed - coarse).max()))
+    case = Coordinates(scene, observed, noise, subject.limit)
     before = case.before * noise / EXPLAINED
     if not noise < CLEAR * before < CLEAR * FAR:
         return False

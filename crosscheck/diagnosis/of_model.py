@@ -9,9 +9,9 @@ from collections.abc import Callable
 import numpy as np
 
 from crosscheck.diagnosis import fit, misreadings, of_joints, of_output, of_run, variants
+from crosscheck.diagnosis.copies import AMPLIFIED, FAITHFUL, ObservedCopy, data, points_of, undone
 from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, observe, rates, window
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
-from crosscheck.diagnosis.shown import AMPLIFIED, FAITHFUL, Shown, data, points_of, undone
 from crosscheck.scene.alterations import alterations
 from crosscheck.scene.altered import Accelerations, Model, of_scene
 from crosscheck.scene.model import Scene
@@ -73,12 +73,12 @@ def diagnose(subject: Subject, first: Observation, answer: Explanation, alone: b
         answer.causes.append(NamedCause("clamp", f"{stuck} in the first {scene.duration:.3g} s", of_run.UNCLAMPED))
         return None
     report = _reports([each for each, _ in observations], answer)
-    shown = [undone(each, forces, report) for each, forces in observations]
-    if answer.ask(of_joints.mimics, shown, answer) or answer.ask(of_joints.elsewhere, shown, answer):
+    copies = [undone(each, forces, report) for each, forces in observations]
+    if answer.ask(of_joints.mimics, copies, answer) or answer.ask(of_joints.elsewhere, copies, answer):
         return None
-    absent = _frozen(shown, answer)
-    start = answer.ask(_starts, shown, absent, answer, otherwise=(scene.R0, scene.w0))
-    model, soft = answer.ask(_accelerations, subject, shown, absent, answer, otherwise=(None, False))
+    absent = _frozen(copies, answer)
+    start = answer.ask(_starts, copies, absent, answer, otherwise=(scene.R0, scene.w0))
+    model, soft = answer.ask(_accelerations, subject, copies, absent, answer, otherwise=(None, False))
     return Known(model or of_scene(scene, absent=absent), start, soft, report.undo if report else None, absent,
                  bool(answer.causes))
 
@@ -140,12 +140,12 @@ def _reports(observations: list[Observation], answer: Explanation) -> misreading
     return fitting[0]
 
 
-def _frozen(shown: list[Shown], answer: Explanation) -> int | None:
+def _frozen(copies: list[ObservedCopy], answer: Explanation) -> int | None:
     """Name a body that always stays at rest as missing in the engine's model; its number."""
-    moves = np.max([np.abs(each.observation.y - each.observation.y[0]).max(axis=(0, 2)) for each in shown], axis=0)
+    moves = np.max([np.abs(each.observation.y - each.observation.y[0]).max(axis=(0, 2)) for each in copies], axis=0)
     still = [int(k) for k in np.flatnonzero(moves <= FAITHFUL)]
-    scene = shown[0].observation.scene
-    expected = Accelerations(points_of(shown[0]))(of_scene(scene))
+    scene = copies[0].observation.scene
+    expected = Accelerations(points_of(copies[0]))(of_scene(scene))
     moving = [k for k in still if scene.v0[k].any() or scene.w0[k].any() or np.abs(expected[:, k]).max() > FAITHFUL]
     if len(moving) != 1 or scene.n == 1 or any(joint.parent == moving[0] for joint in scene.joints):
         return None
@@ -159,9 +159,9 @@ def _frozen(shown: list[Shown], answer: Explanation) -> int | None:
 # --- where it starts --------------------------------------------------------------------------------------------------
 
 
-def _starts(shown: list[Shown], absent: int | None, answer: Explanation) -> misreadings.Pose:
+def _starts(copies: list[ObservedCopy], absent: int | None, answer: Explanation) -> misreadings.Pose:
     """The engine's start on the scene. The misreading that leads to it is named, if it is not the scene's."""
-    observations, scene = [each.observation for each in shown], shown[0].observation.scene
+    observations, scene = [each.observation for each in copies], copies[0].observation.scene
     limit = FAITHFUL + max(fit.EXPLAINED * each.noise for each in observations)
 
     def worst(attitude: misreadings.Misreading | None, spin: misreadings.Misreading | None, mode: str) -> float:
@@ -198,12 +198,12 @@ def _starts(shown: list[Shown], absent: int | None, answer: Explanation) -> misr
 # --- how it moves -----------------------------------------------------------------------------------------------------
 
 
-def _accelerations(subject: Subject, shown: list[Shown], absent: int | None, answer: Explanation
+def _accelerations(subject: Subject, copies: list[ObservedCopy], absent: int | None, answer: Explanation
                    ) -> tuple[Model | None, bool]:
     """(the model that is fitted to the accelerations, or None; whether joints give way by a law that is not known)."""
-    scene, soft = shown[0].observation.scene, of_joints.gives_way(shown[0], absent)
-    full, thin = (data(shown, absent, soft, stride, subject.limit) for stride in (1, fit.THIN))
-    hard = full if not soft else data(shown, absent, False, 1, subject.limit)
+    scene, soft = copies[0].observation.scene, of_joints.gives_way(copies[0], absent)
+    full, thin = (data(copies, absent, soft, stride, subject.limit) for stride in (1, fit.THIN))
+    hard = full if not soft else data(copies, absent, False, 1, subject.limit)
     wrong, remaining = hard.before, full.before
     quantity = "accelerations, largest difference over its noise"
     if wrong <= fit.SEEN and not soft:
@@ -212,17 +212,17 @@ def _accelerations(subject: Subject, shown: list[Shown], absent: int | None, ans
         return None, False
     # An inertia may be converted before attitudes are misread.
     candidates = alterations(scene, any(np.abs(each.states.R[0] - each.observation.scene.R0).max() > FAITHFUL
-                                        for each in shown))
+                                        for each in copies))
     if soft:
-        fits, _ = fit.search(hard, data(shown, absent, False, fit.THIN, subject.limit), candidates, pairing=False)
+        fits, _ = fit.search(hard, data(copies, absent, False, fit.THIN, subject.limit), candidates, pairing=False)
         answer.tried += len(candidates)
         if fits:
             answer.evidence += [_evidence(each, wrong, quantity) for each in fits]
             return _name(fits, full, answer), False
-        if not of_joints.lawful(shown, absent):
+        if not of_joints.lawful(copies, absent):
             answer.unexplained.append("joints open, but not as forces of their opening and its rate would let them")
             return None, False
-        opening = of_joints.opening(shown[0], absent)
+        opening = of_joints.opening(copies[0], absent)
         answer.evidence.append(Evidence("soft constraint", "constraint", wrong, remaining, quantity, opening,
                                         remaining <= fit.EXPLAINED, "with constraint forces of any law"))
         answer.causes.append(NamedCause("soft constraint", opening, "tighten the joints, or use coordinates or "

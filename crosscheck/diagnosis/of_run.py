@@ -80,9 +80,9 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
         per = max(1, int(np.ceil(sampled.duration / INTERVALS / h)))
     per = FINER * int(np.ceil(per / FINER))
 
-    def run(finer: int, shown: Scene) -> States:
+    def run(finer: int, asked: Scene) -> States:
         step = None if order is None else sampled.duration / INTERVALS / (per // FINER * finer)
-        states: States = subject.run(shown, step, RTOLS[finer == FINER] if order is None else None).states
+        states: States = subject.run(asked, step, RTOLS[finer == FINER] if order is None else None).states
         return states
 
     coarse: States | None = None

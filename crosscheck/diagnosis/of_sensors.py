@@ -194,14 +194,14 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alte
     yield _reading("world for site axes" if in_site else "site for world axes",
                    f"the reading is in {turned.frame} axes", read(reader, turned))
 
-    def seen(axes: np.ndarray, vector: np.ndarray = world) -> np.ndarray:
+    def in_axes(axes: np.ndarray, vector: np.ndarray = world) -> np.ndarray:
         return np.asarray(np.einsum("tji,tj->ti", axes, np.broadcast_to(vector, world.shape)))
 
-    def shown(vector: np.ndarray) -> np.ndarray:
-        return seen(reader.axes(site), vector) if in_site else np.broadcast_to(vector, world.shape)
+    def read_as(vector: np.ndarray) -> np.ndarray:
+        return in_axes(reader.axes(site), vector) if in_site else np.broadcast_to(vector, world.shape)
 
     yield _reading("frame of the body", "the reading is in the axes of the body, without the attitude of the site",
-                   seen(reader.R[:, site.body]))
+                   in_axes(reader.R[:, site.body]))
     if in_site:
         yield _reading("inverse rotation", "the vector is turned from the site to the world once more",
                        np.einsum("tij,tj->ti", reader.axes(site), world))
@@ -210,19 +210,19 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alte
             continue
         name = "the ground" if body == GROUND else f"body {scene.bodies[body].name!r}"
         other = dataclasses.replace(site, body=body)
-        yield _reading("frame of another body", f"the reading is in axes of {name}", seen(reader.R[:, body]))
+        yield _reading("frame of another body", f"the reading is in axes of {name}", in_axes(reader.R[:, body]))
         yield _reading("frame of another body", f"the reading is in the axes that the site would have on {name}",
-                       seen(reader.axes(other)))
+                       in_axes(reader.axes(other)))
         if sensor.type in ("angular_velocity", "gyroscope"):
             yield _reading("relative to another body", f"the turning is that against {name}",
-                           right - shown(reader.turned(body, reader.w[:, body])))
+                           right - read_as(reader.turned(body, reader.w[:, body])))
     g, w = scene.gravity, reader.w[:, site.body]
     arm, spin = site.position, reader.turned(site.body, w)
     if sensor.type in ("acceleration", "accelerometer"):
         words = {1: "gravity is missing", -1: "gravity counts twice", 2: "gravity has the other sign"} if (
             sensor.type == "accelerometer") else {-1: "it is a - g, as an accelerometer reads", 1: "it is a + g"}
         for times, text in words.items():
-            yield _reading("gravity", text, right + times * shown(g))
+            yield _reading("gravity", text, right + times * read_as(g))
         inward = reader.turned(site.body, cross(w, cross(w, arm)))
         tangent = reader.turned(site.body, cross(reader.alpha[:, site.body], arm))
         coriolis = cross(spin, reader.velocity(site))
@@ -232,7 +232,7 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alte
                            ("it is the derivative of the velocity in body axes, without w x v", -coriolis),
                            ("w x v counts twice", coriolis), ("w x v of the centre of mass is left out", -central),
                            ("2 w x v is added", 2 * coriolis)):
-            yield _reading("Coriolis or centripetal term", text, right + shown(part))
+            yield _reading("Coriolis or centripetal term", text, right + read_as(part))
     for text, place in (("left out", 0.0 * arm), ("taken with the other sign", -arm)):
         yield _reading("lever", f"the lever of the site is {text}", _moved(reader, sensor, position=place))
     if SENSOR_TYPES[sensor.type].dynamic and sensor.joint is None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from crosscheck.diagnosis import of_joints
+from crosscheck.diagnosis.copies import ObservedCopy
 from crosscheck.diagnosis.observe import Observation, scale_of, true_motion, window
-from crosscheck.diagnosis.shown import Shown
 from crosscheck.scene.file import load_scene
 
 NOISE = 1e-2
@@ -19,7 +19,7 @@ def seen():
     scale = scale_of(scene)
     scene = window(scene, scale)
     states = true_motion(scene)
-    return Shown(Observation(scene, scale, scale.flat(states), NOISE, None), states,
+    return ObservedCopy(Observation(scene, scale, scale.flat(states), NOISE, None), states,
                  np.zeros((len(states.t) - 8, 2, 6)), NOISE, ())
 
 

@@ -23,7 +23,7 @@ LEAST_NOISE = 1e-9
 
 
 @dataclasses.dataclass
-class Shown:
+class ObservedCopy:
     """One observed copy: its states after misreports are corrected, and their accelerations."""
 
     observation: Observation
@@ -33,7 +33,7 @@ class Shown:
     forces: tuple[int, ...]  # numbers of the scene's forces that it has
 
 
-def undone(observation: Observation, forces: tuple[int, ...], report: misreadings.Report | None) -> Shown:
+def undone(observation: Observation, forces: tuple[int, ...], report: misreadings.Report | None) -> ObservedCopy:
     """The observation of a copy with these forces of the scene, after a misreport is corrected."""
     scale = observation.scale
     states = observation.states if report is None else report.undo(observation.states)
@@ -42,7 +42,7 @@ def undone(observation: Observation, forces: tuple[int, ...], report: misreading
     slopes, noise = accelerations(observation)
     slopes[:, :, :3] *= scale.length * scale.rate
     slopes[:, :, 3:] *= scale.rate
-    return Shown(observation, states, slopes, noise, forces)
+    return ObservedCopy(observation, states, slopes, noise, forces)
 
 
 def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
@@ -53,18 +53,18 @@ def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
     return slopes, max(noise, LEAST_NOISE)
 
 
-def data(shown: list[Shown], absent: int | None, soft: bool, stride: int, limit: fit.Limit = fit.WITHOUT
+def data(copies: list[ObservedCopy], absent: int | None, soft: bool, stride: int, limit: fit.Limit = fit.WITHOUT
          ) -> fit.Data:
     """Residuals of all copies, at every `stride`-th instant."""
-    copies = []
-    for each in shown:
+    parts = []
+    for each in copies:
         scene, scale = each.observation.scene, each.observation.scale
-        copies.append(fit.Copy(of_scene(scene, each.forces, each.states.R[0], absent), Accelerations(
+        parts.append(fit.Copy(of_scene(scene, each.forces, each.states.R[0], absent), Accelerations(
             points_of(each, stride)), each.noise, np.repeat([scale.length * scale.rate**2, scale.rate**2], 3)))
-    return fit.Data(copies, absent, soft, stride > 1, limit)
+    return fit.Data(parts, absent, soft, stride > 1, limit)
 
 
-def points_of(each: Shown, stride: int = 1) -> Points:
+def points_of(each: ObservedCopy, stride: int = 1) -> Points:
     """Every `stride`-th instant of a copy at which its accelerations are known."""
     inner, states = slice(REACH, len(each.states.t) - REACH, stride), each.states
     angles = mechanics.torsion_angles(each.observation.scene, states)

@@ -111,7 +111,9 @@ def _ask(subject: Subject, scene: Scene, step: float | None, answer: Explanation
     if scene.has_laws and answer.ask(of_laws.diagnose, subject, scene, answer):
         return
     scale = observe.scale_of(scene)
-    noise = answer.ask(of_output.floor, subject, observe.window(scene, scale), scale)
+    brief = observe.window(scene, scale)
+    observe.true_motion(brief)  # without it there is no answer
+    noise = answer.ask(of_output.floor, subject, brief, scale)
     try:
         first = observe.first_look(subject, scene, scale, noise.size if noise else 0.0)
     except observe.Silent as error:

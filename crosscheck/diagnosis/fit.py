@@ -109,11 +109,6 @@ class Fit:
         return sum(cause.magnitudes(theta) for cause, theta in zip(self.causes, self.theta, strict=True))
 
     @property
-    def exact(self) -> bool:
-        """Whether nothing at all is left that noise could hide."""
-        return self.left <= 1.0
-
-    @property
     def explains(self) -> bool:
         """Whether it leaves nothing but noise, and at most the part `CLEAR` of what was there."""
         return self.left <= self.most
@@ -175,7 +170,7 @@ class Case:
             choices += [np.array(special) for cause in causes[:1] for special in cause.special(choices[0])]
             fits = [self._judged(causes, theta) for theta in choices]
             least = min(fits, key=lambda fit: fit.left)
-            choices = [np.concatenate(least.theta)] if least.left < self.before and not least.exact else []
+            choices = [np.concatenate(least.theta)] if 1.0 < least.left < self.before else []
         for theta in choices:
             if len(theta) and (self.quick or self.dear):
                 theta = gauss_newton(residual, theta)

@@ -123,8 +123,10 @@ def fitted_anchors(copies: list[ObservedCopy], k: int) -> tuple[float, Moves | N
 
     A joint may open at a constant speed of its own in every copy.
     """
+    from scipy.linalg import block_diag
+
     rows: dict[str, list[np.ndarray]] = {"child_anchor": [], "parent_anchor": []}
-    gaps, copies = [], []
+    gaps, starts = [], []
     for each in copies:
         scene, scale, states = each.observation.scene, each.observation.scale, each.states
         joint, noise = scene.joints[k], FAITHFUL + fit.EXPLAINED * each.observation.noise
@@ -136,16 +138,12 @@ def fitted_anchors(copies: list[ObservedCopy], k: int) -> tuple[float, Moves | N
             gap += sign * states.v[:, body] + turning @ getattr(joint, side)
             rows[side].append(turning.reshape(-1, 3) / (noise * scale.length * scale.rate))
         gaps.append(gap.ravel() / (noise * scale.length * scale.rate))
-        copies.append(np.tile(np.eye(3), (len(gap), 1)) / (noise * scale.length * scale.rate))
+        starts.append(np.tile(np.eye(3), (len(gap), 1)) / (noise * scale.length * scale.rate))
     opening = np.concatenate(gaps)
     before = float(np.abs(opening).max())
     if before <= 1.0:
         return before, {}
-    constant = np.zeros((len(opening), 3 * len(copies)))
-    at = 0
-    for number, block in enumerate(copies):
-        constant[at:at + len(block), 3 * number:3 * number + 3] = block
-        at += len(block)
+    constant = block_diag(*starts)
     for kept, sides in itertools.product((False, True), SIDES):
         if all(rows[side] for side in sides):
             columns = [np.concatenate(rows[side]) for side in sides] + ([constant] if kept else [])

@@ -155,11 +155,15 @@ def _of_limits(joint: Joint, law: Limits) -> Iterator[Alteration]:
             yield _law(f"stop {side}", f"{at}: {side} at {{}}", given(side), end - 0.02, end - 0.005, end + 0.005,
                        end + 0.02, 0.5 * end)
     if law.rigid:
+        yield Alteration("soft stop", lambda m, t: _with(m, joint, limits=(Limits(law.lower, law.upper, stiffness=abs(
+            t[0]), damping=abs(t[1])),)), ((2e3, 40.0), (5e2, 5.0), (2e4, 100.0)), lambda t: (
+                f"{at}: a spring of {abs(t[0]):.6g} and a damper of {abs(t[1]):.6g} for a rigid stop"), MEND, target=at)
         yield _law("stop restitution", f"{at}: {{}}", lambda m, k: given("restitution")(m, min(max(k, 0.0), 1.0)), 0.0,
                    1.0, *(law.restitution + by for by in (-0.2, -0.05, -0.01, 0.01, 0.05, 0.2)
                           if 0.0 < law.restitution + by < 1.0))
         return
-    yield _law("rigid limits", at, lambda m, _: _with(m, joint, limits=(Limits(law.lower, law.upper),)))
+    yield _law("rigid limits", f"{at}: restitution {{}}", lambda m, k: _with(m, joint, limits=(Limits(
+        law.lower, law.upper, min(max(k, 0.0), 1.0)),)), 0.0, 0.5, 0.9, zero="rigid limits")
     for key in ("stiffness", "damping"):
         yield _law(f"stop {key}", f"{at}: {key} {{}} times", times(key), 0.5, 0.95, 1.05, 2.0,
                    zero="missing stop damping" if key == "damping" else "")

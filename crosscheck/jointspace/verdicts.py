@@ -157,6 +157,7 @@ def _models(scene: Scene) -> Iterator[tuple[str, Scene]]:
             with contextlib.suppress(*FAILS):
                 if (made := cause.apply(right, theta).as_scene) is not None:
                     yield f"{cause.name(theta)}: {cause.words(theta)}", made
+    yield "gravity counts twice", scene.replace(gravity=2 * scene.gravity)
     yield "the rates are left out", scene.replace(bodies=tuple(dataclasses.replace(
         body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in scene.bodies))
 

@@ -89,7 +89,7 @@ def alterations(scene: Scene, as_given: bool = False) -> list[Alteration]:
     if scene.gravity.any():  # on a hinge, gravity of another size is one of many gravities with the same motion
         named.append(dataclasses.replace(named[0], apply=lambda m, t: m.altered(gravity=t[0] * scene.gravity), starts=(
             (1.0,),), words=lambda t: named[0].words(t[0] * scene.gravity), title=lambda t: named[0].name(
-                t[0] * scene.gravity), special=lambda t: [(0.0,), (-1.0,), (2.0,)], mistakes=lambda t: 1, alone=True))
+                t[0] * scene.gravity), special=lambda t: [(0.0,), (-1.0,)], mistakes=lambda t: 1, alone=True))
     named += [cause for where, bodies in scopes for cause in _inertias(scene, where, bodies, as_given)]
     named += [cause for k in range(scene.n) for cause in _masses(scene, k)]
     named += [cause for where, bodies in scopes for cause in _sizes(scene, where, bodies)]

@@ -252,8 +252,7 @@ def test_noise_that_is_odd_about_the_start_is_seen():
 
 @pytest.mark.parametrize(("change", "cause"), [
     (lambda scene: scene, ""),
-    (lambda scene: scene.replace(gravity=2 * scene.gravity),
-     "gravity size: gravity (0, 0, -19.62) m/s^2 instead of (0, 0, -9.81)"),
+    (lambda scene: scene.replace(gravity=2 * scene.gravity), "gravity counts twice"),
     (lambda scene: scene.replace(gravity=0 * scene.gravity),
      "gravity size: gravity (0, 0, 0) m/s^2 instead of (0, 0, -9.81)")])
 def test_wrong_sources_on_a_loop_are_named(change, cause):
@@ -381,7 +380,7 @@ WRONG = {
         force for force in s.forces if force.type == "torsional_spring"))), "load: all constant loads times 0"),
     "gravity": (joints, of_scene(gravity=[0.0] * 3), "gravity size: gravity (0, 0, 0) m/s^2"),
     "gravity's sign": (joints, of_scene(gravity=[0.0, 0.0, 9.81]), "gravity sign: gravity (0, 0, 9.81) m/s^2"),
-    "gravity twice": (joints, of_scene(gravity=[0.0, 0.0, -19.62]), "gravity size: gravity (0, 0, -19.62) m/s^2"),
+    "gravity twice": (joints, of_scene(gravity=[0.0, 0.0, -19.62]), "gravity counts twice"),
     "at rest": (joints, altered(lambda s: s.replace(bodies=tuple(dataclasses.replace(
         body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in s.bodies))), "rates are left out"),
     "at zero": (joints, altered(lambda s: placed(s, np.zeros(3), JointSpace(s).rates)), "at zero coordinates"),

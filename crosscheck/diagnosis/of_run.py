@@ -43,6 +43,9 @@ ALONE = 20.0
 MOST_STEPS = 12000
 """Largest number of steps of one run. A scene that needs more is looked at as far as these go."""
 
+ONCE = 0.01
+"""Part of the defect of an interval that the next one may have if what was wrong acted once."""
+
 SHIFTED = 1e-3
 """Part of a defect that a shift of time may leave."""
 
@@ -173,6 +176,13 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
                 ("position", shift[body], "", "leave positions as they are"))
             causes.append(NamedCause(f"jump of {what}", f"the {what} of body {name!r} jumps by {size:.3g} at t = "
                                      f"{time:.4g} s while all velocities go on{more}", mend))
+        elif k + 2 < INTERVALS and defect(scene, scale, states, k + 1) <= ONCE * after:
+            what = "angular velocity" if spin.max() > speed.max() else "velocity"
+            name = scene.bodies[int(np.argmax(np.maximum(spin, speed)))].name
+            causes.append(NamedCause("jump of velocity", f"the {what} of body {name!r} changes once by "
+                                     f"{max(spin.max(), speed.max()):.3g} of its size between t = {time:.4g} s and "
+                                     f"{states.t[k + 1]:.4g} s, and the motion goes on as it should",
+                                     "look for what acts once at this time: an impact, a reset, a lost step"))
     return Late(time, float(states.t[k + 1]), text, causes, evidence)
 
 

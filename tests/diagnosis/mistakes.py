@@ -46,6 +46,7 @@ from tests.diagnosis.wrong_output import (
     finite,
     gravity_off,
     jumped,
+    kicked,
     later,
     mirrored,
     retimed,
@@ -214,6 +215,7 @@ MISTAKES = [
         attitude=misbuilt.quaternion_order))),
     Mistake("quaternion inverse", ("quaternion conjugated",), altered(lambda r, s: lambda g: misbuilt._relative(g,
         attitude=lambda R: R.T))),
+    Mistake("a kick", ("jump of velocity",), later(kicked)),
 ]
 
 
@@ -282,6 +284,7 @@ LIKE = {
     "hidden sub-steps": "half a step early", "inertia entries": "part of Steiner", "inertia frame": "products negated",
     "inertia point": "inertias", "inertia size": "one moment", "inertias swapped": "masses swapped",
     "interpolated output": "noise", "jump of attitude": "clamp", "jump of position": "gravity later",
+    "jump of velocity": "gravity later",
     "late output": "late", "mass": "masses swapped", "masses and inertias swapped": "inertias swapped",
     "masses swapped": "bodies swapped", "missing body": "gyroscopic of one", "missing spring": "stiffness",
     "moment of a force": "attachment of a spring", "noise": "float32 states",

@@ -123,8 +123,19 @@ def later(change, part=0.4):
 
 def gravity_off(given, states, after, begin):
     """Another gravity from a time on."""
+    return onward(given, states, after, begin, lambda scene: scene.replace(gravity=0.97 * given.gravity))
+
+
+def kicked(given, states, after, begin):
+    """All velocities are less by a fiftieth, once."""
+    return onward(given, states, after, begin, lambda scene: scene.replace(bodies=tuple(dataclasses.replace(
+        body, velocity=0.98 * body.velocity, angular_velocity=0.98 * body.angular_velocity) for body in scene.bodies)))
+
+
+def onward(given, states, after, begin, change):
+    """The true motion of a changed scene from a time on."""
     start = Maximal(given).run(np.linspace(0.0, begin, 50))  # with its turns
-    wrong = restarted(given, start, 49, 1.0).replace(gravity=0.97 * given.gravity)
+    wrong = change(restarted(given, start, 49, 1.0))
     grid = np.concatenate([[0.0], states.t[after] - begin])
     found = Maximal(wrong).run(grid)
     return with_states(states, **{name: np.concatenate([getattr(states, name)[~after], getattr(found, name)[1:]])

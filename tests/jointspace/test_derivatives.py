@@ -471,7 +471,7 @@ def test_the_command_finds_pinocchios_damping_and_mujocos_curve():
     answer = CliRunner().invoke(app, ["linearise", "branching_tree"])
     assert answer.exit_code == 1
     assert "✗ pinocchio:aba" in answer.output
-    assert "missing damper: damping of every spring times 0 (da_dv)" in answer.output
+    assert "missing damper: forces[0] (torsional_spring): damping 0 instead of 1 (da_dv)" in answer.output
     assert re.search(r"of MuJoCo's steps 1e-0[678] is the best", answer.output)
 
 
@@ -482,7 +482,7 @@ def test_a_model_file_is_linearised(tmp_path):
                                       "mujoco:inverseFD"])
     assert answer.exit_code == 1, answer.output
     assert "✗ pinocchio:aba" in answer.output
-    assert "the damping of joints is left out" in answer.output
+    assert "missing damper: damping of every spring times 0" in answer.output
     assert "✓ mujoco:inverseFD" in answer.output
 
 

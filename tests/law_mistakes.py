@@ -139,7 +139,7 @@ MISTAKES = (
     Mistake("a limit 5 % off", "bounce", limits(replaced(lower=times(1.05)))),
     Mistake("a limit in half the angle", "stop", limits(replaced(lower=times(0.5)))),
     Mistake("it bounces off a stop without restitution", "stop", limits(replaced(restitution=0.2))),
-    Mistake("a spring for a stop", "stop", limits(replaced(stiffness=2000.0, damping=40.0))),
+    Mistake("a spring for a stop", "stop", limits(replaced(stiffness=1300.0, damping=25.0))),
     Mistake("the stop sticks", "stop", joint(lambda each: dataclasses.replace(
         each, dry_friction=(DryFriction(0.02, 3.0),)))),
     Mistake("a stop 5 % softer", "soft", limits(replaced(stiffness=times(0.95)))),

@@ -139,7 +139,8 @@ def test_an_adaptive_method_is_refused():
 
 
 NAMED = {"friction 5 % high": "dry friction", "restitution .6 instead of .5": "stop restitution",
-         "a limit 5 % off": "stop lower", "saturation is ignored": "no saturation", "delay is ignored": "servo delay"}
+         "a limit 5 % off": "stop lower", "saturation is ignored": "no saturation", "delay is ignored": "servo delay",
+         "a spring for a stop": "soft stop", "a soft stop is rigid": "rigid limits"}
 
 
 @pytest.mark.parametrize("what", NAMED)

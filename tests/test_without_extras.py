@@ -52,7 +52,8 @@ for words in json.loads(sys.argv[1]):
 RATTLE = "--engine lieeuler --method rattle2"
 WORK = {  # and what they say
     "--version": "mujoco not installed", "list": "heavy_top", "list --support": "lieeuler",
-    f"run brief.toml {RATTLE} --step 0.01": "pass: error against truth", "truth brief.toml": "checked against: index-1 equations",
+    f"run brief.toml {RATTLE} --step 0.01": "pass: error against truth",
+    "truth brief.toml": "checked against: index-1 equations",
     "inspect brief.toml": "lieeuler-crosscheck[mujoco]", "convert brief.toml -o out.xml": "written",
     "linearise brief.toml": "lieeuler-crosscheck[pinocchio]", "linearise --modes bicycle": "-0.775341882",
     "run brief.toml --engine mujoco --method RK4 --step 0.01 --script": "import mujoco",

@@ -600,7 +600,7 @@ def refined(fit: Fit, k: int, rounds: int = 8) -> Cause:
 
 def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
     """(K,) standard deviations of alterations that are uncertain inputs: "mass": .05 is five percent of each."""
-    kinds = list(dict.fromkeys(what for what, _ in system.names))
+    kinds = list(dict.fromkeys(what for what, _ in system.names if what != "between"))  # which is never known
     made = np.zeros(len(system.names))
     own = {joint.name: joint for joint in system.scene.joints}
     for key, value in uncertain.items():

@@ -229,6 +229,7 @@ def test_names_of_inputs(scenes, right):
 
 @pytest.mark.parametrize(("options", "says"), [
     ({"uncertain": {"weight": 0.1}}, "weight"), ({"uncertain": {"mass": -1.0}}, "a number > 0"),
+    ({"uncertain": {"between": 0.1}}, "between"),
     ({"start": "recorded"}, "leave steps, order and start out"),
     ({"columns": {"shoulder_torque": {"is": "shoulder.torque", "unit": "kg"}}}, "unit"),
     ({"columns": {"shoulder_torque": {"is": "shoulder.torque", "clock": "t2"}}}, "t2")])

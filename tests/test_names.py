@@ -19,9 +19,6 @@ PRIVATE = {"told", "tell", "seen", "again", "beside", "walk", "walks", "walked",
            "settled", "foreign", "claim", "claims", "claimed", "chain", "chains"}
 """Words that say nothing to a reader who knows solvers, multibody dynamics and verification."""
 
-TO_RENAME: tuple[str, ...] = ()
-"""Rooms whose names are not read yet."""
-
 GLOSSARY = (ROOT / "docs" / "glossary.md").read_text("utf-8")
 ROWS = re.findall(r"^\| (.*?) \|$", GLOSSARY.partition("| symbol")[0], re.MULTILINE)
 TERMS = [cells.split(" | ") for cells in ROWS[1:]]
@@ -49,8 +46,8 @@ def private(file: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("room", sorted({
-    file.parent for package in ("lieeuler", "crosscheck") for file in (ROOT / package).rglob("*.py")
-    if not set(TO_RENAME) & set(file.parts)}), ids=lambda room: str(room.relative_to(ROOT)))
+    file.parent for package in ("lieeuler", "crosscheck") for file in (ROOT / package).rglob("*.py")}),
+    ids=lambda room: str(room.relative_to(ROOT)))
 def test_names_have_no_private_words(room):
     assert {file.name: found for file in room.glob("*.py") if (found := private(file))} == {}
     assert not words(room.name) & PRIVATE

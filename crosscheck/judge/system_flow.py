@@ -11,15 +11,11 @@ import numpy as np
 from crosscheck.compare.apart import ROUNDED, STATE, apart, largest
 from crosscheck.judge.rules import RESOLVED
 from crosscheck.references import dense
-from crosscheck.references.base import End, Piece, Reference, piece_of, rounding, values_at
-from crosscheck.references.maximal import fastest
+from crosscheck.references.base import End, Reference, Series, rounding
 from crosscheck.references.modes import Mode
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree_laws import Change, LawfulTaylor
-from crosscheck.scene import mechanics
 from crosscheck.scene.assembly import closed
-from crosscheck.scene.batch import TURN, integrate
-from crosscheck.scene.coordinates import hinge_angles, starting
 from crosscheck.scene.model import Scene, quaternion_from_rotation
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.starts import Configuration, bodies_at
@@ -87,12 +83,12 @@ class SystemFlow:
     Raises
     ------
     TruthError, Unsupported
-        The scene has no truth, or its laws need heyoka and it is not installed. All else is stepped without it.
+        The scene has no truth, or its laws need heyoka and it is not installed.
     """
 
     def __init__(self, scene: Scene, sizes: Mapping[str, float], truth: Reference) -> None:
         self.scene, self.sizes, self.series = scene, sizes, dense(scene).series
-        self.stepped = not isinstance(self.series, Taylor)
+        self.minimal = isinstance(self.series, Taylor)
         self.looped = bool(spanning_tree(scene)[1])
         self.error = truth.disagreement / max(1.0, truth.amplification) + float(np.finfo(float).eps)
 
@@ -106,7 +102,7 @@ class SystemFlow:
             times >= 0.0)
         growth = []
         for size in MOVED:
-            other = moved(start, self.sizes, size, closing=self.looped or self.stepped)
+            other = moved(start, self.sizes, size, closing=self.looped or not self.minimal)
             if other is None:
                 growth.append(np.inf)
                 continue
@@ -116,23 +112,13 @@ class SystemFlow:
         linear = not self.looped or max(growth) <= ALIKE * min(growth)
         # A random direction has on average a share of the worst one, one over the root of the number of directions.
         directions = len(self.series.initial) if isinstance(self.series, Taylor) else len(STATE) * start.x0.size
-        error = max(self.error * max(growth), self._missed(start, since, times, states))
-        return Flowed(states, jumps, error, max(growth), max(growth) * math.sqrt(directions), linear)
-
-    def _missed(self, start: Scene, since: float, times: np.ndarray, states: States) -> float:
-        """What the method of order 8 misses by, over the sizes; 0 of series."""
-        if not self.stepped:
-            return 0.0
-        gaps = apart(self._stepped(start, since, times, 1), states)
-        return max(largest(gaps[name]) / self.sizes[name] for name in STATE)
+        return Flowed(states, jumps, self.error * max(growth), max(growth), max(growth) * math.sqrt(directions), linear)
 
     def _followed(self, start: Scene, since: float, times: np.ndarray, mode: Mode | None, near: Scene | None = None
                   ) -> tuple[States, tuple[Jump, ...]]:
         """The motion, and where it jumps; what rests at the start `near` this one rests here, too."""
         series, until, changes = self.series, since + float(times[-1]), list[Change]()
         due = [t for t in self.scene.knots if since < t <= until + rounding(until)]
-        if not isinstance(series, Taylor):
-            return self._stepped(start, since, times), _due(due, since)
         state = series.state_of(start)
         if isinstance(series, LawfulTaylor):
             if near is not None:
@@ -142,39 +128,15 @@ class SystemFlow:
             due = [last] if last <= until + rounding(until) else []  # has not happened yet
         else:
             pieces, _ = series.advance(End(state, since), until)
-        found = self._at(pieces, since + times)
+        values = Series(pieces)
+        found = series.dense_states(since + times, values(since + times), values.modes_at(since + times))
         found.t = times
         return found, tuple(self._jump(change, since) for change in changes) + _due(due, since)
-
-    def _stepped(self, start: Scene, since: float, times: np.ndarray, steps: int = 2) -> States:
-        """The motion by a method of order 8, `steps` in a tenth of a radian, where heyoka is not installed."""
-        rate = max(self.sizes["angular velocity"], fastest(self.scene))
-        now = States(since + times[:1], start.x0[None], start.R0[None], start.v0[None], start.w0[None],
-                     hinges=hinge_angles(start, starting(start)))
-        rows = [now]
-        for tau in np.diff(times):
-            count = steps * max(1, math.ceil(rate * tau / TURN))
-            now = integrate(self.scene, now, np.array([tau]), count, 1)[0]
-            rows.append(now)
-        x, R, v, w, hinges = (np.concatenate([getattr(row, name) for row in rows]) for name in (*"xRvw", "hinges"))
-        found = States(since + times, x, R, v, w, hinges=hinges)
-        found.a, found.alpha, _ = mechanics.index1(self.scene, x, R, v, w, mechanics.torsion_angles(self.scene, found),
-                                                   found.t)
-        found.t = times
-        return found
-
-    def _at(self, pieces: list[Piece], t: np.ndarray) -> States:
-        stacked = (np.array([piece.start for piece in pieces]), np.array([piece.rest for piece in pieces]),
-                   np.array([piece.coefficients for piece in pieces]))
-        modes = None if pieces[0].mode is None else np.array([
-            piece.mode for piece in pieces])[piece_of(stacked[0], t)]
-        return self.series.dense_states(t, lambda k: values_at(stacked, t, k), modes)
 
     def _jump(self, change: Change, since: float) -> Jump:
         series = self.series
         assert isinstance(series, LawfulTaylor)
-        before, after = (series.dense_states(np.array([change.time]), lambda _, y=y: y[None],  # type: ignore[misc]
-                                             series.table(mode).reshape(1, -1))
+        before, after = (series.dense_states(np.array([change.time]), y[None], series.table(mode).reshape(1, -1))
                          for y, mode in ((change.state, change.mode), (change.resumed.state, change.resumed.mode)))
         rates = {"position": after.v - before.v, "attitude": after.w - before.w,
                  "velocity": after.a - before.a, "angular velocity": after.alpha - before.alpha}  # type: ignore[operator]

@@ -25,7 +25,7 @@ from crosscheck.recordings.inputs import System
 from crosscheck.recordings.noise import Noise, measured, states
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.references import dense
-from crosscheck.references.base import values_at
+from crosscheck.references.base import Series
 from crosscheck.scene.coordinates import relative_pose
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.spanning import spanning_tree
@@ -513,9 +513,7 @@ class Fit:
             scene = system.at_start(log.state[row, :, 0], log.state[row, :, 1], float(log.starts[row]), horizons[-1])
             series = dense(scene.replace(duration=min(horizons[-1], 2 * log.period))).series
             pieces, _ = series.advance(series.begin, horizons[-1])
-            whole = tuple(np.array([getattr(piece, name) for piece in pieces]) for name in (
-                "start", "rest", "coefficients"))
-            moved = values_at(whole, np.array(horizons)) - series.begin.state
+            moved = Series(pieces)(np.array(horizons)) - series.begin.state
             true = system.positions(moved, log.state[row, :, 0])
             told = hermite(grid, q[:, s], v[:, s], np.array(horizons))
             worst = np.maximum(worst, np.abs(told - true).T)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,23 +41,39 @@ class End:
     cause: str = ""  # why
 
 
-def values_at(pieces: tuple[np.ndarray, ...], t: np.ndarray, derivative: int = 0) -> np.ndarray:
-    """(T, dimension) values of a derivative at times t from starts, their rests, and coefficients of pieces."""
-    starts, rests, coefficients = pieces
-    index = piece_of(starts, t)
-    kind = coefficients.dtype.type
-    tau = ((t.astype(kind) - starts[index].astype(kind)) - rests[index].astype(kind))[:, None]
-    total = np.zeros((len(t), coefficients.shape[1]), kind)
-    for k in range(coefficients.shape[2] - 1, derivative - 1, -1):
-        factor = float(np.prod(np.arange(k - derivative + 1, k + 1)))
-        total = total * tau + factor * coefficients[index, :, k]
-    return total
+class Series:
+    """Pieces one after the other: state vectors and modes at any times within them."""
+
+    def __init__(self, pieces: Sequence[Piece]) -> None:
+        self.starts, self.rests, self.lengths, self.coefficients = (np.array([getattr(
+            piece, name) for piece in pieces]) for name in ("start", "rest", "length", "coefficients"))
+        self.modes = np.array([piece.mode for piece in pieces]) if pieces and pieces[0].mode is not None else None
+
+    def __call__(self, t: np.ndarray) -> np.ndarray:
+        """(T, dimension) at times t."""
+        index = self._piece_of(t)
+        tau = ((t - self.starts[index]) - self.rests[index])[:, None]
+        values = np.zeros((len(t), self.coefficients.shape[1]))
+        for k in reversed(range(self.coefficients.shape[2])):
+            values = values * tau + self.coefficients[index, :, k]
+        return values
+
+    def modes_at(self, t: np.ndarray) -> np.ndarray | None:
+        """(T, 5 L) numbers of the laws, if these have modes."""
+        return None if self.modes is None else self.modes[self._piece_of(t)]
+
+    def _piece_of(self, t: np.ndarray) -> np.ndarray:
+        """Index of the piece of each time; at an event, of what follows it."""
+        index: np.ndarray = np.clip(np.searchsorted(self.starts, t + rounding(t), side="right") - 1, 0, None)
+        return index
 
 
-def piece_of(starts: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Index of the piece of each time; at an event, of what follows it."""
-    index: np.ndarray = np.clip(np.searchsorted(starts, t + rounding(t), side="right") - 1, 0, None)
-    return index
+def polynomial(coefficients: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """Values (..., dimension) of series (..., dimension, order + 1) at times tau (...) after their starts."""
+    values = np.zeros((*tau.shape, coefficients.shape[-2]))
+    for k in reversed(range(coefficients.shape[-1])):
+        values = values * tau[..., None] + coefficients[..., k]
+    return values
 
 
 def rounding(t: Any) -> Any:

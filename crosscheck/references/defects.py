@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
-from crosscheck.references.base import Piece, TruthError, rounding, scene_length
+from crosscheck.references.base import Piece, TruthError, polynomial, rounding, scene_length
 from crosscheck.references.maximal import Maximal, tableau
 from crosscheck.references.modes import RESTING, Law
 from crosscheck.scene.model import Scene
@@ -32,10 +32,14 @@ SLACK = 1e-11
 """N m or N: what stands for rounding of what holds a coordinate that needs nothing."""
 BEYOND = 1e-9
 """Relative: how far beyond a rigid stop a coordinate may be."""
+AT_STOP = 1e-6
+"""Relative: how far from a rigid stop a coordinate is at it."""
+SMOOTH = 1e-13
+"""m/s and rad/s: a smaller jump of velocities is rounding."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class NodalMotion:
     """A motion at the ends and at the inner nodes of its pieces, (P, s + 2) times as rows; long ones are in parts.
 
     Parts are rows of their own. `held` (P, L): the coordinates that are held at rest.
@@ -78,14 +82,16 @@ def defects(equations: Maximal, series: Any, pieces: Sequence[Piece], since: int
     steps = np.einsum("ji,kid->kjd", tableau(inner)[1], slopes.reshape(len(y), inner, -1))
     found = y[:, 1:] - y[:, :1] - motion.lengths[:, None, None] * steps
     size = Sizes(equations.scene, motion.lengths)
-    sizes, ends = size.of(found), found[:, -1].copy()
+    sizes, ends, jumps = size.of(found), found[:, -1].copy(), y[1:, 0] - y[:-1, -1]
     if equations.laws:
-        passing = _Passing(equations, motion, sampled)
-        _held_by_what_can(equations, motion, holding, passing)
+        events = _Events(equations, motion, sampled)
+        _held_by_what_can(equations, motion, holding, events)
         sizes += _cut_elsewhere(equations, motion, size)
-    jumps, missed = _at_events(equations, motion, sampled, y)
+        missed, changes = events.gaps(jumps)
+        jumps[:, 12 * equations.scene.n:18 * equations.scene.n] -= changes
+        sizes[1:] += missed
     ends[1:] += jumps
-    sizes[1:] += missed + size.of(jumps, slice(1, None))
+    sizes[1:] += size.of(jumps, slice(1, None))
     if not since:  # it begins where the scene does
         begun = y[:1, 0] - equations.begin.state
         ends[:1] += begun
@@ -119,7 +125,7 @@ class Sizes:
         return np.where(np.isnan(found), np.inf, found)
 
 
-def _motion(equations: Maximal, series: Any, pieces: Sequence[Piece], first: int) -> Motion:
+def _motion(equations: Maximal, series: Any, pieces: Sequence[Piece], first: int) -> NodalMotion:
     """The motion in the pieces from number `first` on, halved until polynomials at the nodes resolve it."""
     c, coefficients = tableau(equations.nodes)[0], tableau(equations.nodes)[2]
     places = np.concatenate([[0.0], c, [1.0]])
@@ -129,13 +135,10 @@ def _motion(equations: Maximal, series: Any, pieces: Sequence[Piece], first: int
     for halvings in reversed(range(HALVINGS)):
         number = parts[:, 0].astype(int)
         tau = parts[:, 1:2] + parts[:, 2:] * places
-        powers = np.array([pieces[k].coefficients for k in number])
-        y = np.zeros((*tau.shape, powers.shape[1]))
-        for k in range(powers.shape[2] - 1, -1, -1):
-            y = y * tau[:, :, None] + powers[:, None, :, k]
+        y = polynomial(np.array([pieces[k].coefficients for k in number])[:, None], tau)
         t = np.array([pieces[k].start for k in number])[:, None] + tau
         t[:, -1] -= rounding(t[:, -1])  # before what happens at the end: a function of time may jump there
-        states = series.dense_states(t.ravel(), functools.partial(_rows, y), np.repeat(
+        states = series.dense_states(t.ravel(), y.reshape(t.size, -1), np.repeat(
             modes[number], len(places), axis=0) if pieces[0].mode is not None else None)
         packed = equations.packed(states).reshape(len(parts), len(places), -1)
         tail = np.abs(coefficients[-2:] @ packed[:, 1:-1]).max(axis=1)
@@ -150,11 +153,7 @@ def _motion(equations: Maximal, series: Any, pieces: Sequence[Piece], first: int
     index = np.arange(len(parts) * len(places)).reshape(len(parts), -1)[order].ravel()
     states = joined([each for _, each in resolved]).at(index)
     number = parts[order, 0].astype(int)
-    return Motion(number, parts[order, 2], states, modes[number].reshape(len(parts), -1))
-
-
-def _rows(y: np.ndarray, _: int) -> np.ndarray:
-    return y.reshape(-1, y.shape[-1])
+    return NodalMotion(number, parts[order, 2], states, modes[number].reshape(len(parts), -1))
 
 
 def _sampled(equations: Maximal, series: Any, pieces: Sequence[Piece]) -> np.ndarray:
@@ -164,7 +163,7 @@ def _sampled(equations: Maximal, series: Any, pieces: Sequence[Piece]) -> np.nda
         return given
     modes = np.array([piece.mode for piece in pieces])
     starts = np.array([piece.start for piece in pieces])
-    states = series.dense_states(starts, lambda _: np.array([piece.coefficients[:, 0] for piece in pieces]), modes)
+    states = series.dense_states(starts, np.array([piece.coefficients[:, 0] for piece in pieces]), modes)
     for i, law in enumerate(equations.laws):
         servo = law.servo
         if servo is None or servo.period is None:
@@ -182,17 +181,17 @@ def _boxes(law: Law, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     static = law.friction.static if law.friction else 0.0
     lower, upper = np.full(len(q), -static), np.full(len(q), static)
     if law.rigid:
-        near = 1e-6 * max(1.0, float(np.abs(q).max(initial=0.0)))
+        near = AT_STOP * max(1.0, float(np.abs(q).max(initial=0.0)))
         lower[q >= law.limits.upper - near] = -np.inf
         upper[q <= law.limits.lower + near] = np.inf
     return lower, upper
 
 
-def _held_by_what_can(equations: Maximal, motion: Motion, holding: np.ndarray, passing: _Passing) -> None:
+def _held_by_what_can(equations: Maximal, motion: NodalMotion, holding: np.ndarray, events: _Events) -> None:
     """Raise `TruthError` where a coordinate is held by more than can, or is beyond its rigid stop."""
     ends = motion.at(-1)
     states, holding = joined([motion.at(slice(1, -1)), ends]), np.concatenate(
-        [holding, equations.accelerations(ends, motion.held, passing.sampled, passing.before[:, 1].T)[2]])
+        [holding, equations.accelerations(ends, motion.held, events.sampled, events.before[:, 1].T)[2]])
     for i, law in enumerate(equations.laws):
         q, _ = equations.moving(law, states)
         held = np.concatenate([np.repeat(motion.held[:, i], equations.nodes), motion.held[:, i]])
@@ -208,7 +207,7 @@ def _held_by_what_can(equations: Maximal, motion: Motion, holding: np.ndarray, p
                              f"{states.t[at]:.6g} s: it is at {q[at]:.9g} and held by {holding[at, i]:.6g}")
 
 
-def _cut_elsewhere(equations: Maximal, motion: Motion, size: Sizes) -> np.ndarray:
+def _cut_elsewhere(equations: Maximal, motion: NodalMotion, size: Sizes) -> np.ndarray:
     """(P,) what servos may have given beyond their limits between the last nodes and the ends.
 
     Their efforts are continuous: what those at the ends differ by from the polynomial at the nodes acted no longer.
@@ -228,32 +227,27 @@ def _cut_elsewhere(equations: Maximal, motion: Motion, size: Sizes) -> np.ndarra
     return left
 
 
-def _at_events(equations: Maximal, motion: Motion, sampled: np.ndarray, y: np.ndarray
-               ) -> tuple[np.ndarray, np.ndarray]:
-    """Jumps (P - 1, 18n + h) between a piece and the next that no impulse explains, and by how much events miss their
-    surfaces (P - 1,)."""
-    jumps, found = y[1:, 0] - y[:-1, -1], np.zeros(len(y) - 1)
-    if equations.laws:
-        rates = slice(12 * equations.scene.n, 18 * equations.scene.n)
-        changed = (motion.modes[1:] != motion.modes[:-1]).any(axis=1) | (np.abs(jumps[:, rates]).max(axis=1) > 1e-13)
-        passing = _Passing(equations, motion, sampled)
-        for k in np.flatnonzero(changed).tolist():
-            found[k], change = passing.gap(k)
-            jumps[k, rates] -= change
-    return jumps, found
-
-
-class _Passing:
+class _Events:
     """The events of a motion, between its pieces k and k + 1."""
 
-    def __init__(self, equations: Maximal, motion: Motion, sampled: np.ndarray) -> None:
+    def __init__(self, equations: Maximal, motion: NodalMotion, sampled: np.ndarray) -> None:
         self.equations, self.motion, self.sampled = equations, motion, sampled
         self.first, self.last = motion.at(0), motion.at(-1)
         at = [[equations.moving(law, motion.at(place)) for law in equations.laws] for place in (-1, -2, 0, 1)]
         self.end, self.before, self.start, self.after = (np.array(each) for each in at)  # (L, 2, P): q and rate
         self.length = scene_length(equations.scene)
 
-    def gap(self, k: int) -> tuple[float, np.ndarray]:
+    def gaps(self, jumps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By how much (1 or rad) events miss their surfaces (P - 1,), and the changes (P - 1, 6n) of v and w of their
+        impulses, from what the states jump by, (P - 1, 18n + h)."""
+        n = self.equations.scene.n
+        missed, changes = np.zeros(len(jumps)), np.zeros((len(jumps), 6 * n))
+        switched = (self.motion.modes[1:] != self.motion.modes[:-1]).any(axis=1)
+        for k in np.flatnonzero(switched | (np.abs(jumps[:, 12 * n:18 * n]).max(axis=1) > SMOOTH)).tolist():
+            missed[k], changes[k] = self._gap(k)
+        return missed, changes
+
+    def _gap(self, k: int) -> tuple[float, np.ndarray]:
         """By how much (1 or rad) the event misses its surfaces, and the change (6n,) of v and w of its impulses."""
         change = self._impact(k)
         missed = 0.0

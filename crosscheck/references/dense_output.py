@@ -22,10 +22,9 @@ from crosscheck.references.base import (
     End,
     Piece,
     Reference,
+    Series,
     TruthError,
-    piece_of,
     rounding,
-    values_at,
 )
 from crosscheck.references.conditioning import HORIZON_GROWTH, growth_over
 from crosscheck.references.defects import Sizes, defects
@@ -81,15 +80,14 @@ class Truth:
         return Maximal(self.scene) if self.portable else Taylor(self.scene)
 
     @functools.cached_property
-    def _stacked(self) -> tuple[np.ndarray, ...]:
-        """Starts, their rests and coefficients of all pieces."""
-        return (np.array([piece.start for piece in self.pieces]), np.array([piece.rest for piece in self.pieces]),
-                np.array([piece.coefficients for piece in self.pieces]))
+    def _values(self) -> Series:
+        """Its state vectors and modes."""
+        return Series(self.pieces)
 
     @functools.cached_property
-    def _modes(self) -> np.ndarray | None:
-        """Modes of all pieces, if they have any."""
-        return None if self.pieces[0].mode is None else np.array([piece.mode for piece in self.pieces])
+    def _sums(self) -> np.ndarray:
+        """(pieces,) the relative size of the sum of the defects up to each."""
+        return Sizes(self.scene, self._values.lengths).of(np.cumsum(self.defects, axis=0))
 
     @property
     def reach(self) -> float:
@@ -99,8 +97,8 @@ class Truth:
     @functools.cached_property
     def times(self) -> np.ndarray:
         """0, and GROWTH_POINTS times of each piece."""
-        starts, lengths = self._stacked[0], np.array([piece.length for piece in self.pieces])
-        inner = starts[:, None] + lengths[:, None] * np.arange(1, GROWTH_POINTS + 1) / GROWTH_POINTS
+        shares = np.arange(1, GROWTH_POINTS + 1) / GROWTH_POINTS
+        inner = self._values.starts[:, None] + self._values.lengths[:, None] * shares
         return np.concatenate([[0.0], inner.ravel()])
 
     @functools.cached_property
@@ -140,11 +138,13 @@ class Truth:
         TruthError
             A formulation ends early.
         """
-        if self.pieces and (until <= self.reach if self._modes is None else until + rounding(until) < self.reach):
-            return False  # with modes, what acts from `until` on has to be known
+        modes = bool(self.pieces) and self._values.modes is not None  # what acts from `until` on has to be known
+        if self.pieces and (until + rounding(until) < self.reach if modes else until <= self.reach):
+            return False
         pieces, end = self.series.advance(self.end or self.series.begin, until)
         longer = Truth(self.scene, self.portable)
-        longer.__dict__ |= {"series": self.series, "end": end, "keep": self.keep, "pieces": [*self.pieces, *pieces]}
+        longer.__dict__ |= {"series": self.series, "second": self.second, "end": end, "keep": self.keep,
+                            "pieces": [*self.pieces, *pieces]}
         series = self.series
         count = max(int(np.searchsorted(longer.times, end.horizon)), GROWTH_POINTS) + 1  # beyond it there is no claim
         known = longer.times[:count]
@@ -193,8 +193,7 @@ class Truth:
 
     def on_series(self, t: np.ndarray) -> States:
         """States at times within its reach from the series, whether it is right or not."""
-        modes = None if self._modes is None else self._modes[piece_of(self._stacked[0], t)]
-        return self.series.dense_states(t, functools.partial(values_at, self._stacked, t), modes)
+        return self.series.dense_states(t, self._values(t), self._values.modes_at(t))
 
     def checked(self, until: float) -> tuple[float, float]:
         """What the conditioning explains of an error up to a time, and the error that the defects there make.
@@ -205,11 +204,10 @@ class Truth:
             They leave no usable digits.
         """
         end = min(until, self._known_until)
-        starts = self._stacked[0]
+        starts = self._values.starts
         began = np.maximum(np.maximum.accumulate(self.growth)[:-1:GROWTH_POINTS], 1e-300)
         grown = np.where(starts < end, np.maximum(self._growth_until(end) / began, 1.0), 0.0)
-        sums = Sizes(self.scene, np.array([piece.length for piece in self.pieces])).of(np.cumsum(self.defects, axis=0))
-        left = np.maximum(self.sizes, sums) * grown
+        left = np.maximum(self.sizes, self._sums) * grown
         error = float(max(left.max(), math.sqrt(float(np.sum((self.sizes * grown) ** 2)))))
         allowed = max(FLOOR, ROUNDOFF * self._growth_until(end))
         if not error <= max(USABLE, allowed):

@@ -17,13 +17,12 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from crosscheck.errors import Unsupported
-from crosscheck.references.base import LONGEST, End, Piece, TruthError, scene_length, values_at
+from crosscheck.references.base import LONGEST, End, Piece, Series, TruthError, scene_length
 from crosscheck.references.modes import Law, laws_of
 from crosscheck.scene import mechanics
 from crosscheck.scene.armature import rate_row
@@ -188,9 +187,14 @@ class Maximal:
     @property
     def begin(self) -> End:
         """The start of the scene."""
-        begun = starting(self.scene)
-        begun.hinges = hinge_angles(self.scene, begun)
-        return End(self.packed(begun)[0])
+        return End(self.state_of(self.scene))
+
+    def state_of(self, start: Scene) -> np.ndarray:
+        """(18n + h,) the start of a scene of this system, with the whole turns of its hinges."""
+        begun = starting(start)
+        begun.hinges = hinge_angles(start, begun)
+        state: np.ndarray = self.packed(begun)[0]
+        return state
 
     def advance(self, end: End, until: float) -> tuple[list[Piece], End]:
         """The pieces from an end to `until` or beyond, and their end.
@@ -254,23 +258,18 @@ class Maximal:
         y[..., 3 * n:12 * n] = (0.5 * R @ (3 * np.eye(3) - np.swapaxes(R, -1, -2) @ R)).reshape(*y.shape[:-1], -1)
         return y
 
-    def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray], modes: np.ndarray | None = None
-                     ) -> States:
-        """States with accelerations at times t from `values(0)`, (T, dimension)."""
-        states = self.unpacked(t, self._orthogonal(values(0)))
+    def dense_states(self, t: np.ndarray, y: np.ndarray, modes: np.ndarray | None = None) -> States:
+        """States with accelerations at times t from state vectors (T, 18n + h)."""
+        states = self.unpacked(t, self._orthogonal(y))
         states.a, states.alpha, _ = self.accelerations(states)
         return states
 
     def run(self, times: np.ndarray | None = None, begin: States | None = None) -> States:
         """States at `times`, by default the output times, from the start of the scene, or one row, at the first."""
         times = self.scene.t if times is None else times
-        start = self.begin.state if begin is None else self.packed(begin)[0]
+        start = self.state_of(self.scene) if begin is None else self.packed(begin)[0]
         pieces, _ = self.advance(End(start, float(times[0])), float(times[-1]))
-        if not pieces:
-            return self.dense_states(times, lambda _: np.tile(start, (len(times), 1)))
-        stacked = (np.array([piece.start for piece in pieces]), np.zeros(len(pieces)),
-                   np.array([piece.coefficients for piece in pieces]))
-        return self.dense_states(times, functools.partial(values_at, stacked, times))
+        return self.dense_states(times, Series(pieces)(times) if pieces else np.tile(start, (len(times), 1)))
 
 
 @functools.cache

@@ -7,7 +7,7 @@ import functools
 import numpy as np
 
 from crosscheck.references import compute, conditioning
-from crosscheck.references.base import End, TruthError, scene_length
+from crosscheck.references.base import End, Series, TruthError, scene_length
 from crosscheck.references.defects import defects
 from crosscheck.references.dense_output import ROUNDOFF, USABLE
 from crosscheck.references.maximal import Maximal
@@ -77,10 +77,9 @@ class Members:
         until = min(conditions.horizon, member.duration)
         pieces, _ = series.advance(End(state), until)
         sizes, _ = defects(Maximal(member), series, pieces)
-        own = series.states(series.run(state, member.t), member.t)
-        known = states.t <= until
-        apart = max(float(np.abs(own.x - states.x)[known].max()) / scene_length(member),
-                    float(np.abs(own.R - states.R)[known].max()))
+        known = states.at(np.flatnonzero(states.t <= until))
+        own = series.dense_states(known.t, Series(pieces)(known.t))
+        apart = max(float(np.abs(own.x - known.x).max()) / scene_length(member), float(np.abs(own.R - known.R).max()))
         error = apart + conditions.within_horizon * float(np.linalg.norm(sizes))
         if not error <= max(USABLE, ROUNDOFF * conditions.within_horizon):
             raise TruthError(f"{member.name!r}: the formulations disagree by {error:.2e}")

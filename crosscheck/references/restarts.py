@@ -13,7 +13,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from crosscheck.errors import Unsupported
-from crosscheck.references.base import End, Piece
+from crosscheck.references.base import End, polynomial
 from crosscheck.references.modes import Mode
 from crosscheck.references.pieces import Label
 from crosscheck.references.tree_laws import Change, LawfulTaylor
@@ -50,15 +50,16 @@ class Interval:
     @functools.cached_property
     def end(self) -> States:
         """The state at its end, one row."""
-        return self.series.dense_states(np.array([self.reached.time]), lambda _: self.reached.state[None],
+        return self.series.dense_states(np.array([self.reached.time]), self.reached.state[None],
                                         self.series.table(self.reached.mode).reshape(1, -1))
 
     @property
     def acceleration(self) -> float:
         """The largest |a| over the length, or |alpha| + |w|^2, 1/s^2, at the ends and in the middle of its pieces."""
-        y = np.array([_values(piece, piece.length * np.array([0.0, 0.5, 1.0])) for piece in self.pieces])
+        y = np.array([polynomial(piece.coefficients, piece.length * np.array([0.0, 0.5, 1.0]))
+                      for piece in self.pieces])
         modes = np.repeat(np.array([piece.mode for piece in self.pieces]), 3, axis=0)
-        states = self.series.dense_states(np.zeros(len(modes)) + self.t, lambda _: y.reshape(len(modes), -1), modes)
+        states = self.series.dense_states(np.zeros(len(modes)) + self.t, y.reshape(len(modes), -1), modes)
         assert states.a is not None
         assert states.alpha is not None
         turning = np.linalg.norm(states.alpha, axis=-1) + np.linalg.norm(states.w, axis=-1) ** 2
@@ -71,8 +72,7 @@ class Interval:
 
     def _event(self, change: Change) -> Event:
         series = self.series
-        before, after = (series.dense_states(np.array([change.time]), lambda _, y=y: y[None],  # type: ignore[misc]
-                                             series.table(mode).reshape(1, -1))
+        before, after = (series.dense_states(np.array([change.time]), y[None], series.table(mode).reshape(1, -1))
                          for y, mode in ((change.state, change.mode), (change.resumed.state, change.resumed.mode)))
         jumps = [max(np.abs(np.linalg.norm(x, axis=-1)).max() / self.length, np.linalg.norm(turn, axis=-1).max())
                  for x, turn in ((after.v - before.v, after.w - before.w),
@@ -95,7 +95,7 @@ class Interval:
         slopes = np.abs(values[::2] - values[1::2]).reshape(-1, 2) / (2 * NUDGE)
         back = NUDGE * max(change.length, 1e-3)
         earlier = back * np.array([0.0, 1.0])
-        states = _values(change.piece, change.length - earlier)
+        states = polynomial(change.piece.coefficients, change.length - earlier)
         values = series.machine.surfaces(change.mode, t - earlier, states)[label]
         falls = abs(float(values[1] - values[0])) / back
         units = [1.0 if law.turns else self.length for law in series.laws]
@@ -124,9 +124,3 @@ def follow(scene: Scene, length: float, begins: Iterable[tuple[float, Scene]], l
         made.append(Interval(series, length, series.begun(series.state_of(start), t, modes[-1]), t + duration))
         modes.append(made[-1].reached.mode)
     return made, modes
-
-
-def _values(piece: Piece, tau: np.ndarray) -> np.ndarray:
-    """(T, dimension) values of a piece at times after its start."""
-    values: np.ndarray = tau[:, None] ** np.arange(piece.coefficients.shape[1]) @ piece.coefficients.T
-    return values

@@ -382,10 +382,9 @@ class Taylor:
             columns.append(angle)
         return np.array(columns).reshape(-1, len(states)).T
 
-    def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray], modes: np.ndarray | None = None
-                     ) -> States:
-        """States at times t from the values of the pieces; `values(k)` are those of the k-th derivative."""
-        return self.states(values(0), t)
+    def dense_states(self, t: np.ndarray, y: np.ndarray, modes: np.ndarray | None = None) -> States:
+        """States with accelerations at times t from state vectors (T, dimension)."""
+        return self.states(y, t)
 
 
 def safe_step(tc: np.ndarray) -> float:

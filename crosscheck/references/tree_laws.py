@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crosscheck.errors import Unsupported
-from crosscheck.references.base import LONGEST, End, Piece, TruthError, rounding, values_at
+from crosscheck.references.base import LONGEST, End, Piece, Series, TruthError, polynomial, rounding
 from crosscheck.references.generic import Matrix, Number, Vector
 from crosscheck.references.modes import AfterEvent, Law, Machine, Mode, Part, laws_of
 from crosscheck.references.monitors import Monitors
@@ -330,7 +330,7 @@ class LawfulTaylor(Taylor):
                 integrator.dtime = until, 0.0
             if crossing is not None:
                 length = crossing.after
-                state = _polynomial(series, np.array([length]))[0]
+                state = polynomial(series, np.array([length]))[0]
                 piece = Piece(*time, length, series, self.numbers.ravel())
                 time = _sum(time, length)
                 resumed = self.machine.after_event(time[0], state, mode, crossing.labels)
@@ -340,7 +340,7 @@ class LawfulTaylor(Taylor):
                 if time[0] >= scheduled:
                     resumed = self.machine.after_event(time[0], state, mode, ())
             if watched and not exactly and self.monitors is not None and piece.start < horizon and piece.length > 0.0:
-                fired = self.monitors.first(before, length, functools.partial(_polynomial, series),
+                fired = self.monitors.first(before, length, functools.partial(polynomial, series),
                                             functools.partial(np.add, piece.start), 0.0 if pieces else instant)
                 if fired is not None and piece.start + fired.after < horizon:
                     horizon = piece.start + fired.after
@@ -366,7 +366,7 @@ class LawfulTaylor(Taylor):
     def _on_step(self, mode: Mode, time: tuple[float, float], series: np.ndarray, before: float, tau: np.ndarray
                  ) -> Values:
         """Surfaces on a step, all of which is before what is scheduled: a function of time may jump there."""
-        return self.machine.surfaces(mode, np.minimum(time[0] + tau, before), _polynomial(series, tau))
+        return self.machine.surfaces(mode, np.minimum(time[0] + tau, before), polynomial(series, tau))
 
     def _grazed(self, label: Label) -> str:
         return f"joint {self.laws[label[0]].joint.name!r} grazes a change of its mode"
@@ -376,16 +376,13 @@ class LawfulTaylor(Taylor):
         times = self.scene.t if times is None else times
         start = self.begin if initial is None else self.begun(self.kept(initial, self.begin))
         pieces, _ = self.advance(start, float(times[-1]), watched=False)
-        stacked = (np.array([piece.start for piece in pieces]), np.array([piece.rest for piece in pieces]),
-                   np.array([piece.coefficients for piece in pieces]))
-        return values_at(stacked, times)
+        return Series(pieces)(times)
 
-    def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray], modes: np.ndarray | None = None
-                     ) -> States:
+    def dense_states(self, t: np.ndarray, y: np.ndarray, modes: np.ndarray | None = None) -> States:
         """As `Taylor.dense_states`, in the modes (T, 5 L) of these times."""
         assert modes is not None
         self.switches = modes.T.reshape(len(self.laws), 5, len(t))  # type: ignore[assignment]
-        return self.states(values(0), t)
+        return self.states(y, t)
 
 
 def _line(no_load_speed: float | None, way: int, side: int) -> tuple[float, float]:
@@ -393,14 +390,6 @@ def _line(no_load_speed: float | None, way: int, side: int) -> tuple[float, floa
     if no_load_speed is None or way * side < 0:
         return 1.0, 0.0
     return (0.0, 0.0) if abs(way) == 2 else (1.0, -side / no_load_speed)
-
-
-def _polynomial(series: np.ndarray, tau: np.ndarray) -> np.ndarray:
-    """(T, dimension) values of a step's series (dimension, order + 1) at times after its start."""
-    total = np.zeros((len(tau), len(series)))
-    for k in range(series.shape[1] - 1, -1, -1):
-        total = total * tau[:, None] + series[:, k]
-    return total
 
 
 def _sum(time: tuple[float, float], length: float) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from crosscheck.recordings.inputs import Signal, System
 from crosscheck.recordings.reading import read
 from crosscheck.recordings.validation import CRITICAL, MISSED, Fit, Log, poses, touches
 from crosscheck.references import dense
-from crosscheck.references.base import values_at
+from crosscheck.references.base import Series
 from crosscheck.scene.model import Force
 from crosscheck.scene.touching import Touching
 from tests.recordings import machines
@@ -167,8 +167,7 @@ def test_flow_meets_truth_across_breaks(scenes, right):
     pieces, _ = series.advance(series.begin, 0.5)
     assert series._integrator is compiled
     assert len(pieces) > 90
-    whole = tuple(np.array([getattr(piece, name) for piece in pieces]) for name in ("start", "rest", "coefficients"))
-    assert np.isfinite(values_at(whole, np.array([0.5]))).all()
+    assert np.isfinite(Series(pieces)(np.array([0.5]))).all()
 
 
 def test_alterations_are_those_of_other_models(scenes, tmp_path, right):

@@ -8,7 +8,6 @@ import pytest
 import crosscheck
 from crosscheck.errors import Unsupported
 from crosscheck.references import TruthError, compute, dense
-from crosscheck.references.base import piece_of
 from crosscheck.references.dense_output import Truth
 from crosscheck.references.maximal import Maximal
 from crosscheck.references.pieces import first_crossing
@@ -194,7 +193,7 @@ def test_accelerations_agree_in_every_mode(tmp_path):
     assert reference.disagreement <= reference.error <= 1e-11
     assert EVENTS["two joints stick and slip"] <= set(words(reference))
     t = made.t[1:]  # at rest at the start, friction has no direction yet
-    states, held = known.at(t), known._modes[piece_of(known._stacked[0], t)][:, ::5] > 0.5
+    states, held = known.at(t), known._values.modes_at(t)[:, ::5] > 0.5
     a, alpha, _ = Maximal(made).accelerations(states, held)
     for name, found, scale in (("a", a, 10.0), ("alpha", alpha, 100.0)):
         np.testing.assert_allclose(getattr(states, name), found, rtol=0, atol=1e-12 * scale)

@@ -86,7 +86,7 @@ SEEDS: list[tuple[object, str, Callable, Callable]] = [
     (laws.DryFriction, "force", grown, FRICTION), (laws.Limits, "force", grown, SOFT),
     (laws.Servo, "effort", grown, SERVO), (laws.Servo, "bounds", lambda ends: tuple(map(grown, ends)), LINE),
     (laws.Servo, "effort", grown, SAMPLED),
-    (defects_of._Passing, "_impact", lambda change: None if change is None else grown(change), BOUNCE),
+    (defects_of._Events, "_impact", lambda change: None if change is None else grown(change), BOUNCE),
 ]
 
 

@@ -18,7 +18,7 @@ import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.references import Chaotic, conditioning
-from crosscheck.references.tree import scene_length
+from crosscheck.references.base import scene_length
 from crosscheck.scene.model import Scene
 
 METHODS = ("taylor", "rkmk853")

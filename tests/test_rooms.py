@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import importlib.util
 import shutil
 
@@ -32,6 +34,17 @@ def test_few_rooms_floors_and_arrows(edges):
     assert len(between) <= 24
     assert sum(map(len, between.values())) <= 130  # eleven of compare; a test knows the verdict
     assert max(rooms.floors(between).values()) <= 10
+
+
+@pytest.mark.parametrize("folder", ["benchmarks", "examples", "tools"])
+def test_what_programs_beside_the_packages_import_is_there(folder):
+    for file in (ROOT / folder).glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith(("benchmarks", "crosscheck", "lieeuler")):
+                module = importlib.import_module(node.module)
+                for name in node.names:
+                    assert hasattr(module, name.name) or importlib.util.find_spec(f"{node.module}.{name.name}"), (
+                        f"{file.name}: {node.module} has no {name.name}")
 
 
 @pytest.mark.parametrize(("module", "line", "said"), [

@@ -127,7 +127,8 @@ def settings(given: Iterable[str] | None) -> dict[str, Any]:
         if not name or not text:
             raise ArgumentError(f"--set: {each!r} is not KEY=VALUE, such as reduce=off")
         if name in ("method", "step", "rtol", "form", "samples", "duration"):
-            raise ArgumentError(f"--set: {name} is no option of the engine's own; give --{name}")
+            raise ArgumentError(f"--set: {name} is no option of the engine's own; commands in which it can be chosen, "
+                                f"such as run, take --{name}")
         try:
             read[name] = text == "true" if text in ("true", "false") else float(text)
         except ValueError:

@@ -116,7 +116,8 @@ class MuJoCo(Forms):
         model = build(scene, spec.method, stepping.fixed_step(scene, spec)[1], form, softness)
         data = mujoco.MjData(model)
         set_initial_state(scene, model, data)
-        bench = build(models.without_bounces(scene), "Euler", model.opt.timestep, form, softness, True)
+        kind = "discrete" if spec.method == "discrete" else "Euler"
+        bench = build(models.without_bounces(scene), kind, model.opt.timestep, form, softness, True)
         held = Held(scene, model.opt.timestep)
         accelerate, convert = _evaluation(scene, bench, held, form)
         with listening() as warnings, _controlled(models.controls(scene)):
@@ -132,9 +133,10 @@ def _evaluation(scene: Scene, model: mujoco.MjModel, held: Held, form: str
                 ) -> tuple[Callable[..., np.ndarray], stepping.Convert]:
     """Two functions: (t, q, v) -> values of the `OBSERVED` sensors, row by row, and these -> states.
 
-    After a step MuJoCo's accelerations are those of its start, so they are evaluated again here. `model` has the
-    sensors and steps with Euler, because with `discrete` qacc is the velocity change of a step and not a derivative.
-    The sensor values of one step from a state are those of that state.
+    After a step MuJoCo's accelerations are those of its start, so they are evaluated again here, by `model`, which has
+    the sensors. Those of `discrete` are the changes of velocities over the next step, as MuJoCo's own: what its soft
+    constraints give follows from the end of the step, and at the state itself it would be twice as much in a joint that
+    friction holds. The sensor values of one step from a state are those of that state.
     """
     import mujoco
     import mujoco.rollout

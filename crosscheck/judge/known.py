@@ -11,7 +11,12 @@ MARGIN = 1.5
 
 def excuses(entry: Known, finding: Finding) -> bool:
     """Whether a failing finding is of a row and a size that the defect explains."""
-    most = entry.rows.get(finding.kind)
-    if most is None or finding.value is None:
-        return most is not None and finding.about == "asked"
-    return finding.value <= MARGIN * most * (finding.size or 1.0)
+    if finding.value is None:
+        return finding.kind in entry.rows and finding.about == "asked"
+    return covers(entry, finding.kind, finding.value, finding.size)
+
+
+def covers(entry: Known, kind: str, value: float, size: float | None) -> bool:
+    """Whether a defect explains this value of a row, of a quantity of this size."""
+    most = entry.rows.get(kind)
+    return most is not None and value <= MARGIN * most * (size or 1.0)

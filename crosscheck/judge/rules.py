@@ -52,6 +52,11 @@ class Check:
     detail: str = ""  # all from which value and uncertainty follow by hand
 
     @property
+    def kind(self) -> str:
+        """The rule and the row, as findings say them."""
+        return f"{self.rule} {self.name}".strip()
+
+    @property
     def uncertainty(self) -> float:
         """U."""
         return float(sum(self.parts.values()))
@@ -90,18 +95,18 @@ def detail_of(scene: Scene, times: np.ndarray, answers: Sequence[tuple[float, np
 
 def findings(checks: Iterable[Check], spans: Sequence[tuple[float, float]]) -> list[Finding]:
     """One finding a rule and row: the worst segment, with how many there are of each status."""
-    grouped: dict[tuple[Rule, str], list[Check]] = {}
+    grouped: dict[str, list[Check]] = {}
     for check in checks:
-        grouped.setdefault((check.rule, check.name), []).append(check)
+        grouped.setdefault(check.kind, []).append(check)
     made = []
-    for (rule, name), group in grouped.items():
+    for kind, group in grouped.items():
         worst = max(group, key=lambda check: check.severity)
         begin, end = spans[worst.segment]
         parts = ", ".join(f"{part} {value:.3g}" for part, value in worst.parts.items() if value)
         counted = ", ".join(f"{sum(each.status == status for each in group)} {status}" for status in
                             ("fail", "unresolved", "ok") if any(each.status == status for each in group))
-        made.append(Finding(f"{rule} {name}".strip(), worst.status, worst.value, worst.uncertainty,
-                            UNITS.get(name, "1"), WHY[rule],
+        made.append(Finding(kind, worst.status, worst.value, worst.uncertainty, UNITS.get(worst.name, "1"),
+                            WHY[worst.rule],
                             f"segment {begin:.6g} to {end:.6g} s; U = {parts or '0'}; "
                             f"{worst.detail}; segments: {counted}", worst.size if math.isfinite(worst.size) else None))
     return made

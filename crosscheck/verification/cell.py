@@ -106,7 +106,9 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
     overrides : tolerances of the user
     planned : whether it was run as the library plans it, so that known defects have to show
     """
-    engine, found = adapters.get(run.engine), solution.judge(run, scene, traj, reference, no_truth)
+    engine = adapters.get(run.engine)
+    known = defects(engine, run)
+    found = solution.judge(run, scene, traj, reference, no_truth, known)
     per, step = (0, 0.0) if run.step is None else steps_per_sample(scene, run.step)
     own = traj if reference is None else corrected_at_impacts(scene, traj, reference, step)
     missed = {} if reference is None else errors(scene, own, reference.states, reference.horizon) | of_sensors(
@@ -121,7 +123,7 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
         order=found.order)
     asked, more = tolerated(overrides, made, None if reference is None else reference.horizon)
     made = replace(made, shares=shares | more)
-    return with_outcome(made, findings + asked, defects(engine, run), planned=planned)
+    return with_outcome(made, findings + asked, known, planned=planned)
 
 
 def _measured(run: Record, scene: Scene, traj: Trajectory, own: Motion, reference: Reference | None,

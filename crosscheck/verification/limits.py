@@ -18,6 +18,8 @@ from crosscheck.compare.order import (
     observed_order,
     spread_of_tolerances,
 )
+from crosscheck.document.known import Known
+from crosscheck.judge.known import covers
 from crosscheck.judge.rules import RESOLVED, Check, Rule, detail_of, limit_check
 from crosscheck.judge.segments import Segment
 from crosscheck.verification.questions import Answers
@@ -31,31 +33,44 @@ ACCELERATIONS = ("acceleration", "angular acceleration")
 class Limits:
     """The checks of limits, by what the answers are uncertain by."""
 
-    def __init__(self, uncertainty: Uncertainty) -> None:
-        self.uncertainty, self.questions = uncertainty, uncertainty.questions
+    def __init__(self, uncertainty: Uncertainty, known: Sequence[Known] = ()) -> None:
+        self.uncertainty, self.questions, self.known = uncertainty, uncertainty.questions, known
         self.p, self.sizes = uncertainty.p, uncertainty.sizes
 
     def checks(self, answers: Sequence[Answers]) -> list[Check]:
-        """R2 in every segment, with finer steps where it fails, or is unresolved and they would mend it."""
+        """R2 in every segment, with finer steps where it fails, or is unresolved and they would mend it.
+
+        What a known defect of this size explains is not asked again.
+        """
         made = {asked.k: self._segment(asked) for asked in answers}
-        suspects = sorted((asked for asked in answers if _mendable(made[asked.k])),
+        suspects = sorted((asked for asked in answers if self._mendable(made[asked.k])),
                           key=lambda asked: max(check.severity for check in made[asked.k]), reverse=True)
         for asked in suspects:
-            accused = _fails(made[asked.k])
+            accused = self._fails(made[asked.k])
             for _ in range(HALVINGS):
-                if not _mendable(made[asked.k]) or not self.questions.refine(asked):
+                if not self._mendable(made[asked.k]) or not self.questions.refine(asked):
                     break
                 made[asked.k] = refined(made[asked.k], self._segment(asked))
-            if _fails(check for check in made[asked.k] if check.rule == "limit") and self.questions.confirm(asked):
+            if self._fails(check for check in made[asked.k] if check.rule == "limit") and self.questions.confirm(asked):
                 made[asked.k] = refined(made[asked.k], self._segment(asked))
-            if _fails(made[asked.k]):
+            if self._fails(made[asked.k]):
                 break  # one is enough: the other segments stand as they were asked
             if accused:  # by a coarse answer, which the engine has to give again
                 made[asked.k] += self.uncertainty.repeated(asked)
-        failed = {k for k, checks in made.items() if _fails(checks)}
+        failed = {k for k, checks in made.items() if self._fails(checks)}
         finer = {asked.k for asked in answers if asked.steps[3:]}
         return [check for k, checks in made.items() for check in checks
                 if check.status != "fail" or k in finer or not failed & finer] + self._promised(answers)
+
+    def _fails(self, checks: Iterable[Check]) -> bool:
+        """Whether one fails that no known defect explains."""
+        return any(check.status == "fail" and not any(covers(each, check.kind, check.value, check.size)
+                                                      for each in self.known) for check in checks)
+
+    def _mendable(self, checks: Sequence[Check]) -> bool:
+        """Whether a finer step has to be tried: one fails, or is unresolved by what a step leaves."""
+        return self._fails(checks) or any(check.status == "unresolved" and check.uncertainty - check.parts.get(
+            "extrapolation", 0.0) <= RESOLVED * check.size for check in checks)
 
     def _segment(self, asked: Answers) -> list[Check]:
         """R2 in one segment, by the three finest answers, and by the one that a refinement replaced."""
@@ -154,16 +169,6 @@ class Limits:
                 made.append(Check("order", name, k, max(0.0, order - orders[k]), {"margin": MARGIN}, math.inf,
                                   f"less those of the states, observed {orders[k]:.3g} of {order}"))
         return made
-
-
-def _fails(checks: Iterable[Check]) -> bool:
-    return any(check.status == "fail" for check in checks)
-
-
-def _mendable(checks: Sequence[Check]) -> bool:
-    """Whether a finer step has to be tried: one fails, or is unresolved by what a step leaves."""
-    return any(check.status == "fail" or (check.status == "unresolved" and check.uncertainty - check.parts.get(
-        "extrapolation", 0.0) <= RESOLVED * check.size) for check in checks)
 
 
 def refined(before: Sequence[Check], after: Sequence[Check]) -> list[Check]:

@@ -16,6 +16,7 @@ from crosscheck.compare.apart import ROUNDED, STATE, apart, largest
 from crosscheck.compare.order import SAFETY
 from crosscheck.compare.sizes import at_rest, sizes
 from crosscheck.document import Finding, Order, Record, Rung
+from crosscheck.document.known import Known
 from crosscheck.errors import Unsupported
 from crosscheck.judge.rounding import EPS
 from crosscheck.judge.rules import WHY, Check, findings, shares, visible
@@ -62,7 +63,7 @@ class Solution:
     """The rules on one run; `truth` is None where there is none, for the reason `why`."""
 
     def __init__(self, run: Record, scene: Scene, traj: Trajectory, truth: Reference | None,
-                 why: str = "") -> None:
+                 why: str = "", known: Sequence[Known] = ()) -> None:
         self.scene, self.traj, self.truth = scene, traj, truth
         self.sizes = sizes(scene, own_states(traj) if truth is None else truth.states)
         self.flow, self.why = None, why
@@ -74,7 +75,7 @@ class Solution:
         self.questions = Questions(run, scene, traj, self.sizes)
         self.probe, self.p = self.questions.probe, self.questions.p
         self.uncertainty = Uncertainty(self.questions, truth, self.flow)
-        self.limits = Limits(self.uncertainty)
+        self.limits = Limits(self.uncertainty, known)
         self.segments: list[Segment] = []
         self.checks: list[Check] = []
         opened = max(float(np.max(traj.constraint_position)) / self.sizes["position"],
@@ -248,6 +249,10 @@ class Solution:
                 f"ask for a smaller {'step' if self.p is not None else 'tolerance'}")
 
 
-def judge(run: Record, scene: Scene, traj: Trajectory, truth: Reference | None, why: str = "") -> Verdict:
-    """The verdict on one run; without a truth, for the reason `why`, it is unresolved unless something fails."""
-    return Solution(run, scene, traj, truth, why and f"no truth: {why}").verdict()
+def judge(run: Record, scene: Scene, traj: Trajectory, truth: Reference | None, why: str = "",
+          known: Sequence[Known] = ()) -> Verdict:
+    """The verdict on one run; without a truth, for the reason `why`, it is unresolved unless something fails.
+
+    `known`: defects of the engine; what they explain is not asked at finer steps.
+    """
+    return Solution(run, scene, traj, truth, why and f"no truth: {why}", known).verdict()

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order", "error of its size",
                                               "would have shown", "resolved", "energy error", "us/step"))
+NAMED = 3
+"""Most runs of one documented order whose observed orders are printed one by one."""
+
 STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupported": "dim"}
 
 
@@ -185,6 +188,7 @@ def _print_published(literature: Sequence[published.Figure]) -> None:
 
 def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
     """Print one line for all runs of an engine on a scene that have one outcome and nothing wrong."""
+    from crosscheck.document import grouped
     from crosscheck.report.headline import OUTCOMES, judged_share, share_words
 
     best, first = min(right, key=lambda record: record.error), right[0]
@@ -195,8 +199,14 @@ def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
     if math.isfinite(best.error):
         who = best.label.removeprefix(f"{engine} ")
         line += f", least error {best.error:.1e} of its size, by {who} at {_size(best)}"
-    orders = [f"{record.label.removeprefix(f'{engine} ')} {record.order.observed:.2f}, documented "
-              f"{record.documented_order}" for record in right if record.order is not None]
+    shown = grouped(((record, record.order.observed) for record in right if record.order is not None),
+                    lambda pair: pair[0].documented_order)
+    orders = list[str]()
+    for documented, pairs in shown.items():
+        seen = [observed for _, observed in pairs]
+        many = [f"{min(seen):.2f} to {max(seen):.2f} of {len(seen)} runs"] if len(seen) > NAMED else [
+            f"{record.label.removeprefix(f'{engine} ')} {observed:.2f}" for record, observed in pairs]
+        orders += [f"{each}, documented {documented}" for each in many]
     if orders:
         line += f"; observed order: {'; '.join(orders)}"
     say(line)

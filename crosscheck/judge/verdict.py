@@ -24,7 +24,7 @@ def with_outcome(run: Record, findings: list[Finding], defects: Sequence[Known] 
     """
     for entry in defects:
         excused = [each for each in findings if each.status == "fail" and known.excuses(entry, each)]
-        findings = [replace(each, status="known", detail=f"{entry.reason}; {each.detail}") if each in excused else each
+        findings = [replace(each, status="known", why=entry.reason) if each in excused else each
                     for each in findings]
         if entry.always and not any(each.status in ("fail", "known") and each.kind in entry.rows for each in findings):
             findings.append(Finding("asked vanished", "fail" if planned else "ok", None, None, "", f"a known defect no "

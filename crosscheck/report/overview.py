@@ -6,10 +6,14 @@ import collections
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
-from typing import get_args
+from typing import Any, get_args
+
+import numpy as np
 
 from crosscheck.document import ENDED, Change, Document, Finding, Record, Scene, grouped
+from crosscheck.document.curves import Packed
 from crosscheck.document.outcomes import KINDS, Outcome
+from crosscheck.report.figures import unpack
 from crosscheck.report.headline import OUTCOMES, judged_share
 
 SEVERITY: tuple[Outcome, ...] = get_args(Outcome)
@@ -89,6 +93,62 @@ def by_method(document: Document) -> dict[str, list[tuple[str, dict[str, Record]
     return grouped(rows, lambda row: next(iter(row[1].values())).engine)
 
 
+FEW = 24
+"""Runs that the first table holds one by one; of more, one an engine and scene."""
+
+
+def first_rows(document: Document) -> list[Record]:
+    """The runs of the first table, scene by scene, with lieeuler last: a reader looks for the engine that he uses.
+
+    All, if they are few; else the run to trust of each engine on each scene, or the worst where none is.
+    """
+    order = {scene.name: number for number, scene in enumerate(document.scenes)}
+    rows = sorted(document.records, key=lambda record: (
+        order.get(record.scene, len(order)), record.engine == "lieeuler"))
+    if len(rows) <= FEW:
+        return rows
+    trusted = {(scene.name, row.engine): row.recommended.runs[0] for scene in document.scenes for row in scene.engines
+               if row.recommended is not None}
+    return [next((record for record in records if record.label == trusted.get(pair)),
+                 min(records, key=lambda record: SEVERITY.index(record.outcome)))
+            for pair, records in _pairs(rows).items()]
+
+
+DRAWN = 6
+"""Most failing runs whose errors the first page draws."""
+
+
+def pictures(document: Document) -> dict[tuple[str, str], Any]:
+    """By scene and label of the worst failing runs: their errors over time as SVG."""
+    import markupsafe
+
+    times = {scene.name: scene.curves.t for scene in document.scenes}
+    made: dict[tuple[str, str], Any] = {}
+    for record in document.records:
+        known = {name: curve for name, curve in record.curves.errors.items() if isinstance(curve, Packed)}
+        if record.outcome != "fail" or not known or len(made) == DRAWN or record.worst is None:
+            continue
+        name = record.worst.row if record.worst.row in known else next(iter(known))
+        values = np.maximum(unpack(known[name]), np.finfo(float).tiny)
+        t = np.array(times[record.scene])[:len(values)]
+        keep = np.isfinite(values) & (values > np.finfo(float).eps * np.nanmax(values, initial=0.0))
+        if keep.sum() < len(("begin", "end")):
+            continue
+        low, high = np.log10(values[keep]).min(), np.log10(values[keep]).max()
+        x = WIDE * t[keep] / t[-1]
+        y = HIGH * (1.0 - (np.log10(values[keep]) - low) / max(high - low, 1.0))
+        points = " ".join(f"{a:.0f},{b:.1f}" for a, b in zip(x, y, strict=True))
+        unit = record.errors[name].unit if name in record.errors else ""
+        made[record.scene, record.label] = markupsafe.Markup(
+            '<figure><svg class="spark" viewBox="-2 -2 {} {}" role="img" aria-label="{}"><polyline points="{}"/></svg>'
+            "<figcaption>Error of {} over the {:.3g} s of the run, from {:.1e} to {:.1e} {}, on a logarithmic scale: a "
+            "mistake of the model grows from the start, one of an event begins there.</figcaption></figure>").format(
+            WIDE + 4, HIGH + 4, f"error of {name} over time", points, name, float(t[-1]), 10**low, 10**high, unit)
+    return made
+
+
+WIDE, HIGH = 320, 60
+"""Size of such a picture, px."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,7 +189,7 @@ def _matter(record: Record, finding: Finding | None) -> str:
     if record.outcome == "error" or finding is None:
         return "did not run"
     if record.outcome == "known":
-        return str(finding.detail or finding.why)
+        return finding.why
     if finding.kind == "asked end":
         return "did not reach its end" if finding.why == ENDED else "printed text that nobody reads"
     return KINDS[finding.about].title

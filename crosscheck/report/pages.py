@@ -160,6 +160,7 @@ def _overview(template: str, document: Document) -> str:
         by_engine={engine: overview.counted([record for record in records if record.engine == engine])
                    for engine in document.meta.engines},
         counts=overview.summary_counts(records), worst=overview.worst_first(records, document.changes),
+        right=overview.first_rows(document), pictures=overview.pictures(document) if "html" in template else {},
         advice=overview.recommended(document.scenes), accurate=accurate, leaders=overview.leaders(document.scenes),
         advised={each.scene for each in document.advice or []}, advice_rows=msgspec.to_builtins(document.advice))
 

@@ -201,8 +201,11 @@ def _named(document: Document, names: Mapping[str, tuple[str, str]]) -> Document
     words = {file: word for file, (_, word) in names.items()}
     known = {file: name for file, (name, _) in names.items()}
     replace = msgspec.structs.replace
-    commands = [renamed(record.command, words) for record in document.records]
-    bare: Document = renamed(replace(document, records=[replace(record, command="") for record in document.records]),
-                             known)
-    return replace(bare, meta=renamed(document.meta, words), records=[
-        replace(record, command=command) for record, command in zip(bare.records, commands, strict=True)])
+
+    def rows(given: Sequence[Any]) -> list[Any]:
+        return [replace(renamed(replace(each, command=""), known), command=renamed(each.command, words))
+                for each in given]
+
+    bare: Document = renamed(replace(document, records=[], advice=None), known)
+    return replace(bare, meta=renamed(document.meta, words), records=rows(document.records),
+                   advice=None if document.advice is None else rows(document.advice))

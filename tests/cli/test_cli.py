@@ -127,7 +127,7 @@ def test_truth_is_printed_up_to_a_horizon_before_the_first_output(monkeypatch):
     (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--set", "reduce=off"),
      "reduce: mujoco does not have this option; it has form, softness"),
     (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--set", "form=tree"),
-     "give --form"),
+     "commands in which it can be chosen, such as run, take --form"),
     (("run", "single_pendulum", "--set", "reduce"), "is not KEY=VALUE"),
     (("verify", "--engine", "mujoco", "--set", "reduce=off"), "allowed: softness"),
     (("verify", "--engine", "lieeuler", "--set", "reduce=of"), "did you mean 'off'"),

@@ -41,8 +41,7 @@ SECOND = Order(documented=4, observed=2.0, median=2.0, segments=8)
 
 def made_up():
     """Passes, a known defect and a failure, of two engines on two scenes."""
-    known = Finding("order", "known", 2.0, 0.5, "1", "the documented order less 1/2",
-                    "a sum of rates is of second order where a joint turns on SO(3)")
+    known = Finding("order", "known", 2.0, 0.5, "1", "a sum of rates is of second order where a joint turns on SO(3)")
     made = document([
         record(findings=FINE), record(method="Euler", error=3.2e-4),
         record(engine="pinocchio", method="RKMK4", error=1.8e-12, findings=FINE[:1]),

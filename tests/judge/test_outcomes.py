@@ -101,7 +101,7 @@ KNOWN = Known("fake", ("1",), ("Plain",), {"limit position": 0.5, "asked end": 0
 def test_a_known_defect_excuses_up_to_half_more_than_the_size_that_was_measured(value, size, outcome):
     run = settled([found("limit position", "fail", value, 1e-3, size)], KNOWN)
     assert run.outcome == outcome
-    assert run.findings[0].detail.startswith(KNOWN.reason) == (outcome == "known")
+    assert (run.findings[0].why == KNOWN.reason) == (outcome == "known")
 
 
 def test_a_known_defect_excuses_its_rows_and_no_other():

@@ -84,7 +84,7 @@ def test_nothing_is_computed_twice(local):
 def test_the_page(local):
     folder, frame = local
     page = (folder / "index.html").read_text()
-    assert "Worst cells" in page
+    assert "Which cells are worst?" in page
     assert frame.sort_values("position_error")["cell"].iloc[-1] in page
 
 

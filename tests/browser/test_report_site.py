@@ -216,6 +216,7 @@ def test_the_theme_follows_the_system_and_the_button_and_stays(watched):
 def test_links_and_menus_lead_through_the_site(watched):
     page = watched.open("index.html")
     assert "beyond rounding" in page.locator("#changes ~ .scroll table").first.inner_text()
+    page.locator("summary", has_text="How do the engines compare").click()
     page.locator("a.tile").first.click()
     page.wait_for_url(re.compile(r"scene-double_pendulum\.html\?engine=lieeuler#runs"))
     assert set(column(page, "runs", 0)) == {"lieeuler"}

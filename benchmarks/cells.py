@@ -27,12 +27,12 @@ import crosscheck
 import lieeuler
 from crosscheck import adapters
 from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.compare.timing import undisturbed
 from crosscheck.errors import CrosscheckError
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.studies import work_precision as study
 from crosscheck.verification.ladder import GradedWay, ladder, reference, ways
-from crosscheck.verification.speed import undisturbed
 
 GOALS = {1e-2: 1.0, 1e-3: 2.0, 1e-6: 5.0, 1e-9: 5.0}
 """Wanted values by error."""

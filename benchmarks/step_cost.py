@@ -23,8 +23,8 @@ from typing import Any
 
 import crosscheck
 import lieeuler
+from crosscheck.compare.timing import undisturbed
 from crosscheck.running import provenance
-from crosscheck.verification.speed import undisturbed
 
 EULER, FAST = ("mujoco", "Euler"), ("mujoco", "implicitfast")
 SCENES = {"single_pendulum": (1e-3, EULER), "double_pendulum": (1e-3, EULER), "squeezer": (1e-5, FAST)}

@@ -21,6 +21,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from crosscheck.compare.sizes import natural_time, sizes
+from crosscheck.compare.timing import take_turns, undisturbed
 from crosscheck.document import Part, grouped
 from crosscheck.errors import CrosscheckError, EngineDied, Unsupported, errors_as, said
 from crosscheck.jobs.table import Session
@@ -41,7 +42,7 @@ from crosscheck.verification.ladder import (
     ways,
     with_errors,
 )
-from crosscheck.verification.speed import spread, stepping_time, take_turns, undisturbed
+from crosscheck.verification.speed import spread, stepping_time
 
 LEVELS = tuple(10.0**-power for power in range(2, 12))
 """The errors at which costs are compared."""
@@ -179,15 +180,15 @@ def measure(scene: Scene, chosen: Sequence[GradedWay], truth: Reference, repeats
             timers[len(rungs)] = series.timer(rtol)
             rungs.append(series.rung(rtol))
     keep(rungs)
-    places, before = [place for place, rung in enumerate(rungs) if rung.status == "success"], -1
-    times: dict[int, list[tuple[float, float]]] = {place: [] for place in places}
-    turns = take_turns([timers[place] for place in places], repeats, MOST_TRIES, PATIENCE)
-    for done, (number, result) in enumerate(turns):
-        place = places[number]
-        progress(done + 1, repeats * len(places), f"{scene.name}: time of {rungs[place].label}")
-        if number <= before:
+    times: dict[int, list[tuple[float, float]]] = {
+        place: [] for place, rung in enumerate(rungs) if rung.status == "success"}
+    turns, before = take_turns({place: functools.partial(undisturbed, timers[place], MOST_TRIES, PATIENCE)
+                                for place in times}, repeats), -1
+    for done, (place, result) in enumerate(turns):
+        progress(done + 1, repeats * len(times), f"{scene.name}: time of {rungs[place].label}")
+        if place <= before:
             keep(rungs)
-        before = number
+        before = place
         if isinstance(result, CrosscheckError):  # it ran in the first pass, but fails now
             rungs[place] = replace(rungs[place], status="failed", reason=f"when timed: {said(result)}")
             continue

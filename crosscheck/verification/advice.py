@@ -26,6 +26,7 @@ from msgspec.structs import replace
 
 from crosscheck import references
 from crosscheck.compare.errors import up_to
+from crosscheck.compare.timing import take_turns, undisturbed
 from crosscheck.document import QUANTITIES, Advice, Record, SceneTruth, Way, extended
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said, unknown
 from crosscheck.references.base import Reference
@@ -33,7 +34,7 @@ from crosscheck.running import versions
 from crosscheck.scene.file import as_scene, load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.verification.ladder import STAGE, Climb, GradedWay, Ladder, Rung, key, ways
-from crosscheck.verification.speed import stepping_time, take_turns
+from crosscheck.verification.speed import stepping_time
 
 Wanted = float | dict[str, float]
 """An error: of every quantity over its size, or in SI by quantity."""
@@ -179,12 +180,11 @@ class _Search:
         names = {id(rung): name for name, rung in self.ladder.rungs.items()}
         rivals = {names[id(rung)]: rung for rung in self.ladder.reaching(wanted)
                   if _cost(rung) <= most and TRIES * ROUNDS * _cost(rung) < self._left()}
-        taken = take_turns([functools.partial(stepping_time, self._climb.scene, rung) for rung in rivals.values()],
-                           ROUNDS, TRIES, SHORT)
         times: dict[str, list[float]] = {name: [] for name in rivals}
-        for index, time in taken:
+        for name, time in take_turns({name: functools.partial(undisturbed, functools.partial(
+                stepping_time, self._climb.scene, rung), TRIES, SHORT) for name, rung in rivals.items()}, ROUNDS):
             if not isinstance(time, CrosscheckError):  # a failure leaves the time that is known
-                times[list(rivals)[index]].append(time[0])
+                times[name].append(time[0])
         for name, own in times.items():
             if own:
                 self.ladder.rungs[name] = replace(rivals[name], wall_ms=1e3 * min(own), repeats=len(own))

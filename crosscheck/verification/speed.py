@@ -8,16 +8,26 @@ take turns, every round is a new process, and the result is the median of all tu
 from __future__ import annotations
 
 import dataclasses
+import functools
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any, TypeVar
 
 from msgspec.structs import replace
 
 from crosscheck import references
 from crosscheck.adapters import built_in
 from crosscheck.compare.errors import errors
+from crosscheck.compare.timing import (
+    CALIBRATION,
+    PATIENCE,
+    TRIES,
+    calibration_kernel,
+    take_turns,
+    undisturbed,
+)
 from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way, extended, grouped
 from crosscheck.errors import CrosscheckError, EngineDied
 from crosscheck.files import digest
@@ -30,16 +40,13 @@ from crosscheck.scene.model import Scene
 from crosscheck.verification.plan import RTOLS, profile
 from crosscheck.verification.trust import NOISE_DEVIATIONS
 
-CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (numpy.linalg.solve)"
-"""The calibration kernel: compiled loops over small matrices, as in a multibody step, without any engine's code. The
-few matrices stay in the innermost cache, as the data of a step does. With 800 matrices at once, the ratio of a method
-varied twice as much between processes on a loaded machine."""
-
 Pair = tuple[float, float]
 """Time per step (s) of a run, and that of the calibration kernel."""
 End = tuple[int, float]
 """Steps of a run, and its error of position at the end, m."""
 Timed = tuple[list[Pair], End | None]
+
+Found = TypeVar("Found")
 
 REPEATS = 3
 """Number of turns of each run in one round."""
@@ -52,17 +59,8 @@ SHARE, STEPPING, LEAST = 8, 4.0, 1.5
 stepping; it is doubled until it takes STEPPING times as long as that one, or is as long as the scene. Where it then
 takes less than LEAST times as long, the difference is noise, and the whole call counts."""
 
-TRIES, PATIENCE = 3, 12
-"""A turn is the fastest of TRIES undisturbed tries, out of at most PATIENCE tries."""
-
-LONG = 0.01
-"""After this time (s, with the building of models) one undisturbed try is enough, as long runs average noise out."""
-
 ONCE = 0.1
-"""Runs that take more processor time (s, with the building of models) have one turn per round and none to warm up."""
-
-WAITED = 0.03
-"""Largest share of waiting in an undisturbed try."""
+"""Runs that take more processor time (s, with the building of models) have one turn per round."""
 
 COARSER = (8, 4, 2, 1)
 """Steps at which time is shown against error, over that of the main run."""
@@ -103,36 +101,46 @@ class Round:
 
 
 def time_round(task: Round) -> list[Timed]:
-    """For each burst, pairs (s per step, s of the calibration kernel), none for a run that fails, and its end."""
-    scene = load_scene(task.scene)
-    kernel = calibration_kernel()
-    kernel()
-    samples: list[list[Pair]] = [[] for _ in task.bursts]
-    spans: list[tuple[float, ...] | None] = [()] * len(task.bursts)  # of runs, s; None: no more turns
-    for turn in range(task.repeats + 1):
-        before = kernel()
-        for index, burst in enumerate(task.bursts):
-            if (span := spans[index]) is None:
-                continue
+    """For each burst, pairs (s per step, s of the calibration kernel), none for a run that fails, and its end.
+
+    What fails is recorded by the main run of the same cell. Raises `EngineDied`.
+    """
+    scene, kernel = load_scene(task.scene), calibration_kernel()
+
+    def turns(function: Callable[..., Found], given: Mapping[int, tuple[Any, ...]], rounds: int
+              ) -> Iterator[tuple[int, Found, float]]:
+        def run(index: int) -> Found:
             child.at(str(index))
-            try:  # the first turn fills caches
-                spans[index] = span = span or _spans(scene, burst)
-                began = time.process_time()  # a run that had to wait for the processor is not a long one
-                seconds = _seconds_per_step(scene, burst, span, most=PATIENCE // len(span) if turn else 1)
-            except EngineDied:
-                raise
-            except CrosscheckError:  # failures are recorded by the main run of the same cell
-                spans[index] = None
-                continue
-            long = time.process_time() - began > ONCE
-            after = kernel()
-            if long:
-                spans[index] = None
-            if turn or long:
-                samples[index].append((seconds, 0.5 * (before + after)))
-            before = after
+            return function(scene, task.bursts[index], *given[index])
+
+        before = kernel()
+        for index, found in take_turns({index: functools.partial(run, index) for index in given}, rounds):
+            if isinstance(found, EngineDied):
+                raise found
+            if not isinstance(found, CrosscheckError):
+                after = kernel()
+                yield index, found, 0.5 * (before + after)
+                before = after
+
+    samples: list[list[Pair]] = [[] for _ in task.bursts]
+    short: dict[int, tuple[tuple[float, ...], int]] = {}
+    for index, (spans, seconds), beside in turns(_begun, dict.fromkeys(range(len(task.bursts)), ()), 1):
+        if seconds is None:
+            short[index] = spans, PATIENCE // len(spans)
+        else:
+            samples[index].append((seconds, beside))
+    for index, seconds, beside in turns(_seconds_per_step, short, task.repeats):
+        samples[index].append((seconds, beside))
     return [(pairs, _end(scene, burst) if pairs and burst.until else None)
             for burst, pairs in zip(task.bursts, samples, strict=True)]
+
+
+def _begun(scene: Scene, burst: Burst) -> tuple[tuple[float, ...], float | None]:
+    """The spans of a burst, and its seconds per step if one turn is enough; the run fills caches."""
+    spans = _spans(scene, burst)
+    began = time.process_time()  # a run that had to wait for the processor is not a long one
+    seconds = _seconds_per_step(scene, burst, spans, 1)
+    return spans, seconds if time.process_time() - began > ONCE else None
 
 
 def _end(scene: Scene, burst: Burst) -> End | None:
@@ -182,62 +190,12 @@ def _seconds_per_step(scene: Scene, burst: Burst, spans: tuple[float, ...], most
     return (seconds - call) / (steps - few) if call < seconds and few < steps else seconds / steps
 
 
-def undisturbed(once: Callable[[], float], most: int = PATIENCE, long: float = LONG) -> tuple[float, float]:
-    """The seconds that `once` returns and the other seconds that it took, in the fastest undisturbed try.
-
-    Ends after TRIES undisturbed tries, after `most` tries in all, or after an undisturbed one when `long` (s) is over.
-    """
-    clean: list[Pair] = []
-    others: list[Pair] = []
-    began = time.perf_counter()
-    while len(clean) < TRIES and len(clean) + len(others) < most:
-        if clean and time.perf_counter() - began > long:
-            break
-        start, worked = time.perf_counter(), time.process_time()
-        seconds = once()
-        took = time.perf_counter() - start
-        waited = took - (time.process_time() - worked)
-        (clean if waited <= WAITED * seconds + 1e-5 else others).append((seconds, took - seconds))
-    return min(clean or others)
-
-
 def stepping_time(scene: Scene, way: Way, samples: int | None = None) -> float:
     """Stepping time (s) of a run. Raises its error if it fails."""
     outcome = attempt(scene, way, monitor=False, derived=False, samples=samples or scene.samples)
     if not isinstance(outcome, Ran):
         raise outcome.error
     return outcome.raw.wall_time
-
-
-def take_turns(runs: Sequence[Callable[[], float]], rounds: int, most: int, long: float
-               ) -> Iterator[tuple[int, Pair | CrosscheckError]]:
-    """The number of a run, and what `undisturbed` gives for it, in turns; one that fails gives its error once."""
-    left = dict(enumerate(runs))
-    for _ in range(rounds):
-        for number, once in list(left.items()):
-            try:
-                yield number, undisturbed(once, most, long)
-            except CrosscheckError as error:
-                del left[number]
-                yield number, error
-
-
-def calibration_kernel() -> Callable[[], float]:
-    """A function that does the fixed work and returns its time (s) in an undisturbed try."""
-    import numpy as np
-
-    generator = np.random.default_rng(6)
-    # Diagonally dominant matrices, so that pivoting is the same on all machines.
-    matrices = generator.uniform(-1.0, 1.0, (20, 6, 6)) + 6.0 * np.eye(6)
-    right = generator.uniform(-1.0, 1.0, (20, 6, 1))
-
-    def once() -> float:
-        start = time.perf_counter()
-        for _ in range(40):
-            np.linalg.solve(matrices, right)
-        return time.perf_counter() - start
-
-    return lambda: undisturbed(once)[0]
 
 
 def summarise(samples: list[Pair]) -> Speed | None:

@@ -60,6 +60,7 @@ def clock():
 
     import lieeuler
     from crosscheck.adapters.external import own
+    from crosscheck.compare import timing
     from crosscheck.verification import speed
 
     real, counter = lieeuler.integrate, Path(os.environ["CROSSCHECK_TEST_CALIBRATIONS"])
@@ -85,7 +86,7 @@ def clock():
         """The calibration kernel of a process."""
         with counter.open("ab") as file:
             file.write(b".")
-        return lambda: speed.undisturbed(lambda: work(1e-3, 0))[0]
+        return lambda: timing.undisturbed(lambda: work(1e-3, 0))[0]
 
     def integrate(problem, method, *words, **options):
         solution = real(problem, method, *words, **options)
@@ -94,7 +95,7 @@ def clock():
 
     lieeuler.integrate, speed.calibration_kernel = integrate, kernel
     globals()["wait"] = passing
-    own.time = speed.time = types.SimpleNamespace(perf_counter=lambda: now["wall"],
+    own.time = timing.time = speed.time = types.SimpleNamespace(perf_counter=lambda: now["wall"],
                                                   process_time=lambda: now["processor"])
 
 

@@ -1,6 +1,7 @@
 """How often `crosscheck explain` names the right cause: mis-built engines with random magnitudes on random scenes.
 
 python -m benchmarks.explain_study --seeds 100..140                 one and two causes at once, a line each, then tables
+python -m benchmarks.explain_study --counts 3                       three causes at once
 python -m benchmarks.explain_study --mistakes 7                     every mistake of the tests' suite, by this seed
 python -m benchmarks.explain_study --correct                        correct engines over all scenes: false alarms
 --keep FILE appends every result to FILE (JSON lines) and skips the cases already in it; tables cover all of them.
@@ -122,9 +123,10 @@ def one(seed: int, count: int) -> dict:
 
 
 def table(results: list[dict]) -> str:
-    """Counts per cause, for one cause and for two at once."""
+    """Counts per cause, for one cause and for more at once."""
     lines = []
-    for count, title in ((1, "one cause"), (2, "two causes at once, counted under each")):
+    for count, title in ((1, "one cause"), (2, "two causes at once, counted under each"),
+                         (3, "three causes at once, counted under each")):
         rows: dict[str, collections.Counter] = collections.defaultdict(collections.Counter)
         total: collections.Counter = collections.Counter()
         for result in results:

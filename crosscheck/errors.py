@@ -7,7 +7,10 @@ Two more errors are defined where they are raised: `crosscheck.TruthError`, in `
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import difflib
+import math
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import PurePath
@@ -45,6 +48,31 @@ def errors_as(convert: Callable[[Exception], Exception], *passing: type[Exceptio
         if isinstance(error, (CrosscheckError, *passing)):
             raise
         raise convert(error) from error
+
+
+class OutOfTime(BaseException):
+    """The time of `within` is over. Nothing takes it for an error of the code that it ends."""
+
+
+_END: contextvars.ContextVar[tuple[Callable[[], float], float]] = contextvars.ContextVar(
+    "end of the time", default=(lambda: 0.0, math.inf))
+
+
+@contextlib.contextmanager
+def within(seconds: float, clock: Callable[[], float] = time.process_time) -> Iterator[None]:
+    """What takes long, such as runs, truth and fits, raises `OutOfTime` in here after so many seconds of a clock."""
+    before = _END.set((clock, clock() + seconds))
+    try:
+        yield
+    finally:
+        _END.reset(before)
+
+
+def check_time(needed: float = 0.0) -> None:
+    """Raises `OutOfTime` if the time of `within` is over, or would be after what needs so many seconds."""
+    clock, end = _END.get()
+    if clock() + needed > end:
+        raise OutOfTime
 
 
 class SceneError(CrosscheckError):

@@ -9,7 +9,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib.metadata
-from collections.abc import Iterable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine
@@ -139,6 +140,14 @@ def is_own(name: str) -> bool:
 def has_own_environment(name: str) -> bool:
     """Whether this engine, or version of one, runs in its own environment, so that its times cannot be compared."""
     return "==" in name or (name in built_in.ENTRIES and bool(built_in.ENTRIES[name].version))
+
+
+def clock(name: str) -> Callable[[], float]:
+    """The clock (s) of what runs of an engine take: the processor's, so that a busy machine does not count.
+
+    Of engines in processes of their own, this process sees only the time that passes.
+    """
+    return time.perf_counter if is_own(name) or has_own_environment(name) else time.process_time
 
 
 def methods(name: str) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ from crosscheck.diagnosis.of_model import Known
 from crosscheck.diagnosis.of_output import Noise
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.document import Way
-from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
+from crosscheck.errors import ArgumentError, EngineError, OutOfTime, Unsupported, unknown, within
 from crosscheck.running.arguments import best_method, engine_options
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
@@ -89,8 +89,9 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     answer = Explanation(loaded.name, subject.engine.name, subject.way.method, subject.way.form, "pass", "", [], [], [],
                          loaded.duration, None, None, documented_order=subject.order(loaded))
     try:
-        _ask(subject, loaded, step, answer)
-    except fit.OutOfTime:
+        with within(PATIENCE, adapters.clock(engine) if isinstance(engine, str) else time.process_time):
+            _ask(subject, loaded, step, answer)
+    except OutOfTime:
         answer.unexplained.append(f"{PATIENCE:g} s of processor time are over")
     answer.seconds = time.perf_counter() - began
     return answer.conclude()
@@ -103,7 +104,7 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
     if chosen not in adapter.methods:
         raise ArgumentError(unknown(f"method of {adapter.name}", chosen, adapter.methods))
     return Subject(adapter, Way.of(adapter.name, chosen, form=form, **engine_options(
-        adapter.name, adapter, chosen, options)), fit.Limit(time.process_time() + PATIENCE))
+        adapter.name, adapter, chosen, options)))
 
 
 def _ask(subject: Subject, scene: Scene, step: float | None, answer: Explanation) -> None:
@@ -125,7 +126,6 @@ def _ask(subject: Subject, scene: Scene, step: float | None, answer: Explanation
     if scene.sensors:
         answer.ask(of_sensors.add, subject, scene, first.scale, step, answer)
     if answer.is_empty:
-        subject.limit.check()
         answer.ask(of_verdict.add, subject, scene, step, answer)
 
 

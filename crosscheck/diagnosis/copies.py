@@ -53,15 +53,14 @@ def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
     return slopes, max(noise, LEAST_NOISE)
 
 
-def data(copies: list[ObservedCopy], absent: int | None, soft: bool, stride: int, limit: fit.Limit = fit.WITHOUT
-         ) -> fit.Data:
+def data(copies: list[ObservedCopy], absent: int | None, soft: bool, stride: int) -> fit.Data:
     """Residuals of all copies, at every `stride`-th instant."""
     parts = []
     for each in copies:
         scene, scale = each.observation.scene, each.observation.scale
         parts.append(fit.Copy(of_scene(scene, each.forces, each.states.R[0], absent), Accelerations(
             points_of(each, stride)), each.noise, np.repeat([scale.length * scale.rate**2, scale.rate**2], 3)))
-    return fit.Data(parts, absent, soft, stride > 1, limit)
+    return fit.Data(parts, absent, soft, stride > 1)
 
 
 def points_of(each: ObservedCopy, stride: int = 1) -> Points:

@@ -10,11 +10,12 @@ import contextlib
 import dataclasses
 import functools
 import itertools
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
+from crosscheck.errors import OutOfTime, check_time
 from crosscheck.scene.alterations import FAILS, Alteration
 from crosscheck.scene.altered import Accelerations, Model
 
@@ -45,28 +46,12 @@ FAR = 1e15
 ORDERED = {"inertia point", "inertia frame"}
 """Causes whose order matters in a pair: an inertia may be moved and then turned, or turned and then moved."""
 
+OFF = 0.1
+"""By how much the magnitudes of a cause are off where it is asked what it alters."""
+
 ITERATIONS, GIVE_UP, DIFFERENCE = 10, 0.97, 1e-6
 """Of the quick fits: the largest number of steps, the ratio of residuals above which they end, and the relative width
 of difference quotients."""
-
-
-class OutOfTime(Exception):
-    """The processor time of an explanation is over: what is known so far is its answer."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Limit:
-    """The end of the processor time (s) that an explanation may take."""
-
-    end: float = np.inf
-
-    def check(self) -> None:
-        """Raises `OutOfTime` after the end."""
-        if time.process_time() > self.end:
-            raise OutOfTime
-
-
-WITHOUT = Limit()
 
 
 @dataclasses.dataclass
@@ -127,7 +112,6 @@ class Case:
     """Whether fits end early; those that come near are fitted again in full."""
     dear = False
     """Whether residuals cost so much that a fit begins at the best start alone, and ends early."""
-    limit = WITHOUT
 
     def residual(self, causes: Sequence[Alteration], theta: Sequence[np.ndarray]) -> np.ndarray:
         """z, one vector. It may raise any of `FAILS` for magnitudes that make no sense."""
@@ -148,7 +132,12 @@ class Case:
         """The largest |z| that a fit may leave."""
         return min(EXPLAINED, CLEAR * self.before)
 
+    def parts(self, cause: Alteration) -> frozenset[object]:
+        """The parts of what is right that a cause alters."""
+        raise NotImplementedError
+
     def _finite(self, causes: Sequence[Alteration], values: np.ndarray) -> np.ndarray:
+        check_time()
         parts = np.split(values, np.cumsum([cause.free for cause in causes])[:-1])
         with np.errstate(all="ignore"):
             try:
@@ -161,7 +150,6 @@ class Case:
         """The best fit of a combination of causes from all combinations of `starts`; None: the starts of each cause."""
         from scipy.optimize import least_squares
 
-        self.limit.check()
         residual = functools.partial(self._finite, causes)
         choices = [np.concatenate([np.array(start, dtype=float) for start in choice]) for choice in (
             [starts] if starts is not None else itertools.product(*(cause.starts for cause in causes)))]
@@ -203,9 +191,20 @@ class Case:
 class Data(Case):
     """Observed accelerations of a scene and its copies, beside those of models."""
 
-    def __init__(self, copies: Sequence[Copy], absent: int | None = None, soft: bool = False, quick: bool = False,
-                 limit: Limit = WITHOUT) -> None:
-        self.copies, self.absent, self.soft, self.quick, self.limit = copies, absent, soft, quick, limit
+    def __init__(self, copies: Sequence[Copy], absent: int | None = None, soft: bool = False, quick: bool = False
+                 ) -> None:
+        self.copies, self.absent, self.soft, self.quick = copies, absent, soft, quick
+        self._parts: dict[int, frozenset[object]] = {}
+
+    def parts(self, cause: Alteration) -> frozenset[object]:
+        """The bodies, forces and joints of a scene, and the names of its other numbers, that a cause alters."""
+        if id(cause) not in self._parts:
+            right, made = self.copies[0].right, None
+            with contextlib.suppress(*FAILS):
+                made = cause.apply(right, np.add(cause.starts[0], OFF))
+            differ = set(_parts(right).items()) ^ set(_parts(made or right).items())
+            self._parts[id(cause)] = frozenset(name for name, _ in differ)
+        return self._parts[id(cause)]
 
     def residual(self, causes: Sequence[Alteration], theta: Sequence[np.ndarray]) -> np.ndarray:
         """Of all copies."""
@@ -232,6 +231,16 @@ def altered(right: Model, causes: Sequence[Alteration], theta: Sequence[np.ndarr
     return model
 
 
+def _parts(model: Model) -> dict[object, str]:
+    """The content of each part of a model."""
+    scene = model.scene
+    parts: dict[object, Any] = {("body", k): (body.mass, body.inertia) for k, body in enumerate(scene.bodies)}
+    parts |= {("force", k): force for k, force in zip(model.numbers, scene.forces, strict=True)}
+    parts |= {("joint", joint.name): joint for joint in scene.joints} | {"gravity": scene.gravity}
+    parts |= {field.name: getattr(model, field.name) for field in dataclasses.fields(Model)[3:]}
+    return {name: repr(part) for name, part in parts.items()}
+
+
 def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
     """A few Gauss-Newton steps that end as soon as they gain little, since most hypotheses soon prove wrong."""
     z = residual(theta)
@@ -255,50 +264,84 @@ def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray
 
 
 def search(full: Case, thin: Case, causes: Sequence[Alteration], pairing: bool = True) -> tuple[list[Fit], list[Fit]]:
-    """(fits that explain, all other fits of single causes and the best pair), as far as the time goes.
+    """(fits that explain, all other fits of single causes and the best of several), as far as the time goes.
 
-    Only if no single cause explains, a second one is added to each of the `BEST`.
+    Only if no single cause explains, a second one is added to each of the `BEST`. Where no pair does, a third one is
+    added to the best pair, and to the next ones if that explains nothing, and so on, as long as it gains anything. No
+    two of three or more causes alter the same body: together they would stand for any inertia.
     """
     explaining: list[Fit] = []
-    singles: list[Fit] = []
+    tried: list[Fit] = []
     with contextlib.suppress(OutOfTime):
         for cause in causes:
             if not cause.last:
                 each = thin.fit((cause,))
-                singles.append(_refined(full, each) if each.left <= NEAR * EXPLAINED else each)
-        explaining = [full.simplest(fit) for fit in singles if fit.explains]
+                tried.append(_refined(full, each) if each.left <= NEAR * EXPLAINED else each)
+        explaining = [full.simplest(fit) for fit in tried if fit.explains]
         if explaining or not pairing:
-            return explaining, singles
-        if near := [each for each in singles if each.left <= SEEN and each.left <= CLEAR * full.before]:
-            return [full.simplest(each) for each in near], singles  # hardly more than noise is left for a second cause
-        explaining += _pairs(full, thin, singles) or [
-            each for each in (full.fit((cause,)) for cause in causes if cause.last) if each.explains]
-    return explaining, singles
+            return explaining, tried
+        if near := [each for each in tried if each.left <= SEEN and each.left <= CLEAR * full.before]:
+            return [full.simplest(each) for each in near], tried  # hardly more than noise is left for a second cause
+        singles = sorted((each for each in tried if not each.causes[0].alone), key=lambda each: each.left)
+        explaining, grown = _grown(full, thin, singles[:BEST], singles)
+        if not explaining:
+            explaining = [each for each in (full.fit((cause,)) for cause in causes if cause.last) if each.explains]
+        before = singles
+        while grown and not explaining and grown[0].left <= GIVE_UP * before[0].left:
+            tried.append(grown[0])
+            before, grown = grown, []
+            for base in before[:BEST]:
+                explaining, more = _grown(full, thin, [base], singles)
+                grown = sorted([*grown, *more], key=lambda each: each.left)
+                if explaining:
+                    break
+    return explaining, tried
 
 
 def _refined(full: Case, fit: Fit) -> Fit:
     return full.fit(fit.causes, tuple(tuple(part) for part in fit.theta))
 
 
-def _pairs(full: Case, thin: Case, singles: Sequence[Fit]) -> list[Fit]:
-    """Pairs that explain; single causes instead, if from the magnitudes of a pair one gets so far."""
-    begin = {id(fit.causes[0]): tuple(fit.theta[0]) for fit in singles}
-    ranked = [fit.causes[0] for fit in sorted(singles, key=lambda fit: fit.left) if not fit.causes[0].alone]
-    tried = {frozenset((id(one), id(other))): (one, other) for one in ranked[:BEST] for other in ranked
-             if one.cause != other.cause or (one.target != other.target and one.target)}
-    pairs = [*tried.values(), *((other, one) for one, other in tried.values() if {one.cause, other.cause} == ORDERED)]
-    explaining: list[Fit] = []
-    alone: list[Fit] = []
-    for one, other in pairs:
-        best = thin.fit((one, other), (begin[id(one)], begin[id(other)]))
-        for start in [(start, other.starts[0]) for start in one.starts] + [
-                (one.starts[0], start) for start in other.starts[1:]]:
-            if best.left <= EXPLAINED:
-                break
-            best = min(best, thin.fit((one, other), start), key=lambda fit: fit.left)
-        if best.left <= NEAR * EXPLAINED and (refined := _refined(full, best)).explains:
-            explaining.append(full.simplest(refined))
-            fits = [full.fit((cause,), (tuple(theta),)) for cause, theta in zip(
-                refined.causes, refined.theta, strict=True)]
-            alone += [full.simplest(fit) for fit in fits if fit.explains]
-    return alone or explaining
+def _grown(full: Case, thin: Case, bases: Sequence[Fit], singles: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
+    """(fits of one cause more than bases that explain, or of fewer causes from their magnitudes; all fits, best first).
+    """
+    explaining, fewer, fits = list[Fit](), list[Fit](), list[Fit]()
+    done = set[frozenset[int]]()
+    for base, single in itertools.product(bases, singles):
+        other, = single.causes
+        ids = frozenset(map(id, (*base.causes, other)))
+        if ids in done or any((other.cause == each.cause and (other.target == each.target or not other.target)) or (
+                len(base.causes) > 1 and full.parts(other) & full.parts(each)) for each in base.causes):
+            continue
+        done.add(ids)
+        matters = any({other.cause, each.cause} == ORDERED for each in base.causes)
+        for causes in ((*base.causes, other), *([(other, *base.causes)] if matters else [])):
+            best = None
+            for begin in _starts(base, single):
+                each = thin.fit(causes, [begin[id(cause)] for cause in causes])
+                best = each if best is None or each.left < best.left else best
+                if best.left <= EXPLAINED:
+                    break
+            assert best is not None
+            fits.append(best)
+            if best.left <= NEAR * EXPLAINED and (refined := _refined(full, best)).explains:
+                explaining.append(full.simplest(refined))
+                fewer += [full.simplest(fit) for fit in _without_one(full, refined) if fit.explains]
+    return fewer or explaining, sorted(fits, key=lambda fit: fit.left)
+
+
+def _starts(base: Fit, single: Fit) -> Iterator[dict[int, tuple[float, ...]]]:
+    """Where the fit of one cause more than a base begins, by cause: at what was found, then at the starts."""
+    found = {id(cause): tuple(theta) for cause, theta in zip(base.causes, base.theta, strict=True)}
+    one, other, pair = base.causes[0], single.causes[0], len(base.causes) == 1
+    if pair:
+        yield found | {id(other): tuple(single.theta[0])}
+        yield from ({id(one): start, id(other): other.starts[0]} for start in one.starts)
+        found = {id(one): one.starts[0]}
+    yield from (found | {id(other): start} for start in other.starts[1 if pair else 0:])
+
+
+def _without_one(full: Case, fit: Fit) -> Iterator[Fit]:
+    """Fits of all but one of the causes, from their magnitudes."""
+    for kept in itertools.combinations(range(len(fit.causes)), len(fit.causes) - 1):
+        yield full.fit(tuple(fit.causes[k] for k in kept), tuple(tuple(fit.theta[k]) for k in kept))

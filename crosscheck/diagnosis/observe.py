@@ -14,8 +14,8 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.compare.order import cancelling
-from crosscheck.diagnosis.fit import WITHOUT, Limit
 from crosscheck.document import Way
+from crosscheck.errors import check_time
 from crosscheck.references.maximal import Maximal
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import GROUND, Scene
@@ -137,7 +137,7 @@ class Subject:
 
     engine: Engine
     way: Way
-    limit: Limit = WITHOUT
+    paces: list[float] = dataclasses.field(default_factory=list)  # s per step, of the runs so far
 
     def spec(self, step: float | None = 1e-3, rtol: float | None = None) -> RunSpec:
         """The request for one run."""
@@ -157,11 +157,12 @@ class Subject:
 
     def run(self, scene: Scene, step: float | None = None, rtol: float | None = None) -> RawRun:
         """A raw run. Raises `Silent` with the reason if there is none, and `OutOfTime`."""
-        self.limit.check()
+        check_time(0.0 if step is None else min(self.paces, default=0.0) * scene.duration / step)
         with np.errstate(all="ignore"):  # steps that are too coarse overflow, which is an outcome
             outcome = attempt(scene, self.way, self.engine, step=step, rtol=rtol, monitor=False)
         if not isinstance(outcome, Ran):
             raise Silent(outcome.why) from outcome.error
+        self.paces.append(outcome.raw.wall_time / outcome.raw.steps)
         return outcome.raw
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.diagnosis.fit import EXPLAINED, Case, Limit, altered, search, simplest
+from crosscheck.diagnosis.fit import EXPLAINED, Case, altered, search, simplest
 from crosscheck.diagnosis.observe import Silent, Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.running.run import run
@@ -42,8 +42,8 @@ class Coordinates(Case):
 
     dear = True
 
-    def __init__(self, scene: Scene, observed: np.ndarray, noise: float, limit: Limit) -> None:
-        self.right, self.observed, self.noise, self.limit = of_scene(scene), observed, noise, limit
+    def __init__(self, scene: Scene, observed: np.ndarray, noise: float) -> None:
+        self.right, self.observed, self.noise = of_scene(scene), observed, noise
 
     def residual(self, causes: Sequence[Alteration], theta: Sequence[np.ndarray]) -> np.ndarray:
         """Of a run by lieeuler's Taylor series; the noise counts as `EXPLAINED`."""
@@ -63,7 +63,7 @@ def diagnose(subject: Subject, scene: Scene, answer: Explanation) -> bool:
         return False
     observed = fine + (fine - coarse) / (2.0 ** (order or 60) - 1.0)
     noise = max(SEEN, LEFT * float(np.abs(observed - coarse).max()))
-    case = Coordinates(scene, observed, noise, subject.limit)
+    case = Coordinates(scene, observed, noise)
     before = case.before * noise / EXPLAINED
     if not noise < CLEAR * before < CLEAR * FAR:
         return False

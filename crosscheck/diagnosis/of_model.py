@@ -202,8 +202,8 @@ def _accelerations(subject: Subject, copies: list[ObservedCopy], absent: int | N
                    ) -> tuple[Model | None, bool]:
     """(the model that is fitted to the accelerations, or None; whether joints give way by a law that is not known)."""
     scene, soft = copies[0].observation.scene, of_joints.gives_way(copies[0], absent)
-    full, thin = (data(copies, absent, soft, stride, subject.limit) for stride in (1, fit.THIN))
-    hard = full if not soft else data(copies, absent, False, 1, subject.limit)
+    full, thin = (data(copies, absent, soft, stride) for stride in (1, fit.THIN))
+    hard = full if not soft else data(copies, absent, False, 1)
     wrong, remaining = hard.before, full.before
     quantity = "accelerations, largest difference over its noise"
     if wrong <= fit.SEEN and not soft:
@@ -214,7 +214,7 @@ def _accelerations(subject: Subject, copies: list[ObservedCopy], absent: int | N
     candidates = alterations(scene, any(np.abs(each.states.R[0] - each.observation.scene.R0).max() > FAITHFUL
                                         for each in copies))
     if soft:
-        fits, _ = fit.search(hard, data(copies, absent, False, fit.THIN, subject.limit), candidates, pairing=False)
+        fits, _ = fit.search(hard, data(copies, absent, False, fit.THIN), candidates, pairing=False)
         answer.tried += len(candidates)
         if fits:
             answer.evidence += [_evidence(each, wrong, quantity) for each in fits]

@@ -6,6 +6,7 @@ In a right engine it falls with the step.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -14,7 +15,8 @@ from crosscheck.diagnosis import of_output
 from crosscheck.diagnosis.observe import FINER, SAMPLES, Observation, Scale, Silent, Subject, window
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.references.base import TruthError
-from crosscheck.references.maximal import Maximal
+from crosscheck.scene.batch import integrate
+from crosscheck.scene.coordinates import hinge_angles
 from crosscheck.scene.model import Scene
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
@@ -33,6 +35,10 @@ DEFECT, ROUNDINGS = 1e-7, 1e3
 
 COARSE = 0.1
 """Normalised defect above which a run at the step that was asked for is another motion."""
+
+HALVINGS, SETTLED = 9, 1e-9
+"""Of the steps of the true motion over an interval, and the normalised change by the last one: of order eight, what is
+left is then far less."""
 
 STUCK = 0.5
 """Least part of a defect that remains at steps `FINER` times finer, if it is no error of the step."""
@@ -88,15 +94,15 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
         states: States = subject.run(asked, step, RTOLS[finer == FINER] if order is None else None).states
         return states
 
-    coarse: States | None = None
+    coarse: np.ndarray | None = None  # defects
     try:
         fine = run(FINER, sampled)
     except Silent as error:
         return sampled.duration, Late(0.0, 0.0, f"the whole run fails: {error}", [], Evidence(
             "whole run", "numerics", None, None, "a run over the whole scene", note=str(error)))
     before, least = 0.0, max(DEFECT, ROUNDINGS * subject.engine.eps)
-    for k in range(INTERVALS):
-        gap = defect(sampled, scale, fine, k)
+    ends, gaps = _onward(sampled, scale, fine)
+    for k, gap in enumerate(gaps.tolist()):
         if gap > least and k + 1 < INTERVALS and all(
                 (getattr(fine, name)[k:] == getattr(fine, name)[k]).all() for name in "xRvw"):
             time, mend = float(fine.t[k]), "raise the limit of steps or time, or report such a run as failed"
@@ -114,44 +120,45 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
                 f"from t = {time:.4g} s on, at steps of {step:g} s", True))
         if gap > least:
             try:
-                coarse = run(1, sampled) if coarse is None else coarse
-                rough = defect(sampled, scale, coarse, k)
+                coarse = _onward(sampled, scale, run(1, sampled))[1] if coarse is None else coarse
             except Silent:  # too coarse to run, so that the defect at this step counts as infinite
-                rough = np.inf
+                coarse = np.full(INTERVALS, np.inf)
+            rough = float(coarse[k])
             if gap > STUCK * rough and gap > 10 * before:
                 until = min(k + 2, INTERVALS)
                 closer = sampled.replace(duration=float(fine.t[until]), samples=CLOSER * until + 1)
-                return sampled.duration, _described(sampled, scale, fine, k, rough, gap, run(FINER, closer))
+                return sampled.duration, _described(sampled, scale, fine, k, rough, gaps, ends[k],
+                                                   run(FINER, closer))
         before = max(before, gap)
     return sampled.duration, None
 
 
-def defect(scene: Scene, scale: Scale, states: States, k: int) -> float:
-    """Normalised difference at the end of the k-th interval between the engine and truth from the engine's state."""
-    truth = _onward(scene, states, k)
-    if truth is None:
-        return np.inf
-    later = States(states.t[k + 1:k + 2], *(getattr(states, name)[k + 1:k + 2] for name in ("x", "R", "v", "w")))
-    size = float(np.abs(scale.flat(later)[0] - scale.flat(truth)[-1]).max())
-    return size if np.isfinite(size) else np.inf
+def _onward(scene: Scene, scale: Scale, states: States) -> tuple[np.ndarray, np.ndarray]:
+    """True motions from the engine's states at the begin of each interval: y at their ends, (I, n, 18), infinite where
+    there is none, and the largest differences of the engine's from it, (I,).
+    """
+    begin = States(*(getattr(states, name)[:-1] for name in "txRvw"), hinges=hinge_angles(scene, states)[:-1])
+    tau, later = np.diff(states.t), scale.flat(states)[1:]
+    ends, last, left = np.full_like(later, np.inf), np.full_like(later, np.nan), np.arange(len(tau))
+    turn = float((np.linalg.norm(begin.w, axis=-1).max(axis=1) * tau).max())
+    for halvings in range(HALVINGS):
+        now = np.full_like(later, np.nan)
+        with np.errstate(all="ignore"), contextlib.suppress(RuntimeError, ValueError, np.linalg.LinAlgError):
+            now[left] = scale.flat(integrate(scene, begin.at(left), tau[left], 2**halvings * int(turn + 2), 1)[0])
+        settled = np.abs(now - last).max(axis=(1, 2)) <= SETTLED
+        ends[settled], last, left = now[settled], now, np.flatnonzero(~np.isfinite(ends).all(axis=(1, 2)))
+        if not len(left):
+            break
+    return ends, np.abs(later - ends).max(axis=(1, 2))
 
 
-def _onward(scene: Scene, states: States, k: int) -> States | None:
-    interval = float(states.t[k + 1] - states.t[k])
-    try:
-        return Maximal(restarted(scene, states, k, interval)).run()
-    except (TruthError, np.linalg.LinAlgError, ValueError):
-        return None
-
-
-def _described(scene: Scene, scale: Scale, states: States, k: int, before: float, after: float,
+def _described(scene: Scene, scale: Scale, states: States, k: int, before: float, gaps: np.ndarray, end: np.ndarray,
                closer: States) -> Late:
     """The mistake that the first wrong interval shows; `closer` has `CLOSER` times as many samples near it."""
-    time = float(states.t[k])
+    time, after = float(states.t[k]), float(gaps[k])
     evidence = Evidence("a mistake that begins later", "report", before, after, "defect of one interval of the whole "
                         f"run, at steps {FINER} times as fine after",
                         f"between {time:.4g} s and {states.t[k + 1]:.4g} s", True)
-    truth = _onward(scene, states, k)
     causes: list[NamedCause] = []
     text = f"from t = {time:.4g} s on the motion is not the scene's"
     stuck = clamped(closer, CLOSER * k)
@@ -161,11 +168,9 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
         name, past = ("time lost", "behind") if delay < 0 else ("time skipped", "ahead")
         causes.append(NamedCause(name, f"from t = {time:.4g} s on the motion is {abs(delay):.4g} s {past} its time",
                                  "count time and steps to the end of every interval"))
-    elif truth is not None:
-        turn = np.abs(states.R[k + 1] - truth.R[-1]).max(axis=(-2, -1))
-        spin = np.abs(states.w[k + 1] - truth.w[-1]).max(axis=-1) / scale.rate
-        shift = np.abs(states.x[k + 1] - truth.x[-1]).max(axis=-1) / scale.length
-        speed = np.abs(states.v[k + 1] - truth.v[-1]).max(axis=-1) / (scale.length * scale.rate)
+    elif np.isfinite(end).all():
+        parts = np.split(np.abs(scale.flat(states)[k + 1] - end), (3, 12, 15), axis=1)
+        shift, turn, speed, spin = (part.max(axis=1) for part in parts)
         body = int(np.argmax(np.maximum(turn, shift)))
         name = scene.bodies[body].name
         # Within an interval a wrong velocity changes the pose by far less. A jump changes the pose alone.
@@ -176,7 +181,7 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
                 ("position", shift[body], "", "leave positions as they are"))
             causes.append(NamedCause(f"jump of {what}", f"the {what} of body {name!r} jumps by {size:.3g} at t = "
                                      f"{time:.4g} s while all velocities go on{more}", mend))
-        elif k + 2 < INTERVALS and defect(scene, scale, states, k + 1) <= ONCE * after:
+        elif k + 2 < INTERVALS and gaps[k + 1] <= ONCE * after:
             what = "angular velocity" if spin.max() > speed.max() else "velocity"
             name = scene.bodies[int(np.argmax(np.maximum(spin, speed)))].name
             causes.append(NamedCause("jump of velocity", f"the {what} of body {name!r} changes once by "

@@ -21,7 +21,7 @@ import math
 import numpy as np
 from numpy.polynomial import legendre
 
-from crosscheck.errors import Unsupported
+from crosscheck.errors import Unsupported, check_time
 from crosscheck.references.base import LONGEST, End, Piece, Series, TruthError, scene_length
 from crosscheck.references.modes import Law, laws_of
 from crosscheck.scene import mechanics
@@ -213,6 +213,7 @@ class Maximal:
         pieces, t, y, h = list[Piece](), end.time, end.state, end.rest or 0.1
         knots, guess, powers = self.scene.knots, None, np.arange(self.nodes)
         while t < until:
+            check_time()
             stop = min([t + LONGEST, *(knot for knot in knots if knot > t)])
             length = min(h, stop - t)
             slopes, tail = self._solved(t, y, length, guess)

@@ -25,6 +25,7 @@ from crosscheck.errors import (
     EngineError,
     Unsupported,
     brief,
+    check_time,
     errors_as,
     install,
     named,
@@ -106,7 +107,7 @@ Outcome = Ran | Refused | Failed
 
 
 def attempt(scene: Scene, way: Way, engine: Engine | None = None, derived: bool = True, **more: object) -> Outcome:
-    """The outcome of a way on a scene. Raises no `Exception`.
+    """The outcome of a way on a scene. Raises no `Exception`; `OutOfTime` before it runs.
 
     Parameters
     ----------
@@ -114,6 +115,7 @@ def attempt(scene: Scene, way: Way, engine: Engine | None = None, derived: bool 
     derived : whether more than the states of the run is wanted; what cannot be derived from them is an error of the run
     more : arguments of `crosscheck.run` beside those of the way, or instead of them
     """
+    check_time()
     asked, method = way.arguments | more, way.method
     name = label = way.engine
 

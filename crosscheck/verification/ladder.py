@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -196,9 +195,7 @@ class Climb:
     def __init__(self, scene: Scene, truth: Reference, ladder: Ladder) -> None:
         self.scene, self.truth, self.ladder = scene, truth, ladder
         self._sizes = sizes(scene, truth.states)
-        # Of engines in processes of their own, this process sees only the clock.
-        apart = adapters.is_own(ladder.engine) or adapters.has_own_environment(ladder.engine)
-        self.busy = time.perf_counter if apart else time.process_time
+        self.busy = adapters.clock(ladder.engine)
 
     @staticmethod
     def name(way: Way, size: float) -> str:

@@ -1,6 +1,8 @@
 """`crosscheck explain` names the right cause of engines built wrongly on purpose, and none for correct ones."""
 
+import dataclasses
 import json
+import time
 
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ from typer.testing import CliRunner
 from benchmarks.explain_study import drawn, effect, one
 from crosscheck import adapters
 from crosscheck.cli.app import app
-from crosscheck.diagnosis import explain
+from crosscheck.diagnosis import explain, fit
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
+from crosscheck.references.maximal import Maximal
 from crosscheck.scene.file import load_scene
 from tests.diagnosis import misbuilt
 from tests.engines import stepper
@@ -132,6 +135,17 @@ def test_a_pair_is_sought_from_every_start_of_its_causes():
     assert tuple(result["names"]) == ("inertia frame", "missing spring"), result["sentence"]
 
 
+def test_three_causes_at_once_are_named():
+    result = one(702, 3)
+    assert tuple(result["names"]) == ("hidden sub-steps", "inertia point", "stabilisation gain"), result["sentence"]
+
+
+def test_a_third_cause_is_sought_where_no_pair_explains(pendulum):
+    causes = [case(name, pendulum) for name in ("gravity size", "inertia point", "extra damping")]
+    answer = explain(pendulum, on_mujoco(*causes), "RK4")
+    assert answer.names == ("extra damping", "gravity size", "inertia point"), answer.sentence
+
+
 def test_a_gain_shows_beside_a_missing_body():
     result = one(9231, 2)  # the joint of the missing body hangs on nothing
     assert tuple(result["names"]) == ("missing body", "stabilisation gain")
@@ -191,6 +205,35 @@ def test_after_its_time_the_answer_is_what_is_known(pendulum, monkeypatch, right
     answer = explain(pendulum, engine, "rkmk4")
     assert answer.outcome == "unresolved"
     assert "0.05 s of processor time are over" in answer.sentence
+
+
+def busy(seconds):
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+
+class Heavy(Misbuilt):
+    """Takes 10 ms a step."""
+
+    def run(self, scene, spec):
+        raw = super().run(scene, spec)
+        busy(0.01 * raw.steps)
+        return dataclasses.replace(raw, wall_time=0.01 * raw.steps)
+
+
+@pytest.mark.parametrize("slow", ["engine", "fits", "truth"])
+def test_the_limit_of_time_holds_within_a_question(pendulum, monkeypatch, slow):
+    monkeypatch.setattr("crosscheck.diagnosis.PATIENCE", 2.0)
+    patched = {"fits": (fit.Data, "residual"), "truth": (Maximal, "slopes")}.get(slow)
+    if patched is not None:
+        own = getattr(*patched)
+        monkeypatch.setattr(*patched, lambda *given: (busy(0.05), own(*given))[1])
+    wrong = (Heavy if slow == "engine" else Misbuilt)(adapters.get("lieeuler"), (misbuilt.gravity(lambda g: 1.1 * g),))
+    began = time.process_time()
+    answer = explain(pendulum, wrong, "rkmk4")
+    assert time.process_time() - began < 2.5
+    assert "2 s of processor time are over" in answer.sentence
 
 
 @pytest.mark.parametrize(("engine", "method"), [("mujoco", "RK4"), ("mujoco", "Euler"), ("lieeuler", "rattle4"),

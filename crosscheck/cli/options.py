@@ -26,6 +26,8 @@ SharedSettings = Annotated[list[str] | None, typer.Option("--set", help="KEY=VAL
 Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step methods; default: chosen for the scene")]
 Scheduler = Annotated[str | None, typer.Option(help="use a Dask scheduler, tcp://host:port, or another executor, "
                                                "module:factory; default: processes on this machine")]
+Need = Annotated[float, typer.Option(help="share of its time over which the motion of a run has to be judged for it to "
+                                     "pass")]
 Fresh = Annotated[bool, typer.Option(help="take no results of earlier runs; default: where CI is set")]
 Duration = Annotated[float | None, typer.Option(min=1e-6, help="s; default: the scene's")]
 Jobs = Annotated[int, typer.Option(help="worker processes")]

@@ -44,6 +44,7 @@ def run(
     setting: options.Settings = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: options.Duration = None,
+    need: options.Need = 1.0,
     reading: options.Reading = options.AS_IT_IS,
 ) -> None:
     """Run one scene with one method of one engine; print its figures and verdict, or write its trajectory as CSV.
@@ -53,7 +54,7 @@ def run(
     """
     from crosscheck import adapters
     from crosscheck.document.outcomes import EXIT_CODES
-    from crosscheck.report.headline import ending
+    from crosscheck.report.headline import assumptions, ending
     from crosscheck.verification import run as run_scene
 
     if method is None:
@@ -78,10 +79,12 @@ def run(
         write_csv(prepared, traj, csv_file)
     if csv_file != "-":
         with progress_bar(f"{engine} {method} has run, truth of {prepared.name}"):
-            judged = traj.verdict(scene)
+            judged = traj.verdict(scene, need)
         say(_first_line(judged))
         _print_run(traj.scene, traj, csv_file, step)
         if judged is not None:
+            for each in assumptions([judged]):
+                say(each)
             _print_errors(judged)
             _print_energy(judged, traj)
             if last := ending(judged, shlex.join(["crosscheck", *sys.argv[1:]])):

@@ -54,8 +54,7 @@ def verify(
     form: options.Format = "text",
     budget: Annotated[float | None, typer.Option(help="s, after which what has ended is printed and on the page, "
                                                  "as provisional; cheap runs come first, and the rest goes on")] = None,
-    need: Annotated[float, typer.Option(help="share of its time over which the motion of a run has to be judged for it "
-                                        "to pass")] = 1.0,
+    need: options.Need = 1.0,
     fresh: options.Fresh = "CI" in os.environ,
     reading: options.Reading = options.AS_IT_IS,
     tag: Annotated[list[str] | None, typer.Option(help="scenes with this tag; may be repeated; published: their "
@@ -127,7 +126,7 @@ def print_verdicts(document: Document, page: Path) -> None:
     import msgspec
 
     from crosscheck.document import grouped
-    from crosscheck.report.headline import OUTCOMES, ending, headline, sentence
+    from crosscheck.report.headline import OUTCOMES, assumptions, ending, headline, sentence
     from crosscheck.report.overview import worst_first
 
     titles = {scene.name: scene.title for scene in document.scenes}
@@ -137,6 +136,8 @@ def print_verdicts(document: Document, page: Path) -> None:
             records=[msgspec.structs.replace(record, scene=titles[record.scene]) for record in document.records])
     say(f"{document.outcome}: {headline(document)} ({document.meta.seconds:.0f} s)")
     say("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
+    for each in assumptions(document.records):
+        say(each)
     if document.meta.reused:
         say(f"{counted(document.meta.reused, 'result')} from earlier runs, since "
             f"{(document.meta.reused_since or '')[:10]}; --fresh computes them anew")
@@ -189,7 +190,7 @@ def _print_published(literature: Sequence[published.Figure]) -> None:
 def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
     """Print one line for all runs of an engine on a scene that have one outcome and nothing wrong."""
     from crosscheck.document import grouped
-    from crosscheck.report.headline import OUTCOMES, judged_share, share_words
+    from crosscheck.report.headline import OUTCOMES, ending, judged_share, share_words
 
     best, first = min(right, key=lambda record: record.error), right[0]
     part = "" if first.outcome == "pass" else (
@@ -209,7 +210,7 @@ def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
         orders += [f"{each}, documented {documented}" for each in many]
     if orders:
         line += f"; observed order: {'; '.join(orders)}"
-    say(line)
+    say("; ".join(filter(None, (line, ending(first)))))
 
 
 def _row(record: Record) -> tuple[str, ...]:

@@ -124,6 +124,7 @@ class Plan(Part, frozen=True):
     rtol: float = 1e-9
     samples: int = 251  # output times of a run, enough for smooth curves on a screen
     duration: float | None = None  # s; runs end here if the scene is longer
+    covered: float = 1.0  # share of the time asked for up to which the scene describes the motion
 
     def step(self, order: int) -> float:
         """Step (s) of a method of this order."""
@@ -291,6 +292,7 @@ class Record(Way, frozen=True, kw_only=True):
     own_environment: bool = False  # another version in its own environment, so that its times are not comparable
 
     status: str = ""  # as the engine says
+    assumed: str = ""  # what is set otherwise than the engine has it by itself, as --set takes it
     duration: float | None = None  # s, of the main run
     errors: dict[str, Errors] = {}  # by quantity
     levels: dict[str, Level] = {}

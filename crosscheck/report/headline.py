@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import shlex
 from collections import Counter
 from collections.abc import Sequence
@@ -29,6 +31,14 @@ def judged_share(records: Sequence[Record]) -> float | None:
 def share_words(share: float | None) -> str:
     """A share from `judged_share` in words."""
     return "" if share is None else f"resolved over {percent(share)} of the time"
+
+
+def assumptions(records: Sequence[Record]) -> list[str]:
+    """What runs set otherwise than their engines have it by themselves, a sentence an engine."""
+    found = {record.engine: record.assumed for record in records if record.assumed}
+    return [f"{engine} is run with {assumed}: what it solves softly (friction, limits, joints that close loops) is as "
+            "stiff as the step allows, so that it can come to the model; --set softness=default judges it as it is"
+            for engine, assumed in found.items()]
 
 
 SPARED = 2
@@ -182,13 +192,22 @@ def ending(record: Record, command: str = "") -> str:
     return f"reproduce: {command}" if command else ""
 
 
+ENDS = re.compile(r"truth ends at (\S+) s")
+
+
+def _below(value: float) -> str:
+    """Two digits of a number, rounded down."""
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.floor(value / digit * (1 + 1e-12)) * digit:.2g}"
+
+
 def _mend(record: Record) -> str:
     if "was left out" in record.not_judged:
         return "a start at which nothing acts that was left out: --qpos or --keyframe"
     open_ = (MENDS[each.kind] for each in record.findings if each.kind in MENDS and each.status == "unresolved")
-    share = f", or --need {record.least_share:.2g}, which is resolved" if record.least_share else ""
-    if share and record.duration and "truth ends" in record.not_judged:
-        return f"--duration {record.least_share * record.duration:.2g}, before truth ends{share}"
+    share = f", or --need {_below(record.least_share)}, which is resolved" if record.least_share else ""
+    if share and (ends := ENDS.search(record.not_judged)):
+        return f"--duration {_below(float(ends[1]))}, before truth ends{share}"
     return next(open_, f"a smaller {'--step' if record.step else '--rtol'}{share}")
 
 

@@ -18,8 +18,8 @@ from crosscheck.document import LEVELS, Finding, Level, Record, Way, extended
 from crosscheck.errors import Unsupported, said
 from crosscheck.judge.crossings import corrected_at_impacts
 from crosscheck.judge.overrides import Overrides, tolerated
-from crosscheck.judge.verdict import with_outcome, worded
-from crosscheck.references import TruthError, truth
+from crosscheck.judge.verdict import covered, with_outcome, worded
+from crosscheck.references import TruthError, dense, truth
 from crosscheck.references.base import Reference
 from crosscheck.running.attempt import Failed, Refused, attempt, lasting
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
@@ -61,8 +61,10 @@ def run_cell(cell: Cell) -> Record:
         return with_outcome(replace(run, status="failed"), [Finding.ended_early(outcome.why)],
                       defects(engine, run), outcome.why, cell.as_planned)
     reference = None if cell.no_truth else truth(scene)
-    return judged(run, scene, outcome.trajectory, engine.held_levels(scene, spec), reference, cell.no_truth,
+    made = judged(run, scene, outcome.trajectory, engine.held_levels(scene, spec), reference, cell.no_truth,
                   cell.overrides, cell.as_planned)
+    return made if plan.covered == 1.0 or made.share is None else covered(
+        made, plan.covered, f"truth ends at {scene.duration:g} s: {dense(scene).horizon_cause}")
 
 
 def judge_alone(name: str, traj: Trajectory, engine: str, *, step: float | None = None, rtol: float | None = None,
@@ -139,9 +141,10 @@ def _measured(run: Record, scene: Scene, traj: Trajectory, own: Motion, referenc
         levels[level] = Level(max=most, held=level in held, unit=unit)
     momentum = None if exact is None else float(np.nanmax(np.abs(
         traj.momentum_vertical - mechanics.momentum_vertical(scene, exact))))
-    start = abs(float(traj.energy[0]))
+    start, softness = abs(float(traj.energy[0])), traj.stats.get("softness", "default")
     return replace(
         run, form=traj.form or run.form, status=traj.status, duration=scene.duration,
+        assumed=f"softness={softness}" if softness not in ("default", run.arguments.get("softness")) else "",
         errors={name: replace(error.figures, size=sizes.get(name)) for name, error in missed.items()},
         levels=levels,
         energy_error=None if math.isnan(gap) else gap / kinetic,

@@ -38,6 +38,7 @@ def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED
                           hash=scene.hash, bodies=[body.name for body in scene.bodies], duration=scene.duration,
                           plan=plan, truth=None, sizes=None)
 
+    whole = planned(None, most_seconds).duration or given.duration
     try:
         try:
             reference = references.truth(load(name, planned(None, most_seconds)))
@@ -63,7 +64,7 @@ def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED
                   horizon=reference.horizon,
                   events=reference.events[:MOST_EVENTS],
                   ended=dense.horizon_cause if ends else "")
-    own = sizes(scene, reference.states)
+    plan, own = replace(plan, covered=scene.duration / whole if ends else 1.0), sizes(scene, reference.states)
     return replace(described(scene, plan), truth=known, sizes=own, rounding=rounding_of(scene, reference, own),
                    curves=scene_curves(scene, reference))
 

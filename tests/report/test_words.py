@@ -197,7 +197,7 @@ def test_what_is_wrong_or_open_has_a_code_and_an_end(results):
         "CC108", "what would mend it: a smaller --step, or --need 0.25, which is resolved")
     touched = replace(part, duration=2.0, not_judged="truth ends at 0.6 s: box touches ball at .6 s")
     assert headline.ending(touched) == (
-        "what would mend it: --duration 0.5, before truth ends, or --need 0.25, which is resolved")
+        "what would mend it: --duration 0.6, before truth ends, or --need 0.25, which is resolved")
     rest = Finding("unresolved rest", "unresolved", None, None, "", "nothing moves")
     assert headline.ending(replace(part, findings=[rest])) == "what would mend it: give it a start that moves"
     assert (verdict.code(replace(run, outcome="pass", findings=[])), headline.ending(replace(run, outcome="pass"))) == (

@@ -57,8 +57,8 @@ class Pinocchio(Engine):
         if spec.method == "SymplecticEuler":
             in_tree = (*in_tree, "dry_friction", "limits")
         elif open_tree.rowed(scene) and form == "tree":
-            return (f"dry friction and rigid limits are rows of a step, which SymplecticEuler has; {spec.method} "
-                    "evaluates forces at its stages")
+            return ("of its methods SymplecticEuler alone has dry friction and rigid limits: they are solved over a "
+                    "step, and the others evaluate forces at their stages")
         if reason := scene.beyond(("joint_torque", "function", "hold", *(in_tree if form == "tree" else ())), in_tree):
             return reason
         if form not in self.forms:

@@ -111,6 +111,7 @@ EXTRAS = {
     "dartpy": "dart", "heyoka": "truth", "pandas": "data", "pyarrow": "data", "xarray": "data", "jinja2": "report",
     "plotly": "report", "matplotlib": "report", "psycopg": "history",
     "distributed": "cluster", "dask": "cluster", "rerun": "rerun", "drake": "drake", "dart": "dart",
+    "mcap": "mcap", "mcap_ros2": "mcap",
 }
 """The extra of pyproject.toml that installs a module or an engine."""
 

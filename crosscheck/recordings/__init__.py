@@ -38,8 +38,9 @@ from crosscheck.recordings.comparing import (
 from crosscheck.recordings.deciding import Reading, decided, read_as, recorded_start
 from crosscheck.recordings.page import write_all as write_all
 from crosscheck.recordings.page import write_page as write_page
+from crosscheck.recordings.readers import opened
 from crosscheck.recordings.reading import Recording, read
-from crosscheck.recordings.tables import Progress, opened
+from crosscheck.recordings.tables import Progress
 from crosscheck.references import dense
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene

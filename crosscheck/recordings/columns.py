@@ -22,7 +22,7 @@ import numpy as np
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.recordings.tables import Source
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import Scene
+from crosscheck.scene.model import Motor, Scene
 
 Powers = tuple[int, ...]
 LENGTH, ANGLE, TIME, FORCE, NUMBER = (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1), (0, 0, 0, 0)
@@ -225,7 +225,7 @@ def assigned(scene: Scene, source: Source, rows: Mapping[str, Row]) -> Assigned:
     found, made.unclear = recognised(scene, source, known, left)
     for column, (row, leaves) in found.items():
         if take(column, row, False, leaves):
-            made.suggested[column] = row.what
+            made.suggested[column] = row.what + f" times {row.scale:g}" * (row.scale != 1.0)
     return made
 
 
@@ -242,24 +242,28 @@ def recognised(scene: Scene, source: Source, known: Mapping[str, Column], column
     for what, names in claims.items():  # a quantity that has a column of its own needs no derivative
         claims[what] = [name for name in names if not name.startswith("der(")] or names
     made = {names[0]: says[names[0]] for what, names in claims.items() if len(names) == 1 or what == "t"}
-    numbered: dict[str, dict[int, tuple[str, Row]]] = {"position": {}, "velocity": {}, "effort": {}}
+    numbered: dict[str, dict[int, tuple[str, Row]]] = {"position": {}, "velocity": {}, "effort": {}, "control": {}}
     for column in columns:
         places, words = re.findall(r"\d+", split_unit(column)[0]), _words(column)[0]
+        places = places or ["0"] * ({*words} <= CONTROLS and len(scene.motors) == 1)
         kinds = {what for what, spelled in WORDS.items() if {*words} & {*spelled}}
         settled = column in stated or column.startswith("der(")
         if settled or not places or says[column][0].what in known:
             continue
-        if {*words} & {*EFFORT_WORDS, "qfrc"} and not {*words} & COMMANDED:
+        if (own := {*words} - {*places}) and own <= CONTROLS:
+            numbered["control"].setdefault(int(places[-1]), (column, says[column][0]))
+        elif {*words} & {*EFFORT_WORDS, "qfrc"} and not {*words} & {*COMMANDED, *PASSIVE}:
             numbered["effort"].setdefault(int(places[-1]), (column, says[column][0]))
         elif kinds & {"rate", "pose"} and not {*words} & OTHERS:
             rate = "rate" in kinds or words[-1].endswith("dot")
             numbered["velocity" if rate else "position"].setdefault(int(places[-1]), (column, says[column][0]))
     for word, places_of in numbered.items():  # q1, q2, ... qd1, qd2, ...: all coordinates in the order of the scene
         names, first = _coordinates(scene, known, word), min(places_of, default=0)
-        if sorted(places_of) == list(range(first, first + len(names))):
-            for k, what in enumerate(names):
+        scales = [motor.factor for motor in scene.motors] if word == "control" else [1.0] * len(names)
+        if sorted(places_of) == list(range(first, first + len(names))) and {*names} <= {*known}:
+            for k, (what, scale) in enumerate(zip(names, scales, strict=True)):
                 column, row = places_of[first + k]
-                row = msgspec.structs.replace(row, what=what)
+                row = msgspec.structs.replace(row, what=what, scale=scale)
                 made[column] = row, _leaves(scene, source, known[what], column, row)
     return made, {what: names for what, names in claims.items() if len(names) > 1 and what != "t"}
 
@@ -303,6 +307,8 @@ def _said(scene: Scene, source: Source, known: Mapping[str, Column], column: str
         row = Row(f"{owner}.velocity", unit) if what == "position" else Row(unit=unit)
         return row, _leaves(scene, source, known[row.what], column, row) if row.what else frozenset()
     (words, unit), frame = _words(column), ""
+    if (motor := _motor(scene, words)) and _control(motor) in known:
+        return Row(_control(motor), unit, scale=motor.factor), frozenset()
     if {*words} & OTHERS:
         target = _input(scene, words)
         return Row(target if target in known else "", unit), frozenset()
@@ -372,6 +378,24 @@ def _unit(source: Source, names: Sequence[str], meaning: Column, row: Row) -> st
                     else "")
 
 
+def _motor(scene: Scene, words: Sequence[str]) -> Motor | None:
+    """The actuator that a column is named after, with words of a control or an effort at most; None for none."""
+    found = []
+    for motor in scene.motors:
+        own = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", motor.name).lower())
+        at = next((k for k in range(len(words)) if [*words[k:k + len(own)]] == own), None)
+        rest = {*words[:at], *words[at + len(own):]} if at is not None else set()
+        allowed = CONTROLS | (EFFORT_WORDS if motor.control == "effort" else set())
+        if at is not None and (rest or motor.name != motor.joint) and rest <= allowed:
+            found.append((len(own), motor))
+    return max(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def _control(motor: Motor) -> str:
+    """What the control of an actuator is to its joint."""
+    return f"{motor.joint}.{'effort_commanded' if motor.control == 'effort' else motor.control}"
+
+
 def _input(scene: Scene, words: Sequence[str]) -> str:
     """The input that a column with these words probably is; "" for none. Numbers are places among the joints."""
     said, joints = {*words}, [joint for joint in scene.joints if JOINT_TYPES[joint.type].has_one]
@@ -388,16 +412,18 @@ def _input(scene: Scene, words: Sequence[str]) -> str:
     return f"{named[-1]}.{TARGETS[rate]}" if commanded and not other else ""
 
 
-COMMANDED = {"cmd", "command", "commanded", "target", "desired", "des", "ref", "reference", "setpoint"}
-EFFORT_WORDS = {"effort", "torque", "tau", "force"}
+COMMANDED = {"cmd", "command", "commanded", "target", "desired", "des", "ref", "reference", "setpoint", "computed"}
+EFFORT_WORDS = {"effort", "torque", "tau", "force", "moment", "efforts", "torques", "forces"}
+PASSIVE = {"bias", "passive", "constraint", "smooth", "inverse", "gravcomp", "fluid", "spring", "damper"}
+CONTROLS = {"ctrl", "control", "controls", "u", "input", "actuator", "actuators", *COMMANDED}
 
 WORDS = {
     "t": ("t", "time", "timestamp", "stamp", "tout", "clock", "sec", "secs", "seconds"),
-    "rate": ("vel", "velocity", "rate", "speed", "qd", "qdot", "dq", "qvel", "dtheta", "dot", "twist", "linear", "w",
-             "omega", "gyro", "angvel", "angular"),
+    "rate": ("vel", "velocity", "velocities", "rate", "speed", "qd", "qdot", "dq", "qvel", "dtheta", "dot", "twist",
+             "linear", "w", "omega", "gyro", "angvel", "angular"),
     "spin": ("omega", "gyro", "angvel", "angular"), "q": ("quat", "quaternion", "orientation", "attitude", "rotation"),
     "pose": ("pos", "position", "angle", "theta", "q", "qpos", "displacement", "slide", "phi", "joint", "coordinate",
-             "value")}
+             "value", "positions")}
 """Words of foreign names, by what they say."""
 
 OTHERS = {*COMMANDED, *EFFORT_WORDS, "current", "error", "acc", "accel", "acceleration", "temperature", "voltage",
@@ -427,7 +453,9 @@ def clock(source: Source, column: str, unit: str) -> Row:
 
 def _coordinates(scene: Scene, known: Mapping[str, Column], word: str) -> list[str]:
     """Names of all coordinates, rates or efforts, body after body: MuJoCo's qpos and qvel; quaternions have the scalar
-    first."""
+    first. Controls are those of the actuators."""
+    if word == "control":
+        return [_control(motor) for motor in scene.motors]
     names = []
     free = {"position": ("x", "y", "z", "qw", "qx", "qy", "qz"), "velocity": ("vx", "vy", "vz", "wx", "wy", "wz")}
     for body, owner in enumerate(scene.bodies):

@@ -24,7 +24,8 @@ from crosscheck.recordings.columns import (
     assigned,
     mapping_of,
 )
-from crosscheck.recordings.tables import Progress, Source, is_number, opened
+from crosscheck.recordings.readers import opened
+from crosscheck.recordings.tables import Progress, Source, is_number
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 
 DOUBLE = 15

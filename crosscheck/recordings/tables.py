@@ -1,4 +1,4 @@
-"""Tables of columns as other programs write them: CSV and its kin, NPZ, Parquet, data frames. pandas reads them.
+"""Tables of columns: CSV and its kin, which pandas reads, and arrays.
 
 A table knows where a row stands, how its numbers are printed, and the unit that a cell or a preamble says.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import functools
 import itertools
-import os
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -17,13 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.errors import ArgumentError, errors_as, missing
-from crosscheck.scene.model import Scene
+from crosscheck.errors import ArgumentError
 
 Progress = Callable[[int, int | None, str], None]
 
 SHOWN = 2000
 """Rows from which the printed digits are measured."""
+
+STAMPS = (("sec", "nanosec"), ("secs", "nsecs"), ("sec", "nsec"))
+"""Endings of columns of seconds and of nanoseconds."""
 
 CHUNK = 250_000
 """Rows that are read at a time."""
@@ -41,11 +42,20 @@ class Source:
         self.name, self.arrays = name, dict(arrays)
         self.columns = list(self.arrays)
         self.units: dict[str, str] = {}  # of columns whose cells say it: "0.01 sec"
+        self._join_stamps()
+
+    def _join_stamps(self) -> None:
+        """Of seconds and nanoseconds in two columns the first is the time, and the second is none of its own."""
+        every = {*self.columns}
+        self.parts = {name: rest for name in self.columns for a, b in STAMPS if name.endswith(a)
+                      for rest in [name.removesuffix(a) + b] if rest in every and not name.endswith(b)}
+        self.fields, rests = self.columns, {*self.parts.values()}  # all that the table has
+        self.columns = [name for name in self.fields if name not in rests]
 
     def load(self, names: Sequence[str], progress: Progress | None) -> dict[str, np.ndarray]:
         """The columns as numbers, NaN where a cell has no value. Raises `ArgumentError` for text."""
         numbers = {}
-        for name in names:
+        for name in [*names, *(self.parts[name] for name in names if name in self.parts)]:
             column = self.arrays[name]
             try:
                 numbers[name] = np.asarray(column, dtype=float)
@@ -53,11 +63,19 @@ class Source:
                 at = next(k for k, value in enumerate(column) if not is_number(value))
                 raise ArgumentError(f"{self.name}: {self.place(at)}, column {name!r}: {column[at]!r} is no number"
                                     ) from None
+        return self._joined(numbers)
+
+    def _joined(self, numbers: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Seconds with their nanoseconds."""
+        for name, rest in self.parts.items():
+            if name in numbers:
+                numbers[name] = numbers[name] + 1e-9 * numbers.pop(rest)
         return numbers
 
     def texts(self, name: str) -> Sequence[str]:
         """The first values as they are written: the shortest digits that give the same number."""
-        shown = np.asarray(self.arrays[name][:SHOWN], dtype=float)
+        shown = (np.asarray(self.arrays[name][:SHOWN], dtype=float) if name not in self.parts else
+                 self.load([name], None)[name][:SHOWN])
         single = shown.astype(np.float32)
         return [str(value) for value in single] if np.array_equal(shown, single, equal_nan=True) else [
             repr(float(value)) for value in shown]
@@ -97,8 +115,10 @@ class Text(Source):
         comments = [self._cells(line[1:]) for line in head if line[:1] == self.comment]
         numbers = [is_number(cell) for cell in first]
         named = any(numbers) and comments and len(comments[-1]) == len(first)  # numpy.savetxt, rostopic
-        self.header = not all(numbers) and not named
-        self.columns = first if self.header else comments[-1] if named else [str(k) for k in range(len(first))]
+        echoed = None if named or len(lines) < 2 else _joint_state(first, self._cells(lines[1][1]))
+        self.header = not all(numbers) and not named and not echoed
+        self.columns = first if self.header else comments[-1] if named else echoed or [
+            str(k) for k in range(len(first))]
         twice = next((name for name in self.columns if self.columns.count(name) > 1), None)
         if twice is not None:
             raise ArgumentError(f"{path}: two columns are called {twice!r}; give each a name of its own")
@@ -119,6 +139,7 @@ class Text(Source):
                      and is_number(match[1].replace(self.decimal, "."))}
             if len(found) == 1 and self.separator != " ":
                 self.units[name] = found.pop()
+        self._join_stamps()
 
     def _counts(self, line: str) -> bool:
         """Whether a line is no comment and not blank."""
@@ -133,7 +154,7 @@ class Text(Source):
 
         kind = options.pop("kind")
         return pd.read_csv(self.path, sep=r"\s+" if self.separator == " " else self.separator, comment=self.comment,
-                           header=None, names=self.columns, skiprows=self.skipped, decimal=self.decimal,
+                           header=None, names=self.fields, skiprows=self.skipped, decimal=self.decimal,
                            encoding="utf-8-sig", index_col=False, skipinitialspace=True, na_values=list(MISSING),
                            dtype={name: str if name in self.units else kind for name in names}, **options)
 
@@ -141,6 +162,7 @@ class Text(Source):
         """The columns as numbers, read in chunks; memory: 8 bytes a number, and one chunk at a time."""
         import pandas as pd
 
+        names = [*names, *(self.parts[name] for name in names if name in self.parts)]
         parts: dict[str, list[np.ndarray]] = {name: [np.zeros(0)] for name in names}
         rows = 0
         try:
@@ -157,7 +179,7 @@ class Text(Source):
                         progress(rows, None, f"reading {self.path.name}")
         except (ValueError, pd.errors.ParserError, pd.errors.ParserWarning) as error:
             raise ArgumentError(f"{self.name}: {self._wrong(names, error)}") from None
-        return {name: np.concatenate(chunks) for name, chunks in parts.items()}
+        return self._joined({name: np.concatenate(chunks) for name, chunks in parts.items()})
 
     def _bare(self, name: str, cells: Any) -> Any:
         """Cells without the unit that each of them says."""
@@ -189,6 +211,8 @@ class Text(Source):
 
     def texts(self, name: str) -> Sequence[str]:
         """The first values as they are printed."""
+        if name in self.parts:
+            return [repr(value) for value in self.load([name], None)[name][:SHOWN].tolist()]
         cells = self._head[name]
         return [str(cell).replace(self.decimal, ".") for cell in (
             self._bare(name, cells) if name in self.units else cells)]
@@ -207,6 +231,21 @@ class Text(Source):
             return f"row {row + 1} (line {next(itertools.islice(numbers, row + self.header, None), '?')})"
 
 
+def _joint_state(first: Sequence[str], second: Sequence[str]) -> list[str] | None:
+    """The columns of joint states that `ros2 topic echo --csv` prints, without a header; None if rows are others.
+
+    A row has seconds and nanoseconds, a frame, the names of n joints, and n positions, and as many rates and efforts
+    where it has any.
+    """
+    texts = [k for k, cell in enumerate(first) if cell and not is_number(cell) and k > 2]
+    n = len(texts)
+    if (not n or texts != list(range(3, 3 + n)) or first[2:3 + n] != second[2:3 + n] or len(first) != len(second)
+            or len(first) - 3 - n not in (n, 2 * n, 3 * n) or not all(map(is_number, (*first[:2], *first[3 + n:])))):
+        return None
+    return ["sec", "nanosec", "frame_id", *(f"{word}{k}" for word in ("name", "position", "velocity", "effort")
+                                            for k in range(n))][:len(first)]
+
+
 def _separator(lines: Sequence[str]) -> str:
     """The separator that the first lines have in common: the one that divides them into most cells."""
     counts = {mark: min(line.count(mark) for line in lines[:9]) for mark in (";", "\t", ",")}
@@ -221,60 +260,3 @@ def is_number(value: Any) -> bool:
     except (TypeError, ValueError):
         return False
     return True
-
-
-def opened(data: object, scene: Scene) -> Source:
-    """The table of a path, data frame or mapping of arrays. Raises `ArgumentError` if it cannot be read."""
-    if hasattr(data, "to_parquet"):
-        return Source("data frame", _of_frame(data))
-    if isinstance(data, Mapping):
-        return Source("arrays", _of_arrays(data, scene, "arrays"))
-    if not isinstance(data, str | os.PathLike):
-        raise ArgumentError(f"recording: a path, a data frame or a mapping of arrays is wanted, not "
-                            f"{type(data).__name__}")
-    path = Path(data)
-
-    def unreadable(error: Exception) -> ArgumentError:  # each library has errors of its own for a broken file
-        if isinstance(error, ImportError):
-            return ArgumentError(f"{path}: {missing(error)}")
-        return ArgumentError(f"{path}: cannot be read ({error.strerror or error})" if isinstance(error, OSError) else
-                             f"{path}: no {path.suffix[1:] or 'CSV'} file that can be read ({error})")
-
-    with errors_as(unreadable):
-        if path.is_dir() or not path.exists():
-            raise ArgumentError(f"{path}: {'is a folder' if path.is_dir() else 'there is no such file'}; "
-                                "name a .csv, .npz or .parquet file")
-        if path.stat().st_size == 0:
-            raise ArgumentError(f"{path}: the file is empty")
-        if path.suffix == ".npz":
-            with np.load(path, allow_pickle=False) as stored:
-                return Source(str(path), _of_arrays(dict(stored), scene, str(path)))
-        import pandas as pd
-
-        return Source(str(path), _of_frame(pd.read_parquet(path))) if path.suffix == ".parquet" else Text(path)
-
-
-def _of_frame(frame: Any) -> dict[str, np.ndarray]:
-    if frame.index.name is not None:
-        frame = frame.reset_index()
-    return {str(name): frame[name].to_numpy() for name in frame}
-
-
-def _of_arrays(arrays: Mapping[str, object], scene: Scene, where: str) -> dict[str, np.ndarray]:
-    """Columns of arrays: (T,) as it is; (T, k) as name[0] ...; x, v, w (T, n, 3), q and R of all bodies by body."""
-    columns: dict[str, np.ndarray] = {}
-    for name, given in arrays.items():
-        array = np.asarray(given)
-        if array.ndim == 0:
-            raise ArgumentError(f"{where}: {name!r} is a single number; one row a time is wanted")
-        if array.ndim > 2 and array.shape[1] == scene.n:
-            owned = {f"{body.name}.{name}": array[:, b] for b, body in enumerate(scene.bodies)}
-        else:
-            owned = {name: array}
-        for title, part in owned.items():
-            flat = part.reshape(len(part), -1)
-            columns |= {title: part} if part.ndim == 1 else {f"{title}[{k}]": one for k, one in enumerate(flat.T)}
-    counts = {len(column) for column in columns.values()}
-    if len(counts) > 1:
-        raise ArgumentError(f"{where}: the arrays have different lengths, {sorted(counts)}; one row a time is wanted")
-    return columns

@@ -16,7 +16,7 @@ from crosscheck.scene import coordinates, joint_options, touching
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import joint_types
 from crosscheck.scene.laws import SIZES, Monitor, Shape
-from crosscheck.scene.model import GROUND, Body, Force, Joint, LeftOut, Published, Scene
+from crosscheck.scene.model import GROUND, Body, Force, Joint, LeftOut, Motor, Published, Scene
 from crosscheck.scene.schema import (
     LARGEST,
     BodyEntry,
@@ -132,7 +132,7 @@ def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
         forces=tuple(made for i, force in enumerate(entry.forces)
                      for made in (_servo(entry, i, force) if isinstance(force, ServoEntry) else
                                   _forces(bodies, entry, i, force))),
-        left_out=tuple(LeftOut(*each) for each in entry.left_out),
+        left_out=tuple(LeftOut(*each) for each in entry.left_out), motors=tuple(Motor(*each) for each in entry.motors),
         shapes=tuple(_shape(bodies, f'shapes[{i}] "{shape.name}"', shape, folder)
                      for i, shape in enumerate(entry.shapes)),
         monitors=tuple(_monitor(entry, i, monitor) for i, monitor in enumerate(entry.monitors)),

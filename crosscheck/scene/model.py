@@ -281,6 +281,15 @@ class Published(_Record):
     time: float | None = None  # s
 
 
+class Motor(NamedTuple):
+    """An actuator of an imported model: what its control is to a joint, "effort", "target" or "target_velocity"."""
+
+    name: str
+    joint: str
+    control: str
+    factor: float  # of the control, in SI: gain and gear
+
+
 @dataclasses.dataclass(frozen=True)
 class Scene(_Record):
     """An engine-neutral mechanical system with its complete initial state, duration and output times."""
@@ -296,6 +305,7 @@ class Scene(_Record):
     source: str = ""
     tags: tuple[str, ...] = ()
     left_out: tuple[LeftOut, ...] = ()  # what an import dropped or read otherwise; not part of the hash
+    motors: tuple[Motor, ...] = ()  # by which columns of a log are known; not part of the hash
     shapes: tuple[Shape, ...] = ()
     monitors: tuple[Monitor, ...] = ()  # the scene describes the motion until the first of these
     sites: tuple[Site, ...] = ()

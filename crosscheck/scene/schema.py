@@ -20,7 +20,7 @@ KEYS: dict[int, dict[str, tuple[str, ...]]] = {
     2: {"bodies": ("origin",),
         "joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
                    "mimic", "drive", "radius"), "": ("left_out",)},
-    3: {"joints": ("dry_friction", "limits"), "": ("shapes", "monitors", "sites", "sensors", "published")}}
+    3: {"joints": ("dry_friction", "limits"), "": ("shapes", "monitors", "sites", "sensors", "published", "motors")}}
 """Keys that each later version of the format brought, by table."""
 
 TYPES: dict[int, dict[str, tuple[str, ...]]] = {
@@ -319,6 +319,7 @@ class SceneEntry(msgspec.Struct, frozen=True):
     sites: list[SiteEntry] = []
     sensors: list[SensorEntry] = []
     published: list[PublishedEntry] = []
+    motors: list[tuple[str, str, Literal["effort", "target", "target_velocity"], float]] = []
 
 
 ENTRIES: dict[str, Any] = {"bodies": BodyEntry, "joints": JointEntry, "shapes": ShapeEntry, "sites": SiteEntry,
@@ -351,6 +352,7 @@ EXPECTED = {
     "rest_position": "a number of rad or m", "mimic": 'a table, { joint = "motor", ratio = 3.0 }',
     "ratio": "a number", "offset": "a number of rad or m",
     "left_out": 'a list of [where, what, value], as ["elbow", "dry friction of joint", 0.3]',
+    "motors": 'a list of [name, joint, "effort", "target" or "target_velocity", factor of the control]',
     "frame": '"world" or "body"', "force": "three numbers or functions of time in N (one along a joint)",
     "torque": "three numbers or functions of time in N m (one about a joint)", "coefficients": "a list of numbers",
     "terms": "rows of amplitude, angular frequency, phase", "times": "a list of s", "values": "a list of numbers",

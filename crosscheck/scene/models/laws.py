@@ -60,6 +60,7 @@ class Laws:
     shapes: list[Table] = dataclasses.field(default_factory=list)
     monitors: list[Table] = dataclasses.field(default_factory=list)
     idle: list[str] = dataclasses.field(default_factory=list)  # motors without a control
+    motors: list[list[Any]] = dataclasses.field(default_factory=list)  # see `Motor`
 
 
 def find(reading: Reading, joints: list[Table], wants: Wants) -> Laws:
@@ -163,7 +164,9 @@ def _actuators(reading: Reading, places: dict[int, tuple[Table, int, float]], wa
             if control is not None or acts(reading, a):
                 reading.noted.append(mine)
             continue
-        servo = _servo(reading, a, places.get(joint), control)
+        servo, motor = _servo(reading, a, places.get(joint), control) or (None, ())
+        if motor:
+            laws.motors.append([name or motor[0], *motor])
         if servo is None:
             if control is not None or acts(reading, a):
                 reading.lost.append(mine)
@@ -211,8 +214,10 @@ def _clipped(reading: Reading, a: int, control: float) -> float:
     return float(control)
 
 
-def _servo(reading: Reading, a: int, place: tuple[Table, int, float] | None, control: Control | None) -> Table | None:
-    """An actuator with fixed gain and affine bias on a hinge or slide; None for any other.
+def _servo(reading: Reading, a: int, place: tuple[Table, int, float] | None, control: Control | None
+           ) -> tuple[Table, tuple[str, str, float]] | None:
+    """(an actuator with fixed gain and affine bias on a hinge or slide; its joint, what its control is there, and the
+    factor of that); None for any other.
 
     Its force g0 u + b0 + b1 gear q + b2 gear q' is cut to its range and acts times the gear.
     """
@@ -236,12 +241,15 @@ def _servo(reading: Reading, a: int, place: tuple[Table, int, float] | None, con
         _within(reading, a, u)
     made: Table = {"type": "servo", "joint": table["name"]}
     stiffness, damping = -b1 * gear**2, -b2 * gear**2
+    key, factor = "effort", gear * gain
     if stiffness:
-        made |= {"target": scaled(u, gain / (-b1 * gear)), "target_velocity": 0.0, "proportional": stiffness}
+        key, factor = "target", gain / (-b1 * gear)
+        made |= {key: scaled(u, factor), "target_velocity": 0.0, "proportional": stiffness}
     elif damping and gain:
-        made |= {"target_velocity": scaled(u, gain / (-b2 * gear))}
+        key, factor = "target_velocity", gain / (-b2 * gear)
+        made |= {key: scaled(u, factor)}
     elif gain and u != 0.0:
-        made |= {"feedforward": scaled(u, gear * gain)}
+        made |= {"feedforward": scaled(u, factor)}
     made |= {"derivative": damping} if damping else {}
     if b0:
         if isinstance(made.get("feedforward"), dict):
@@ -250,7 +258,7 @@ def _servo(reading: Reading, a: int, place: tuple[Table, int, float] | None, con
     if m.actuator_forcelimited[a]:
         lower, upper = sorted(gear * m.actuator_forcerange[a])
         made["effort_limit"] = [float(lower), float(upper)]
-    return made
+    return made, (table["name"], key, factor)
 
 
 def _clamp(reading: Reading, j: int, place: tuple[Table, int, float] | None, laws: Laws, count: int) -> None:

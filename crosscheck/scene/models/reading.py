@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
+import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -102,7 +104,8 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         raise SceneError(f"{model.path}: a scene cannot hold {words}; {offer}")
     left_out = [*(each._replace(what=ACTS + each.what) if str(each.value).startswith(AT_START) else each
                   for each in reading.lost), *reading.noted]
-    third = own.forces or own.monitors or sites or sensors or any(
+    own.motors += _transmitted(model, {each["name"] for each in joints})
+    third = own.forces or own.monitors or own.motors or sites or sensors or any(
         {"dry_friction", "limits"} & joint.keys() for joint in joints)
     own.idle += [f"of transmission {each.get('name')!r}" for each in model.root.findall("transmission")]
     idle = [f"motors without a control: {', '.join(own.idle)}"] if own.idle else []
@@ -116,8 +119,21 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
                      for each in left_out],
         "bodies": [*map(neutral.body_table, reading.bodies.values()), *reading.light],
         "joints": distinct([*joints, *further]), "forces": [*forces, *own.forces], "shapes": own.shapes,
-        "monitors": own.monitors, "sites": sites, "sensors": sensors}
+        "monitors": own.monitors, "sites": sites, "sensors": sensors, "motors": own.motors}
     return {key: value for key, value in content.items() if value not in ([], "")}
+
+
+def _transmitted(model: Source, joints: set[str]) -> list[list[Any]]:
+    """The actuators of a URDF's transmissions, see `Motor`; the effort of one times its reduction acts on its joint."""
+    made = []
+    for each in model.root.findall("transmission"):
+        joint, actuator = each.find("joint"), each.find("actuator")
+        name = joint.get("name", "") if joint is not None else ""
+        if name in joints and actuator is not None and actuator.get("name"):
+            with contextlib.suppress(ValueError):  # no number is no gear
+                gear = float(actuator.findtext("mechanicalReduction", "1"))
+                made += [[actuator.get("name"), name, "effort", gear]] * math.isfinite(gear)
+    return made
 
 
 def _draw(model: Source, m: Any, d: Any, start: str | int, wants: laws.Wants) -> None:

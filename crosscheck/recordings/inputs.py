@@ -101,6 +101,7 @@ class System:
     efforts, targets, target_velocities : of each joint its signal, None where there is none
     measured : (n,) whether an effort is measured, so that its noise is no part of the motion
     names : (what, owner) of each of the K alterations
+    least : (K,) the smallest that make sense: no mass, damping, friction or armature is below zero
 
     Raises
     ------
@@ -137,6 +138,10 @@ class System:
         own = [joint.dry_friction[0] if joint.dry_friction else None for joint in self.scene.joints]
         self._friction = np.array([[0.0 if each is None else each.sliding for each in own],
                                    [0.0 if each is None else max(each.sliding, each.static) for each in own]])
+        given = {joint.name: {"damping": sum(joint.damping), "friction": self._friction[0, k], "armature": sum(
+            joint.armature)} for k, joint in enumerate(self.scene.joints)}
+        self.least = np.array([-1.0 if what in ("mass", "inertia") else -given.get(owner, {}).get(what, np.inf)
+                               for what, owner in self.names])
         self._compile()
 
     def _compile(self) -> None:

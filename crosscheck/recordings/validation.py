@@ -307,7 +307,7 @@ class Fit:
             self.step /= 2
         self.sizes = self._sizes()
         self.begun = log.begun[self.picked]
-        self.unknown = self.shaken * system.measured  # accelerations by what is not known of efforts
+        self.unknown = self.shaken[system.measured].sum(axis=0)  # covariance of accelerations by unknown efforts
         self._roots: dict[bytes, np.ndarray] = {}
 
     def _sizes(self) -> np.ndarray:
@@ -330,7 +330,7 @@ class Fit:
                          "centre of mass z": 0.1}.get(what, 1.0))
         noises = np.array([0.0 if each is None else measured(each.t, each.values).sigma for each in system.efforts])
         self.pushed = np.abs(np.einsum("nii->ni", S)).mean(axis=0) * noises  # accelerations by the noise of inputs
-        self.shaken = np.abs(S).mean(axis=0) * noises  # (n, n) of each joint by each effort
+        self.shaken = np.einsum("sik,sjk,k->kij", S, S, noises**2) / len(S)  # their covariance by each effort
         return 1e-2 * np.array(made)
 
     def slopes(self, start: np.ndarray, which: Sequence[int], altered: np.ndarray, span: float | None = None
@@ -377,13 +377,17 @@ class Fit:
         key = b"".join(each.tobytes() for each in ((t / self.log.period).round(2), scale, self.unknown))
         if key not in self._roots:
             first, last = np.minimum.outer(t, t), np.maximum.outer(t, t)
-            pushed = (self.unknown @ self.unknown.T)[np.ix_(joint, joint)] * self.log.period
+            pushed = self.unknown[np.ix_(joint, joint)] * self.log.period
             self._roots[key] = np.linalg.cholesky(np.eye(len(t)) + pushed * first**2 * (3 * last - first) / 6
                                                   / np.outer(scale, scale))
         return self._roots[key]
 
     def reduced(self) -> tuple[np.ndarray, np.ndarray, float, int, float]:
-        """(N, b, chi^2, degrees of freedom, log of the determinant of the covariance) of the last rows."""
+        """(N, b, chi^2, degrees of freedom, log of the determinant of the covariance of what no start explains, less a
+        constant) of the last rows.
+
+        Source: H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545.
+        """
         size = 2 * self.system.n
         count = self.last[0][0].shape[1] - size
         N, b, chi2, free, determinant = np.zeros((count, count)), np.zeros(count), 0.0, 0, 0.0
@@ -393,7 +397,8 @@ class Fit:
             if root is not None:
                 A, r = (solve_triangular(root, each, lower=True) for each in (A, r))
                 determinant += 2 * float(np.log(np.diag(root)).sum())
-            Q = np.linalg.qr(A[:, :size])[0]
+            Q, R = np.linalg.qr(A[:, :size])
+            determinant += 2 * float(np.log(np.abs(np.diag(R)) + 1e-300).sum())
             self.follows[s] = -np.linalg.lstsq(A[:, :size], A[:, size:], rcond=1e-10)[0]
             E, rest = (each - Q @ (Q.T @ each) for each in (A[:, size:], r))
             self.parts.append((E.T @ E, E.T @ rest))
@@ -401,17 +406,25 @@ class Fit:
         return N, b, chi2, free, determinant
 
     def loosened(self) -> None:
-        """Take the noise of inputs as unknown if the last rows ask for that: what no single alteration explains.
+        """Take the part of the noise of inputs as unknown that makes the last rows likeliest, without an alteration or
+        with one that shows.
 
-        A log may be slower than what gives its inputs.
+        A log may be slower than what gives its inputs, of which it then lacks a part.
         """
-        sure, likely = self.unknown, []
-        for each in (sure, self.shaken) if self.system.unsure else (sure,):
-            self.unknown = each
+        from scipy.optimize import minimize_scalar
+
+        @functools.cache
+        def unlikely(part: float) -> float:
+            self.unknown = np.tensordot(np.where(self.system.measured, 1.0, part**2), self.shaken, 1)
             N, b, chi2, _, determinant = self.reduced()
             pairs = [np.array([k, len(b) - 1]) for k in range(len(b) - 1) if N[k, k] * self.sizes[k] ** 2 > NOTHING]
-            likely.append(chi2 + determinant + min(alone(N[np.ix_(pair, pair)], b[pair], PARTS)[2] for pair in pairs))
-        self.unknown = sure if likely[0] == min(likely) else self.shaken
+            gains = [alone(N[np.ix_(pair, pair)], b[pair], PARTS, self.system.least[pair[0]])[2] for pair in pairs]
+            without = float((PARTS * (PARTS * N[-1, -1] - 2 * b[-1])).min())
+            return chi2 + determinant + min([without, *(gain + CRITICAL**2 for gain in gains)])
+
+        if self.system.unsure:
+            best = minimize_scalar(unlikely, bounds=(0.0, 1.0), method="bounded", options={"xatol": 0.05}).x
+            unlikely.__wrapped__(min((0.0, float(best), 1.0), key=unlikely))
 
     @functools.cached_property
     def data(self) -> list[list[tuple[np.ndarray, np.ndarray, float]]]:
@@ -491,8 +504,8 @@ class Fit:
                 for i in range(n):
                     spread[:, i::n, i::n] = log.spread[:, i]
                 variance[:, k, j] = np.einsum("si,sij,sj->s", Phi, spread, Phi) + log.noise[k].sigma**2
-                given[:, k, j] = np.sum((by_altered[place][like][:, k] * prior[prior > 0]) ** 2, axis=1) + np.sum(
-                    self.unknown[k] ** 2) * log.period * h**3 / 3
+                given[:, k, j] = np.sum((by_altered[place][like][:, k] * prior[prior > 0]) ** 2, axis=1) + (
+                    self.unknown[k, k] * log.period * h**3 / 3)
                 ends[:, k] = told
         num = np.zeros((n, len(horizons))) if u_num is None else u_num
         z = error / np.sqrt(variance + given + num**2)
@@ -541,13 +554,14 @@ PARTS = np.linspace(0.0, 1.0, 41)
 """Of straight lines in inputs of which it is not known whether they are held, that are tried."""
 
 
-def alone(N: np.ndarray, b: np.ndarray, parts: np.ndarray) -> tuple[float, float, float, float]:
+def alone(N: np.ndarray, b: np.ndarray, parts: np.ndarray, least: float) -> tuple[float, float, float, float]:
     """(size, its standard deviation, chi^2 less that without it, part of straight lines) of one alteration.
 
-    N (2, 2) and b (2,) are of it and of that part, which may be any of `parts` at equal odds.
+    N (2, 2) and b (2,) are of it and of that part, which may be any of `parts` at equal odds; no size is below `least`.
     """
-    size = (b[0] - parts * N[0, 1]) / N[0, 0]
-    chi2 = parts * (parts * N[1, 1] - 2 * b[1]) - size**2 * N[0, 0]
+    free = b[0] - parts * N[0, 1]
+    size = np.maximum(free / N[0, 0], least)
+    chi2 = parts * (parts * N[1, 1] - 2 * b[1]) + size * (size * N[0, 0] - 2 * free)
     odds = np.exp(-0.5 * (chi2 - chi2.min()))
     odds /= odds.sum()
     mean, best = float(odds @ size), int(np.argmin(chi2))
@@ -582,7 +596,7 @@ def refined(fit: Fit, k: int, rounds: int = 8) -> Cause:
         if not chi2 < before * 1.001 or not N[0, 0] > 0:
             break
         before = chi2
-        change, sigma, gain, part = alone(N, b, parts - altered[last])
+        change, sigma, gain, part = alone(N, b, parts - altered[last], fit.system.least[k] - altered[k])
         spare = max(1.0, (chi2 + gain) / free)
         own = np.array([each[0, 0] for each, _ in fit.parts])
         sizes = np.array([each[0] - part * rest[0, 1] for rest, each in fit.parts]) / np.where(own > 0, own, 1.0)
@@ -661,7 +675,7 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
             continue
         M, g, _ = without(np.array([k, last]), known[known != k])
         if M[0, 0] > 1e-9 * N[k, k]:
-            _, sigma, gain, _ = alone(M, g, parts if system.names[k][0] != "delay" else np.zeros(1))
+            _, sigma, gain, _ = alone(M, g, parts if system.names[k][0] != "delay" else np.zeros(1), system.least[k])
             more = max(straight(M, g)[1] - gain, 0.0)
             gains[k] = more * sigma**2 / (sigma**2 + prior[k] ** 2)
             sizes[k] = math.sqrt(sigma**2 + prior[k] ** 2)

@@ -7,7 +7,6 @@ generator of its linearised flow on the tangent space of its constraints.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import os
 
@@ -112,10 +111,13 @@ def at_state(scene: Scene, state: object) -> Scene:
 
 def truth(scene: Scene) -> Derivatives:
     """See `derivatives`."""
-    matrix, basis, gap = generator(scene)
     da_dq = da_dv = da_dtau = None
-    with contextlib.suppress(Unsupported):
-        space = JointSpace(scene)
+    try:
+        space: TreeSpace = JointSpace(scene)
+    except Unsupported:
+        space = TreeSpace(scene)
+    matrix, basis, gap = generator(space)
+    if isinstance(space, JointSpace):
         da_dq, da_dv = space.derivative(space.accelerations)
         da_dtau = np.linalg.inv(space.mass)
     if not gap <= AGREED:
@@ -124,17 +126,16 @@ def truth(scene: Scene) -> Derivatives:
                        basis)
 
 
-def generator(scene: Scene) -> tuple[np.ndarray, np.ndarray, float]:
+def generator(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, float]:
     """The matrix and the basis of `Derivatives`, and the relative difference of the two routes."""
-    space = TreeSpace(scene)
     tangent, flow, _ = linearised(space)
-    poses = tangent[:6 * scene.n]
+    poses = tangent[:6 * space.scene.n]
     U, sizes, _ = np.linalg.svd(poses)
     basis = U[:, :int(np.count_nonzero(sizes > DEPENDENT * sizes[0]))] if sizes.size and sizes[0] else poses[:, :0]
     k = basis.shape[1]
     both = np.kron(np.eye(2), basis)
     made = both.T @ flow @ np.linalg.pinv(both.T @ tangent)
-    other = both.T @ differences(scene, tangent @ np.linalg.pinv(both.T @ tangent))
+    other = both.T @ differences(space.scene, tangent @ np.linalg.pinv(both.T @ tangent))
     return made, basis, float(np.abs(made - other).max(initial=0.0) / np.abs(made).max(initial=1.0)) if k else 0.0
 
 
@@ -152,7 +153,7 @@ def linearised(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return np.concatenate([np.ravel(getattr(bodies, name)) for name in names])
 
     ends = np.cumsum([getattr(space.start, name).size for name in names])[:-1]
-    *parts, values, slopes = np.split(np.concatenate(space.derivative(states), axis=1), ends)
+    *parts, values, slopes = np.split(np.concatenate(TreeSpace.derivative(space, states), axis=1), ends)
     x, turned, v, dw, a, alpha = (part.reshape(n, len(part) // n, -1) for part in parts)
     turns = np.einsum("nji,njkm->nikm", R, turned.reshape(n, 3, 3, -1))
     turn = np.stack([turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]], axis=1)

@@ -100,6 +100,7 @@ class TreeSpace:
         except ModuleNotFoundError as error:
             raise Unsupported(f"derivatives of {scene.name!r} need {error.name}; {install('heyoka')}") from None
         self.scene = scene
+        self._known: dict[tuple[bytes, bytes], Bodies] = {}
         self.links = self.equations.tree.by_body
         rods = [link for link in self.links if link.shift == "sphere"]
         if rods:
@@ -145,8 +146,11 @@ class TreeSpace:
         return state
 
     def bodies(self, change: np.ndarray, speeds: np.ndarray) -> Bodies:
-        """What follows from a change of position and from speeds, which may be complex."""
-        return self.at(self.state(change, speeds))
+        """What follows from a change of position and from speeds, which may be complex; kept for who asks again."""
+        asked = change.tobytes(), speeds.tobytes()
+        if asked not in self._known:
+            self._known[asked] = self.at(self.state(change, speeds))
+        return self._known[asked]
 
     def at(self, state: list[Any]) -> Bodies:
         """What follows from a state vector of the formulation."""

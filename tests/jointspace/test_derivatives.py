@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import re
 
@@ -52,8 +53,8 @@ def accelerations(scene):
 
 @pytest.mark.parametrize("name", TREES)
 def test_truth_of_trees_against_differences_of_the_index_1_equations(name):
-    scene = TREES[name]()
-    space, exact, h = JointSpace(scene), truth(scene), 5e-3
+    (scene, exact), h = judged(TREES[name]), 5e-3
+    space = JointSpace(scene)
     assert exact.coordinates == scene.coordinates
     assert exact.error < 1e-10
     for block, part in ((exact.da_dq, 0), (exact.da_dv, 1)):
@@ -178,7 +179,8 @@ def test_a_state_at_which_a_law_changes_has_no_derivative(law, said):
     ("seven hinges", "mujoco", True, ""),
 ])
 def test_verdicts_on_engines(scene, source, right, cause):
-    verdict = judge(TREES[scene](), source)
+    made, exact = judged(TREES[scene])
+    verdict = judge(made, source, exact)
     assert verdict.right == right, verdict
     assert cause in verdict.cause
     assert bool(cause) == bool(verdict.cause)
@@ -298,6 +300,13 @@ class Own:
         return self.change({"da_dq": exact.da_dq, "da_dv": exact.da_dv, "da_dtau": exact.da_dtau}, scene)
 
 
+@functools.cache
+def judged(make):
+    """A scene and its truth, for all sources that are judged on it."""
+    scene = make()
+    return scene, truth(scene)
+
+
 PARTS = {"armature": 0.1, "stiffness": 2.0}
 
 
@@ -414,7 +423,8 @@ WRONG = {
 @pytest.mark.parametrize("mistake", WRONG)
 def test_wrong_sources_do_not_pass_and_are_named(mistake):
     make, change, cause = WRONG[mistake]
-    verdict = judge(make(), Own(change))
+    scene, exact = judged(make)
+    verdict = judge(scene, Own(change), exact)
     assert not verdict.right
     assert cause in verdict.cause, verdict
     assert bool(cause) == bool(verdict.cause), verdict
@@ -440,7 +450,8 @@ RIGHT = {
 @pytest.mark.parametrize("source", RIGHT)
 def test_right_sources_are_not_accused(source):
     make, change = RIGHT[source]
-    verdict = judge(make(), Own(change))
+    scene, exact = judged(make)
+    verdict = judge(scene, Own(change), exact)
     assert verdict.right, verdict
 
 

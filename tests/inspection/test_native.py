@@ -110,7 +110,6 @@ def test_a_mistake_in_a_urdf_is_named(engine, right, wrong, words, tmp_path, mon
     bad.write_text(PLAIN.replace(right, wrong))
     found = beside(monkeypatch, good, bad, [engine])
     assert words in " ".join(found.lines), found.lines
-    assert beside(monkeypatch, good, good, [engine]).agree
 
 
 @pytest.mark.parametrize(("right", "wrong", "words"), MJCF_MISTAKES)
@@ -121,7 +120,14 @@ def test_a_mistake_in_an_mjcf_is_named(right, wrong, words, tmp_path, monkeypatc
     bad.write_text(MJCF.replace(right, wrong))
     found = beside(monkeypatch, good, bad, ["mujoco"])
     assert words in " ".join(found.lines), found.lines
-    assert beside(monkeypatch, good, good, ["mujoco"]).agree
+
+
+@pytest.mark.parametrize(("text", "suffix", "engine"), [(PLAIN, "urdf", "mujoco"), (PLAIN, "urdf", "pinocchio"),
+                                                        (MJCF, "xml", "mujoco")])
+def test_nothing_is_named_in_the_file_without_the_mistake(text, suffix, engine, tmp_path):
+    path = tmp_path / f"good.{suffix}"
+    path.write_text(text)
+    assert crosscheck.inspect(path, [engine]).agree
 
 
 def test_damping_that_aba_does_not_apply_is_named(tmp_path):

@@ -342,6 +342,15 @@ class Record(Way, frozen=True, kw_only=True):
         """`off`, infinite if it is not known."""
         return math.inf if self.off is None else self.off
 
+    def missed(self, wanted: float) -> float:
+        """The error over the wanted one."""
+        return self.error / wanted
+
+    @property
+    def cost(self) -> float:
+        """Stepping time (s) of a simulated second, infinite if it is not known."""
+        return math.inf if self.seconds_per_second is None else self.seconds_per_second
+
     def resolution_of(self, quantity: str) -> float | None:
         """An error of the model above this share of the size of a quantity would have been seen."""
         return self.resolution.get(quantity)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Self, TypeVar
 
@@ -72,6 +73,11 @@ class Way(Part, frozen=True):
         """The arguments of `crosscheck.run` after the method: step or rtol, and the options."""
         named = {name: getattr(self, name) for name in ("step", "rtol", "form", "coordinate_map")}
         return {name: value for name, value in named.items() if value is not None} | dict(self.options)
+
+    @property
+    def fineness(self) -> float:
+        """A number that grows from coarse runs to fine ones."""
+        return 1.0 / (self.step or self.rtol or math.inf)
 
     @property
     def label(self) -> str:

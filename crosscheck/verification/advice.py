@@ -33,7 +33,7 @@ from crosscheck.references.base import Reference
 from crosscheck.running import versions
 from crosscheck.scene.file import as_scene, load_scene
 from crosscheck.scene.model import Scene
-from crosscheck.verification.ladder import STAGE, Climb, GradedWay, Ladder, Rung, key, ways
+from crosscheck.verification.ladder import STAGE, Climb, GradedWay, Ladder, Rung, key, reaching, ways
 from crosscheck.verification.speed import stepping_time
 
 Wanted = float | dict[str, float]
@@ -123,7 +123,7 @@ class _Search:
     def _most(self, wanted: Wanted) -> float:
         """The cost (s) above which no run is a rival of the cheapest one."""
         reaching = self.ladder.reaching(wanted)
-        least = math.inf if self._every or not reaching else _cost(reaching[0])
+        least = math.inf if self._every or not reaching else reaching[0].cost
         return max(NEAR * least, least + SHORT)
 
     def _halve(self, chosen: Sequence[GradedWay], wanted: Wanted) -> None:
@@ -135,7 +135,7 @@ class _Search:
         while heap:
             expected, _, way, sizes, made = heapq.heappop(heap)
             grown = 1.5 if way.adaptive else 2.0
-            if made and grown * _cost(made[-1]) > self._most(wanted):
+            if made and grown * made[-1].cost > self._most(wanted):
                 continue
             if expected >= self._left(HALVING):
                 self.ladder.stalled = False
@@ -168,7 +168,7 @@ class _Search:
             share = math.log(over) / math.log(over / under) if math.isfinite(over) and under > 0 else 0.5
             expected = math.ceil(coarse * (fine / coarse) ** share)
             middle = min(max(expected, int(CLOSE * coarse)), math.ceil(fine / CLOSE), fine - 1)
-            pace = _cost(rungs[good]) / fine
+            pace = rungs[good].cost / fine
             if (not coarse < middle < fine or fine < CLOSE * coarse or coarse * pace > self._most(wanted)
                     or 2 * middle * pace > self._left(SEARCHED)):
                 return
@@ -179,7 +179,7 @@ class _Search:
         most = self._most(wanted)
         names = {id(rung): name for name, rung in self.ladder.rungs.items()}
         rivals = {names[id(rung)]: rung for rung in self.ladder.reaching(wanted)
-                  if _cost(rung) <= most and TRIES * ROUNDS * _cost(rung) < self._left()}
+                  if rung.cost <= most and TRIES * ROUNDS * rung.cost < self._left()}
         times: dict[str, list[float]] = {name: [] for name in rivals}
         for name, time in take_turns({name: functools.partial(undisturbed, functools.partial(
                 stepping_time, self._climb.scene, rung), TRIES, SHORT) for name, rung in rivals.items()}, ROUNDS):
@@ -188,11 +188,6 @@ class _Search:
         for name, own in times.items():
             if own:
                 self.ladder.rungs[name] = replace(rivals[name], wall_ms=1e3 * min(own), repeats=len(own))
-
-
-def _cost(rung: Rung) -> float:
-    """Stepping time, s; 0 of a run that failed."""
-    return 1e-3 * (rung.wall_ms or 0.0)
 
 
 def _useless(rung: Rung) -> bool:
@@ -290,7 +285,7 @@ def choose(ladder: Ladder, wanted: Wanted, scene: str) -> Advice:
     broken = [rung for rung in ladder.of(best.label) if rung.fineness < best.fineness and _useless(rung)]
     return replace(
         advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error,
-        errors=best.errors, cost=_cost(best), command=words,
+        errors=best.errors, cost=best.cost, command=words,
         breaks_at=(broken[-1].step or broken[-1].rtol) if broken else None)
 
 
@@ -319,48 +314,47 @@ def from_records(scenes: Sequence[SceneTruth], records: Sequence[Record], known:
 
 
 def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Advice:
-    """The cheapest of the passing runs of an engine, each at the largest step that its order promises the error for.
+    """The cheapest of the passing runs of an engine, each at the largest step that its order promises the error for."""
+    passing = {extended(Way, record).label: record for record in records if record.within
+               and math.isfinite(record.error) and record.wall_time}
+    advice = Advice(scene=scene.name, engine=records[0].engine, wanted=wanted, until=scene.duration,
+                    least=min((record.error for record in passing.values()), default=None),
+                    tried=f"among the runs of this report and the steps that their orders let expect; "
+                          f"{_finest(list(passing.values()))}")
+    best = next(iter(reaching([_expected(scene, record, wanted) for record in passing.values()], wanted)), None)
+    if best is None:
+        return advice
+    record = passing[best.label]
+    command, estimated = record.command.removesuffix(" --csv run.csv"), f"the run at rtol {record.rtol or 0.0:g}"
+    if record.step is not None:
+        command = command.replace(f"--step {record.step!r}", f"--step {best.step!r}")
+        estimated = f"the run at {record.step:g} s" + ("" if best.order is None or record.order is None else
+                                                       f" and its observed order {record.order.observed:.2f}")
+    return replace(advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error,
+                   cost=best.cost, command=command, estimated=estimated)
+
+
+def _expected(scene: SceneTruth, record: Record, wanted: float) -> Rung:
+    """The run of a record at the largest step that its order promises an error for, or as it was.
 
     No step is longer than the coarsest one at which the order was observed, and none shorter than a hundredth of the
     step of the run: beyond them the order is not known to hold.
     """
-    passing = [record for record in records if record.within
-               and math.isfinite(record.error) and record.wall_time]
-    advice = Advice(scene=scene.name, engine=records[0].engine, wanted=wanted, until=scene.duration,
-                    least=min((record.error for record in passing), default=None),
-                    tried=f"among the runs of this report and the steps that their orders let expect; "
-                          f"{_finest(passing)}")
-    expected = [each for record in passing if (each := _expected(scene, record, advice)) is not None]
-    return min(expected, key=lambda each: each.cost or 0.0, default=advice)
-
-
-def _expected(scene: SceneTruth, record: Record, asked: Advice) -> Advice | None:
-    """The run at the step that a record lets expect for an error; None if the record promises no such step."""
-    wanted = asked.wanted
-    assert isinstance(wanted, float)
-    error, step = record.error, record.step
     assert scene.plan is not None
     assert record.wall_time is not None
-    estimated = f"the run at rtol {record.rtol:g}" if step is None else f"the run at {step:g} s"
-    stretch = 1.0
-    if step is not None and record.order is not None and error > 0.0:
-        order = min(record.order.observed, float(record.order.documented))
-        coarsest = max((rung.step for rung in record.ladder if rung.step), default=step)
-        interval = (record.duration or scene.duration) / (scene.plan.samples - 1)
-        longest = min(step * (wanted / MARGIN / error) ** (1 / order), max(coarsest, step), interval)
-        if longest < step / 100:
-            return None
-        stretch = interval / math.ceil(interval / longest * (1 - 1e-9)) / step
-        error *= stretch**order
-        estimated += f" and its observed order {record.order.observed:.2f}"
-    if error > wanted * (1 + 1e-9):
-        return None
-    command = record.command.removesuffix(" --csv run.csv")
-    if step is not None:
-        command = command.replace(f"--step {step!r}", f"--step {step * stretch!r}")
-    return replace(asked, until=scene.duration, method=record.method, form=record.form,
-                   step=None if step is None else step * stretch, rtol=record.rtol, error=error,
-                   cost=record.wall_time / stretch, command=command, estimated=estimated)
+    way = extended(Way, record)
+    rung = extended(Rung, way, scene=scene.name, label=way.label, error=record.error, wall_ms=1e3 * record.wall_time)
+    if record.step is None or record.order is None or record.error == 0.0:
+        return rung
+    order = min(record.order.observed, float(record.order.documented))
+    coarsest = max((each.step for each in record.ladder if each.step), default=record.step)
+    interval = (record.duration or scene.duration) / (scene.plan.samples - 1)
+    longest = min(record.step * (wanted / MARGIN / record.error) ** (1 / order), max(coarsest, record.step), interval)
+    if longest < record.step / 100:
+        return rung
+    stretch = interval / math.ceil(interval / longest * (1 - 1e-9)) / record.step
+    return replace(rung, step=record.step * stretch, error=record.error * stretch**order, order=round(order),
+                   wall_ms=1e3 * record.wall_time / stretch)
 
 
 def prepare(task: tuple[str, str, Ladder | None], wanted: Sequence[Wanted] = LEVELS, every: bool = False

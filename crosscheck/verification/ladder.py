@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -19,7 +19,7 @@ from crosscheck import adapters, references
 from crosscheck.adapters.base import RunSpec
 from crosscheck.compare.errors import errors
 from crosscheck.compare.sizes import natural_time, sizes
-from crosscheck.document import QUANTITIES, Way, extended, largest
+from crosscheck.document import QUANTITIES, Record, Way, extended, largest
 from crosscheck.files import digest
 from crosscheck.judge.crossings import corrected_at_impacts
 from crosscheck.references.base import Reference
@@ -136,9 +136,9 @@ class Rung(Way, frozen=True, kw_only=True):
         return {name: value for name, value in named.items() if value is not None}
 
     @property
-    def fineness(self) -> float:
-        """A number that grows from coarse runs to fine ones."""
-        return 1.0 / (self.step or self.rtol or math.inf)
+    def cost(self) -> float:
+        """Stepping time, s; 0 of a run that failed."""
+        return 1e-3 * (self.wall_ms or 0.0)
 
     def missed(self, wanted: float | Mapping[str, float]) -> float:
         """The error over the wanted one: over the sizes of quantities, or in SI of those that are named."""
@@ -152,6 +152,21 @@ def rung_of(scene: Scene, way: GradedWay, value: float | None, status: str = "su
     """The rung of a way at `value`: a step (s), or a tolerance if the way is adaptive."""
     return extended(Rung, way, scene=scene.name, label=way.label, order=way.order, status=status, reason=reason, **{
         "rtol" if way.adaptive else "step": value})
+
+
+Run = TypeVar("Run", Rung, Record)
+
+
+def reaching(runs: Iterable[Run], wanted: Any) -> list[Run]:
+    """The coarsest run of each way with at most the wanted error, the cheapest first: whatever recommends asks this.
+
+    wanted : over the sizes of quantities; of rungs also in SI, by quantity
+    """
+    coarsest: dict[str, Run] = {}
+    for run in sorted(runs, key=lambda run: run.fineness):
+        if run.missed(wanted) <= 1.0:
+            coarsest.setdefault(run.label, run)
+    return sorted(coarsest.values(), key=lambda run: run.cost)
 
 
 class Ladder(msgspec.Struct, kw_only=True):
@@ -176,12 +191,8 @@ class Ladder(msgspec.Struct, kw_only=True):
         return sorted((rung for rung in self.rungs.values() if rung.label == label), key=lambda rung: rung.fineness)
 
     def reaching(self, wanted: float | Mapping[str, float]) -> list[Rung]:
-        """The coarsest run of each way with at most this error, the cheapest first."""
-        coarsest: dict[str, Rung] = {}
-        for rung in sorted(self.rungs.values(), key=lambda rung: rung.fineness):
-            if rung.missed(wanted) <= 1.0:
-                coarsest.setdefault(rung.label, rung)
-        return sorted(coarsest.values(), key=lambda rung: rung.wall_ms or 0.0)
+        """As `reaching`, of the runs of this ladder."""
+        return reaching(self.rungs.values(), wanted)
 
 
 def key(scene: Scene, engine: str) -> str:

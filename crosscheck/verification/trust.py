@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from crosscheck.document import EngineTrust, Recommended, Record, SceneTruth, grouped
 from crosscheck.document.outcomes import percent
 from crosscheck.errors import counted
+from crosscheck.verification.ladder import reaching
 
 TARGETS = (1e-6, 1e-3)
 """Wanted errors, each quantity's over its size. The recommendation is for the first one that a passing run reaches."""
@@ -30,11 +31,9 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
     if scene.sizes is None or not passing:
         return None
     for target in TARGETS:
-        accurate = [record for record in passing if record.error <= target]
-        if accurate:
-            best = min(accurate, key=_seconds)
-            tied = sorted((record for record in accurate if record is not best and not _slower(record, best)),
-                          key=_seconds)
+        if accurate := reaching(passing, target):
+            best = accurate[0]
+            tied = [record for record in accurate[1:] if not _slower(record, best)]
             why = f"the fastest with an error of every quantity below {target:.0e} of its size, {_checks(best)} passed"
             break
     else:
@@ -50,17 +49,13 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
                        seconds=best.seconds_per_second, why=why)
 
 
-def _seconds(record: Record) -> float:
-    return float("inf") if record.seconds_per_second is None else record.seconds_per_second
-
-
 def _slower(record: Record, best: Record) -> bool:
     """Whether a run is slower than the best one beyond noise. Deviations are taken relative to their own medians.
 
     The deviation of a slow run in seconds would hide its difference from a fast one.
     """
-    ratio = _seconds(record) / _seconds(best) if math.isfinite(_seconds(best)) else 1.0
-    shares = ((each.seconds_deviation or 0.0) / _seconds(each) for each in (record, best))
+    ratio = record.cost / best.cost if math.isfinite(best.cost) else 1.0
+    shares = ((each.seconds_deviation or 0.0) / each.cost for each in (record, best))
     return ratio > NOISE_RATIO and math.log(ratio) > NOISE_DEVIATIONS * max(shares)
 
 

@@ -16,7 +16,7 @@ from crosscheck.diagnosis.observe import FINER, SAMPLES, Observation, Scale, Sil
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.references.base import TruthError
 from crosscheck.scene.batch import integrate
-from crosscheck.scene.coordinates import hinge_angles
+from crosscheck.scene.coordinates import hinge_angles, starting
 from crosscheck.scene.model import Scene
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
@@ -137,7 +137,11 @@ def _onward(scene: Scene, scale: Scale, states: States) -> tuple[np.ndarray, np.
     """True motions from the engine's states at the begin of each interval: y at their ends, (I, n, 18), infinite where
     there is none, and the largest differences of the engine's from it, (I,).
     """
-    begin = States(*(getattr(states, name)[:-1] for name in "txRvw"), hinges=hinge_angles(scene, states)[:-1])
+    hinges = hinge_angles(scene, states)[:-1]
+    for k in np.flatnonzero(np.isnan(hinges).any(axis=1)):  # where turns are not known, there are none
+        begun = restarted(scene, states, int(k), 1.0)
+        hinges[k] = hinge_angles(begun, starting(begun))[0]
+    begin = States(*(getattr(states, name)[:-1] for name in "txRvw"), hinges=hinges)
     tau, later = np.diff(states.t), scale.flat(states)[1:]
     ends, last, left = np.full_like(later, np.inf), np.full_like(later, np.nan), np.arange(len(tau))
     turn = float((np.linalg.norm(begin.w, axis=-1).max(axis=1) * tau).max())

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from crosscheck.errors import check_time
 from crosscheck.scene import mechanics
 from crosscheck.scene.coordinates import hinge_angles, starting
 from crosscheck.scene.model import Scene
@@ -71,6 +72,7 @@ def _integrated(scene: Scene, begin: States, tau: np.ndarray, latest: np.ndarray
         return np.concatenate([part.reshape(len(tau), scene.n, -1) for part in state], axis=-1)
 
     def slope(share: float, y: np.ndarray) -> np.ndarray:
+        check_time()
         return np.asarray((each * flat(rates(np.minimum(begin.t + share * tau, latest), *states(y)))).ravel())
 
     def keep(y: np.ndarray, dy: np.ndarray) -> None:

@@ -1,13 +1,17 @@
 """The parts of `explain`: altered accelerations, limits, differences, copies and misreadings, each against its own
 truth."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import crosscheck
-from crosscheck.diagnosis import altered, fit, misreadings, observe, of_stepping, variants
-from crosscheck.diagnosis.observe import Observation, Scale, Subject
+from crosscheck import adapters
+from crosscheck.adapters.base import RunSpec
+from crosscheck.diagnosis import altered, fit, misreadings, observe, of_run, of_stepping, variants
+from crosscheck.diagnosis.observe import Observation, Scale, Subject, scale_of
 from crosscheck.diagnosis.of_model import Known
 from crosscheck.diagnosis.result import Explanation
 from crosscheck.document import Way
@@ -90,6 +94,21 @@ def test_the_prediction_is_truth_where_nothing_is_altered(name):
     found = altered.predict(of_scene(brief), scene.R0, scene.w0)
     # rtol 1e-11 over a window of one radian, some ten steps
     assert np.abs(scale.flat(found) - scale.flat(Maximal(brief).run())).max() < 1e-9
+
+
+def test_intervals_are_followed_where_the_turns_of_a_hinge_are_not_known():
+    scene = load_scene("torsion_wheel").lasting(1.5).replace(samples=of_run.INTERVALS + 1)
+    wheel, = scene.bodies
+    scene = scene.replace(bodies=(dataclasses.replace(
+        wheel, velocity=5.0 * wheel.velocity, angular_velocity=5.0 * wheel.angular_velocity),))
+    states = adapters.get("lieeuler").run(scene, RunSpec("taylor", rtol=1e-12)).states
+    _, gaps = of_run._onward(scene, scale_of(scene), states)
+    assert gaps.max() < of_run.DEFECT
+    states.hinges = None
+    assert np.isnan(hinge_angles(scene, states)).any()
+    ends, gaps = of_run._onward(scene, scale_of(scene), states)
+    assert np.isfinite(ends).all()
+    assert gaps.max() > 1e-3
 
 
 def test_extrapolation_takes_the_named_powers_away():

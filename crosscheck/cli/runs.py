@@ -459,6 +459,7 @@ def _wanted(error: list[str]) -> float | dict[str, float]:
 def _law(scene: Scene, engine: str, advice: Advice) -> str | None:
     """The three answers about the scene's laws by the advised method, or the engine's own choice where its step is not
     fixed, as long as truth is known; None for a scene without laws."""
+    from crosscheck import adapters
     from crosscheck.diagnosis.laws import which_law
 
     if not scene.has_laws:
@@ -467,7 +468,9 @@ def _law(scene: Scene, engine: str, advice: Advice) -> str | None:
     scene = scene.replace(duration=advice.until, samples=samples)
     method, form = (advice.method, advice.form) if advice.step else (None, None)
     try:
-        return str(which_law(scene, engine, method, advice.step, form=form))
+        answers = which_law(scene, engine, method, advice.step, form=form)
+        tight = "softness" in adapters.get(engine).options and "the lines above are for softness=tight; by itself: "
+        return (tight or "") + str(answers)
     except Unsupported as error:
         return str(error)
 
@@ -492,7 +495,7 @@ def words(each: Advice) -> list[str]:
         least = "no run ended" if each.least is None else f"the least error found is {each.least:.1e} of its size"
         return [f"unresolved: {asked}: not {each.tried}; {least}"]
     size = f"step     {figure(each.step)} s" if each.step else f"rtol     {figure(each.rtol)}"
-    fails = "at no step up to the time between two outputs" if each.breaks_at is None else (
+    fails = "at no step tried; the coarsest is the time between two outputs" if each.breaks_at is None else (
         f"at {'step' if each.step else 'rtol'} {figure(each.breaks_at)}{' s' if each.step else ''}: it does not "
         "end, or a quantity is wrong by a tenth of its size")
     errors = ", ".join(f"{name} {value:.1e} {QUANTITIES[name]}" for name, value in each.errors.items())

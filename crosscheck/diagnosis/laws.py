@@ -114,12 +114,13 @@ class LawAnswers:
         changes = ", ".join(f"{change:.1e}" for change in way.changes)
         lines.append(f"does it converge: {'yes' if way.converges else 'no'}; halving the step changes joints by "
                      f"{changes} rad or m, order {way.order:.2f}")
-        told = [f"{name} law at the smallest step: {gaps[-1]}" for name, gaps in (
-            ("from the scene's", way.to_scene), ("from its own documented", way.to_own)) if gaps]
+        told = [f"motion by {name} law is off at the smallest step by {gaps[-1]}" for name, gaps in (
+            ("the scene's", way.to_scene), ("its own documented", way.to_own)) if gaps]
         limit = self.limit or ("to none, it does not converge" if not way.converges else "not known")
         if limit == "undecided":
             limit += f", these steps may still change it by {NEAR * way.remaining:.1e}; take a smaller --step"
-        lines.append("; ".join([f"to which law: {limit}", *told, *([self.without] if self.without else [])]))
+        without = [self.without] if self.without else []
+        lines.append("; ".join([f"to which law does it come: {limit}", *told, *without]))
         lines.append("how far apart are the two: " + ("not known" if self.apart is None else str(self.apart)))
         return "\n".join([*lines, *([f"nearest setting: {self.price}"] if self.price else [])])
 

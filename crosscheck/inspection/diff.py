@@ -94,7 +94,8 @@ class Diff:
         """The result as lines of text."""
         motion = "accelerations are not compared: the second cannot take the states of the first" if (
             self.moves is None) else (
-                f"accelerations at {STATES + 1} matched states differ by {self.moves:.1e} of the largest")
+                f"accelerations, without friction, limits and contacts, at {STATES + 1} matched states differ by "
+                f"{self.moves:.1e} of the largest")
         summary = "the same motion" if self.same else f"differences: {len(self.differences)}"
         return (f"{self.a} and {self.b}: {summary}; matched bodies: {len(self.pairs)}", *map(str, self.differences),
                 *(f"{name} could be matched otherwise: it has a twin" for name in self.ambiguous), motion)

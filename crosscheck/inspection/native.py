@@ -31,7 +31,8 @@ COMPARED = {"masses": ("mass", "link"), "inertias": ("inertia", "link"), "centre
             "joints": ("joint", "type", "tree", "mimic"), "axes": ("axis",), "frames": ("frame",),
             "damping": ("damping",), "armature": ("armature",), "stiffness": ("stiffness", "rest_position"),
             "mass matrix": ("mass matrix", "armature"), "bias forces": ("bias",),
-            "accelerations": ("acceleration", "damping", "mass matrix", "armature", "bias", "gravity", "mimic")}
+            "accelerations": ("acceleration", "damping", "friction", "mass matrix", "armature", "bias", "gravity",
+                              "mimic")}
 """What is compared, in words, with the quantities of the differences in it."""
 
 
@@ -120,7 +121,7 @@ class NativeInspection:
         """The result as lines of text."""
         same = any(words.removeprefix("Error: ") in self.no_scene for words in self.refused.values())
         return (*(([] if same else [self.no_scene]) if self.scene is None else
-                  [f"left out of the scene: {words}" for words in shortened(self.scene.left_out)]),
+                  [f"accelerations are compared without {words}" for words in shortened(self.scene.left_out)]),
                 *(f"{engine} refuses the file{self._retried(engine)}: {words}"
                   for engine, words in self.refused.items()),
                 *together((str(each), each.place) for each in self.differences))
@@ -509,6 +510,9 @@ def _dynamics(neutral: Native, native: Native, diff: Diff) -> Iterator[Differenc
     scale = max(scale, float(np.abs(ours).max()))
     geared = {each for one in (neutral, native) for name, joint in one.joints.items() if joint.mimic
               for each in (name, joint.mimic)}  # their efforts contain the constraint force
+    for name in native.order if native.frictionless else ():
+        if native.joints[name].laws.get("friction"):
+            yield diff("friction", name, f"friction of joint {name} is stored but not applied by {native.solver}")
     for index in np.flatnonzero(np.abs(theirs - ours).max(axis=0) > 10 * most * scale):
         name = neutral.order[int(index)]
         gap = float(np.abs(theirs - ours)[:, index].max())

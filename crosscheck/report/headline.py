@@ -192,6 +192,7 @@ def ending(record: Record, command: str = "") -> str:
     return f"reproduce: {command}" if command else ""
 
 
+ALONE = "not started elsewhere: "
 ENDS = re.compile(r"truth ends at (\S+) s")
 
 
@@ -202,6 +203,8 @@ def _below(value: float) -> str:
 
 
 def _mend(record: Record) -> str:
+    if record.not_judged.startswith(ALONE) and not record.least_share:
+        return "starts from other states: there, bodies and joints have other names and another order"
     if "was left out" in record.not_judged:
         return "a start at which nothing acts that was left out: --qpos or --keyframe"
     open_ = (MENDS[each.kind] for each in record.findings if each.kind in MENDS and each.status == "unresolved")

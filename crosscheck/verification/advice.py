@@ -240,7 +240,10 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str,
     loaded = as_scene(scene)
     versions.need([engine])
     name = scene.name if isinstance(scene, Scene) else os.fspath(scene)
-    return choose(_kept(loaded, engine, wanted), wanted, name)
+    made = choose(_kept(loaded, engine, wanted), wanted, name)
+    if made.command is None or made.until >= loaded.duration * (1 - 1e-9):
+        return made
+    return replace(made, command=f"{made.command} --duration {made.until!r}")  # beyond it there is no truth
 
 
 def _positive(error: object) -> float:

@@ -50,7 +50,7 @@ def test_mujoco_converges_to_its_own_friction_which_is_known_to_be_this_far(coul
     assert answers.nearest.limit() == "the scene's"
     assert answers.nearest.to_scene[-1].size < 2e-3
     text = str(answers)
-    for words in ("does it converge: yes", "to which law: its own", "how far apart are the two: 1.588e-02",
+    for words in ("does it converge: yes", "to which law does it come: its own", "how far apart are the two: 1.588e-02",
                   "nearest setting: softness tight"):
         assert words in text
 
@@ -67,7 +67,7 @@ def test_steps_that_cannot_tell_the_laws_apart_say_so(coulombs):
     answers = laws.which_law(coulombs, "mujoco", "Euler", 0.1)
     assert answers.way.limit() == "both"
     assert answers.limit == "undecided"
-    assert "to which law: undecided, these steps may still change it by" in str(answers)
+    assert "to which law does it come: undecided, these steps may still change it by" in str(answers)
     assert "take a smaller --step" in str(answers)
 
 
@@ -80,8 +80,8 @@ def test_advise_gives_the_three_answers_in_words_and_in_json(coulombs, monkeypat
     told = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
     assert told["method"] == "RK4"
     said = CliRunner().invoke(app, asked).stdout
-    for answer in ("does it converge: yes", "to which law: its own", "how far apart are the two: 1.588e-02",
-                   "nearest setting: softness tight (solreffriction="):
+    for answer in ("does it converge: yes", "to which law does it come: its own",
+                   "how far apart are the two: 1.588e-02", "nearest setting: softness tight (solreffriction="):
         assert answer in told["law"]
         assert f"law      {answer}" in said
 

@@ -172,6 +172,11 @@ def test_what_was_compared_and_is_the_same_is_said_and_nothing_else(tmp_path, mo
     native.printed(found, told.append)
     assert told[-1] == ("the same in all that loaded it: masses, inertias, centres of mass, joints, axes, frames, "
                         "armature, stiffness, mass matrix, bias forces")  # Pinocchio applies no damping
+    (tmp_path / "rough.urdf").write_text(PLAIN.replace("</joint>", '<dynamics friction="0.3"/></joint>', 1))
+    rough = crosscheck.inspect(tmp_path / "rough.urdf")
+    assert "accelerations" not in rough.same
+    assert [str(each) for each in rough.differences if each.quantity == "friction"] == [
+        f"pinocchio: friction of joint {rough.scene.joints[0].name} is stored but not applied by aba"]
     (tmp_path / "heavy.urdf").write_text(ARM_URDF.replace('<mass value="1"/>', '<mass value="1.001"/>'))
     other = beside(monkeypatch, tmp_path / "arm.urdf", tmp_path / "heavy.urdf", ["mujoco"])
     assert {"masses", "mass matrix", "accelerations"}.isdisjoint(other.same)

@@ -58,6 +58,7 @@ class Native:
     bias: np.ndarray | None = None  # (K, nv)
     acceleration: np.ndarray | None = None  # (K, nv)
     solver: str = ""  # the engine's function for the accelerations
+    frictionless: bool = False  # whether that applies no dry friction that the model stores
     refusal: str = ""  # the engine's error for the file itself, if it could be read only without its meshes
     tolerance: float = TOLERANCE  # relative, of a difference that counts
     shapes: Mapping[str, str] | None = None  # by link, as `solids` has them; None: not asked

@@ -71,7 +71,7 @@ def load(path: str, states: JointStates) -> Native:
                 float(model.lowerPositionLimit[at_q]), float(model.upperPositionLimit[at_q])),
             laws={"friction": float(model.upperDryFrictionLimit[v]), "effort": float(model.upperEffortLimit[v]),
                   "velocity limit": float(model.upperVelocityLimit[v])})
-    native = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba",
+    native = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba", frictionless=True,
                     shapes=_shapes(path, model, names))
     order = tuple(name for name in states.names if name in joints)
     if len(order) != model.nv:

@@ -11,6 +11,7 @@ E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -51,8 +52,14 @@ class Limit:
 
 def cancelling(h: np.ndarray, order: float) -> np.ndarray:
     """Weights, of sum one, of the values at steps h whose sum is without h^order, h^(order + 1), ...: one fewer."""
-    powers = np.array([0, *(order + np.arange(len(h) - 1))])
-    return np.asarray(np.linalg.solve((h[None] / h[0]) ** powers[:, None], np.eye(len(h))[0]))
+    return _weights(tuple(h.tolist()), order)
+
+
+@functools.lru_cache
+def _weights(h: tuple[float, ...], order: float) -> np.ndarray:
+    """Of `cancelling`, for the steps that all segments of a run share."""
+    steps, powers = np.array(h), np.array([0, *(order + np.arange(len(h) - 1))])
+    return np.asarray(np.linalg.solve((steps[None] / steps[0]) ** powers[:, None], np.eye(len(h))[0]))
 
 
 def observed_order(h: Sequence[float], answers: Sequence[np.ndarray]) -> float:
@@ -65,9 +72,14 @@ def observed_order(h: Sequence[float], answers: Sequence[np.ndarray]) -> float:
         return -math.inf
     if near == 0.0:
         return math.inf
+    return float(np.interp(far / near, *_ratios(*h)))
+
+
+@functools.lru_cache
+def _ratios(*h: float) -> tuple[np.ndarray, np.ndarray]:
+    """The right side of `observed_order` at these steps, and the orders at which it is."""
     powers = np.linspace(*ORDERS)  # without zero, where both sides are 0
-    ratio = (h[2] ** powers - h[1] ** powers) / (h[1] ** powers - h[0] ** powers)
-    return float(np.interp(far / near, ratio, powers))
+    return (h[2] ** powers - h[1] ** powers) / (h[1] ** powers - h[0] ** powers), powers
 
 
 def floor_of(rounding: Sequence[float], noise: float, weights: Sequence[float] | np.ndarray | None = None) -> float:

@@ -6,7 +6,6 @@ The same results always give the same file. The pages offer each of their figure
 
 from __future__ import annotations
 
-import base64
 import collections
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -16,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from crosscheck.document import EULER, Document, Record, Scene, grouped
-from crosscheck.document.curves import PACKED_MISSING, PACKED_STEPS, Curve, Packed, RunCurves
+from crosscheck.document.curves import Curve, RunCurves
 from crosscheck.report import identity, pages
+from crosscheck.report.curves import unpack
 
 SMALLEST = 1e-18
 """The value at which an exact zero is drawn on a logarithmic axis."""
@@ -177,23 +177,3 @@ def _drawn(lines: Sequence[tuple[Record, Any, Any]], looks: dict[str, identity.L
                   linewidth=None if markers else width, label=verbatim(record.label))
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, ncols=1 if len(lines) <= 24 else 2)
     return figure
-
-
-def unpack(curve: Curve, exact: Curve = None) -> np.ndarray:
-    """The values (T,) of a curve from `crosscheck.verification.curves.pack`. Missing values are NaN.
-
-    `exact` is the true curve. It replaces the word "truth", and differences are added to it.
-    """
-    if curve == "truth":
-        return unpack(exact)
-    if not isinstance(curve, Packed):
-        raise TypeError(f"a packed curve is wanted, not {curve!r}")
-    if curve.n is not None:
-        values = np.full(curve.n, curve.lo)
-        return values + unpack(exact) if curve.over else values
-    codes = np.frombuffer(base64.b64decode(curve.q or ""), dtype="<u2").astype(float)
-    values = curve.lo + (codes - 1) / (PACKED_STEPS - 1) * (curve.hi - curve.lo)
-    if curve.log:
-        values = np.where(codes == 0, 0.0, 10.0**values)
-    values = np.where(codes == PACKED_MISSING, np.nan, values)
-    return values + unpack(exact) if curve.over else values

@@ -13,7 +13,7 @@ import numpy as np
 from crosscheck.document import ENDED, Change, Document, Finding, Record, Scene, grouped
 from crosscheck.document.curves import Packed
 from crosscheck.document.outcomes import KINDS, Outcome
-from crosscheck.report.figures import unpack
+from crosscheck.report.curves import unpack
 from crosscheck.report.headline import OUTCOMES, judged_share
 
 SEVERITY: tuple[Outcome, ...] = get_args(Outcome)

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from crosscheck.document.curves import PACKED_STEPS, Packed
 from crosscheck.references import truth
-from crosscheck.report.figures import unpack
+from crosscheck.report.curves import unpack
 from crosscheck.running.run import run
 from crosscheck.scene.file import load_scene
 from crosscheck.verification import curves

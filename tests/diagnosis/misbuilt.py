@@ -13,9 +13,6 @@ from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene, rotation_f
 from tests.engines.equations import Flaws
 from tests.engines.stepper import Misbuilt, Stepper
 
-SPHERICAL_ONLY = ("spherical",)
-
-
 # --- random scenes ----------------------------------------------------------------------------------------------------
 
 
@@ -207,9 +204,6 @@ def world_spins(scene, raw):
 
 
 # --- the suite --------------------------------------------------------------------------------------------------------
-
-REORDER = "quaternion order"
-
 
 @dataclasses.dataclass(frozen=True)
 class Case:

@@ -223,7 +223,6 @@ def wrapped(columns: Columns, *ends: str) -> Columns:
 
 NOISE = np.random.default_rng(11)
 INERTIA = ("inertia", "mass", "gravity", "anchors")  # on a hinge they make the same motion
-T6 = "tumbler"
 
 
 def _spike(values: np.ndarray) -> np.ndarray:

@@ -318,6 +318,7 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
         validation.sized(key, value) for key, value in found.detectable.items()
         if key.partition(" ")[0] in ("mass", "friction", "delay")))
     notes += [*said, "noise: " + ", ".join(f"{name} {each.said}" for name, each in zip(names, log.noise, strict=True)),
+              *(["recorded rates: " + "; ".join(log.said)] if log.said else []),
               f"{len(log.starts)} segments of {log.span:.3g} s, {100 * log.share:.3g} % of the recording; each starts "
               "from a local polynomial in time, without a model"]
     if verdict.outcome == "pass":

@@ -80,6 +80,53 @@ def _quantum(y: np.ndarray) -> float:
     return least if rounded and least > 1e-9 * np.abs(values).max() else 0.0
 
 
+def of_rates(t: np.ndarray, q: np.ndarray, sigma: float, r: np.ndarray, sure: float) -> tuple[Noise | None, str]:
+    """(the noise of rates r (T,) of positions q (T,) with noise sigma, None where it is not their own; what they are).
+
+    Without a model: positions are the integral of rates, but for a delay, a factor and an offset of these. Such beyond
+    `sure` standard deviations, neighbours that are alike, and noise that positions share are not a rate's own.
+    """
+    noise = measured(t, r)
+    if len(t) < 4 * ROWS or not noise.sigma > 0.0:
+        return None, "not told from differences"
+    h = float(np.median(np.diff(t)))
+    many = 4 * ROWS
+    rows = np.arange(len(t) // many * many).reshape(-1, many)
+    Q = np.linalg.qr(np.linspace(-1.0, 1.0, many)[:, None] ** np.arange(DEGREES[1] + 1))[0]
+    white = np.eye(many) - Q @ Q.T  # what is left of white noise, in which neighbours are alike as well
+    positions, rates = (y[rows] @ white for y in (q, r))
+    sizes = [float(np.sqrt(np.sum(part**2))) or 1.0 for part in (positions, rates)]
+    most = sure / np.sqrt(len(rows) * np.trace(white))
+    for lag in (-1, 0, 1):
+        one, other = (part[:, max(sign * lag, 0):many + min(sign * lag, 0)]
+                      for sign, part in ((1, positions), (-1, rates)))
+        if abs(float(np.sum(one * other))) / (sizes[0] * sizes[1]) > most:
+            return None, "differences of positions, whose noise they share"
+    for lag in range(1, ROWS // 2):
+        alike = float(np.sum(rates[:, lag:] * rates[:, :-lag])) / sizes[1] ** 2
+        if alike - float(np.trace(white, lag) / np.trace(white)) > most:
+            return None, "filtered, or without noise: neighbours are alike"
+    whole = np.append(0.0, np.cumsum(0.5 * (r[1:] + r[:-1]) * np.diff(t)))
+    many = max(int(BLOCK / h), 20)
+    every = np.stack([r, whole, t, q - whole], axis=1)[:max(len(t) // many, 1) * many]
+    blocks = every.reshape(-1, min(many, len(every)), 4)  # what noise has summed up before is a constant in each
+    every = (blocks - blocks.mean(axis=1, keepdims=True)).reshape(-1, 4)
+    A, y = every[:, :3], every[:, 3]
+    spread = sigma**2 + noise.sigma**2 * h**2 * many**2 / 3  # the sum of the noise of rates is alike in all of a block
+    inverse = np.linalg.pinv(A.T @ A)
+    found = inverse @ (A.T @ y)
+    beyond = np.abs(found) / np.sqrt(spread * np.diag(inverse) + 1e-300)
+    if beyond.max() > sure:
+        k = int(np.argmax(beyond))
+        return None, ("late by {:.2g} s", "scaled by {:.4g}", "off by {:.2g}")[k].format(
+            (found[0], 1.0 / (1.0 + found[1]), -found[2])[k])
+    return noise, "measured on their own"
+
+
+BLOCK = 0.5
+"""s over which rates are integrated and compared with positions."""
+
+
 def states(t: np.ndarray, y: np.ndarray, at: np.ndarray, noise: Noise, within: np.ndarray
            ) -> tuple[np.ndarray, np.ndarray, Noise]:
     """(value and rate (S, 2) at times (S,), their covariances (S, 2, 2), the noise with its window and correlation),

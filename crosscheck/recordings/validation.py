@@ -22,7 +22,7 @@ from scipy.linalg import solve_triangular
 from crosscheck.errors import ArgumentError, Unsupported, unknown
 from crosscheck.recordings.columns import EFFORTS
 from crosscheck.recordings.inputs import System
-from crosscheck.recordings.noise import Noise, measured, states
+from crosscheck.recordings.noise import Noise, measured, of_rates, states
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.references import dense
 from crosscheck.references.base import Series
@@ -176,6 +176,16 @@ class Log:
         self.state = np.stack([values for values, *_ in made], axis=1)  # (S, n, 2)
         self.spread = np.stack([spread for _, spread, _ in made], axis=1)  # (S, n, 2, 2)
         self.moved = np.array([float(np.ptp(q)) for q in self.q])
+        self.rates: list[tuple[np.ndarray, np.ndarray, Noise]] = []
+        self.said: list[str] = []
+        given = {g.owner: g.values[:, 0] for g in recording.groups if g.key == "joint_velocity"}
+        for joint, t, q, noise in zip(scene.joints, self.t, self.q, self.noise, strict=True):
+            r = given.get(joint.name, np.full(len(recording.t), np.nan))
+            both = np.isfinite(r) & np.isin(recording.t, t)
+            found, what = of_rates(recording.t[both], q[np.isin(t, recording.t[both])], noise.sigma, r[both], CRITICAL)
+            self.rates.append((recording.t[both], r[both], found) if found else (np.zeros(0), np.zeros(0), noise))
+            if joint.name in given:
+                self.said.append(f"{joint.name} {what}" + ("" if found else ", not used"))
 
     @property
     def begun(self) -> np.ndarray:
@@ -211,13 +221,15 @@ class Log:
         return free, {name: float(np.diff(each).sum()) for name, each in taken.items() if np.diff(each).sum() > 0.0}
 
     def rows(self, k: int, start: float, span: float, most: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """(s since the start, means, standard deviation of a mean) of joint k in a segment, at most so many."""
-        part = slice(*np.searchsorted(self.t[k], [start, start + span * (1 + 1e-12)]))
-        t, q = self.t[k][part] - start, self.q[k][part]
+        """(s since the start, means, standard deviation of a mean) of the positions, and after these of the rates, of
+        a joint in a segment, at most so many."""
+        t, q, noise = [*zip(self.t, self.q, self.noise, strict=True), *self.rates][k]
+        part = slice(*np.searchsorted(t, [start, start + span * (1 + 1e-12)]))
+        t, q = t[part] - start, q[part]
         many = max(1, -(-len(t) // most))
         whole = len(t) // many * many
         return (*(each[:whole].reshape(-1, many).mean(axis=1) for each in (t, q)),
-                max(self.noise[k].sigma, 1e-12) * math.sqrt(self.noise[k].correlation / many))
+                max(noise.sigma, 1e-12) * math.sqrt(noise.correlation / many))
 
 
 def _around(t: np.ndarray, near: np.ndarray) -> np.ndarray:
@@ -296,13 +308,14 @@ class Fit:
         self.picked = np.unique(np.linspace(0, len(log.starts) - 1, most).astype(int))
         parts = round(log.period / STEP, 6)  # steps end at rows, where inputs are held from one to the next
         self.coarse = self.step = log.period / math.ceil(parts) if parts > 1.0 else log.period * int(1.0 / parts)
-        self.u_num = np.zeros(system.n)
         for _ in range(HALVINGS):  # until half of the step changes little beside the noise
             rows = log.starts[self.picked[:20]], log.begun[self.picked[:20]]
             span = self.step * math.ceil(log.span / self.step)
-            ends = [system.flow(*rows, span, self.step * part)[1][-1] for part in (1.0, 0.5)]
-            self.u_num = np.abs(ends[1] - ends[0]).max(axis=0)
-            if (self.u_num < 0.3 * np.array([noise.sigma for noise in log.noise])).all():
+            ends = [np.hstack([part[-1] for part in system.flow(*rows, span, self.step * part)[1:]])
+                    for part in (1.0, 0.5)]
+            u_num = np.abs(ends[1] - ends[0]).max(axis=0)
+            if (u_num < 0.3 * np.array([noise.sigma if len(t) else math.inf for t, _, noise in [
+                    *zip(log.t, log.q, log.noise, strict=True), *log.rates]])).all():
                 break
             self.step /= 2
         self.sizes = self._sizes()
@@ -335,8 +348,8 @@ class Fit:
 
     def slopes(self, start: np.ndarray, which: Sequence[int], altered: np.ndarray, span: float | None = None
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(grid, q by starts (T, S, n, 2n), by alterations (T, S, n, len(which))) of the fitted segments, from these
-        states (S, 2n)."""
+        """(grid, q and v by starts (T, S, 2n, 2n), by alterations (T, S, 2n, len(which))) of the fitted segments, from
+        these states (S, 2n)."""
         n, (count, size) = self.system.n, start.shape
         tiny = np.repeat([1e-4, 1e-3], n)
         members = 1 + size + len(which)
@@ -345,21 +358,21 @@ class Fit:
             begin[1 + k, :, k] += tiny[k]
         for k, each in enumerate(which):
             given[1 + size + k, :, each] += self.sizes[each]
-        grid, q, _ = self.system.flow(np.tile(self.log.starts[self.picked], members),
+        grid, q, v = self.system.flow(np.tile(self.log.starts[self.picked], members),
                                       begin.reshape(-1, size), span or self.log.span, self.coarse,
                                       given.reshape(-1, given.shape[-1]))
-        q = q.reshape(len(grid), members, count, n)
-        moved = np.moveaxis(q[:, 1:] - q[:, :1], 1, -1)
+        y = np.concatenate([q, v], axis=-1).reshape(len(grid), members, count, 2 * n)
+        moved = np.moveaxis(y[:, 1:] - y[:, :1], 1, -1)
         return grid, moved[..., :size] / tiny, moved[..., size:] / self.sizes[list(which)]
 
     def residuals(self, start: np.ndarray, altered: np.ndarray) -> list[np.ndarray]:
-        """Of each fitted segment from these states (S, 2n) what is left of all positions, over their noise."""
+        """Of each fitted segment from these states (S, 2n) what is left of positions and rates, over their noise."""
         log, n = self.log, self.system.n
         grid, q, v = self.system.flow(log.starts[self.picked], start, log.span, self.step,
                                       np.tile(altered, (len(start), 1)))
         with np.errstate(invalid="ignore", over="ignore"):
-            left = [np.concatenate([(values - hermite(grid, q[:, s, k], v[:, s, k], t)) / scale
-                                    for k in range(n) for t, values, scale in [self.data[s][k]]])
+            left = [np.concatenate([(values - (hermite(grid, q[:, s, k], v[:, s, k], t) if k < n else np.interp(
+                t, grid, v[:, s, k - n]))) / scale for k, (t, values, scale) in enumerate(self.data[s])])
                     for s in range(len(start))]
         return [np.nan_to_num(each, nan=1e9, posinf=1e9, neginf=-1e9) for each in left]
 
@@ -376,10 +389,13 @@ class Fit:
         scale, joint = np.repeat([each[2] for each in data], counts), np.repeat(range(len(data)), counts)
         key = b"".join(each.tobytes() for each in ((t / self.log.period).round(2), scale, self.unknown))
         if key not in self._roots:
-            first, last = np.minimum.outer(t, t), np.maximum.outer(t, t)
-            pushed = self.unknown[np.ix_(joint, joint)] * self.log.period
-            self._roots[key] = np.linalg.cholesky(np.eye(len(t)) + pushed * first**2 * (3 * last - first) / 6
-                                                  / np.outer(scale, scale))
+            n, first, last = self.system.n, np.minimum.outer(t, t), np.maximum.outer(t, t)
+            pushed = self.unknown[np.ix_(joint % n, joint % n)] * self.log.period
+            both = first * (t[:, None] - 0.5 * first)  # of a position with a rate
+            of_rate = joint >= n
+            alike = np.where(of_rate[:, None], np.where(of_rate, first, both.T), np.where(
+                of_rate, both, first**2 * (3 * last - first) / 6))
+            self._roots[key] = np.linalg.cholesky(np.eye(len(t)) + pushed * alike / np.outer(scale, scale))
         return self._roots[key]
 
     def reduced(self) -> tuple[np.ndarray, np.ndarray, float, int, float]:
@@ -428,14 +444,16 @@ class Fit:
 
     @functools.cached_property
     def data(self) -> list[list[tuple[np.ndarray, np.ndarray, float]]]:
-        """Of each fitted segment and joint: s since the start, positions, their standard deviation."""
+        """Of each fitted segment, of the positions of each joint, then of its rates: s since the start, values, their
+        standard deviation."""
         log = self.log
-        made = [[log.rows(k, log.starts[row], log.span, ROWS) for k in range(self.system.n)] for row in self.picked]
+        n = self.system.n
+        made = [[log.rows(k, log.starts[row], log.span, ROWS) for k in range(2 * n)] for row in self.picked]
         lost = [np.diff(log.t[0][slice(*np.searchsorted(log.t[0], [start, start + log.span]))]) for start in log.starts[
             self.picked]]
         lost = [gaps[gaps > 1.5 * log.period] for gaps in lost]  # in which a held input was another one
-        return [[(t, q, math.hypot(scale, push * log.span * math.sqrt(float(gaps @ gaps) / 3)))
-                 for (t, q, scale), push in zip(rows, self.pushed, strict=True)]
+        return [[(t, q, math.hypot(scale, self.pushed[k % n] * math.sqrt(float(gaps @ gaps)) * (
+            log.span / math.sqrt(3) if k < n else 1.0))) for k, (t, q, scale) in enumerate(rows)]
                 for rows, gaps in zip(made, lost, strict=True)]
 
     def designs(self, start: np.ndarray, which: Sequence[int], altered: np.ndarray) -> list[np.ndarray]:

@@ -55,13 +55,14 @@ class Spoiled:
     zeros: tuple[float, float] = (0.0, 0.0)  # of encoders
     rate: float = 200.0  # rows a second
     held: int = 1  # rows for which a command is held
+    rates: float = 0.0  # rad/s or m/s, standard deviation of recorded rates; 0: none are
 
 
 def log(plan: str, seed: int, spoiled: Spoiled, duration: float = 4.0, **changed: float) -> dict[str, np.ndarray]:
     """The log of a machine whose numbers are changed, under a controller that knows nothing of that."""
     import mujoco
 
-    rng = np.random.default_rng(seed)
+    rng, of_rates = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     fine = 2.5e-4
     machine = mujoco.MjModel.from_xml_string(model(plan, **changed | {"h": fine}))
     data = mujoco.MjData(machine)
@@ -85,14 +86,14 @@ def log(plan: str, seed: int, spoiled: Spoiled, duration: float = 4.0, **changed
                 queue.append((t + spoiled.delay, told))
             count += 1
             if rng.uniform() >= spoiled.dropped:
-                rows.append([t, *seen, *told])
+                rows.append([t, *seen, *told, *(data.qvel + spoiled.rates * of_rates.standard_normal(2))])
             due += max(1, round((1.0 / spoiled.rate + spoiled.jitter * rng.uniform(-1.0, 1.0)) / fine)) * fine
         while len(queue) > 1 and queue[1][0] <= t + 1e-9:
             queue.pop(0)
         data.qfrc_applied[:] = np.array(spoiled.gains) * queue[0][1] + spoiled.offsets
         mujoco.mj_step(machine, data)
-    names = "time", "shoulder_pos", "elbow_pos", "shoulder_torque", "elbow_torque"
-    return dict(zip(names, np.array(rows).T, strict=True))
+    names = ["time", "shoulder_pos", "elbow_pos", "shoulder_torque", "elbow_torque", "shoulder_vel", "elbow_vel"]
+    return dict(zip(names[:None if spoiled.rates else 5], np.array(rows).T, strict=False))
 
 
 LOW, USUALLY, HIGH = 2e-4, 1e-3, 4e-3

@@ -292,8 +292,9 @@ def test_half_the_rate_gives_the_same(scenes, held):
     assert abs(sizes[0][0] - sizes[1][0]) < sizes[0][1] + sizes[1][1]
 
 
-def test_commands_that_are_not_in_the_log_are_no_mistake_of_the_model(scenes):
-    log = frame(spoiled=Spoiled(5e-4, rate=400.0), duration=2.5).iloc[::2].reset_index(drop=True)
+@pytest.mark.parametrize("seed", [1, 4])
+def test_commands_that_are_not_in_the_log_are_no_mistake_of_the_model(scenes, seed):
+    log = frame(seed=seed, spoiled=Spoiled(5e-4, rate=400.0), duration=2.5).iloc[::2].reset_index(drop=True)
     assert crosscheck.judge_recording(scenes["arm"], log, resolution=0.05).outcome == "pass"
     held = {name: {"is": name.replace("_", "."), "between": "hold"} for name in ("shoulder_torque", "elbow_torque")}
     assert crosscheck.judge_recording(scenes["arm"], log, held).outcome == "fail"  # the mapping says they were held
@@ -320,6 +321,35 @@ def test_noise_of_measured_torques_is_none_of_the_motion(scenes, mass):
     else:
         size, half = interval(verdict, "mass of lower")
         assert abs(size - 10.0) < 1.5 * half < 10.0
+
+
+def test_rates_that_are_measured_narrow_what_may_be_wrong(scenes):
+    """The wrong mass is within a narrower interval than without them; differences of positions are not used."""
+    log = frame(spoiled=Spoiled(2e-3, rates=0.02), duration=2.5, m2=0.605)
+    without = log.drop(columns=["shoulder_vel", "elbow_vel"])
+    differences = without.assign(**{f"{name}_vel": np.gradient(log[f"{name}_pos"], log.time) for name in (
+        "shoulder", "elbow")})
+    own, plain, derived = (crosscheck.judge_recording(scenes["arm"], each, resolution=0.1) for each in (
+        log, without, differences))
+    assert "recorded rates: shoulder measured on their own; elbow measured on their own" in own.lines
+    assert "elbow differences of positions, whose noise they share, not used" in str(derived)
+    assert interval(derived, "mass of lower") == interval(plain, "mass of lower")
+    (size, half), (_, wide) = (interval(each, "mass of lower") for each in (own, plain))
+    assert abs(size - 10.0) < 1.5 * half
+    assert half < 0.8 * wide
+
+
+@pytest.mark.parametrize(("spoil", "says"), [
+    (lambda v, d: v + d, "measured on their own"), (lambda v, d: np.roll(v, 2) + d, "late by 0.0097 s"),
+    (lambda v, d: 1.02 * v + d, "scaled by 1.02"), (lambda v, d: v + 0.01 + d, "off by 0.01"),
+    (lambda v, d: v + np.convolve(d, np.ones(5) / 5, "same"), "filtered, or without noise")])
+def test_what_recorded_rates_are(spoil, says):
+    rng, t = np.random.default_rng(0), np.arange(1000) * 5e-3
+    q, v = np.sin(3 * t) + 0.3 * np.sin(7 * t), 3 * np.cos(3 * t) + 2.1 * np.cos(7 * t)
+    own, what = noise.of_rates(t, q + 1e-3 * rng.standard_normal(1000), 1e-3, spoil(
+        v, 1e-2 * rng.standard_normal(1000)), CRITICAL)
+    assert what.startswith(says)
+    assert (own is not None) is (says == "measured on their own")
 
 
 def with_servo(scene, **parameters):

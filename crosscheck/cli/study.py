@@ -61,6 +61,7 @@ def work_precision(
     out: Out = Path("reports/work-precision"),
 ) -> None:
     """Measure errors against stepping time and force evaluations, and the fastest runs at errors 1e-2 ... 1e-11."""
+    from crosscheck.document import grouped
     from crosscheck.studies.work_precision import FRONTIERS, WorkPrecision, WorkPrecisionAsk
 
     ask = WorkPrecisionAsk(chosen(scene), chosen(engine), chosen(method), time_limit, repeats, bound, duration,
@@ -87,6 +88,13 @@ def work_precision(
         labels = dict.fromkeys(label for front in reversed(some) for label in front.costs)
         print_table(terminal, [key(f"ms to an {error} of"), *figures(*(f"{front.level:.0e}" for front in some))],
                     [(label, *(figure(front.costs.get(label), "-") for front in some)) for label in labels])
+        for label, mine in grouped(each.rungs, lambda rung: rung.label).items():
+            if label not in labels and mine[-1].status != "unsupported":
+                field = FRONTIERS[each.compared][0]
+                least = min((value for rung in mine if (value := getattr(rung, field)) is not None), default=None)
+                say(f"{label}: reaches none of these errors, " + (
+                    "no run ended" if least is None else f"least {least:.1e} {unit}") + (
+                    f"; {mine[-1].reason}" if mine[-1].reason else ""))
         by_status = Counter(rung.status for rung in each.rungs)
         good, skipped, unsupported = (by_status[status] for status in ("success", "skipped", "unsupported"))
         say(f"{counted(good, 'run')}, {by_status.total() - good - skipped - unsupported} failed, {skipped} left out "

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from crosscheck.adapters import built_in
 from crosscheck.document import Way, extended
 from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported, said
 from crosscheck.running.attempt import Ran, attempt
@@ -114,11 +115,17 @@ class TooLong(ArgumentError):
 
 
 def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[GradedWay]:
-    """The ways for long runs: every method with a fixed step, in the first form that can model the scene."""
+    """The ways for long runs: every method with a fixed step, in the first form that can model the scene.
+
+    By default those of METHODS, and all methods of an engine of the user.
+    """
     first: dict[tuple[str, str], GradedWay] = {}
-    for way in ways(scene, engines, ask.methods or METHODS, options=ask.options)[0]:
-        if not way.adaptive:
+    for way in ways(scene, engines, ask.methods, options=ask.options)[0]:
+        if not way.adaptive and (ask.methods or way.method in METHODS or way.engine not in built_in.ENTRIES):
             first.setdefault((way.engine, way.method), way)
+    if not first:
+        raise ArgumentError(f"{scene.name!r}: {', '.join(engines)} has no method of fixed step that models it; "
+                            "--method chooses others")
     return list(first.values())
 
 

@@ -57,6 +57,8 @@ JUMP, STANDING_OUT = 0.3, 30.0
 SAME_START = 1e-8
 """Difference from the scene's start that a recorded start may have besides its digits: scene files close no better."""
 
+ELSEWHERE = "the recording does not start"
+
 MOST_ALIKE = 4
 """Causes that explain equally well and are still named together."""
 
@@ -258,6 +260,8 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
         "order", "wrong limit"))), None)
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
     why = [verdict.reason] if verdict.outcome == "unresolved" else []
+    why += [each for each in notes if each.startswith(ELSEWHERE)]
+    notes = [each for each in notes if each not in why]
     coded = f" ({verdict.code})" if verdict.code else ""
     verdict.lines = [f"{mark} {verdict.outcome}: {lines[0]}{coded}", *why, *lines[1:],
                      *(f"✗ {each}" for each in failed), *notes]
@@ -419,10 +423,12 @@ def _truth(scene: Scene, recording: Recording, truth: Any, start: str
         return begun, dense(begun(scene)), float(first.t[0]), notes
     first = part_of(recording, slice(0, 1))
     seen = compare(scene, first, truth)
-    for group, sizes, floor in zip(first.groups, seen.sizes, seen.floor, strict=True):
-        if sizes[0] > 3 * floor[0] + SAME_START * max(1.0, float(np.abs(group.values[0]).max())):
-            where = "the scene's start" if recording.t[0] == 0 else f"truth at {recording.t[0]:g} s"
-            notes.append(f"{group.label} starts {sizes[0]:.3g} {group.unit} from {where}")
+    away = [f"{group.label} by {sizes[0]:.3g} {group.unit}" for group, sizes, floor in zip(
+        first.groups, seen.sizes, seen.floor, strict=True)
+        if sizes[0] > 3 * floor[0] + SAME_START * max(1.0, float(np.abs(group.values[0]).max()))]
+    if away:
+        where = "where the scene starts" if recording.t[0] == 0 else f"where truth is at {recording.t[0]:g} s"
+        notes.append(f"{ELSEWHERE} {where}: {', '.join(away)}; --start recorded judges from its first row")
     return lambda given: given, truth, 0.0, notes
 
 

@@ -266,7 +266,7 @@ class Point(Part, frozen=True, kw_only=True):
 
     step: float | None  # s
     rtol: float | None
-    wall_time: float  # s, median
+    wall_time: float  # s, the fastest of a few tries
     steps: int
     error: float  # m, at the end
 

@@ -19,6 +19,7 @@ from msgspec.structs import replace
 
 from crosscheck import references
 from crosscheck.adapters import built_in
+from crosscheck.adapters.base import RawRun
 from crosscheck.compare.errors import errors
 from crosscheck.compare.timing import (
     CALIBRATION,
@@ -42,9 +43,8 @@ from crosscheck.verification.trust import NOISE_DEVIATIONS
 
 Pair = tuple[float, float]
 """Time per step (s) of a run, and that of the calibration kernel."""
-End = tuple[int, float]
-"""Steps of a run, and its error of position at the end, m."""
-Timed = tuple[list[Pair], End | None]
+Timed = tuple[list[Pair], Point | None]
+"""Times of a run of its own, and what a run at another step or tolerance shows of time against error."""
 
 Found = TypeVar("Found")
 
@@ -124,15 +124,17 @@ def time_round(task: Round) -> list[Timed]:
 
     samples: list[list[Pair]] = [[] for _ in task.bursts]
     short: dict[int, tuple[tuple[float, ...], int]] = {}
-    for index, (spans, seconds), beside in turns(_begun, dict.fromkeys(range(len(task.bursts)), ()), 1):
+    main = [index for index, burst in enumerate(task.bursts) if burst.until is None]
+    for index, (spans, seconds), beside in turns(_begun, dict.fromkeys(main, ()), 1):
         if seconds is None:
             short[index] = spans, PATIENCE // len(spans)
         else:
             samples[index].append((seconds, beside))
     for index, seconds, beside in turns(_seconds_per_step, short, task.repeats):
         samples[index].append((seconds, beside))
-    return [(pairs, _end(scene, burst) if pairs and burst.until else None)
-            for burst, pairs in zip(task.bursts, samples, strict=True)]
+    points = {index: point for index, point, _ in turns(
+        _point, {index: () for index in range(len(task.bursts)) if index not in main}, 1)}
+    return [(pairs, points.get(index)) for index, pairs in enumerate(samples)]
 
 
 def _begun(scene: Scene, burst: Burst) -> tuple[tuple[float, ...], float | None]:
@@ -143,14 +145,20 @@ def _begun(scene: Scene, burst: Burst) -> tuple[tuple[float, ...], float | None]
     return spans, seconds if time.process_time() - began > ONCE else None
 
 
-def _end(scene: Scene, burst: Burst) -> End | None:
-    """The largest error of position at the end of a run of the length that a burst asks for; None if it fails."""
-    short = scene.lasting(burst.until or scene.duration).replace(samples=SAMPLES)
-    outcome = attempt(short.replace(samples=2), burst.way, monitor=False, derived=False)
-    if not isinstance(outcome, Ran):
-        return None
-    found = errors(short, outcome.raw.states, references.truth(short).states.at([0, -1]))["position"].end
-    return outcome.raw.steps, found
+def _point(scene: Scene, burst: Burst) -> Point:
+    """A run of the length that a burst asks for: its time, and its largest error of position at the end."""
+    short, ran = scene.lasting(burst.until or scene.duration).replace(samples=SAMPLES), list[RawRun]()
+
+    def once() -> float:
+        outcome = attempt(short.replace(samples=2), burst.way, monitor=False, derived=False)
+        if not isinstance(outcome, Ran):
+            raise outcome.error
+        ran.append(outcome.raw)
+        return outcome.raw.wall_time
+
+    seconds = undisturbed(once, TRIES)[0]
+    error = errors(short, ran[-1].states, references.truth(short).states.at([0, -1]))["position"].end
+    return Point(step=burst.way.step, rtol=burst.way.rtol, steps=ran[-1].steps, error=error, wall_time=seconds)
 
 
 def _spans(scene: Scene, burst: Burst) -> tuple[float, ...]:
@@ -242,27 +250,20 @@ def measure_speed(records: Sequence[Record], called: str, stages: Stages, within
         crashed: dict[int, str] = {}
         for turn in range(1, settings.speed + 1):
             results, reasons = _round(stages, task, f"{name} {turn}", within)
-            samples = [(before + pairs, ended or end) for (before, ended), (pairs, end) in zip(
+            samples = [(before + pairs, known or point) for (before, known), (pairs, point) in zip(
                 samples, results, strict=True)]
             crashed |= {bursts[number][0]: reason for number, reason in reasons.items()}
         kernels += [kernel for pairs, _ in samples for _, kernel in pairs]
         for index in own:
             (main, _), *coarser = (each for (place, _), each in zip(bursts, samples, strict=True) if place == index)
-            points = [_point(burst, *each) for burst, each in zip(
-                [burst for place, burst in bursts if place == index][1:], coarser, strict=True)]
-            made[index] = replace(_filled_in(records[index], summarise(main)),
-                                  timing=[point for point in points if point is not None])
+            timing = [point for _, point in coarser if point is not None]
+            if main and records[index].engine not in built_in.ENTRIES:  # the clock is around the whole call
+                timing = [replace(each, wall_time=each.steps * main[0][0]) for each in timing]
+            made[index] = replace(_filled_in(records[index], summarise(main)), timing=timing)
             if index in crashed:
                 made[index] = beyond(made[index], Finding.ended_early(f"when it was timed: {crashed[index]}"))
     return made, Calibration(what=CALIBRATION, us=1e6 * statistics.median(kernels) if kernels else None,
                              deviation=1e6 * spread(kernels) if kernels else None)
-
-
-def _point(burst: Burst, pairs: list[Pair], end: End | None) -> Point | None:
-    if not pairs or end is None:
-        return None
-    return Point(step=burst.way.step, rtol=burst.way.rtol, steps=end[0], error=end[1],
-                 wall_time=end[0] * statistics.median(seconds for seconds, _ in pairs))
 
 
 def _round(stages: Stages, task: Round, name: str, within: Limits | None) -> tuple[list[Timed], dict[int, str]]:

@@ -49,7 +49,7 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Re
 def add(subject: Subject, scene: Scene, step: float | None, answer: Explanation) -> None:
     """Add the verdict to an answer that has found nothing, and what fails in it."""
     verdict = judged(subject, scene, step)
-    reasons = dict.fromkeys(finding.detail for finding in verdict.findings if finding.status == "known")
+    reasons = dict.fromkeys(finding.why for finding in verdict.findings if finding.status == "known")
     answer.verdict = "; ".join([word(verdict), *reasons])
     failing = [finding for finding in verdict.findings if finding.status == "fail"]
     answer.evidence += [Evidence(f"verdict: {finding.kind}", "report", finding.value, finding.bound,

@@ -212,6 +212,7 @@ class System:
         state[self._places[0]] += (self._signs * (q - joints[..., 5] - self._start)).T
         state[self._places[1]] = (self._signs * v).T
         state[len(self._initial):] = (u - joints[..., 0] * v).T
+        pars = pars[:self._function.nparams]  # of a balanced wheel on an upright axis gravity is none of them
         return np.asarray(self._signs * self._function(state, pars=pars).T)
 
     def inputs(self, begin: np.ndarray, edges: np.ndarray, other: bool = False) -> np.ndarray:

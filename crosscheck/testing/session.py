@@ -79,7 +79,7 @@ class Session:
         _, options = self._asked[id(traj)]
         records = assert_agree(traj.scene, [(traj.engine, traj.method, options)], tol, need=need,
                                run=lambda *_, **__: traj, truth=self.truth)
-        return next((each.detail for record in records for each in record.findings if each.status == "known"), "")
+        return next((each.why for record in records for each in record.findings if each.status == "known"), "")
 
     def _kept(self, traj: Trajectory, options: dict[str, Any]) -> Trajectory:
         self._asked[id(traj)] = traj, options

@@ -327,7 +327,7 @@ def test_laws_are_refused_by_name_where_they_are_not_modelled():
     friction, stop = pendulum(dry_friction=0.5), pendulum(limits={"lower": 0.0})
     static = pendulum(dry_friction={"sliding": 0.5, "static": 0.6})
     for engine, method, scene, word in (
-            ("pinocchio", "RKMK4", friction, "SymplecticEuler has"), ("pinocchio", "RKMK4", stop, "rigid limits"),
+            ("pinocchio", "RKMK4", friction, "SymplecticEuler alone has"), ("pinocchio", "RKMK4", stop, "rigid limits"),
             ("pinocchio", "SymplecticEuler", static, "static value"),
             ("mujoco", "RK4", static, "static value"),
             ("mujoco", "RK4", pendulum(limits={"lower": 0.0, "stiffness": 9.0}), "stiffness")):

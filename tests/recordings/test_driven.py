@@ -411,3 +411,20 @@ def test_a_mistake_below_the_uncertainty_is_unresolved(scenes, noisy, k):
     assert verdict.outcome == "unresolved", str(verdict)
     assert "u_val leaves open" in verdict.reason
     assert size < verdict.detectable[what]  # nor does what it says exclude the mistake
+
+
+def test_a_wheel_that_gravity_does_not_move(tmp_path):
+    """Gravity is in no equation of a balanced wheel on an upright axis. Its motion under held torques is exact."""
+    import pandas as pd
+
+    path, rng, h = tmp_path / "wheel.xml", np.random.default_rng(3), 5e-3
+    path.write_text('<mujoco><worldbody><body><inertial pos="0 0 0" mass="1.8" diaginertia=".01 .01 .011"/>'
+                    '<joint name="wheel" axis="0 0 1"/></body></worldbody></mujoco>')
+    torque = 0.05 * np.sin(3.0 * h * np.arange(600)) + 0.01 * rng.standard_normal(600)
+    speed = np.concatenate([[0.0], np.cumsum(torque[:-1] * h / 0.011)])
+    angle = np.concatenate([[0.0], np.cumsum(speed[:-1] * h + 0.5 * torque[:-1] * h**2 / 0.011)])
+    log = pd.DataFrame({"t": h * np.arange(600), "wheel.position": angle + 1e-4 * rng.standard_normal(600),
+                        "wheel.torque": torque})
+    assert crosscheck.judge_recording(crosscheck.import_model(path), log).outcome == "pass"
+    log["wheel.torque"] *= 1.1
+    assert crosscheck.judge_recording(crosscheck.import_model(path), log).outcome == "fail"

@@ -264,6 +264,7 @@ class System:
         a, S = self.response(q[rows], v[rows], u[rows], altered[rows])
         part, rate, most, least = made[rows], v[rows] / h, static[rows], sliding[rows]
         for _ in range(SWEEPS if self.n > 1 else 1):
+            last = part.copy()
             for k in range(self.n):
                 own = S[:, k, k]
                 free = a[:, k] + np.einsum("ni,ni->n", S[:, k], part) - own * part[:, k]
@@ -274,6 +275,8 @@ class System:
                 turns = least[:, k] * (until * before + (1.0 - until) * after)
                 part[:, k] = np.where(np.abs(stop) > most[:, k], np.sign(stop) * least[:, k],
                                       np.where(np.abs(hold) <= most[:, k], stop, turns))
+            if np.array_equal(part, last):
+                break
         made[rows] = part
         return made
 

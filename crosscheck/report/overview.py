@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -114,43 +115,6 @@ def first_rows(document: Document) -> list[Record]:
             for pair, records in _pairs(rows).items()]
 
 
-DRAWN = 6
-"""Most failing runs whose errors the first page draws."""
-
-
-def pictures(document: Document) -> dict[tuple[str, str], Any]:
-    """By scene and label of the worst failing runs: their errors over time as SVG."""
-    import markupsafe
-
-    times = {scene.name: scene.curves.t for scene in document.scenes}
-    made: dict[tuple[str, str], Any] = {}
-    for record in document.records:
-        known = {name: curve for name, curve in record.curves.errors.items() if isinstance(curve, Packed)}
-        if record.outcome != "fail" or not known or len(made) == DRAWN or record.worst is None:
-            continue
-        name = record.worst.row if record.worst.row in known else next(iter(known))
-        values = np.maximum(unpack(known[name]), np.finfo(float).tiny)
-        t = np.array(times[record.scene])[:len(values)]
-        keep = np.isfinite(values) & (values > np.finfo(float).eps * np.nanmax(values, initial=0.0))
-        if keep.sum() < len(("begin", "end")):
-            continue
-        low, high = np.log10(values[keep]).min(), np.log10(values[keep]).max()
-        x = WIDE * t[keep] / t[-1]
-        y = HIGH * (1.0 - (np.log10(values[keep]) - low) / max(high - low, 1.0))
-        points = " ".join(f"{a:.0f},{b:.1f}" for a, b in zip(x, y, strict=True))
-        unit = record.errors[name].unit if name in record.errors else ""
-        made[record.scene, record.label] = markupsafe.Markup(
-            '<figure><svg class="spark" viewBox="-2 -2 {} {}" role="img" aria-label="{}"><polyline points="{}"/></svg>'
-            "<figcaption>Error of {} over the {:.3g} s of the run, from {:.1e} to {:.1e} {}, on a logarithmic scale: a "
-            "mistake of the model grows from the start, one of an event begins there.</figcaption></figure>").format(
-            WIDE + 4, HIGH + 4, f"error of {name} over time", points, name, float(t[-1]), 10**low, 10**high, unit)
-    return made
-
-
-WIDE, HIGH = 320, 60
-"""Size of such a picture, px."""
-
-
 @dataclasses.dataclass(frozen=True)
 class Wrong:
     """Runs with the same problem."""
@@ -199,3 +163,48 @@ def summary_counts(records: Sequence[Record]) -> dict[str, int]:
     """Number of runs with each outcome, in the order of `OUTCOMES`."""
     counts = collections.Counter(record.outcome for record in records)
     return {outcome: counts[outcome] for outcome in OUTCOMES}
+
+
+DRAWN = 6
+"""Most failing runs whose errors the first page draws."""
+
+WIDE, HIGH = 320, 60
+"""Size of such a picture, px."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Picture:
+    """The error of a run over time as a line, on a logarithmic scale."""
+
+    quantity: str
+    unit: str
+    end: float  # s
+    least: float
+    most: float
+    points: str  # of an SVG polyline, px
+
+
+def pictures(document: Document, worst: Sequence[Wrong]) -> dict[tuple[str, str], Picture]:
+    """By scene and label the errors of the worst failing runs."""
+    times = {scene.name: np.array(scene.curves.t) for scene in document.scenes}
+    failing = [record for group in worst if group.outcome == "fail" for record, _ in group.runs]
+    drawn = ((record, _picture(record, times[record.scene])) for record in failing)
+    return {(record.scene, record.label): made for record, made in itertools.islice(
+        ((record, made) for record, made in drawn if made is not None), DRAWN)}
+
+
+def _picture(record: Record, t: np.ndarray) -> Picture | None:
+    """The error that fails, or else the first one that is kept; None if there is none to draw."""
+    known = {name: curve for name, curve in record.curves.errors.items() if isinstance(curve, Packed)}
+    if not known:
+        return None
+    name = record.worst.row if record.worst is not None and record.worst.row in known else next(iter(known))
+    values = unpack(known[name])
+    keep = np.isfinite(values) & (values > np.finfo(float).eps * np.nanmax(values, initial=0.0))
+    if np.count_nonzero(keep) < 2:
+        return None
+    size = np.log10(values[keep])
+    x, y = WIDE * t[:len(values)][keep] / t[-1], HIGH * (size.max() - size) / max(float(np.ptp(size)), 1.0)
+    return Picture(name, record.errors[name].unit if name in record.errors else "", float(t[-1]),
+                   float(values[keep].min()), float(values[keep].max()),
+                   " ".join(f"{a:.0f},{b:.1f}" for a, b in zip(x, y, strict=True)))

@@ -114,7 +114,7 @@ def environment() -> Any:
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
                      "UNITS": QUANTITIES, "scene_file": scene_file, "engine_file": engine_file,
                      "study_file": study_file, "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED, "for_scripts": for_scripts,
-                     "zip": zip}
+                     "zip": zip, "WIDE": overview.WIDE, "HIGH": overview.HIGH}
     return made
 
 
@@ -153,16 +153,15 @@ def summary(document: Document) -> str:
 
 
 def _overview(template: str, document: Document) -> str:
-    records, accurate = document.records, overview.most_accurate(document)
+    records, worst = document.records, overview.worst_first(document.records, document.changes)
     return _render(
         template, document, "index", matrix=overview.by_method(document), cells=overview.by_scene_and_engine(document),
         shares=overview.judged_shares(document),
         headline=headline(document),
-        by_engine={engine: overview.counted([record for record in records if record.engine == engine])
-                   for engine in document.meta.engines},
-        counts=overview.summary_counts(records), worst=overview.worst_first(records, document.changes),
-        right=overview.first_rows(document), pictures=overview.pictures(document) if "html" in template else {},
-        advice=overview.recommended(document.scenes), accurate=accurate, leaders=overview.leaders(document.scenes),
+        counts=overview.summary_counts(records), worst=worst,
+        right=overview.first_rows(document), pictures=overview.pictures(document, worst),
+        advice=overview.recommended(document.scenes), accurate=overview.most_accurate(document),
+        leaders=overview.leaders(document.scenes),
         advised={each.scene for each in document.advice or []}, advice_rows=msgspec.to_builtins(document.advice))
 
 

@@ -11,7 +11,7 @@ import dataclasses
 import functools
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -101,39 +101,42 @@ class Round:
 
 
 def time_round(task: Round) -> list[Timed]:
-    """For each burst, pairs (s per step, s of the calibration kernel), none for a run that fails, and its end.
+    """For each burst, pairs (s per step, s of the calibration kernel), none for a run that fails, and its point.
 
     What fails is recorded by the main run of the same cell. Raises `EngineDied`.
     """
     scene, kernel = load_scene(task.scene), calibration_kernel()
 
-    def turns(function: Callable[..., Found], given: Mapping[int, tuple[Any, ...]], rounds: int
-              ) -> Iterator[tuple[int, Found, float]]:
+    def turns(function: Callable[..., Found], given: Mapping[int, tuple[Any, ...]], rounds: int = 1
+              ) -> Iterator[tuple[int, Found]]:
         def run(index: int) -> Found:
             child.at(str(index))
             return function(scene, task.bursts[index], *given[index])
 
-        before = kernel()
         for index, found in take_turns({index: functools.partial(run, index) for index in given}, rounds):
             if isinstance(found, EngineDied):
                 raise found
             if not isinstance(found, CrosscheckError):
-                after = kernel()
-                yield index, found, 0.5 * (before + after)
-                before = after
+                yield index, found
+
+    def calibrated(found: Iterable[tuple[int, Found]]) -> Iterator[tuple[int, Found, float]]:
+        before = kernel()
+        for index, each in found:
+            after = kernel()
+            yield index, each, 0.5 * (before + after)
+            before = after
 
     samples: list[list[Pair]] = [[] for _ in task.bursts]
     short: dict[int, tuple[tuple[float, ...], int]] = {}
     main = [index for index, burst in enumerate(task.bursts) if burst.until is None]
-    for index, (spans, seconds), beside in turns(_begun, dict.fromkeys(main, ()), 1):
+    for index, (spans, seconds), beside in calibrated(turns(_begun, dict.fromkeys(main, ()))):
         if seconds is None:
             short[index] = spans, PATIENCE // len(spans)
         else:
             samples[index].append((seconds, beside))
-    for index, seconds, beside in turns(_seconds_per_step, short, task.repeats):
+    for index, seconds, beside in calibrated(turns(_seconds_per_step, short, task.repeats)):
         samples[index].append((seconds, beside))
-    points = {index: point for index, point, _ in turns(
-        _point, {index: () for index in range(len(task.bursts)) if index not in main}, 1)}
+    points = dict(turns(_point, {index: () for index in range(len(task.bursts)) if index not in main}))
     return [(pairs, points.get(index)) for index, pairs in enumerate(samples)]
 
 
@@ -150,11 +153,8 @@ def _point(scene: Scene, burst: Burst) -> Point:
     short, ran = scene.lasting(burst.until or scene.duration).replace(samples=SAMPLES), list[RawRun]()
 
     def once() -> float:
-        outcome = attempt(short.replace(samples=2), burst.way, monitor=False, derived=False)
-        if not isinstance(outcome, Ran):
-            raise outcome.error
-        ran.append(outcome.raw)
-        return outcome.raw.wall_time
+        ran.append(stepped(short, burst.way, 2))
+        return ran[-1].wall_time
 
     seconds = undisturbed(once, TRIES)[0]
     error = errors(short, ran[-1].states, references.truth(short).states.at([0, -1]))["position"].end
@@ -178,17 +178,13 @@ def _spans(scene: Scene, burst: Burst) -> tuple[float, ...]:
 
 def _fastest(scene: Scene, burst: Burst, span: float, most: int) -> Pair:
     """Stepping time (s) of a run of this length (s), undisturbed within `most` tries, and its steps."""
-    brief, steps = scene.replace(duration=span, samples=2), 1
+    brief, ran = scene.replace(duration=span, samples=2), list[RawRun]()
 
     def once() -> float:
-        nonlocal steps
-        outcome = attempt(brief, burst.way, monitor=False, derived=False)
-        if not isinstance(outcome, Ran):
-            raise outcome.error
-        steps = outcome.raw.steps
-        return outcome.raw.wall_time
+        ran.append(stepped(brief, burst.way))
+        return ran[-1].wall_time
 
-    return undisturbed(once, most)[0], steps
+    return undisturbed(once, most)[0], ran[-1].steps
 
 
 def _seconds_per_step(scene: Scene, burst: Burst, spans: tuple[float, ...], most: int) -> float:
@@ -198,12 +194,17 @@ def _seconds_per_step(scene: Scene, burst: Burst, spans: tuple[float, ...], most
     return (seconds - call) / (steps - few) if call < seconds and few < steps else seconds / steps
 
 
-def stepping_time(scene: Scene, way: Way, samples: int | None = None) -> float:
-    """Stepping time (s) of a run. Raises its error if it fails."""
+def stepped(scene: Scene, way: Way, samples: int | None = None) -> RawRun:
+    """A run of which only states and stepping time count. Raises its error if it fails."""
     outcome = attempt(scene, way, monitor=False, derived=False, samples=samples or scene.samples)
     if not isinstance(outcome, Ran):
         raise outcome.error
-    return outcome.raw.wall_time
+    return outcome.raw
+
+
+def stepping_time(scene: Scene, way: Way, samples: int | None = None) -> float:
+    """Stepping time (s) of a run. Raises its error if it fails."""
+    return stepped(scene, way, samples).wall_time
 
 
 def summarise(samples: list[Pair]) -> Speed | None:

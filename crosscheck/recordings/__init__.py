@@ -57,8 +57,6 @@ JUMP, STANDING_OUT = 0.3, 30.0
 SAME_START = 1e-8
 """Difference from the scene's start that a recorded start may have besides its digits: scene files close no better."""
 
-ELSEWHERE = "the recording does not start"
-
 MOST_ALIKE = 4
 """Causes that explain equally well and are still named together."""
 
@@ -210,19 +208,19 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     readings = decided(scene, given[0], truth, start == "recorded")
     given = [read_as(each, readings) for each in given]
     fine = given[0]
-    start_as, truth, since, notes = _truth(scene, fine, truth, start)
-    system = start_as(scene)
-    notes = [*_columns(fine, readings), *notes]
+    start_as, truth, since, begun = _truth(scene, fine, truth, start)
+    system, notes = start_as(scene), _columns(fine, readings)
     verdict = Verdict("unresolved", {}, None, None, None, None, scene=scene, missing=fine.missing,
                       suggested=fine.suggested)
     lines = [f"{scene.name}: {fine.name}, {len(fine.t)} rows from {fine.t[0]:g} to {fine.t[-1]:g} s"]
+    (lines if start == "scene" else notes).extend(begun)  # where it starts elsewhere, all that follows is doubtful
     table = min((function.end for function in scene.functions), default=math.inf)
     most = min(min(truth.horizon, BEYOND * scene.duration) + since, table) * (1 + 1e-12)
     kept = [part_of(each, (each.t >= since) & (each.t <= most)) for each in given]
     if any(len(each.t) == 0 for each in kept):
         verdict.reason = f"truth ends at {truth.horizon:g} s, before the first row" + (
             f": {truth.horizon_cause}" if truth.horizon_cause else "")
-        verdict.lines = [f"? unresolved: {lines[0]}", verdict.reason, *notes]
+        verdict.lines = [f"? unresolved: {lines[0]}", verdict.reason, *lines[1:], *notes]
         return verdict
     seen = compare(system, kept[0], truth, since)
     verdict.differences, verdict.until, verdict.errors = seen, float(kept[0].t[-1]), seen.errors
@@ -260,8 +258,6 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
         "order", "wrong limit"))), None)
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
     why = [verdict.reason] if verdict.outcome == "unresolved" else []
-    why += [each for each in notes if each.startswith(ELSEWHERE)]
-    notes = [each for each in notes if each not in why]
     coded = f" ({verdict.code})" if verdict.code else ""
     verdict.lines = [f"{mark} {verdict.outcome}: {lines[0]}{coded}", *why, *lines[1:],
                      *(f"✗ {each}" for each in failed), *notes]
@@ -428,7 +424,8 @@ def _truth(scene: Scene, recording: Recording, truth: Any, start: str
         if sizes[0] > 3 * floor[0] + SAME_START * max(1.0, float(np.abs(group.values[0]).max()))]
     if away:
         where = "where the scene starts" if recording.t[0] == 0 else f"where truth is at {recording.t[0]:g} s"
-        notes.append(f"{ELSEWHERE} {where}: {', '.join(away)}; --start recorded judges from its first row")
+        notes.append(f"the recording does not start {where}: {', '.join(away)}; --start recorded judges from its first "
+                     "row")
     return lambda given: given, truth, 0.0, notes
 
 

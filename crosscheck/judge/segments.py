@@ -14,7 +14,7 @@ from crosscheck.judge.crossings import Crossed
 from crosscheck.judge.system_flow import Flowed, SystemFlow
 from crosscheck.judge.world import begun
 from crosscheck.references import TruthError, dense
-from crosscheck.references.base import GROWN, Reference
+from crosscheck.references.base import GROWN, Reference, ending
 from crosscheck.references.modes import Mode
 from crosscheck.scene import mechanics
 from crosscheck.scene.assembly import closed
@@ -189,7 +189,7 @@ def fill(segments: Sequence[Segment], flow: SystemFlow, traj: Motion, truth: Ref
     for segment in segments:
         since = float(traj.t[segment.first])
         if float(traj.t[segment.last]) > end * (1 + ROUNDED):
-            segment.why = f"truth ends at {end:g} s: {truth.horizon_cause}"
+            segment.why = ending(end, truth.horizon_cause)
             continue
         try:
             flowed = flow.from_(segment.start, since, segment.t, segment.mode)

@@ -50,7 +50,7 @@ class Series:
         self.modes = np.array([piece.mode for piece in pieces]) if pieces and pieces[0].mode is not None else None
 
     def __call__(self, t: np.ndarray) -> np.ndarray:
-        """(T, dimension) at times t."""
+        """(T, dimension) at times t. The coefficients of all times at once, for `polynomial`, would be large."""
         index = self._piece_of(t)
         tau = ((t - self.starts[index]) - self.rests[index])[:, None]
         values = np.zeros((len(t), self.coefficients.shape[1]))
@@ -130,6 +130,11 @@ class Reference:
 
 class TruthError(CrosscheckError):
     """A scene has no truth: its formulations disagree too much, or one of them does not reach the end."""
+
+
+def ending(horizon: float, cause: str) -> str:
+    """Why nothing is judged after the end (s) of a truth."""
+    return f"truth ends at {horizon:g} s: {cause}"
 
 
 GROWN = "a perturbation of 1e-15 has grown to 1e-10"

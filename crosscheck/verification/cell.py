@@ -20,7 +20,7 @@ from crosscheck.judge.crossings import corrected_at_impacts
 from crosscheck.judge.overrides import Overrides, tolerated
 from crosscheck.judge.verdict import covered, with_outcome, worded
 from crosscheck.references import TruthError, dense, truth
-from crosscheck.references.base import Reference
+from crosscheck.references.base import Reference, ending
 from crosscheck.running.attempt import Failed, Refused, attempt, lasting
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.running.trajectory import Trajectory
@@ -64,7 +64,7 @@ def run_cell(cell: Cell) -> Record:
     made = judged(run, scene, outcome.trajectory, engine.held_levels(scene, spec), reference, cell.no_truth,
                   cell.overrides, cell.as_planned)
     return made if plan.covered == 1.0 or made.share is None else covered(
-        made, plan.covered, f"truth ends at {scene.duration:g} s: {dense(scene).horizon_cause}")
+        made, plan.covered, ending(scene.duration, dense(scene).horizon_cause))
 
 
 def judge_alone(name: str, traj: Trajectory, engine: str, *, step: float | None = None, rtol: float | None = None,

@@ -23,7 +23,7 @@ from crosscheck.judge.rules import WHY, Check, findings, shares, visible
 from crosscheck.judge.segments import SEGMENTS, Segment, fill, growth, segments_of
 from crosscheck.judge.system_flow import MOVED, Flowed, Jump, SystemFlow, grown, moved
 from crosscheck.references import TruthError
-from crosscheck.references.base import Reference
+from crosscheck.references.base import Reference, ending
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.assembly import closed
 from crosscheck.scene.model import Scene
@@ -237,8 +237,8 @@ class Solution:
         if reached >= 1.0:
             return ""
         if blind:
-            known = self.segments[blind[0]].why if blind[0] < len(self.segments) else self.truth and (
-                f"truth ends at {self.truth.horizon:g} s: {self.truth.horizon_cause}")
+            known = self.segments[blind[0]].why if blind[0] < len(self.segments) else self.truth and ending(
+                self.truth.horizon, self.truth.horizon_cause)
             return known or f"not started elsewhere: {self.probe.why}"
         open_ = [check for check in self.checks if check.status == "unresolved"]
         if not open_ or self.flow is None:

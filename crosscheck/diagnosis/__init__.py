@@ -88,11 +88,13 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
         raise Unsupported(f"{subject.engine.name} {subject.way.method} on scene {loaded.name!r}: {reason}")
     answer = Explanation(loaded.name, subject.engine.name, subject.way.method, subject.way.form, "pass", "", [], [], [],
                          loaded.duration, None, None, documented_order=subject.order(loaded))
+    clock = adapters.clock(engine) if isinstance(engine, str) else time.process_time
     try:
-        with within(PATIENCE, adapters.clock(engine) if isinstance(engine, str) else time.process_time):
+        with within(PATIENCE, clock):
             _ask(subject, loaded, step, answer)
     except OutOfTime:
-        answer.unexplained.append(f"{PATIENCE:g} s of processor time are over")
+        kind = " of processor time" if clock is time.process_time else ""
+        answer.unexplained.append(f"{PATIENCE:g} s{kind} are over")
     answer.seconds = time.perf_counter() - began
     return answer.conclude()
 

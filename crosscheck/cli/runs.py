@@ -468,9 +468,9 @@ def _law(scene: Scene, engine: str, advice: Advice) -> str | None:
     scene = scene.replace(duration=advice.until, samples=samples)
     method, form = (advice.method, advice.form) if advice.step else (None, None)
     try:
-        answers = which_law(scene, engine, method, advice.step, form=form)
-        tight = "softness" in adapters.get(engine).options and "the lines above are for softness=tight; by itself: "
-        return (tight or "") + str(answers)
+        answers = str(which_law(scene, engine, method, advice.step, form=form))
+        soft = "softness" in adapters.get(engine).options
+        return f"the lines above are for softness=tight; by itself: {answers}" if soft else answers
     except Unsupported as error:
         return str(error)
 

@@ -7,6 +7,7 @@ import functools
 import importlib.metadata
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from decimal import ROUND_CEILING, Context
 from fractions import Fraction
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypedDict, final
@@ -243,7 +244,7 @@ def steps_per_sample(scene: Scene, step: float) -> tuple[int, float]:
 
     It also divides the periods of sampled servos. Raises `ArgumentError` if there is no such step.
     """
-    interval = scene.duration / (scene.samples - 1)
+    interval = scene.interval
     count, least = max(1, int(np.ceil(interval / step * (1 - 1e-12)))), 1
     for name, servo in scene.servos.values():
         for time in (servo.period, servo.phase):
@@ -254,3 +255,13 @@ def steps_per_sample(scene: Scene, step: float) -> tuple[int, float]:
             least = math.lcm(least, ratio.denominator)
     count = -(-count // least) * least
     return count, interval / count
+
+
+def step_text(interval: float, step: float) -> str:
+    """The step (s) to three digits, or as many as keep the number of steps that a run makes in an interval (s)."""
+    count = math.ceil(interval / step * (1 - 1e-12))
+    for digits in range(3, 17):
+        value = float(Context(prec=digits, rounding=ROUND_CEILING).create_decimal_from_float(step * (1 - 1e-14)))
+        if math.ceil(interval / value * (1 - 1e-12)) == count:
+            return repr(value)
+    return repr(step)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 
+from crosscheck.cli.console import progress_bar
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import cache_folder, finite
 
@@ -153,7 +154,8 @@ def loaded(name: str, reading: Reading) -> Scene:
             raise ArgumentError("--drop, --keyframe, --qpos, --qvel, --control and --limits go with a model file, .xml "
                                 f"or .urdf, not with {name}")
         return load_scene(name)
-    scene = import_model(name, **reading.given)
+    with progress_bar(f"reading {name}"):
+        scene = import_model(name, **reading.given)
     _say_left_out(name, scene)
     return scene
 

@@ -434,7 +434,8 @@ def advise(
         given = shlex.join([scene, *reading.words])
         advice = replace(advice, command=advice.command.replace(
             f"run {shlex.quote(loaded.name)} ", f"run {given} ", 1))
-    law = _law(loaded, engine, advice)
+    with progress_bar(f"to which law {engine} converges, at four steps"):
+        law = _law(loaded, engine, advice)
     if as_json:
         options.print_json({**msgspec.to_builtins(advice), "law": law})
     else:
@@ -490,7 +491,8 @@ def words(each: Advice) -> list[str]:
 
     wanted = (f"every error at most {each.wanted:g} of its size" if isinstance(each.wanted, float) else ", ".join(
         f"{name} error at most {value:g} {QUANTITIES[name]}" for name, value in each.wanted.items()))
-    asked = f"{each.scene} with {each.engine}, {wanted}, up to {each.until:g} s"
+    ends = f", where truth ends: {each.ended}" if each.ended else ""
+    asked = f"{each.scene} with {each.engine}, {wanted}, up to {each.until:g} s{ends}"
     if each.method is None:
         least = "no run ended" if each.least is None else f"the least error found is {each.least:.1e} of its size"
         return [f"unresolved: {asked}: not {each.tried}; {least}"]

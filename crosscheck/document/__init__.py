@@ -416,6 +416,7 @@ class Advice(Part, frozen=True, kw_only=True):
     wanted: float | dict[str, float]  # the error, or SI by quantity
     until: float  # s, the time up to which runs can be compared with truth
     least: float | None  # the smallest error of all runs
+    ended: str = ""  # why no further
     tried: str = ""  # how far runs were made
     method: str | None = None
     form: str | None = None  # as the engine chose it

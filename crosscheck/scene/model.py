@@ -322,6 +322,11 @@ class Scene(_Record):
                 f"{self.duration:g} s, {self.samples} samples)")
 
     @property
+    def interval(self) -> float:
+        """Time between two outputs, s."""
+        return self.duration / (self.samples - 1)
+
+    @property
     def n(self) -> int:
         """Number of bodies."""
         return len(self.bodies)

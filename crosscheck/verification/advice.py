@@ -25,6 +25,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from crosscheck import references
+from crosscheck.adapters.base import step_text
 from crosscheck.compare.errors import up_to
 from crosscheck.compare.timing import take_turns, undisturbed
 from crosscheck.document import QUANTITIES, Advice, Record, SceneTruth, Way, extended
@@ -92,8 +93,9 @@ class _Search:
     def __init__(self, scene: Scene, engine: str, truth: Reference, ladder: Ladder | None, every: bool) -> None:
         last = max(1, int(np.count_nonzero(up_to(truth.t, truth.horizon))) - 1)
         until = float(truth.t[last])
-        self.ladder, self._every = ladder or Ladder(scene=scene.name, engine=engine, until=until), every
-        self._interval = scene.duration / (scene.samples - 1)
+        self._interval, self._every = scene.interval, every
+        self.ladder = ladder or Ladder(scene=scene.name, engine=engine, until=until, interval=scene.interval,
+                                       ended=truth.horizon_cause)
         self._climb = Climb(scene.replace(duration=until, samples=last + 1), dataclasses.replace(
             truth, states=truth.states.at(slice(0, last + 1))), self.ladder)
         self._began = math.inf
@@ -276,12 +278,12 @@ def choose(ladder: Ladder, wanted: Wanted, scene: str) -> Advice:
     known = [rung.error for rung in ladder.rungs.values() if rung.error is not None]
     reaching = ladder.reaching(wanted)
     ended = "down to steps at which errors fall no more" if ladder.stalled else f"within the budget of {BUDGET:g} s"
-    advice = Advice(scene=ladder.scene, engine=ladder.engine, wanted=wanted, until=ladder.until,
+    advice = Advice(scene=ladder.scene, engine=ladder.engine, wanted=wanted, until=ladder.until, ended=ladder.ended,
                     least=min(known, default=None), tried=f"{ended}; {_finest(list(ladder.rungs.values()))}")
     if not reaching:
         return advice
     best = reaching[0]
-    size = f"--step {best.step!r}" if best.step else f"--rtol {best.rtol!r}"
+    size = f"--step {step_text(ladder.interval, best.step)}" if best.step else f"--rtol {best.rtol!r}"
     words = f"crosscheck run {shlex.quote(scene)} --engine {shlex.quote(ladder.engine)} --method {best.method} {size}"
     if best.label != extended(Way, best, form=None).label:  # not as the engine chooses by itself
         words += f" --form {best.form}"
@@ -330,7 +332,9 @@ def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Ad
     record = passing[best.label]
     command, estimated = record.command.removesuffix(" --csv run.csv"), f"the run at rtol {record.rtol or 0.0:g}"
     if record.step is not None:
-        command = command.replace(f"--step {record.step!r}", f"--step {best.step!r}")
+        interval = (record.duration or scene.duration) / (scene.plan.samples - 1)
+        command = command.replace(f"--step {step_text(interval, record.step)}",
+                                  f"--step {step_text(interval, best.step or record.step)}")
         estimated = f"the run at {record.step:g} s" + ("" if best.order is None or record.order is None else
                                                        f" and its observed order {record.order.observed:.2f}")
     return replace(advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error,

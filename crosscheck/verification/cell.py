@@ -49,8 +49,8 @@ def run_cell(cell: Cell) -> Record:
     order = engine.documented_order(scene, RunSpec(way.method, step=plan.step(1), form=way.form))
     way = replace(way, step=None if order is None else plan.step(order), rtol=plan.rtol if order is None else None)
     spec = RunSpec(way.method, **way.arguments)
-    run = replace(run, step=way.step, rtol=way.rtol, documented_order=order, command=cell.command(way),
-                  duration=scene.duration)
+    run = replace(run, step=way.step, rtol=way.rtol, documented_order=order, duration=scene.duration,
+                  command=cell.command(way, scene.interval))
     reason = engine.unsupported(scene, spec)
     if reason is not None:
         return replace(run, outcome="unsupported", message=reason)

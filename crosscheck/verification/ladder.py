@@ -175,6 +175,8 @@ class Ladder(msgspec.Struct, kw_only=True):
     scene: str
     engine: str
     until: float  # s, the last sample that counts, which is not past the horizon of truth
+    interval: float  # s, between two outputs
+    ended: str = ""  # why truth ends before the scene
     rungs: dict[str, Rung] = {}  # by method, options, and step or tolerance
     climbed: list[float | dict[str, float]] = []  # the errors for which the cheapest run was looked for
     every: bool = False  # whether the largest usable step of every method was looked for
@@ -184,7 +186,7 @@ class Ladder(msgspec.Struct, kw_only=True):
     def kept(cls, scene: Scene, engine: str, until: float, session: Session | None) -> Ladder:
         """The one from the table, of any session, or one without rungs."""
         found: Ladder | None = None if session is None else session.get(STAGE, key(scene, engine), ever=True)
-        return found or cls(scene=scene.name, engine=engine, until=until)
+        return found or cls(scene=scene.name, engine=engine, until=until, interval=scene.interval)
 
     def of(self, label: str) -> list[Rung]:
         """The runs of a way, coarse to fine."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 from crosscheck import adapters
-from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.base import RunSpec, step_text
 from crosscheck.document import Plan, Way, set_words
 from crosscheck.jobs.drive import Crash, Limits, Place, run_tasks
 from crosscheck.running import cluster, provenance
@@ -39,10 +39,10 @@ class Cell:
         form = "" if self.default_form or not self.way.form else f" ({self.way.form})"
         return f"{self.way.engine} {self.way.method}{form}"
 
-    def command(self, way: Way) -> str:
-        """The shell command that repeats the main run, which is run in this way."""
+    def command(self, way: Way, interval: float) -> str:
+        """The shell command that repeats the main run, which is run in this way with outputs at an interval (s)."""
         words = ["crosscheck", "run", self.scene, "--engine", way.engine, "--method", way.method]
-        words += ["--step", repr(way.step)] if way.step is not None else ["--rtol", repr(way.rtol)]
+        words += ["--step", step_text(interval, way.step)] if way.step is not None else ["--rtol", repr(way.rtol)]
         words += ["--form", way.form] if way.form else []
         words += set_words((("coordinate_map", way.coordinate_map), *way.options))
         words += ["--duration", repr(self.plan.duration)] if self.plan.duration else []

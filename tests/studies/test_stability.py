@@ -19,7 +19,7 @@ def ladder(**errors):
     rungs = [Rung("engine", method, 0.4 / 2**place, scene="scene", label=f"engine {method}", order=2, error=error,
                   wall_ms=10.0, reason="" if error else "it diverged")
              for method, own in errors.items() for place, error in enumerate(own)]
-    return Ladder(scene="scene", engine="engine", until=1.0, rungs={str(place): each for place, each in
+    return Ladder(scene="scene", engine="engine", until=1.0, interval=0.2, rungs={str(place): each for place, each in
                                                                      enumerate(rungs)})
 
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck import adapters, document
-from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
+from crosscheck.adapters.base import Engine, RawRun, step_text, steps_per_sample
 from crosscheck.cli.app import app
 from crosscheck.compare.errors import differences
 from crosscheck.compare.sizes import sizes
@@ -36,8 +36,8 @@ def rung(method, size, error, cost, order=2):
                 steps=round(1 / size), error=error, wall_ms=cost and 1e3 * cost, **errors)
 
 
-KNOWN = Ladder(scene="scene", engine="engine", until=1.0, climbed=[1e-3], rungs={str(place): each for place, each in
-    enumerate([
+KNOWN = Ladder(scene="scene", engine="engine", until=1.0, interval=0.2, climbed=[1e-3], rungs={
+    str(place): each for place, each in enumerate([
         rung("fine", 0.1, 1e-3, 2.0), rung("fine", 0.05, 2e-4, 4.0), rung("fine", 0.2, 0.5, 1.0),
         rung("cheap", 0.1, 2e-2, 0.1), rung("cheap", 0.01, 9e-4, 1.5), rung("cheap", 0.2, None, None)])})
 
@@ -48,6 +48,14 @@ def test_the_cheapest_method_with_its_largest_step_is_chosen():
     assert loose.breaks_at == 0.2  # a run that failed
     assert loose.command == "crosscheck run 'my scene.toml' --engine engine --method cheap --step 0.01"
     assert (tight.method, tight.step, tight.breaks_at) == ("fine", 0.05, 0.2)  # a run wrong by half of the scene
+
+
+@pytest.mark.parametrize(("interval", "count", "text"), [
+    (0.01, 7, "0.00143"), (0.01, 10, "0.001"), (2 / 300, 1, "0.00667"), (0.01, 4096, "2.442e-06"), (0.1, 3, "0.0334")])
+def test_a_step_has_few_digits_and_makes_the_same_run(interval, count, text):
+    assert step_text(interval, interval / count) == text
+    scene = crosscheck.load_scene("single_pendulum").replace(duration=2 * interval, samples=3)
+    assert steps_per_sample(scene, float(text))[0] == count
 
 
 def test_no_method_is_named_where_none_reaches_the_error():

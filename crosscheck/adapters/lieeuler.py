@@ -24,7 +24,6 @@ from crosscheck.scene.coordinates import (
     zero_attitude,
 )
 from crosscheck.scene.functions import TimeFunction, Value
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import ELEMENTS, GROUND, Force, Joint, Scene
 from crosscheck.scene.states import States
 
@@ -49,7 +48,7 @@ def laws(scene: Scene) -> tuple[lieeuler.Law, ...]:
             servo.held))
     begin, made = at_start(scene), []
     for index, joint in enumerate(scene.joints):
-        for k, word in enumerate(JOINT_TYPES[joint.type].coordinates):
+        for k, word in enumerate(joint.kind.coordinates):
             friction = joint.dry_friction[k] if joint.dry_friction else None
             limits = joint.limits[k] if joint.limits else None
             own = tuple(servos.get(joint.name, ())) if k == 0 else ()
@@ -101,7 +100,7 @@ def start(problem: lieeuler.Problem, step: float = 1e-6) -> lieeuler.Solution:
 
 def _joint(scene: Scene, joint: Joint) -> lieeuler.Joint:
     """The joint, made by lieeuler's function for its type, which takes the type's parameters in this order."""
-    kind = JOINT_TYPES[joint.type]
+    kind = joint.kind
     parameters = [getattr(joint, key) for key, needed in kind.needs.items() if needed]
     if kind.keeps_attitude:
         parent_attitude = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
@@ -122,7 +121,7 @@ def _joint(scene: Scene, joint: Joint) -> lieeuler.Joint:
 
 def _coordinate(joint: Joint) -> lieeuler.Coordinate:
     return lieeuler.Coordinate(joint.parent_axis, joint.child_axis,
-                               zero_attitude(joint).T if joint.type == "revolute" else None)
+                               zero_attitude(joint).T if joint.kind.turns else None)
 
 
 def _force(scene: Scene, force: Force) -> lieeuler.forces.Force:

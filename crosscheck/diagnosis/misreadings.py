@@ -16,9 +16,6 @@ from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotatio
 from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
 
-POINTS = ("spherical", "universal", "revolute", "fixed")
-"""Types of joints whose two anchors coincide, so that positions follow from attitudes."""
-
 TURNING = ("spherical",)
 """Types of joints with an attitude of their own, which can be misread. A hinge has an angle."""
 
@@ -122,7 +119,7 @@ def positions(scene: Scene, R: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, n
     None if the scene has joints whose anchors do not coincide.
     """
     joints: dict[int, Joint] = {joint.child: joint for joint in scene.joints}
-    if any(joint.type not in POINTS or joint.child == GROUND for joint in scene.joints):
+    if any(not joint.kind.anchors_coincide or joint.child == GROUND for joint in scene.joints):
         return None
     x, v = scene.x0.copy(), scene.v0.copy()
     for body in parents_first(scene):

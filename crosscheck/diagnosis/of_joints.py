@@ -16,7 +16,6 @@ import numpy as np
 
 from crosscheck.diagnosis import fit
 from crosscheck.diagnosis.copies import FAITHFUL, ObservedCopy, data, points_of
-from crosscheck.diagnosis.misreadings import POINTS
 from crosscheck.diagnosis.observe import REACH
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.scene import mechanics
@@ -49,7 +48,7 @@ def elsewhere(copies: list[ObservedCopy], answer: Explanation) -> bool:
     scene = copies[0].observation.scene
     worst, every = 0.0, [dict[int, Moves]() for _ in copies]
     for k, joint in enumerate(scene.joints):
-        fits = [(every, fitted_anchors(copies, k))] if joint.type in POINTS else []
+        fits = [(every, fitted_anchors(copies, k))] if joint.kind.anchors_coincide else []
         if joint.kind.axes in ("parallel", "perpendicular"):  # an engine may take the axis in a body from its start
             fits += [([moves], fitted_axes(each, k)) for moves, each in zip(every, copies, strict=True)
                      if each.observation.scene.joints[k].type == joint.type]
@@ -196,7 +195,7 @@ def fitted_mimic(copies: list[ObservedCopy], joint: Joint, mimic: Mimic) -> tupl
             continue
         moved = histories(scene, each.states)
         follower, leader = moved[joint.name], moved[mimic.joint]
-        size = scale.length if joint.type == "prismatic" else 1.0
+        size = scale.length if joint.kind.slides else 1.0
         noise = size * (FAITHFUL + fit.EXPLAINED * each.observation.noise) * (1.0 + abs(mimic.ratio))
         gaps.append((follower.position - mimic.ratio * leader.position - mimic.offset) / noise)
         rates.append(np.column_stack([follower.velocity, leader.velocity]) / (noise * scale.rate))

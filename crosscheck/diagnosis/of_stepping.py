@@ -184,7 +184,7 @@ def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
     The plane contains the scene's gravity and the one that the engine has. The inertias are those of spheres, so that a
     mistake in their axes does not matter.
     """
-    if any(joint.type not in ("spherical", "revolute") for joint in scene.joints) or not scene.joints:
+    if any(not (joint.kind.is_ball or joint.kind.turns) for joint in scene.joints) or not scene.joints:
         return None
     given = [vector / np.linalg.norm(vector) for vector in (scene.gravity, gravity) if vector.any()]
     down = given[0] if given else np.array([0.0, 0.0, -1.0])
@@ -203,7 +203,7 @@ def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
                                    "child_anchor": flat @ joint.child_anchor}
         if np.linalg.norm(anchors["child_anchor"]) < 0.1 * scale.length:
             anchors["child_anchor"] = 0.5 * scale.length * np.cross(normal, down)
-        axes: dict[str, Any] = {} if joint.type == "spherical" else {"parent_axis": normal, "child_axis": normal}
+        axes: dict[str, Any] = {} if joint.kind.is_ball else {"parent_axis": normal, "child_axis": normal}
         joints.append(dataclasses.replace(joint, **anchors, **axes))
     made = misreadings.placed(scene.replace(bodies=tuple(bodies), joints=tuple(joints)).unloaded)
     return None if made is None else close(made)
@@ -337,7 +337,7 @@ def _gain(subject: Subject, first: Observation, known: Known, answer: Explanatio
     """
     scene, scale = first.scene, first.scale
     there = [joint for joint in scene.joints if known.absent not in (joint.parent, joint.child)]
-    if not there or any(joint.type in ("prismatic", "fixed") for joint in there):
+    if not there or any(joint.kind.keeps_attitude for joint in there):
         return NO_GAIN
     try:
         seen = observe(subject, pushed(scene, scale), scale)

@@ -41,16 +41,16 @@ def moved(scene: Scene, scale: Scale, seed: int) -> Scene | None:
 
 def close(scene: Scene) -> Scene | None:
     """The scene with its joints closed by the least change of its state; None if that fails."""
-    if any(joint.type in ("prismatic", "fixed") for joint in scene.joints):
+    if any(joint.kind.keeps_attitude for joint in scene.joints):
         return None  # their relative attitude is that of the start, so that another start would be another scene
     return assembly.closed(scene)
 
 
 def on_balls(scene: Scene) -> tuple[Scene, tuple[int, ...]] | None:
     """The scene with ball joints in place of hinges, and the numbers of the loads that stay; None without hinges."""
-    if not any(joint.type == "revolute" for joint in scene.joints):
+    if not any(joint.kind.turns for joint in scene.joints):
         return None
-    hinged = {joint.name for joint in scene.joints if joint.type == "revolute"}
+    hinged = {joint.name for joint in scene.joints if joint.kind.turns}
     joints = tuple(
         dataclasses.replace(joint, type="spherical", parent_axis=None, child_axis=None, drive=None, mimic=None,
                             start=None, armature=(), damping=(), stiffness=(), rest_position=(), dry_friction=(),

@@ -13,7 +13,6 @@ from crosscheck.references.base import TruthError
 from crosscheck.scene import file as scene_file
 from crosscheck.scene import mechanics
 from crosscheck.scene.armature import rate_row
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
 
 AGREED = 1e-9
@@ -88,7 +87,7 @@ def exact(scene: Scene, a: np.ndarray) -> np.ndarray:
     applied = mechanics.applied_forces(scene, *state)[0]
     other = space.motions.T @ (inertia - applied)
     for joint in scene.joints:
-        for rotor, word in zip(joint.armature, JOINT_TYPES[joint.type].coordinates, strict=False):
+        for rotor, word in zip(joint.armature, joint.kind.coordinates, strict=False):
             S, drift = rate_row(joint, word, scene, *state)
             other += rotor * (S[0] @ bodies + drift[0]) * (space.motions.T @ S[0])
     size = max(1.0, *(float(np.abs(space.motions.T @ part).max()) for part in (inertia, applied)))

@@ -35,7 +35,7 @@ def smooth(scene: Scene) -> Scene:
             joints.append(dataclasses.replace(
                 now, stiffness=(own + stiffness,), damping=(drag + damping,),
                 rest_position=((own * rest + stiffness * q) / (own + stiffness) if own + stiffness else 0.0,)))
-            word = "torque" if joint.type == "revolute" else "force"
+            word = "torque" if joint.kind.turns else "force"
             made.append(Force(f"joint_{word}", None, None, joint.name, {word: effort + damping * rate}))
         else:
             joints.append(now)
@@ -48,7 +48,7 @@ def _piece(scene: Scene, joint: Joint) -> tuple[float, float, float]:
         return Unsupported(f"derivatives of {scene.name!r}: joint {joint.name!r} {why}, where its law has none; take "
                            "another state")
 
-    if joint.type not in ("revolute", "prismatic"):
+    if not joint.kind.has_one:
         raise Unsupported(f"derivatives of {scene.name!r}: joint {joint.name!r} has laws on several coordinates")
     q, rate = (float(each[0]) for each in at_start(scene)[joint.name])
     stiffness = damping = effort = 0.0

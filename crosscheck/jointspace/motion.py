@@ -32,7 +32,6 @@ from crosscheck.references.tree import FREE, Link
 from crosscheck.references.tree_loads import angle_rate
 from crosscheck.scene.coordinates import histories, rates, starting
 from crosscheck.scene.functions import at
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import SMOOTH, Scene, quaternion_from_rotation, quaternion_from_turn
 from crosscheck.scene.starts import Configuration, at_coordinates, bodies_at
 from crosscheck.scene.states import Motion, States
@@ -201,7 +200,7 @@ class JointSpace(TreeSpace):
         for joint in scene.joints:
             reason = ("closes a loop" if joint.name not in links else "follows another one" if joint.mimic is not None
                       else "is driven" if joint.drive is not None
-                      else "has no coordinates" if not JOINT_TYPES[joint.type].coordinates and joint.type != "fixed"
+                      else "has no coordinates" if joint.kind.motion and not joint.kind.coordinates
                       else "")
             if reason:
                 raise Unsupported(f"{scene.name!r} in joint coordinates: joint {joint.name!r} {reason}")
@@ -268,7 +267,7 @@ def of_coordinates(scene: Scene, states: States, accelerated: bool = False) -> n
     carried = {joint.child for joint in scene.joints}
     parts = [np.concatenate([linear[:, k], angular[:, k]], axis=1) for k in range(scene.n) if k not in carried]
     parts += [rates(joint, states, accelerated).reshape(len(linear), -1) for joint in scene.joints
-              if JOINT_TYPES[joint.type].coordinates]
+              if joint.kind.coordinates]
     return np.asarray(np.concatenate([np.zeros((len(linear), 0)), *parts], axis=1))
 
 
@@ -333,7 +332,7 @@ def turns(scene: Scene) -> list[slice]:
 def angles(scene: Scene) -> np.ndarray:
     """(n,) whether each coordinate is the angle of a joint."""
     free = 6 * (scene.n - len({joint.child for joint in scene.joints}))
-    words = (word for joint in scene.joints for word in ("",) * 3 * (joint.kind.coordinates == ("ball",)) or
+    words = (word for joint in scene.joints for word in ("",) * 3 * (joint.kind.is_ball) or
              joint.kind.coordinates)
     return np.array([*[False] * free, *(word.startswith("turn") for word in words)], bool)
 
@@ -361,12 +360,12 @@ def placed(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
                                         velocity=v[own][:3], angular_velocity=v[own][3:])
     for joint in scene.joints:
         position = q[space.of_joint[joint.name]]
-        ball = joint.kind.coordinates == ("ball",)
+        ball = joint.kind.is_ball
         given[joint.name] = quaternion_from_turn(position) if ball else position, v[space.of_joint[joint.name]]
     begun = scene.replace(bodies=tuple(bodies))
     return begun.replace(bodies=bodies_at(scene, at_coordinates(begun, given, [k for k, _ in free])), joints=tuple(
         dataclasses.replace(joint, start=tuple(q[space.of_joint[joint.name]].tolist()))
-        if joint.kind.coordinates and joint.type != "spherical" else joint for joint in scene.joints))
+        if joint.kind.coordinates and not joint.kind.is_ball else joint for joint in scene.joints))
 
 
 def shifted(scene: Scene, change: np.ndarray) -> Scene:

@@ -271,7 +271,7 @@ def _require(name: str, scene: Scene, form: str | None = None) -> None:
 def _refuse_balls(scene: Scene, who: str) -> None:
     """Rates of angles are not those of small turns, but a function of the angles too, which moves the derivatives."""
     for joint in scene.joints:
-        if joint.kind.coordinates == ("ball",):
+        if joint.kind.is_ball:
             raise Unsupported(f"{who} on {scene.name!r}: its ball joint {joint.name!r} has three angles, which are not "
                               "the coordinates of the scene")
 

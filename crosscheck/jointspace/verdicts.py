@@ -248,7 +248,7 @@ def _bases(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     balls = np.zeros(space.size)
     for link in space.links:
         own = space.own[link.body]
-        if link.joint is not None and JOINT_TYPES[link.joint.type].coordinates == ("ball",):
+        if link.joint is not None and JOINT_TYPES[link.joint.type].is_ball:
             balls[own] = 1.0
             turns[own, own] = relative(link.joint, start).turn[0]
             spins[own, own] = np.cross(space.rates[own], np.eye(3)).T

@@ -44,7 +44,7 @@ def near_impacts(scene: Scene, truth: Reference, position: float, step: float) -
     There a velocity may be that before the impact or that after it.
     """
     near = np.zeros(len(truth.t), bool)
-    rigid = {joint.name: 1.0 if joint.type == "prismatic" else min(max(np.linalg.norm(joint.child_anchor), 1e-3), 1.0)
+    rigid = {joint.name: 1.0 if joint.kind.slides else min(max(np.linalg.norm(joint.child_anchor), 1e-3), 1.0)
              for joint in scene.joints if any(each is not None and each.rigid for each in joint.limits)}
     hits = [(t, name) for t, name, what in truth.events if name in rigid and what.startswith("hits")]
     if not hits:

@@ -30,7 +30,6 @@ from crosscheck.scene.altered import Model, levers, of_scene
 from crosscheck.scene.batch import State, integrate
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import histories
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene, quaternion_from_rotation
 from crosscheck.scene.sensors import Reader, read
 from crosscheck.scene.starts import Configuration, bodies_at
@@ -599,7 +598,7 @@ def _started(case: Case) -> Iterator[Cause]:
     G = Constraints(scene).jacobian(scene.x0[None], scene.R0[None])[0]
     free = np.linalg.svd(G)[2][np.linalg.matrix_rank(G, tol=1e-9):].T if len(G) else np.eye(6 * scene.n)
     count = free.shape[1]
-    if count > 8 or any(joint.type in ("prismatic", "fixed") for joint in scene.joints):
+    if count > 8 or any(joint.kind.keeps_attitude for joint in scene.joints):
         return
 
     def build(theta: np.ndarray) -> Scene | None:
@@ -659,7 +658,7 @@ def _altered(right: Model, cause: Alteration, theta: np.ndarray) -> Scene | Mode
 
 def _anchors(scene: Scene) -> Iterator[Alteration]:
     for joint in scene.joints:
-        has_axis = JOINT_TYPES[joint.type].axes == "parallel" and joint.parent == -1
+        has_axis = joint.kind.axes == "parallel" and joint.parent == -1
         for field in ("parent_anchor", "child_anchor", *(["parent_axis"] if has_axis else [])):
             turned, where = field == "parent_axis", f"{field.replace('_', ' ')} of joint {joint.name!r}"
 

@@ -128,7 +128,7 @@ def meanings(scene: Scene) -> dict[str, Column]:
             known |= {f"{body}{dot}{name}": dataclasses.replace(whole, parts=(k,))
                       for k, pair in enumerate(names) for name in pair}
     for joint, rate in itertools.product(scene.joints, (0, 1)):
-        words, key = JOINT_TYPES[joint.type].coordinates, ("position", "velocity")[rate]
+        words, key = joint.kind.coordinates, ("position", "velocity")[rate]
         count = (3 if rate else 4) if words == ("ball",) else len(words)
         for k in range(count):
             word = words[min(k, len(words) - 1)]
@@ -137,7 +137,7 @@ def meanings(scene: Scene) -> dict[str, Column]:
             for dot, end in itertools.product(". ", (f"{k}", f".{k}", f"[{k}]")):
                 known[f"{joint.name}{dot}{key}{end}"] = one
                 known.setdefault(f"{joint.name}{dot}{key}", dataclasses.replace(one, parts=tuple(range(count))))
-        if not rate and JOINT_TYPES[joint.type].has_one:
+        if not rate and joint.kind.has_one:
             word, size = ("torque", TORQUE) if base == ANGLE else ("force", FORCE)
             for each in EFFORTS:
                 column = Column(each, joint.name, (0,), size)
@@ -398,7 +398,7 @@ def _control(motor: Motor) -> str:
 
 def _input(scene: Scene, words: Sequence[str]) -> str:
     """The input that a column with these words probably is; "" for none. Numbers are places among the joints."""
-    said, joints = {*words}, [joint for joint in scene.joints if JOINT_TYPES[joint.type].has_one]
+    said, joints = {*words}, [joint for joint in scene.joints if joint.kind.has_one]
     named = [joint.name for joint in sorted(joints, key=lambda joint: len(joint.name))
              if re.sub(r"[^a-z0-9]", "", joint.name.lower()) in "".join(words)]
     commanded, efforts = bool(said & COMMANDED), bool(said & EFFORT_WORDS)

@@ -160,7 +160,7 @@ class System:
             raise Unsupported(f"scene {self.scene.name!r} has a loop or a body without a joint; recorded inputs are "
                               "for trees of hinges and slides alone")
         own = [links[joint.name] for joint in plain.joints]
-        self._signs = np.array([-1.0 if link.body != joint.child and joint.type == "prismatic" else 1.0
+        self._signs = np.array([-1.0 if link.body != joint.child and joint.kind.slides else 1.0
                                 for link, joint in zip(own, plain.joints, strict=True)])  # see `Taylor._tie`
         self._first = {link.body: 5 * link.body for link in own}
         zero = {-1: [0.0] * 3} | {body: [par[k + 2], par[k + 3], par[k + 4]] for body, k in self._first.items()}

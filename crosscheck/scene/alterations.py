@@ -358,7 +358,7 @@ def _slowed(scene: Scene) -> Iterator[Alteration]:
                          WITHOUT_FRICTION)
     sprung = {force.joint for force in scene.loads if force.is_spring}
     for joint in scene.joints if len(scene.joints) > 1 else ():
-        if joint.type in ("revolute", "spherical") and joint.name not in sprung:
+        if (joint.kind.turns or joint.kind.is_ball) and joint.name not in sprung:
             def damped(m: Model, t: np.ndarray, joint: Joint = joint) -> Model:
                 there = any((each.name, each.type) == (joint.name, joint.type) for each in m.scene.joints)
                 return m.replace(damped={**m.damped, joint.name: t[0]}) if there else m

@@ -79,7 +79,7 @@ class Model:
         plain = Model(self.scene, self.numbers, self.starts)
         damped = [(joint, float(size)) for joint in self.scene.joints if (
             size := self.joint_damping + self.damped.get(joint.name, 0.0))]
-        if damped and all(joint.type == "revolute" for joint, _ in damped):
+        if damped and all(joint.kind.turns for joint, _ in damped):
             return self.replace(joint_damping=0.0, damped={}).with_more(*(Force(
                 "torsional_spring", joint.parent, joint.child, joint.name, {
                     "stiffness": 0.0, "rest_angle": 0.0, "damping": size}) for joint, size in damped)).as_scene

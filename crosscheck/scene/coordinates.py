@@ -191,7 +191,7 @@ def rates(joint: Joint, states: Motion, accelerated: bool = False) -> np.ndarray
     w, rate = (moved.spinning, moved.speeding) if accelerated else (moved.w, moved.rate)
     assert w is not None
     assert rate is not None
-    if joint.kind.coordinates == ("ball",):
+    if joint.kind.is_ball:
         return np.asarray(np.einsum("tji,tj->ti", moved.turn, w))
     columns = [_rate(word, joint, moved.turn, w, rate) for word in joint.kind.coordinates]
     return np.stack(columns, axis=1) if len(columns) > 1 else columns[0]

@@ -61,7 +61,7 @@ class JointType:
     @property
     def positions(self) -> int:
         """Number of its position coordinates; a ball has four, a quaternion, and three velocities."""
-        return 4 if self.coordinates == ("ball",) else len(self.coordinates)
+        return 4 if self.is_ball else len(self.coordinates)
 
     @property
     def is_elastic(self) -> bool:
@@ -74,9 +74,19 @@ class JointType:
         return self.coordinates == ("slide",)
 
     @property
+    def turns(self) -> bool:
+        """Whether it has one coordinate, an angle about an axis that is fixed in both bodies."""
+        return self.coordinates == ("turn",)
+
+    @property
     def has_one(self) -> bool:
         """Whether it has one coordinate, an angle or a slide along an axis that is fixed in both bodies."""
-        return self.slides or self.coordinates == ("turn",)
+        return self.slides or self.turns
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether its coordinate is a relative attitude."""
+        return self.coordinates == ("ball",)
 
     @property
     def anchors_coincide(self) -> bool:

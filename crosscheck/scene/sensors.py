@@ -343,7 +343,7 @@ def shape(scene: Scene, sensor: Sensor, times: int) -> tuple[int, ...]:
     size = SENSOR_TYPES[sensor.type].size
     if size < 0:
         kind = JOINT_TYPES[next(joint.type for joint in scene.joints if joint.name == sensor.joint)]
-        turns = kind.coordinates == ("ball",) and sensor.type != "joint_position"
+        turns = kind.is_ball and sensor.type != "joint_position"
         size = 3 if turns else kind.positions if kind.positions > 1 else 0
     return (times, size) if size else (times,)
 

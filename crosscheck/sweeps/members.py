@@ -137,7 +137,7 @@ def _coordinates(scene: Scene, drawn: dict[str, np.ndarray]) -> dict[str, tuple[
     made = {}
     for name, (position, rates) in coordinates.at_start(scene).items():
         shift, push = (change(joints[name], of) for of in changes)
-        ball = joints[name].kind.coordinates == ("ball",)
+        ball = joints[name].kind.is_ball
         made[name] = (quaternion_product(position, quaternion_from_turn(shift)) if ball else position + shift,
                       rates + push)
     return made
@@ -145,4 +145,4 @@ def _coordinates(scene: Scene, drawn: dict[str, np.ndarray]) -> dict[str, tuple[
 
 def _freedoms(joint: Joint) -> int:
     """How many numbers perturb its position, and its velocity."""
-    return 3 if joint.kind.coordinates == ("ball",) else len(joint.kind.coordinates)
+    return 3 if joint.kind.is_ball else len(joint.kind.coordinates)

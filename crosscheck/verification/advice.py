@@ -331,7 +331,7 @@ def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Ad
         return advice
     record = passing[best.label]
     command, estimated = record.command.removesuffix(" --csv run.csv"), f"the run at rtol {record.rtol or 0.0:g}"
-    if record.step is not None:
+    if record.step is not None and scene.plan is not None:
         interval = (record.duration or scene.duration) / (scene.plan.samples - 1)
         command = command.replace(f"--step {step_text(interval, record.step)}",
                                   f"--step {step_text(interval, best.step or record.step)}")

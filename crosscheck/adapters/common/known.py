@@ -35,7 +35,7 @@ def scene_of(name: str) -> Scene | None:
 
 
 def _has_balls(engine: Engine, scene: Scene, form: str | None) -> bool:
-    return any(joint.type == "spherical" for joint in scene.joints)
+    return any(joint.kind.is_ball for joint in scene.joints)
 
 
 def _bounces(engine: Engine, scene: Scene, form: str | None) -> bool:

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import (
     GROUND,
     Joint,
@@ -141,7 +140,7 @@ def link(scene: Scene, joint: Joint, outward: bool = True) -> Link:
     axes = [np.zeros(3) if axis is None else axis for axis in (joint.parent_axis, joint.child_axis)]
     ends = [(joint.parent, joint.parent_anchor, axes[0]), (joint.child, joint.child_anchor, axes[1])]
     (parent, parent_anchor, parent_axis), (body, child_anchor, axis) = ends if outward else ends[::-1]
-    zero, kind = IDENTITY, JOINT_TYPES[joint.type]
+    zero, kind = IDENTITY, joint.kind
     if kind.zero == "axes":
         zero = quaternion_from_rotation(shortest_rotation(joint.child_axis, joint.parent_axis))
         zero = zero if outward else zero * CONJUGATE
@@ -156,7 +155,7 @@ def link(scene: Scene, joint: Joint, outward: bool = True) -> Link:
 
 def _part(motion: str, joint: Joint, axis: np.ndarray, inner_axis: np.ndarray) -> Part:
     """The part for a word of `JointType.motion`; both axes are in the outer body's frame."""
-    guided = JOINT_TYPES[joint.type].axes == "parent"  # the only axis is fixed in the joint's parent
+    guided = joint.kind.axes == "parent"  # the only axis is fixed in the joint's parent
     along = joint.parent_axis if guided else axis
     match motion:
         case "ball":

@@ -41,7 +41,7 @@ class OwnLaw:
     def __init__(self, scene: Scene, law: Law, name: str) -> None:
         self.scene, self._law = scene, law
         if not tree.is_open_tree(scene) or any(
-                joint.type not in ("revolute", "prismatic", "fixed") or joint.drive or joint.mimic
+                (joint.kind.motion and not joint.kind.has_one) or joint.drive or joint.mimic
                 for joint in scene.joints):
             raise Unsupported(f"the own law of {name} is integrated here for open trees of hinges and slides alone")
         self._tree_links, self._bare = tree.links(scene), scene.lawless

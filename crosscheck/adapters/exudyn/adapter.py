@@ -22,7 +22,6 @@ from crosscheck.adapters.exudyn import kinematic_tree, laws, models, solving
 from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
 from crosscheck.errors import EngineError
 from crosscheck.scene.events import Event, events
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import redundant_rows
 from crosscheck.scene.model import GROUND, Joint, Scene
 from crosscheck.scene.states import States
@@ -219,7 +218,7 @@ def _springs(scene: Scene) -> bool:
 
 
 def _rolling(scene: Scene) -> list[Joint]:
-    return [joint for joint in scene.joints if JOINT_TYPES[joint.type].slips]
+    return [joint for joint in scene.joints if joint.kind.slips]
 
 
 def _unrolled(scene: Scene, form: str) -> str | None:
@@ -243,7 +242,7 @@ def _by_coordinates(scene: Scene) -> set[str]:
 
 def _turns_about_ground(scene: Scene) -> bool:
     return (scene.n, len(scene.joints)) == (1, 1) and (
-        scene.joints[0].type == "spherical" and GROUND in (scene.joints[0].parent, scene.joints[0].child))
+        scene.joints[0].kind.is_ball and GROUND in (scene.joints[0].parent, scene.joints[0].child))
 
 
 _ORDERS: dict[str, str] = {}

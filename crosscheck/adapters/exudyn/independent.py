@@ -24,7 +24,7 @@ def dropped_axes(scene: Scene, closing: Sequence[Joint]) -> dict[str, set[int]]:
     length = max(1e-300, max(float(np.abs(joint.child_anchor).max()) for joint in scene.joints))
     basis = np.zeros((0, 6 * scene.n))
     dropped = {}
-    last = {joint.name for joint in closing if joint.type != "distance"}
+    last = {joint.name for joint in closing if not joint.kind.length}
     for joint in sorted(scene.joints, key=lambda joint: joint.name in last):
         rows = _rows(scene, joint, length)
         dropped[joint.name] = set(rows)
@@ -43,7 +43,7 @@ def dropped_axes(scene: Scene, closing: Sequence[Joint]) -> dict[str, set[int]]:
 def _rows(scene: Scene, joint: Joint, length: float) -> dict[int, np.ndarray]:
     """Unit rows (6 n,) of a joint's constrained axes: velocities over `length` and angular velocities, world axes."""
     ends = (joint.child, joint.child_anchor, 1.0), (joint.parent, joint.parent_anchor, -1.0)
-    if joint.type == "distance":
+    if joint.kind.length:
         gap = sum(sign * (anchor if body == GROUND else scene.x0[body] + scene.R0[body] @ anchor)
                   for body, anchor, sign in ends)
         frame, constrained = np.outer(gap, (1.0, 0.0, 0.0)), {0}

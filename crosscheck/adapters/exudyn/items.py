@@ -10,7 +10,6 @@ import numpy as np
 
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.functions import TimeFunction
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.vectors import normal_references, shortest_rotation
 
@@ -68,13 +67,13 @@ def add_joint(carrier: Carrier, joint: Joint, left_free: Collection[int] = ()) -
 
 def free_axes(joint: Joint) -> set[int]:
     """The axes of ObjectJointGeneric that a joint leaves free, see `FREE_AXES`."""
-    return {axis for word in JOINT_TYPES[joint.type].motion for axis in FREE_AXES[word]}
+    return {axis for word in joint.kind.motion for axis in FREE_AXES[word]}
 
 
 def joint_frames(scene: Scene, joint: Joint) -> list[np.ndarray]:
     """Joint frames (3, 3) in the axes of the parent and of the child; z is the axis, for a universal joint x and y."""
     child, parent = (np.eye(3) if body == GROUND else scene.R0[body] for body in (joint.child, joint.parent))
-    kind, inner = JOINT_TYPES[joint.type], np.eye(3)
+    kind, inner = joint.kind, np.eye(3)
     if joint.parent_axis is not None:
         inner = np.column_stack([*normal_references(joint.parent_axis), joint.parent_axis])
     if kind.axes == "perpendicular":

@@ -19,7 +19,6 @@ from crosscheck.adapters.common.poses import in_body, relative_pose
 from crosscheck.errors import Unsupported
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.functions import at
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, Sensor, quaternion_from_rotation
 from crosscheck.scene.spanning import Branch, spanning_tree
@@ -241,7 +240,7 @@ def _give_laws(scene: Scene, branch: Branch, coordinate: Any, kind: str, solref:
     """Count a hinge or slide from the scene's zero, and set its springs and dampers, its dry friction and its range."""
     joint = branch.joint
     assert joint is not None
-    words = JOINT_TYPES[joint.type].coordinates
+    words = joint.kind.coordinates
     k = words.index("slide" if kind == "mjJNT_SLIDE" else "turn")
     direction = _coordinate_of(scene, branch, kind == "mjJNT_SLIDE")[1]
     coordinate.ref = direction * at_start(scene)[joint.name][0][k]
@@ -297,7 +296,7 @@ def _coordinates(scene: Scene, branch: Branch) -> list[tuple[str, np.ndarray, np
     """
     joint, body = branch.joint, branch.body
     assert joint is not None
-    kind = JOINT_TYPES[joint.type]
+    kind = joint.kind
     anchors = {joint.parent: joint.parent_anchor, joint.child: joint.child_anchor}
     point = anchors[body]
     if not branch.outward and kind.axes == "parent":  # the ball comes first, about the inner body's point

@@ -46,7 +46,7 @@ class Pinocchio(Engine):
         if not cut and not parts:
             return tree.LEVELS
         # rows of other joints depend on positions that have drifted
-        points = not parts and all(joint.type == "spherical" for joint in cut)
+        points = not parts and all(joint.kind.is_ball for joint in cut)
         return frozenset({"acceleration"} if points and not spec.alpha and not spec.beta else ())
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:

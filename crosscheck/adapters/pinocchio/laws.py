@@ -30,7 +30,7 @@ class Rows:
         joints = {joint.name: joint for joint in model.scene.joints}
         for link, (at_q, _) in zip(model.links, model.slots, strict=True):
             joint = joints.get(link.joint)
-            if joint is None or link.type not in ("revolute", "prismatic"):
+            if joint is None or not joint.kind.has_one:
                 continue
             for friction in filter(None, joint.dry_friction):
                 places[0].append(model.frames[link.body][0])

@@ -87,7 +87,7 @@ def decompose(scene: Scene, form: str) -> tuple[tuple[Link, ...], dict[int, int]
         tree_links, cut = tuple(free(body) for body in range(scene.n)), scene.joints
     else:
         tree_links, cut = unfold(scene)
-    bridged = [joint for joint in cut if joint.type not in ("spherical", "fixed")]
+    bridged = [joint for joint in cut if joint.kind.motion and not joint.kind.is_ball]
     parts = {scene.n + k: joint.child for k, joint in enumerate(bridged)}
     hung = [dataclasses.replace(links_module.link(scene, joint), body=part)
             for part, joint in zip(parts, bridged, strict=True)]
@@ -196,7 +196,7 @@ def closure(model: Model, data: object, alpha: float, beta: float) -> Closure:
     wanted: list[tuple[Joint | None, str, list[tuple[int, pinocchio.SE3]]]] = []
     for joint in model.cut:
         zero, kind = np.eye(3), "CONTACT_3D"
-        if joint.type == "fixed":
+        if not joint.kind.motion:
             zero = rotation_from_quaternion(links_module.relative_attitude(model.scene, joint.parent, joint.child))
             kind = "CONTACT_6D"
         wanted.append((joint, kind, [(joint.child, pinocchio.SE3(np.eye(3), np.array(joint.child_anchor))),

@@ -115,7 +115,7 @@ def _sensor(reading: Reading, sites: dict[str, Table], joints: list[Table], k: i
     if kind in OF_JOINT:
         name = m.jnt(index).name
         read = next((JOINT_TYPES[joint["type"]] for joint in joints if joint["name"] == name), None)
-        fits = read is not None and (read.coordinates == ("ball",) if kind.startswith("BALL") else read.has_one)
+        fits = read is not None and (read.is_ball if kind.startswith("BALL") else read.has_one)
         return {"type": OF_JOINT[kind], "joint": name} if fits else None
     if kind in OF_FRAME and int(m.sensor_reftype[k]) == int(mujoco.mjtObj.mjOBJ_UNKNOWN):
         site = _frame(reading, sites, thing, index)

@@ -128,7 +128,7 @@ def _mjcf_joints(scene: Scene, element: Element, body: int, joint: Joint | None)
         if any(joint.stiffness):
             made.set("springref", repr(float((joint.rest_position or (0.0, 0.0))[k])))
 
-    if kind.coordinates == ("ball",):
+    if kind.is_ball:
         add(joint.name, "ball", None, 0)
         return [1.0, 0.0, 0.0, 0.0], list(v)
     for k, word in enumerate(kind.coordinates):

@@ -73,7 +73,6 @@ def verify(
     """
     from crosscheck.document import Asked
     from crosscheck.judge import overrides
-    from crosscheck.recordings import published
     from crosscheck.report import schema
     from crosscheck.report.headline import ending, sentence
     from crosscheck.scene.file import as_scene, tagged
@@ -107,7 +106,7 @@ def verify(
     results, page = answer.document, answer.page or out
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")
-    literature = published.figures(tagged(*tag), tuple(results.meta.engines)) if tag else []
+    literature = _published(tagged(*tag), tuple(results.meta.engines)) if tag else []
     if as_json:
         more = {"published": [dataclasses.asdict(figure) for figure in literature]} if tag else {}
         options.print_json(schema.plain(results) | {"report": str(page)} | more)
@@ -170,6 +169,12 @@ def print_verdicts(document: Document, page: Path) -> None:
             known = row.recommended is not None and row.recommended == scene.recommended
             say(f"{row.engine}: as said; {row.passing} of {row.runs} runs pass." if known else row.text, 4)
     print(f"report: {page}")
+
+
+def _published(names: Sequence[str], engines: tuple[str, ...]) -> list[published.Figure]:
+    from crosscheck.recordings import published  # with the room of recordings: a second that few need
+
+    return published.figures(names, engines)
 
 
 def _print_published(literature: Sequence[published.Figure]) -> None:

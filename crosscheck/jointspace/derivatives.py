@@ -153,6 +153,7 @@ def linearised(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return np.concatenate([np.ravel(getattr(bodies, name)) for name in names])
 
     ends = np.cumsum([getattr(space.start, name).size for name in names])[:-1]
+    # By the coordinates of the tree, also of a `JointSpace`, whose own derivative is by those of its scene.
     *parts, values, slopes = np.split(np.concatenate(TreeSpace.derivative(space, states), axis=1), ends)
     x, turned, v, dw, a, alpha = (part.reshape(n, len(part) // n, -1) for part in parts)
     turns = np.einsum("nji,njkm->nikm", R, turned.reshape(n, 3, 3, -1))

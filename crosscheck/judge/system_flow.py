@@ -24,7 +24,7 @@ from crosscheck.scene.vectors import exponential
 
 MOVED = (1e-6, 1e-7)
 """Shares of the state's sizes by which a start is moved: far above rounding, far below 1. Where both do not grow
-alike the motion is not linear in its start."""
+alike the motion is not linear in its start, as that of a loop near a singular position: without loops one is enough."""
 ALIKE = 2.0
 """Factor within which they have to agree."""
 
@@ -101,15 +101,14 @@ class SystemFlow:
         keep = np.all([np.abs(times - jump.after) > RESOLVED * times[-1] / len(times) for jump in jumps], axis=0) & (
             times >= 0.0)
         growth = []
-        for size in MOVED:
+        for size in MOVED if self.looped else MOVED[:1]:
             other = moved(start, self.sizes, size, closing=self.looped or not self.minimal)
             if other is None:
                 growth.append(np.inf)
                 continue
             perturbed, _ = self._followed(other, since, times, mode, near=start)
             growth.append(grown(perturbed, states, self.sizes, size, keep))
-        # Where laws switch, growth is linear in pieces only.
-        linear = not self.looped or max(growth) <= ALIKE * min(growth)
+        linear = max(growth) <= ALIKE * min(growth)
         # A random direction has on average a share of the worst one, one over the root of the number of directions.
         directions = len(self.series.initial) if isinstance(self.series, Taylor) else len(STATE) * start.x0.size
         return Flowed(states, jumps, self.error * max(growth), max(growth), max(growth) * math.sqrt(directions), linear)

@@ -15,7 +15,7 @@ from crosscheck.errors import CrosscheckError, EngineError, install
 
 NOT_INSTALLED = "not installed"
 LIBRARIES = ("numpy", "scipy", "heyoka")
-ROOMS = ("scene", "references", "adapters", "running", "judge")
+ROOMS = ("scene", "references", "adapters", "running", "compare", "judge", "verification")
 """Folders of the package whose code affects results. The code of pages and commands does not."""
 
 

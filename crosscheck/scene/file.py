@@ -37,7 +37,7 @@ def scene_names() -> tuple[str, ...]:
 
 def tagged(*tags: str) -> list[str]:
     """Names of the built-in scenes with one of these tags, as their files say, which are not checked."""
-    return [name for name in scene_names() if set(tags) & set(read_scene(name)[1].get("tags", ()))]
+    return [name for name in (scene_names() if tags else ()) if set(tags) & set(read_scene(name)[1].get("tags", ()))]
 
 
 _carried: dict[str, Content] = {}  # contents from another machine, by their names there

@@ -227,7 +227,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
             cells = _planned(cells, truths, settings, overrides, asked)
             paced.call([])
             records = _records(elsewhere, keys, cells, truths, within, carried, paced, budget is not None)
-        alone = dataclasses.replace(stages, jobs=1)
+        # One task at a time. Each of several rounds is of a new process, one alone of a worker with its engines loaded.
+        alone = dataclasses.replace(stages, jobs=1, place=near if settings.speed == 1 else None)
         calibration = None
         if settings.speed:
             records, calibration = measure_speed(records, profile, alone, within)

@@ -35,14 +35,14 @@ class Limits:
 
     def __init__(self, uncertainty: Uncertainty, known: Sequence[Known] = ()) -> None:
         self.uncertainty, self.questions, self.known = uncertainty, uncertainty.questions, known
-        self.p, self.sizes = uncertainty.p, uncertainty.sizes
+        self.p, self.sizes, self.resolving = uncertainty.p, uncertainty.sizes, True
 
-    def checks(self, answers: Sequence[Answers]) -> list[Check]:
+    def checks(self, answers: Sequence[Answers], resolving: bool = True) -> list[Check]:
         """R2 in every segment, with finer steps where it fails, or is unresolved and they would mend it.
 
-        What a known defect of this size explains is not asked again.
+        What a known defect of this size explains is not asked again; what is unresolved is not unless `resolving`.
         """
-        made = {asked.k: self._segment(asked) for asked in answers}
+        self.resolving, made = resolving, {asked.k: self._segment(asked) for asked in answers}
         suspects = sorted((asked for asked in answers if self._mendable(made[asked.k])),
                           key=lambda asked: max(check.severity for check in made[asked.k]), reverse=True)
         for asked in suspects:
@@ -69,8 +69,9 @@ class Limits:
 
     def _mendable(self, checks: Sequence[Check]) -> bool:
         """Whether a finer step has to be tried: one fails, or is unresolved by what a step leaves."""
-        return self._fails(checks) or any(check.status == "unresolved" and check.uncertainty - check.parts.get(
-            "extrapolation", 0.0) <= RESOLVED * check.size for check in checks)
+        return self._fails(checks) or (self.resolving and any(
+            check.status == "unresolved" and check.uncertainty - check.parts.get("extrapolation", 0.0) <= (
+                RESOLVED * check.size) for check in checks))
 
     def _segment(self, asked: Answers) -> list[Check]:
         """R2 in one segment, by the three finest answers, and by the one that a refinement replaced."""

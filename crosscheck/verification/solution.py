@@ -54,6 +54,10 @@ class Verdict:
         return self.shares[""]
 
 
+_whole: dict[tuple[object, ...], list[Segment]] = {}
+"""Segments of the true motion of the last scene, by what they follow from: all its runs share them."""
+
+
 def unjudged(kind: str, why: str, *findings: Finding) -> Verdict:
     """The verdict on a run of which nothing is compared with truth."""
     return Verdict([Finding(f"unresolved {kind}", "unresolved", None, None, "", why), *findings], [], why, {"": 0.0})
@@ -119,6 +123,9 @@ class Solution:
         """Segments of the true motion from the scene's start, with all its growth since then; none without a truth."""
         if self.truth is None or self.flow is None:
             return []
+        of = self.scene.hash, tuple(cut), self.truth.states.x.tobytes(), self.truth.error
+        if of in _whole:
+            return _whole[of]
         until = int(np.searchsorted(self.traj.t, self.truth.horizon * (1 + ROUNDED), side="right")) - 1
         motion, kept = self.truth.states.at(slice(0, until + 1)), [k for k in cut if k < until]
         made = segments_of(self.scene, motion, self.truth, False, [*kept, until])
@@ -129,18 +136,21 @@ class Solution:
             if each.flowed is not None:
                 each.flowed = dataclasses.replace(each.flowed, error=self.truth.error, worst=most,
                                                   growth=max(most, each.flowed.growth))
+        _whole.clear()
+        _whole[of] = made
         return made
 
     def _limits_of_whole_runs(self, cut: Sequence[int]) -> list[Check]:
         """R2 of a run that is not what its engine answers from its states: the run itself has to come to the truth.
 
-        What growth since the start leaves unresolved the segments resolve: in the limit the run is their answers.
+        What growth since the start leaves unresolved the segments resolve: in the limit the run is their answers. So
+        finer whole runs are made where one fails alone.
         """
         whole = self._whole(cut)
         asked = [each for each in self.questions.answers(whole) if each is not None and each.segment.flowed is not None]
         return [dataclasses.replace(check, detail=f"of whole runs; {check.detail}", segment=next(
             k for k, each in enumerate(self.segments) if each.last >= whole[check.segment].last))
-            for check in self.limits.checks(asked) if check.status == "fail"]
+            for check in self.limits.checks(asked, resolving=False) if check.status == "fail"]
 
     def _stand_in(self, asked: Answers) -> None:
         """Without a truth the finest answer stands for it: differences have an order, and U has no end.

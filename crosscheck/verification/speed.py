@@ -2,7 +2,7 @@
 
 A run's time is divided by the time of a fixed piece of work just before and after it, because a busy or slow machine
 slows down both. Both are short, and a try is repeated if the process had to wait for the processor. The runs of a scene
-take turns, every round is a new process, and the result is the median of all turns.
+take turns, each of several rounds is a new process, and the result is the median of all turns.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ takes less than LEAST times as long, the difference is noise, and the whole call
 ONCE = 0.1
 """Runs that take more processor time (s, with the building of models) have one turn per round."""
 
-COARSER = (8, 4, 2, 1)
+COARSER = (8, 4, 2)
 """Steps at which time is shown against error, over that of the main run."""
 
 SHOWN, SAMPLES = 1.0, 6

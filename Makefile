@@ -31,7 +31,7 @@ help:
 	@echo "make sanitize   run the kernel's tests under AddressSanitizer and UndefinedBehaviorSanitizer"
 	@echo "make coverage   run the tests and print the coverage of Python and C++"
 	@echo "make lint       ruff, mypy, codespell, clang-format, the rule of imports"
-	@echo "make benchmark  microseconds per step beside MuJoCo"
+	@echo "make benchmark  the figures of the page Speed, beside other engines"
 
 # What a run needs. Dependencies are downloaded while the kernel compiles: neither waits for the other.
 ready: $(TOOLS)
@@ -104,7 +104,7 @@ lint: setup
 	@$(PY) -m pytest tests/test_rooms.py
 
 benchmark: setup
-	@$(PY) -m benchmarks.step_cost
+	@$(PY) -m benchmarks.speed
 
 clean:
 	rm -rf $(VENV) build dist lieeuler/_kernel.pyi .pytest_cache .ruff_cache .mypy_cache

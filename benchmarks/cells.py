@@ -5,7 +5,7 @@
 A cell is a scene and an error at its end, m (rad of free bodies): the time of the cheapest mode of any other engine in
 its own compiled loop over that of lieeuler's cheapest method, from the fastest of a few runs in turns. In brackets the
 same with all that a prepared run spends around the kernel. Modes are found by walking every method's steps or
-tolerances once; then the cheapest of both sides around each error take turns. Costs between two rungs are interpolated.
+tolerances once; then the cheapest of each engine around each error take turns. Costs between rungs are interpolated.
 A side that no run within LIMIT takes to an error counts with LIMIT. `--json` keeps the cells measured so far, so that
 the table can be made in pieces. `--heyoka` adds its Taylor integrator on minimal coordinates, which is a bound and no
 engine: lieeuler's time over its time.
@@ -14,6 +14,8 @@ engine: lieeuler's time over its time.
 from __future__ import annotations
 
 import argparse
+import functools
+import itertools
 import json
 import math
 import time
@@ -111,8 +113,12 @@ def around(scene: Scene, method: str) -> float:
         return 0.0
 
 
-def measured(scene: Scene, turns: int, heyoka: bool) -> dict[str, dict[str, Any]]:
-    """The cells of a scene by their errors; times in us."""
+def measured(scene: Scene, turns: int, heyoka: bool, only: Sequence[str] | None = None
+             ) -> dict[str, dict[str, Any]]:
+    """The cells of a scene by their errors: of each engine its cheapest method and the times of all turns, us.
+
+    `heyoka` is among the engines where it is asked for; `only` these others take part.
+    """
     sampled, truth = reference(scene)
     angles = study.compared(scene) == "end attitude"
     x, R = truth.states.x[-1], truth.states.R[-1]
@@ -122,42 +128,52 @@ def measured(scene: Scene, turns: int, heyoka: bool) -> dict[str, dict[str, Any]
             return float(np.linalg.norm(states.x[-1] - x, axis=-1).max())
         return float(np.linalg.norm(states.R[-1] - R, axis=(-2, -1)).max() / math.sqrt(2))
 
-    engines = [name for name in adapters.names() if not adapters.has_own_environment(name)]
-    sides: dict[bool, list[list[tuple[Rung, float, float]]]] = {True: [], False: []}
+    engines = only or [name for name in adapters.names() if not adapters.has_own_environment(name)]
+    sides: dict[str, list[list[tuple[Rung, float, float]]]] = {}
     for way in ways(sampled, engines, default_form=True)[0]:
-        sides[way.engine == study.IN_HOUSE].append(walked(sampled, way, error))
-    rivals = {own: [near(rungs[place]) for place in candidates(rungs)] for own, rungs in sides.items()}
+        sides.setdefault(way.engine, []).append(walked(sampled, way, error))
+    rivals = {name: [near(rungs[place]) for place in candidates(rungs)] for name, rungs in sides.items()}
     times: dict[Rung, list[float]] = {rung: [] for group in rivals.values() for rungs in group for rung, *_ in rungs}
-    bound = study.Bound(sampled, truth) if heyoka else None
-    bounds = {rtol: bound.rung(rtol) for rtol in study.TOLERANCES} if bound else {}
-    limits: dict[float, list[float]] = {rtol: [] for rtol in bounds}
+    runs = {rung: functools.partial(lambda rung: stepping(sampled, rung)[0], rung) for rung in times}
+    if heyoka:
+        bound, own = study.Bound(sampled, truth), []
+        for made in map(bound.rung, study.TOLERANCES):
+            if made.status == "success":
+                rung = GradedWay(study.BOUND, "taylor"), made.rtol or 0.0
+                times[rung], runs[rung] = [], bound.timer(rung[1])
+                own.append((rung, made.end_attitude if angles else made.end_position, 0.0))
+        rivals[study.BOUND] = [own]
     for _ in range(turns):
         for rung, own in times.items():
-            own.append(undisturbed(lambda rung=rung: stepping(sampled, rung)[0], 4, 0.02)[0])
-        for rtol, own in limits.items():
-            own.append(undisturbed(lambda rtol=rtol: bound.timer(rtol)({}), 4, 0.02)[0])
+            own.append(undisturbed(runs[rung], 4, 0.02)[0])
     beside = {way.method: around(sampled, way.method) for way, _ in times if way.engine == study.IN_HOUSE}
-    cells = {}
-    for level in GOALS:
-        best: dict[bool, tuple[float, str]] = {}
-        for own, group in rivals.items():
-            costs = [(study.cost_at([e for _, e, _ in rungs], [min(times[rung]) for rung, *_ in rungs], level),
-                      f"{rungs[0][0][0].engine} {rungs[0][0][0].method}") for rungs in group]
-            best |= {own: min((cost, name) for cost, name in costs if cost)} if any(c for c, _ in costs) else {}
-        if not best:
-            continue
-        mine, name = best.get(True, (LIMIT, NONE))
-        other, stock = best.get(False, (LIMIT, NONE))
-        limit = study.cost_at([bounds[r].end_attitude if angles else bounds[r].end_position for r in bounds],
-                              [min(limits[r]) for r in bounds], level) if bounds else None
-        cells[f"{level:g}"] = {"own": name, "own_us": 1e6 * mine, "around_us": 1e6 * beside.get(name.split()[1], 0.0),
-                               "stock": stock, "stock_us": 1e6 * other, "heyoka_us": limit and 1e6 * limit}
+    cells: dict[str, dict[str, Any]] = {}
+    for level, (name, group) in itertools.product(GOALS, rivals.items()):
+        best: tuple[float, str, list[float]] | None = None
+        for rungs in group:
+            costs = [study.cost_at([e for _, e, _ in rungs], [times[rung][turn] for rung, *_ in rungs], level)
+                     for turn in range(turns)]
+            if all(costs) and (best is None or min(costs) < best[0]):
+                best = min(costs), rungs[0][0][0].method, [1e6 * cost for cost in costs]
+        if best is not None:
+            cells.setdefault(f"{level:g}", {})[name] = {"method": best[1], "us": best[2], "around": 1e6 * beside.get(
+                best[1], 0.0) if name == study.IN_HOUSE else 0.0}
     return cells
+
+
+def sides(cell: dict[str, Any]) -> tuple[str, float, float, str, float]:
+    """lieeuler's method, its time and that around it, the cheapest other engine with its method, and its time; us."""
+    none = {"method": NONE, "us": [1e6 * LIMIT], "around": 0.0}
+    own = cell.get(study.IN_HOUSE, none)
+    name, stock = min(((name, each) for name, each in cell.items() if name not in (study.IN_HOUSE, study.BOUND)),
+                      key=lambda each: min(each[1]["us"]), default=("", none))
+    return own["method"], min(own["us"]), own["around"], f"{name} {stock['method']}".strip(), min(stock["us"])
 
 
 def values(cell: dict[str, Any]) -> tuple[float, float]:
     """Times stock, of stepping and of whole prepared calls."""
-    return cell["stock_us"] / cell["own_us"], cell["stock_us"] / (cell["own_us"] + cell["around_us"])
+    _, own, beside, _, stock = sides(cell)
+    return stock / own, stock / (own + beside)
 
 
 def line(name: str, cells: dict[str, dict[str, Any]]) -> str:
@@ -169,8 +185,8 @@ def line(name: str, cells: dict[str, dict[str, Any]]) -> str:
             words.append(" " * 17)
             continue
         steps, calls = values(cell)
-        bound = f" h{cell['own_us'] / cell['heyoka_us']:.2f}" if cell["heyoka_us"] else ""
-        least = ">" if cell["stock"] == NONE else ""
+        bound = f" h{sides(cell)[1] / min(cell[study.BOUND]['us']):.2f}" if study.BOUND in cell else ""
+        least = ">" if sides(cell)[3] == NONE else ""
         words.append(f"{f'{least}{steps:.2f}' + '*' * (steps < goal) + f' ({calls:.2f})' + bound:17}")
     return " ".join(words)
 
@@ -200,8 +216,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
              if (cell := known.get(name, {}).get(f"{error:g}")) and values(cell)[0] < goal]
     print(f"\n{sum(len(known.get(name, {})) for name in names)} cells, {len(short)} short:")
     for name, error, cell, goal in short:
-        print(f"{name:24} {error:g}: {values(cell)[0]:.2f} of {goal:g}, {cell['own']} {cell['own_us']:.0f} us and "
-              f"{cell['around_us']:.0f} around, {cell['stock']} {cell['stock_us']:.0f} us")
+        own, us, beside, stock, stock_us = sides(cell)
+        print(f"{name:24} {error:g}: {values(cell)[0]:.2f} of {goal:g}, {own} {us:.0f} us and {beside:.0f} around, "
+              f"{stock} {stock_us:.0f} us")
 
 
 if __name__ == "__main__":

@@ -1,18 +1,16 @@
-"""Trajectories per second of ensembles beside `mujoco.rollout` and heyoka's batches with the same threads, and a loop.
+"""Ensembles beside `mujoco.rollout` and heyoka's batches with the same threads, and a loop, for `benchmarks.speed`.
 
-Run with `python -m benchmarks.ensembles`. Members start with angular velocities scattered about the scene's; each
+Members start with angular velocities scattered about the scene's; each
 contender gets the coarsest setting of a ladder whose median error over the members (largest component of the bodies'
-positions after 10 s, against Taylor at rtol 1e-13) is at most the one asked for. Contenders take turns in one process;
-medians over the rounds, of the stepping alone without the building of models. heyoka integrates joint coordinates
+positions after 10 s, against Taylor at rtol 1e-13) is at most the one asked for. Contenders take turns in one process,
+of the stepping alone without the building of models. heyoka integrates joint coordinates
 (quaternions), as many members in a register as it recommends, with code compiled for one tolerance.
 """
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import functools
-import statistics
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -23,8 +21,6 @@ import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 
-SCENES = ("single_pendulum", "double_pendulum")
-ERRORS = (1e-3, 1e-6)
 DURATION = 10.0  # s
 SCATTER = 0.1  # rad/s
 STEPS = tuple(DURATION / round(50 * 2 ** (k / 2)) for k in range(25))
@@ -155,27 +151,6 @@ def mujoco_rollout(scene: Any, threads: int) -> Callable[[dict[str, np.ndarray],
     return run
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.ensembles", description=__doc__.splitlines()[0])
-    parser.add_argument("--members", type=int, default=10000, help="(default: 10000)")
-    parser.add_argument("--threads", type=int, default=2, help="(default: 2)")
-    parser.add_argument("--rounds", type=int, default=3, help="(default: 3)")
-    parser.add_argument("--scenes", nargs="+", default=SCENES, choices=SCENES, help="(default: both)")
-    parser.add_argument("--errors", nargs="+", type=float, default=ERRORS, help="(default: 1e-3 and 1e-6)")
-    parser.add_argument("--only", nargs="+", default=[""], help="contenders whose name has one of these (default: all)")
-    options = parser.parse_args(arguments)
-    for name in options.scenes:
-        scene = crosscheck.load_scene(name).replace(duration=DURATION, samples=2)
-        few, states = members(scene, 20), members(scene, options.members)
-        truth = lieeuler.integrate_ensemble(build_problem(scene), "taylor", rtol=1e-13, t_eval=[0.0, DURATION], **few)
-        everyone = [each for each in contenders(scene, options.threads)
-                    if any(part in each.name for part in options.only)]
-        for wanted in options.errors:
-            chosen = [found for contender in everyone if (found := coarsest(contender, few, truth.x[:, -1], wanted))]
-            compare(f"{name} error {wanted:g}", chosen, states, options.rounds)
-
-
 def coarsest(contender: Contender, few: dict[str, np.ndarray], truth: np.ndarray,
              wanted: float) -> tuple[Contender, float, float] | None:
     """The contender, its coarsest setting whose median error is at most `wanted`, and that error."""
@@ -183,27 +158,24 @@ def coarsest(contender: Contender, few: dict[str, np.ndarray], truth: np.ndarray
         error = float(np.median(np.abs(contender.run(few, control)[0] - truth).max(axis=(1, 2))))
         if error <= wanted:
             return contender, control, error
-    print(f"{contender.name} does not reach {wanted:g}")
     return None
 
 
-def compare(title: str, chosen: Sequence[tuple[Contender, float, float]], states: dict[str, np.ndarray],
-            rounds: int) -> None:
-    """Print trajectories per second, and how many times as fast the first contender is."""
+def compared(name: str, wanted: float, count: int, threads: int, rounds: int
+             ) -> dict[str, tuple[float, float, list[float]]]:
+    """By contender its setting, its error (m), and seconds per member in each round, at an error of at most `wanted`.
+
+    `count` members of an ensemble on so many threads; slow contenders run a part of them.
+    """
+    scene = crosscheck.load_scene(name).replace(duration=DURATION, samples=2)
+    few, states = members(scene, 20), members(scene, count)
+    truth = lieeuler.integrate_ensemble(build_problem(scene), "taylor", rtol=1e-13, t_eval=[0.0, DURATION], **few)
+    chosen = [found for contender in contenders(scene, threads)
+              if (found := coarsest(contender, few, truth.x[:, -1], wanted))]
     seconds: dict[str, list[float]] = {contender.name: [] for contender, _, _ in chosen}
     for _ in range(rounds):
         for contender, control, _ in chosen:
-            # Slow contenders run a part of the members; trajectories per second is what is compared.
-            count = max(2, len(states["w"]) // (1 if contender.name.startswith("ensemble") else 20))
-            part = {key: value[:count] for key, value in states.items()}
-            seconds[contender.name].append(contender.run(part, control)[1] / count)
-    for contender, control, error in chosen:
-        each = statistics.median(seconds[contender.name])
-        times = statistics.median(own / first for own, first in zip(seconds[contender.name],
-                                                                   seconds[chosen[0][0].name], strict=True))
-        print(f"{title}: {contender.name} at {control:g} (error {error:.1e}): {1 / each:.0f} trajectories/s, "
-              f"{chosen[0][0].name} is {times:.1f} times as fast", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+            part = max(2, count // (1 if contender.name.startswith("ensemble") else 20))
+            taken = contender.run({key: value[:part] for key, value in states.items()}, control)[1]
+            seconds[contender.name].append(taken / part)
+    return {contender.name: (control, error, seconds[contender.name]) for contender, control, error in chosen}

@@ -74,6 +74,7 @@ def drawn(name: str) -> str:
 MADE = {"commands": reference.commands, "verdicts": reference.verdicts, "engine-modes": reference.engines,
         "lieeuler": reference.methods, "adding-a-scene": reference.scene_files,
         "adding-an-engine": reference.declarations, "results-schema": reference.fields,
+        "speed": reference.speed,
         "scenes": functools.partial(drawn, "gallery"), "papers": functools.partial(drawn, "gains")}
 """What is added to a page when the site is built."""
 

@@ -1,9 +1,10 @@
-"""Reference made from the code when the site is built: commands, codes, engines, methods, scene files, results."""
+"""Reference made when the site is built: commands, codes, engines, methods, scene files, results, speed."""
 
 from __future__ import annotations
 
 import importlib
 import inspect
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -142,6 +143,19 @@ def fields() -> str:
             rows = "".join(row(f"`{key}`", f"`{kind}`", comment) for key, kind, comment in FIELD.findall(body))
             more = "" if base == "Part" else f" It has the keys of `{base}`, too."
             text += f"\n## {name}\n\n{' '.join(said.split())}{more}\n\n| key | type | what |\n|---|---|---|\n{rows}"
+    return text
+
+
+def speed() -> str:
+    """The tables that `benchmarks.speed` has measured, and on what."""
+    kept = json.loads((ROOT / "docs" / "static" / "speed.json").read_text(encoding="utf-8"))
+    machine = kept["machine"]
+    versions = ", ".join(f"{name} {each}" for name, each in {**kept["engines"], **kept["packages"]}.items() if each)
+    text = (f"\nMade by `{kept['command']}` on {kept['time']}: {machine['processor']}, {machine['cores']} cores, load "
+            f"{kept['load']}, {machine['system']}, Python {kept['python']}; {versions}.\n")
+    for each in kept["tables"]:
+        rows = "".join(row(*cells) for cells in (each["columns"], ["---"] * len(each["columns"]), *each["rows"]))
+        text += f"\n## {each['title']}\n\n{each['said']}\n\n{rows}"
     return text
 
 

@@ -1,12 +1,17 @@
-"""Checks of arguments. Each returns the checked value or raises ArgumentError, which names argument and requirement."""
+"""Checks of arguments. Each returns the checked value or raises ArgumentError, which names argument and requirement.
+
+Types at the end carry them: a field of such a type is checked where its class is derived from `Frozen`.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import numbers
 from collections.abc import Callable
-from typing import SupportsFloat
+from types import UnionType
+from typing import Annotated, Any, SupportsFloat, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -130,13 +135,80 @@ def normals(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return n1, np.cross(axis, n1)
 
 
-class Frozen:
-    """Base of frozen dataclasses. A copy or pickle holds the fields, arrays read-only, but no cached values."""
+def flag(name: str, value: bool) -> bool:
+    """True or False."""
+    if not isinstance(value, bool):
+        raise ArgumentError(f"{name} must be True or False, not {value!r}")
+    return value
 
-    def _take(self, check: Callable[..., object], *names: str, **bounds: float) -> None:
-        """Replace fields by their checked values."""
-        for name in names:
-            object.__setattr__(self, name, check(name, getattr(self, name), **bounds))
+
+def one_of(*words: str) -> Callable[[str, str], str]:
+    """The check whether a value is one of these words."""
+    def check(name: str, value: str) -> str:
+        if not isinstance(value, str) or value not in words:
+            raise ArgumentError(f"{name} must be one of {', '.join(words)}, not {value!r}")
+        return value
+    return check
+
+
+Index = Annotated[int, body_index]
+Flag = Annotated[bool, flag]
+Number = Annotated[float, number]
+NonNegative = Annotated[float, functools.partial(number, lowest=0.0)]
+Positive = Annotated[float, positive]
+Vector = Annotated[np.ndarray, vector]
+Unit = Annotated[np.ndarray, unit]
+Rotation = Annotated[np.ndarray, rotation]
+
+
+@functools.cache
+def _checks(cls: type) -> tuple[tuple[str, Callable[[str, Any], Any], bool], ...]:
+    """Fields whose types carry a check, the check, and whether they may be None."""
+    found, hints = [], get_type_hints(cls, include_extras=True)
+    for field in dataclasses.fields(cls):
+        kinds = _united(hints[field.name])
+        for kind in kinds:
+            item = get_args(kind)[0] if get_origin(kind) is tuple else kind
+            if hasattr(kind, "__metadata__"):
+                found.append((field.name, kind.__metadata__[0], type(None) in kinds))
+            elif all(isinstance(each, type) and issubclass(each, Frozen) for each in _united(item)):
+                check = _instance if kind is item else _items
+                found.append((field.name, functools.partial(check, item), type(None) in kinds))
+    return tuple(found)
+
+
+def _united(hint: Any) -> tuple[Any, ...]:
+    """The types of a union, or the one type."""
+    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+
+
+def _instance(kind: type, name: str, value: object) -> object:
+    if not isinstance(value, kind):
+        raise ArgumentError(f"{name} must be a lieeuler.{kind.__name__}, not {value!r}")
+    return value
+
+
+def _items(kind: type, name: str, value: Any) -> tuple[object, ...]:
+    try:
+        items = tuple(value)
+    except TypeError:
+        raise ArgumentError(f"{name} must be a sequence, not {value!r}") from None
+    for k, item in enumerate(items):
+        if not isinstance(item, kind):
+            raise ArgumentError(f"{name}[{k}] is of another kind: {item!r}")
+    return items
+
+
+class Frozen:
+    """Base of frozen dataclasses: fields whose types carry a check, or are such classes themselves, are checked.
+
+    A copy or pickle holds the fields, arrays read-only, but no cached values.
+    """
+
+    def __post_init__(self) -> None:
+        for name, check, optional in _checks(type(self)):  # type: ignore[arg-type]
+            if not (optional and getattr(self, name) is None):
+                object.__setattr__(self, name, check(name, getattr(self, name)))
 
     def __getstate__(self) -> dict[str, object]:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]

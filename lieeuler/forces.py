@@ -9,14 +9,14 @@ import ctypes
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import Frozen, body_index, normals, number, real, unit, vector
+from lieeuler.checks import Frozen, Index, NonNegative, Number, Unit, Vector, normals, one_of, real
 from lieeuler.errors import ArgumentError
-from lieeuler.functions import TimeFunction, value
+from lieeuler.functions import TimeFunction, Value
 from lieeuler.types import GROUND
 
 
@@ -38,18 +38,13 @@ class LinearSpring(Frozen):
         N s/m.
     """
 
-    parent: int
-    child: int
-    parent_point: np.ndarray
-    child_point: np.ndarray
-    stiffness: float
-    free_length: float
-    damping: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._take(body_index, "parent", "child")
-        self._take(vector, "parent_point", "child_point")
-        self._take(number, "stiffness", "free_length", "damping", lowest=0.0)
+    parent: Index
+    child: Index
+    parent_point: Vector
+    child_point: Vector
+    stiffness: NonNegative
+    free_length: NonNegative
+    damping: NonNegative = 0.0
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""
@@ -82,20 +77,17 @@ class TorsionalSpring(Frozen):
         N m; with zero stiffness and damping this is a motor. Only one of torque and rest_angle may depend on time.
     """
 
-    parent: int
-    child: int
-    parent_axis: np.ndarray
-    child_axis: np.ndarray
-    stiffness: float
-    rest_angle: float | TimeFunction
-    damping: float = 0.0
-    torque: float | TimeFunction = 0.0
+    parent: Index
+    child: Index
+    parent_axis: Unit
+    child_axis: Unit
+    stiffness: NonNegative
+    rest_angle: Value
+    damping: NonNegative = 0.0
+    torque: Value = 0.0
 
     def __post_init__(self) -> None:
-        self._take(body_index, "parent", "child")
-        self._take(unit, "parent_axis", "child_axis")
-        self._take(number, "stiffness", "damping", lowest=0.0)
-        self._take(value, "rest_angle", "torque")
+        super().__post_init__()
         if isinstance(self.rest_angle, TimeFunction) and isinstance(self.torque, TimeFunction):
             raise ArgumentError("only one of rest_angle and torque may depend on time; use two springs")
 
@@ -149,20 +141,12 @@ class ConstantLoad(Frozen):
         Multiplies force and torque.
     """
 
-    child: int
-    force: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
-    torque: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
-    point: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
-    frame: str = "world"
+    child: Index
+    force: Vector = dataclasses.field(default_factory=lambda: np.zeros(3))
+    torque: Vector = dataclasses.field(default_factory=lambda: np.zeros(3))
+    point: Vector = dataclasses.field(default_factory=lambda: np.zeros(3))
+    frame: Annotated[str, one_of("world", "body")] = "world"
     factor: TimeFunction | None = None
-
-    def __post_init__(self) -> None:
-        self._take(body_index, "child")
-        self._take(vector, "force", "torque", "point")
-        if not isinstance(self.frame, str) or self.frame not in ("world", "body"):
-            raise ArgumentError(f"frame must be 'world' or 'body', not {self.frame!r}")
-        if not (self.factor is None or isinstance(self.factor, TimeFunction)):
-            raise ArgumentError(f"factor must be a lieeuler.TimeFunction, not {self.factor!r}")
 
     @property
     def parent(self) -> int:
@@ -200,23 +184,15 @@ class SlideForce(Frozen):
         N s/m.
     """
 
-    parent: int
-    child: int
-    parent_anchor: np.ndarray
-    child_anchor: np.ndarray
-    parent_axis: np.ndarray
-    force: float | TimeFunction = 0.0
-    stiffness: float = 0.0
-    rest_position: float = 0.0
-    damping: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._take(body_index, "parent", "child")
-        self._take(vector, "parent_anchor", "child_anchor")
-        self._take(unit, "parent_axis")
-        self._take(value, "force")
-        self._take(number, "rest_position")
-        self._take(number, "stiffness", "damping", lowest=0.0)
+    parent: Index
+    child: Index
+    parent_anchor: Vector
+    child_anchor: Vector
+    parent_axis: Unit
+    force: Value = 0.0
+    stiffness: NonNegative = 0.0
+    rest_position: Number = 0.0
+    damping: NonNegative = 0.0
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""
@@ -247,14 +223,14 @@ class CustomForce(Frozen):
     """
 
     function: Callable[..., Any] | int
-    user: int = 0
+    user: Index = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if isinstance(self.function, bool) or not (callable(self.function) or (
                 isinstance(self.function, int) and self.function > 0)):
             raise ArgumentError(f"function must be callable, or the address of a compiled function, not "
                                 f"{self.function!r}")
-        self._take(body_index, "user")
 
     @functools.cached_property
     def raised(self) -> list[BaseException]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class TimeFunction(Frozen):
                 object.__setattr__(self, name, tuple(_numbers(name, row) for row in rows))
             except TypeError:
                 raise ArgumentError(f"{name} must be a sequence of rows of numbers, not {rows!r}") from None
-        self._take(_numbers, "breaks")
+        object.__setattr__(self, "breaks", _numbers("breaks", self.breaks))
         if not self.breaks or len(self.breaks) != len(self.pieces) or not all(self.pieces):
             raise ArgumentError("every piece needs a break and at least one coefficient")
         if (np.diff(self.breaks) <= 0).any():
@@ -84,3 +84,6 @@ def _numbers(name: str, values: Any) -> tuple[float, ...]:
         return tuple(number(name, each) for each in values)
     except TypeError:
         raise ArgumentError(f"{name} must be a sequence of numbers, not {values!r}") from None
+
+
+Value = Annotated[float | TimeFunction, value]

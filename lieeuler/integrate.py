@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import logging
-import operator
 from typing import Any
 
 import numpy as np
@@ -16,18 +15,16 @@ from lieeuler.errors import ArgumentError
 from lieeuler.laws import Law
 from lieeuler.methods import Method, Taylor, named
 from lieeuler.pieces import Pieces
-from lieeuler.planar import Plane
 from lieeuler.problem import Problem, raise_own
-from lieeuler.reduction import nodes, reductions, take_multipliers
+from lieeuler.reduced import Reduced
+from lieeuler.reduction import nodes, reductions
 from lieeuler.solution import STATUSES, IntegrationError, Interrupted, Solution, Stats, Status
 from lieeuler.spin_free import spin_free_frames, symmetric_bodies
 from lieeuler.types import ArrayLike, State
 
 log = logging.getLogger("lieeuler")
+DOUBLE = np.dtype(float)
 
-NONE_OPEN = (False, False, False)
-KEPT = 16
-"""How many planned runs a problem keeps."""
 
 
 def integrate(problem: Problem, method: Method | str, step: Any = None, t_eval: ArrayLike | None = None, *,
@@ -94,7 +91,10 @@ def _by_pieces(run: PreparedRun, laws: tuple[Law, ...], events: bool | None) -> 
 
     located = method.order != 1 if events is None else events
     problem = Problem.unchecked(run.problem, laws=laws)
-    return run.ended(run.closed(Pieces(problem, solve, run.t, step, located).integrate()))
+    solution = Pieces(problem, solve, run.t, step, located).integrate()
+    if any(np.logical_and([level in method.held for level in held.LEVELS], held.opened(run.problem, solution))):
+        solution.status = Status.CONSTRAINTS_OPEN
+    return run.ended(solution)
 
 
 def prepare(problem: Problem, method: Method | str, step: Any = None, t_eval: ArrayLike | None = None, *,
@@ -110,21 +110,16 @@ def prepare(problem: Problem, method: Method | str, step: Any = None, t_eval: Ar
         An argument is wrong.
     """
     t = step if t_eval is None else t_eval
-    if not isinstance(problem, Problem) or type(t) is not np.ndarray or t.dtype != float:
+    if not isinstance(problem, Problem) or type(t) is not np.ndarray or t.dtype is not DOUBLE:
         return PreparedRun(problem, *chosen(method, step, t_eval, options), spin_free, reduce, monitor)
     key = (method, None if t is step else step, spin_free, reduce, monitor, type(step), *options.items(),
            *map(type, options.values()), t.shape, t.tobytes())
-    known: dict[object, PreparedRun] = vars(problem).setdefault("_runs", {})
     try:
-        run = known.get(key)
+        run: PreparedRun | None = problem.kept.get(key)
     except TypeError:  # an argument that cannot be hashed is wrong, and is named below
         run = None
-    if run is None:
-        run = PreparedRun(problem, *chosen(method, step, t_eval, options), spin_free, reduce, monitor)
-        if len(known) >= KEPT:
-            known.pop(next(iter(known)))
-        known[key] = run
-    return run
+    return run or problem.keep(key, PreparedRun(problem, *chosen(method, step, t_eval, options), spin_free, reduce,
+                                                monitor))
 
 
 def chosen(method: Method | str, step: Any, t_eval: ArrayLike | None,
@@ -163,6 +158,7 @@ class PreparedRun:
             raise ArgumentError("runs of problems with laws are not prepared; call integrate")
         self.problem, self.method, self.t = problem, method, output_times(t_eval)
         self.options: dict[str, Any] = {"spin_free": spin_free, "reduce": reduce, "monitor": monitor}
+        self._monitored = monitor
         if problem.custom:
             if isinstance(method, Taylor) or spin_free or reduce not in (None, "off"):
                 raise ArgumentError("a CustomForce has no series and no symmetry that is known: taylor, reductions and "
@@ -182,20 +178,25 @@ class PreparedRun:
             node.add_to(self._run)
         words = [step.word for step in steps] + ["joints"] * bool(tree)
         self._word = (reduce or ", ".join(words)) if words else "off"
-        self._held = [level in method.held for level in held.LEVELS]
+        self._held = sum(1 << k for k, level in enumerate(held.LEVELS) if level in method.held)
         pairs = {(joint.parent, joint.child) for joint in problem.joints}
         leaves_nothing_out = not method.reduced if reduce is None else reduce == "off"
         balls = len(pairs) == len(problem.joints) and all(joint.ball for joint in problem.joints)
-        self._plane: Plane | None = None  # of every state in it, unless spins decide
-        if len(steps) == 1 and isinstance(plane := steps[0], Plane):
+        self._plane: Reduced | None = None  # of every state in it, unless spins decide
+        if len(steps) == 1 and steps[0].word != "welded":
             turning = Problem.unchecked(within, w=np.tile([0.0, 0.0, 1.0], (within.n, 1)))
-            self._plane = None if spin_free and spin_free_frames(turning) else plane
-        self._steps = [*steps, frames] if frames else steps
-        self._plain = not (self._steps or tree or problem.custom)
-        within = frames.problem if frames else within
-        self._kernel, self._start = within.kernel, (within.x, within.R, within.v, within.w)
-        T, n = len(self.t), within.n
-        self._shapes = (5, T, n, 3), (T, n, 3, 3), (T, within.rows), (T, self._kernel.angles)
+            self._plane = None if spin_free and spin_free_frames(turning) else steps[0]
+        self._run.fewer_rows = bool(words)
+        spins = frames.spins if frames else np.zeros((within.n, 3))
+        for step in reversed(steps):
+            spins = spins[step.body]
+        self._spinning = tuple(np.flatnonzero(spins.any(axis=1)).tolist())
+        for step in [*steps, frames] if frames else steps:
+            step.add_to(self._run)
+            within = step.problem
+        self._kernels, self._start = (problem.kernel, within.kernel), (within.x, within.R, within.v, within.w)
+        T, n = len(self.t), problem.n
+        self._shapes = (5, T, n, 3), (T, n, 3, 3), (T, problem.rows)
         self._state_decides = not (leaves_nothing_out or balls) or (spin_free and bool(symmetric_bodies(problem)))
 
     def __call__(self, x: Any = None, R: Any = None, v: Any = None, w: Any = None) -> Solution:
@@ -225,33 +226,25 @@ class PreparedRun:
                            **self.options)()
 
     def _solved(self, start: State, checks: bool) -> Solution | None:
-        """The solution of the kernel, with welds, planes and spins put back; None if the start is not admissible."""
-        vectors, R, lam, angles = map(np.empty, self._shapes)
-        result = _kernel.integrate(self._kernel, self._run, *start, checks, vectors, R, lam, angles)
+        """The solution of the kernel; None if the start is not admissible."""
+        vectors, R, lam = map(np.empty, self._shapes)
+        result = _kernel.integrate(*self._kernels, self._run, *start, checks, self.t, vectors, R, lam)
         if self.problem.custom:
             raise_own(self.problem)
         if result is None:
             return None
-        status, count, reached, wall_time, counters, maxima, opened = result
+        word, count, t_end, wall_time, counters, maxima, opened = result
+        status = Status.CONSTRAINTS_OPEN if opened & self._held and word == Status.SUCCESS else STATUSES[word]
         t = self.t.copy()
         if count < len(t):
-            vectors, R, lam, angles, t = vectors[:, :count], R[:count], lam[:count], angles[:count], t[:count]
+            vectors, R, lam, t = vectors[:, :count], R[:count], lam[:count], t[:count]
         x, v, w, a, alpha = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]  # quicker than by iteration
-        stats = Stats(*counters, self._step, wall_time, _named(*maxima) if self.options["monitor"] else {})
-        solution = Solution(t, x, R, v, w, a, alpha, lam, STATUSES[status], stats, self.method.name,
-                            self._begin + reached)
-        if self._step is None:
-            solution.resample = functools.partial(self._between, start)
-        if opened == NONE_OPEN and self._plain:
-            return solution
+        stats = Stats(*counters, self._step, wall_time, _named(*maxima) if self._monitored else {}, self._spinning,
+                      self._word)
         if self.problem.custom:
             stats.maxima.pop("energy_error", None)
-        for step in reversed(self._steps):
-            angles = step.restore(solution, angles)
-        if self._word != "off":
-            take_multipliers(self.problem, solution, angles)
-            stats.reduce = self._word
-        return self.closed(solution, None if self._steps else opened)
+        return Solution(t, x, R, v, w, a, alpha, lam, status, stats, self.method.name, t_end, (),
+                        functools.partial(self._between, start) if self._step is None else None)
 
     def _between(self, start: State, times: np.ndarray) -> Solution:
         """The run from a start of the kernel at other times."""
@@ -261,15 +254,6 @@ class PreparedRun:
         rows = np.searchsorted(t, times)
         return dataclasses.replace(found, **{name: getattr(found, name)[rows] for name in (
             "t", "x", "R", "v", "w", "a", "alpha", "lam")})
-
-    def closed(self, solution: Solution, opened: tuple[bool, bool, bool] | None = None) -> Solution:
-        """The solution, whose status says whether a level that the method holds is open, which may be known."""
-        if solution.status is Status.SUCCESS:
-            if opened is None:
-                opened = held.opened(self.problem, solution)
-            if opened != NONE_OPEN and any(map(operator.and_, self._held, opened)):
-                solution.status = Status.CONSTRAINTS_OPEN
-        return solution
 
     def unjudged(self) -> Solution:
         """The solution from the problem's state, also where the run failed."""

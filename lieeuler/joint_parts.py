@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Annotated
 
 import numpy as np
 
-from lieeuler.checks import Frozen, body_index, normals, number, positive, rotation, unit, vector
-from lieeuler.errors import ArgumentError
+from lieeuler.checks import Flag, Frozen, Index, Number, Positive, Rotation, Unit, Vector, normals, one_of, positive
 from lieeuler.functions import TimeFunction
 from lieeuler.types import Measured
 
@@ -20,19 +20,12 @@ class Dot(Frozen):
     (`a_axis`, `b_axis`, in that body's frame).
     """
 
-    a: str
-    b: str
-    a_axis: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
-    b_axis: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
-    constant: float = 0.0
-    scale: float = 1.0
-
-    def __post_init__(self) -> None:
-        for carrier in (self.a, self.b):
-            if not isinstance(carrier, str) or carrier not in ("difference", "parent", "child"):
-                raise ArgumentError(f"a dot row multiplies 'difference', 'parent' or 'child', not {carrier!r}")
-        self._take(vector, "a_axis", "b_axis")
-        self._take(number, "constant", "scale")
+    a: Annotated[str, one_of("difference", "parent", "child")]
+    b: Annotated[str, one_of("difference", "parent", "child")]
+    a_axis: Vector = dataclasses.field(default_factory=lambda: np.zeros(3))
+    b_axis: Vector = dataclasses.field(default_factory=lambda: np.zeros(3))
+    constant: Number = 0.0
+    scale: Number = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,14 +40,9 @@ class Coordinate(Frozen):
         R_child^T R_parent where the angle is zero; None means the slide, which is parent_axis . d.
     """
 
-    parent_axis: np.ndarray
-    child_axis: np.ndarray
-    relative: np.ndarray | None = None
-
-    def __post_init__(self) -> None:
-        self._take(unit, "parent_axis", "child_axis")
-        if self.relative is not None:
-            self._take(rotation, "relative")
+    parent_axis: Unit
+    child_axis: Unit
+    relative: Rotation | None = None
 
     @property
     def measured(self) -> Measured:
@@ -70,11 +58,6 @@ class Drive(Frozen):
 
     function: TimeFunction
     coordinate: Coordinate
-
-    def __post_init__(self) -> None:
-        for name, kind in (("function", TimeFunction), ("coordinate", Coordinate)):
-            if not isinstance(getattr(self, name), kind):
-                raise ArgumentError(f"{name} must be a lieeuler.{kind.__name__}, not {getattr(self, name)!r}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,18 +76,11 @@ class Mimic(Frozen):
         Units follow from the two coordinates: rad, m.
     """
 
-    joint: int
+    joint: Index
     coordinate: Coordinate
     leader: Coordinate
-    ratio: float
-    offset: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._take(body_index, "joint")
-        for name in ("coordinate", "leader"):
-            if not isinstance(getattr(self, name), Coordinate):
-                raise ArgumentError(f"{name} must be a lieeuler.Coordinate, not {getattr(self, name)!r}")
-        self._take(number, "ratio", "offset")
+    ratio: Number
+    offset: Number = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,16 +100,10 @@ class Rotor(Frozen):
         True: the rate is that of the child's angle relative to the parent; False: that of the slide parent_axis . d.
     """
 
-    inertia: float
-    parent_axis: np.ndarray
-    child_axis: np.ndarray
-    turns: bool = True
-
-    def __post_init__(self) -> None:
-        self._take(positive, "inertia")
-        self._take(unit, "parent_axis", "child_axis")
-        if not isinstance(self.turns, bool):
-            raise ArgumentError(f"turns must be True or False, not {self.turns!r}")
+    inertia: Positive
+    parent_axis: Unit
+    child_axis: Unit
+    turns: Flag = True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,19 +121,14 @@ class Contact(Frozen):
         m; 0 of an edge.
     """
 
-    kind: str
-    normal: np.ndarray
-    axis: np.ndarray
+    kind: Annotated[str, one_of("edge", "disk", "sphere")]
+    normal: Unit
+    axis: Unit
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.kind not in ("edge", "disk", "sphere"):
-            raise ArgumentError(f"kind must be 'edge', 'disk' or 'sphere', not {self.kind!r}")
-        self._take(unit, "normal", "axis")
-        if self.kind == "edge":
-            object.__setattr__(self, "radius", 0.0)
-        else:
-            self._take(positive, "radius")
+        super().__post_init__()
+        object.__setattr__(self, "radius", 0.0 if self.kind == "edge" else positive("radius", self.radius))
 
     @property
     def across(self) -> tuple[np.ndarray, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from lieeuler import _kernel
 from lieeuler.joints import Joint
-from lieeuler.problem import DEPENDENT, ROUNDING, Problem
+from lieeuler.problem import DEPENDENT, ROUNDING, Problem, once
 from lieeuler.types import GROUND
 
 
@@ -53,13 +53,10 @@ class Node:
                      self.armature)
 
 
+@once
 def joint_tree(problem: Problem) -> tuple[Node, ...]:
     """The nodes, parents first; none if the problem is no tree of joints on the ground, or has ball joints only, which
-    the methods know better. Computed once for each problem."""
-    return problem.once(_tree)
-
-
-def _tree(problem: Problem) -> tuple[Node, ...]:
+    the methods know better."""
     outward = _outward(problem)
     if len(outward) != problem.n or all(joint.spherical and not joint.dots for joint in problem.joints):
         return ()

@@ -30,12 +30,12 @@ Axes are given in the body's frame and are normalised here.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import Frozen, body_index, normals, positive, rotation, unit, vector
+from lieeuler.checks import Flag, Frozen, Index, normals, positive, rotation, unit, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.joint_parts import Contact, Dot, Drive, Mimic, Rotor
 from lieeuler.joint_parts import Coordinate as Coordinate
@@ -66,11 +66,11 @@ class Joint(Frozen):
         With a plane of the ground through the parent's anchor: rows of its height and of its slip.
     """
 
-    parent: int
-    child: int
-    parent_anchor: Any
-    child_anchor: Any
-    spherical: bool = True
+    parent: Index
+    child: Index
+    parent_anchor: Annotated[Any, vector]
+    child_anchor: Annotated[Any, vector]
+    spherical: Flag = True
     dots: tuple[Dot, ...] = ()
     drive: Drive | None = None
     rotors: tuple[Rotor, ...] = ()
@@ -78,14 +78,7 @@ class Joint(Frozen):
     mimic: Mimic | None = None
 
     def __post_init__(self) -> None:
-        self._take(body_index, "parent", "child")
-        self._take(vector, "parent_anchor", "child_anchor")
-        if not isinstance(self.spherical, bool):
-            raise ArgumentError(f"spherical must be True or False, not {self.spherical!r}")
-        for name, kind in (("dots", Dot), ("rotors", Rotor)):
-            values = getattr(self, name)
-            if not isinstance(values, tuple) or not all(isinstance(value, kind) for value in values):
-                raise ArgumentError(f"{name} must be a tuple of {kind.__name__}, not {values!r}")
+        super().__post_init__()
         if not self.rows:
             raise ArgumentError("a joint needs at least one constraint row")
         if self.contact is not None and (self.parent != GROUND or self.rows > 1 + len(self.contact.across)):

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from lieeuler.checks import Frozen, body_index, cross, number, positive
+from lieeuler.checks import Frozen, Index, NonNegative, Number, Positive, cross
 from lieeuler.errors import ArgumentError
-from lieeuler.functions import TimeFunction, value
+from lieeuler.functions import TimeFunction, Value
 from lieeuler.joint_parts import Coordinate
 from lieeuler.types import GROUND
 
@@ -44,26 +44,23 @@ class Servo(Frozen):
         The delay + 1 values that act until the first value has its effect, the oldest first. Default: zeros.
     """
 
-    proportional: float = 0.0
-    derivative: float = 0.0
-    target: float | TimeFunction = 0.0
-    target_velocity: float | TimeFunction = 0.0
-    feedforward: float | TimeFunction = 0.0
+    proportional: NonNegative = 0.0
+    derivative: NonNegative = 0.0
+    target: Value = 0.0
+    target_velocity: Value = 0.0
+    feedforward: Value = 0.0
     lower: float = -math.inf
     upper: float = math.inf
-    no_load_speed: float | None = None
-    period: float | None = None
-    delay: int = 0
+    no_load_speed: Positive | None = None
+    period: Positive | None = None
+    delay: Index = 0
     phase: float = 0.0
     earlier: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        self._take(number, "proportional", "derivative", lowest=0.0)
-        self._take(value, "target", "target_velocity", "feedforward")
+        super().__post_init__()
         if not self.lower <= 0.0 <= self.upper:
             raise ArgumentError(f"a cut lies around 0, not between {self.lower!r} and {self.upper!r}")
-        self._take(positive, *(name for name in ("no_load_speed", "period") if getattr(self, name) is not None))
-        self._take(body_index, "delay")
         if self.delay < 0 or (self.earlier and len(self.earlier) != self.delay + 1):
             raise ArgumentError("delay is a whole number of periods, and earlier holds delay + 1 values")
 
@@ -131,17 +128,16 @@ class Law(Frozen):
     stops : Stops, optional
     """
 
-    joint: int
+    joint: Index
     coordinate: Coordinate
-    start: float = 0.0
+    start: Number = 0.0
     servos: tuple[Servo, ...] = ()
-    sliding: float = 0.0
-    static: float = 0.0
+    sliding: Number = 0.0
+    static: Number = 0.0
     stops: Stops | None = None
 
     def __post_init__(self) -> None:
-        self._take(body_index, "joint")
-        self._take(number, "start", "sliding", "static")
+        super().__post_init__()
         if not 0 <= self.sliding <= self.static:
             raise ArgumentError(f"dry friction needs 0 <= sliding <= static, not {self.sliding!r} and {self.static!r}")
 

@@ -17,12 +17,12 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import number, positive
+from lieeuler.checks import Flag, Frozen, NonNegative, Positive, number, one_of, positive
 from lieeuler.errors import ArgumentError
 from lieeuler.tableaux import DORMAND_PRINCE_5, DORMAND_PRINCE_8, KUTTA_4, Tableau
 
@@ -43,8 +43,24 @@ RTOL_RANGE = (1e-14, 0.1)
 """Below the first value rounding would control the steps; above the second the motion is not resolved."""
 
 
+def _tolerance(name: str, value: float) -> float:
+    if not RTOL_RANGE[0] <= positive(name, value) <= RTOL_RANGE[1]:
+        raise ArgumentError(f"{name} must lie between {RTOL_RANGE[0]:g} and {RTOL_RANGE[1]:g}, not {value!r}")
+    return float(value)
+
+
+def _radius(name: str, value: float) -> float:
+    if number(name, value, 0.0) > 1:
+        raise ArgumentError(f"{name} must lie between 0 and 1, not {value!r}")
+    return float(value)
+
+
+Tolerance = Annotated[float, _tolerance]
+Correction = Annotated[str, one_of(*CORRECTIONS)]
+
+
 @dataclasses.dataclass(frozen=True)
-class Method:
+class Method(Frozen):
     """A Lie group integrator with its options, which are the fields of its class; None stands for a default.
 
     Attributes
@@ -91,40 +107,6 @@ class Method:
         cls.name = cls.__name__
         for name, value in facts.items():
             setattr(cls, name, value)
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            if (value := getattr(self, field.name)) is not None or field.default is not None:
-                object.__setattr__(self, field.name, self._checked(field.name, value))
-
-    def _checked(self, name: str, value: Any) -> object:
-        """The value of an option.
-
-        Raises
-        ------
-        ArgumentError
-            It is none.
-        """
-        words = {"map": COORDINATE_MAPS, "correction": CORRECTIONS}.get(name)
-        if words:
-            if not isinstance(value, str) or value not in words:
-                raise ArgumentError(f"{name} must be one of {', '.join(words)}, not {value!r}")
-            if name == "map" and (refused := self.refused_map(value)):
-                raise ArgumentError(refused)
-        elif name in ("polish", "conserve"):
-            if not isinstance(value, bool):
-                raise ArgumentError(f"{name} must be True or False, not {value!r}")
-        elif name == "step":
-            return positive(name, value)
-        elif name == "rtol":
-            if not RTOL_RANGE[0] <= positive(name, value) <= RTOL_RANGE[1]:
-                raise ArgumentError(f"rtol must lie between {RTOL_RANGE[0]:g} and {RTOL_RANGE[1]:g}, not {value!r}")
-            return float(value)
-        elif name == "spectral_radius" and number(name, value, lowest=0.0) > 1:
-            raise ArgumentError(f"spectral_radius must lie between 0 and 1, not {value!r}")
-        else:
-            return number(name, value, lowest=0.0)
-        return value
 
     @classmethod
     def options(cls) -> tuple[str, ...]:
@@ -175,8 +157,13 @@ class Implicit(Method):
     A step that does not divide an output interval is shortened to the next one that does.
     """
 
-    step: float
-    map: str = "exp"
+    step: Positive
+    map: Annotated[str, one_of(*COORDINATE_MAPS)] = "exp"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if refused := self.refused_map(self.map):
+            raise ArgumentError(refused)
 
     def _planned(self, *given: Any) -> _kernel.Run:
         known = {"alpha": 0.0, "beta": 0.0, "spectral_radius": None, "polish": True, "correction": "mass", **vars(self)}
@@ -190,7 +177,7 @@ class Implicit(Method):
 class Euler(Implicit, order=1, index1_output=False, maps=COORDINATE_MAPS):
     """Methods of order one. polish: make attitudes rotations again after every step, (3.2) of docs/theory.md."""
 
-    polish: bool = True
+    polish: Flag = True
 
     @property
     def reduced(self) -> tuple[str, ...]:
@@ -204,7 +191,7 @@ class CorrectedEuler(Euler, formulation="lagrange"):
     """correction: the weight of G_n^T mu, which closes the positions: "mass" is M^-1, which costs the least kinetic
     energy, "plain" is none: (4.1) of docs/theory.md."""
 
-    correction: str = "mass"
+    correction: Correction = "mass"
 
 
 _P1 = "reconstructed from doi:10.1177/1687814019842406"
@@ -232,8 +219,8 @@ class BAUMGARTE_LE(Euler, formulation="lagrange", level="acceleration", held=(),
                    source=f"{_P1}, comparator; doi:10.1016/0045-7825(72)90018-7"):
     """alpha, beta: Baumgarte gains, 1/s."""
 
-    alpha: float = 5.0
-    beta: float = 5.0
+    alpha: NonNegative = 5.0
+    beta: NonNegative = 5.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -242,8 +229,8 @@ class GeneralizedAlpha(Implicit, name="generalized_alpha", formulation="lagrange
     """spectral_radius: at infinite frequency; 0 damps motions much faster than the step away, 1 keeps them.
     correction: as in `CorrectedEuler`."""
 
-    spectral_radius: float = 0.8
-    correction: str = "mass"
+    spectral_radius: Annotated[float, _radius] = 0.8
+    correction: Correction = "mass"
 
 
 def _symmetric(*half: float) -> tuple[float, ...]:
@@ -291,7 +278,7 @@ class Rattle8(Rattle, name="rattle8", order=8, composition=SUZUKI_UMENO_8, sourc
 class RungeKutta(Method):
     """Explicit Munthe-Kaas Runge-Kutta with steps of fixed size, s."""
 
-    step: float
+    step: Positive
 
     def _planned(self, *given: Any) -> _kernel.Run:
         return _kernel.runge_kutta(self.tableau.kernel, *given)  # type: ignore[union-attr]
@@ -305,9 +292,9 @@ class EmbeddedRungeKutta(Method, controls=("step", "rtol")):
     twice the digits: a body that turns over about its middle axis then keeps three to five digits more.
     """
 
-    step: float | None = None
-    rtol: float | None = None
-    conserve: bool = False
+    step: Positive | None = None
+    rtol: Tolerance | None = None
+    conserve: Flag = False
 
     def __post_init__(self) -> None:
         if self.step is not None and (self.rtol is not None or self.conserve is True):
@@ -335,7 +322,7 @@ class Seulex(Method, name="seulex", controls=("rtol",),
              source=f"{_P1}; extrapolated, doi:10.1007/978-3-642-05221-7"):
     """Extrapolated implicit Euler; rtol as in `DEFAULT_RTOL`."""
 
-    rtol: float = DEFAULT_RTOL
+    rtol: Tolerance = DEFAULT_RTOL
 
     def _planned(self, *given: Any) -> _kernel.Run:
         return _kernel.seulex(*given)
@@ -345,8 +332,8 @@ class Seulex(Method, name="seulex", controls=("rtol",),
 class Taylor(Method, name="taylor", controls=("rtol",), source="doi:10.1080/10586458.2005.10128904"):
     """Taylor series; rtol as in `DEFAULT_RTOL`, conserve as in `EmbeddedRungeKutta`."""
 
-    rtol: float = DEFAULT_RTOL
-    conserve: bool = False
+    rtol: Tolerance = DEFAULT_RTOL
+    conserve: Flag = False
 
     def _planned(self, *given: Any) -> _kernel.Run:
         times, rtol, monitor = given

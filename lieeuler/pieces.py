@@ -644,15 +644,10 @@ class Pieces:
 
     def _begin(self) -> State:
         """The initial state with its modes."""
-        p = self.problem
-        zero = np.zeros_like(p.x)
-        measures = [measured(law, ends, p.x[None], p.R[None], p.v[None], p.w[None], zero[None], zero[None])
-                    for law, ends in zip(self.laws, self.ends, strict=True)]
-        q = np.array([float(each[0][0]) for each in measures])
-        for i, law in enumerate(self.laws):
-            if law.coordinate.relative is not None:
-                q[i] += 2 * np.pi * round((law.start - q[i]) / (2 * np.pi))
-        state = State(float(self.t[0]), p.x, p.R, p.v, p.w, q, np.array([float(each[1][0]) for each in measures]))
+        p, q, still = self.problem, np.array([law.start for law in self.laws]), np.zeros((1, self.problem.n, 3))
+        row = Solution(self.t[:1], p.x[None], p.R[None], p.v[None], p.w[None], still, still, np.zeros((1, 0)),
+                       Status.SUCCESS, NO_STEPS, "", 0.0)
+        state = self._stretch(row, State(float(self.t[0]), p.x, p.R, p.v, p.w, q, q), [-1] * len(q)).state(0)
         for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
             self._begin_law(state, i, law, mode)
         self._tick(state, recorded=False)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import SMALLEST, Frozen, array, number, positive, vector
+from lieeuler.checks import SMALLEST, Frozen, Number, Positive, Vector, array
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import CustomForce, Force
 from lieeuler.joints import Joint
@@ -24,6 +24,8 @@ CLOSED = 1e-8
 ROUNDING = 1e-12
 """The same where constraints are left out, as those of welds are; relative size below which an angle between
 directions, or a velocity out of a plane, is rounding."""
+KEPT = 20
+"""How many reductions and planned runs a problem keeps."""
 MOST_PASSES = 10
 """Of a projection, twelve iterations each; from further off they wander."""
 DEPENDENT = 1e-6
@@ -42,11 +44,11 @@ class Body(Frozen):
         About the centre of mass in body axes, kg m^2; symmetric, positive definite.
     """
 
-    mass: float
+    mass: Positive
     inertia: np.ndarray
 
     def __post_init__(self) -> None:
-        self._take(positive, "mass")
+        super().__post_init__()
         inertia = array("inertia", self.inertia, (3, 3))
         if np.abs(inertia - inertia.T).max() > 1e-12 * np.abs(inertia).max():
             raise ArgumentError("inertia must be symmetric")
@@ -90,29 +92,18 @@ class Problem(Frozen):
 
     bodies: tuple[Body, ...]
     joints: tuple[Joint, ...]
-    gravity: np.ndarray
+    gravity: Vector
     x: np.ndarray
     R: np.ndarray
     v: np.ndarray
     w: np.ndarray
     forces: tuple[Force, ...] = ()
-    time: float = 0.0
+    time: Number = 0.0
     laws: tuple[Law, ...] = ()
     custom: tuple[CustomForce, ...] = ()
 
     def __post_init__(self) -> None:
-        for group, kind in (("bodies", Body), ("joints", Joint), ("forces", Force), ("laws", Law),
-                            ("custom", CustomForce)):
-            try:
-                items = tuple(getattr(self, group))
-            except TypeError:
-                raise ArgumentError(f"{group} must be a sequence, not {getattr(self, group)!r}") from None
-            for k, item in enumerate(items):
-                if not isinstance(item, kind):
-                    raise ArgumentError(f"{group}[{k}] is of another kind: {item!r}")
-            object.__setattr__(self, group, items)
-        self._take(vector, "gravity")
-        self._take(number, "time")
+        super().__post_init__()
         n = len(self.bodies)
         if n == 0:
             raise ArgumentError("a problem needs at least one body")
@@ -149,12 +140,17 @@ class Problem(Frozen):
             object.__setattr__(changed, field.name, changes.get(field.name, getattr(problem, field.name)))
         return changed
 
-    def once(self, find: Callable[..., Found], *arguments: object) -> Found:
-        """What a function finds of this problem, computed at the first call."""
-        known: dict[object, Found] = vars(self).setdefault("_known", {})
-        if (key := (find, arguments)) not in known:
-            known[key] = find(self, *arguments)
-        return known[key]
+    @functools.cached_property
+    def kept(self) -> dict[object, Any]:
+        """The last reductions and planned runs."""
+        return {}
+
+    def keep(self, key: object, made: Found) -> Found:
+        """What is made for this key, kept."""
+        if len(self.kept) >= KEPT:
+            self.kept.pop(next(iter(self.kept)))
+        self.kept[key] = made
+        return made
 
     @functools.cached_property
     def opening(self) -> float:
@@ -192,6 +188,15 @@ class Problem(Frozen):
         for index, joint in enumerate(self.joints):
             joint.add_rotors_to(system, index)
         return system
+
+
+def once(find: Callable[..., Found]) -> Callable[..., Found]:
+    """The function of a problem, whose results the problem keeps."""
+    @functools.wraps(find)
+    def found(problem: Problem, *arguments: object) -> Any:
+        key = find, *arguments
+        return problem.kept[key] if key in problem.kept else problem.keep(key, find(problem, *arguments))
+    return found
 
 
 def project(problem: Problem, state: Sequence[ArrayLike]) -> State:

@@ -12,60 +12,16 @@ R and w are turned back to the body frame at the samples.
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import cross
 from lieeuler.forces import LinearSpring, SlideForce, TorsionalSpring
-from lieeuler.problem import Problem
-from lieeuler.solution import Solution
+from lieeuler.problem import Problem, once
+from lieeuler.reduced import Reduced
 from lieeuler.types import GROUND
 
 SYMMETRIC = 1e-12
 """Relative size below which a difference of moments of inertia, or a distance from the axis, is rounding."""
-
-
-@dataclasses.dataclass(frozen=True)
-class SpinFreeFrames:
-    """The bodies of a problem that are integrated in a spin-free frame.
-
-    Attributes
-    ----------
-    bodies : tuple of int
-    axes : (k, 3)
-        Unit axes of symmetry, body frame.
-    rates : (k,)
-        Omega, rad/s.
-    problem : Problem
-        That of the frames: its w are those in them, its compiled system has the spins as constant angular momenta.
-    """
-
-    bodies: tuple[int, ...]
-    axes: np.ndarray
-    rates: np.ndarray
-    problem: Problem
-
-    def restore(self, solution: Solution, angles: np.ndarray) -> np.ndarray:
-        """Turn a solution of `problem` into one of the bodies, in place; the angles of torsional springs stay."""
-        self.turn_back(solution.t, solution.R, solution.w, solution.alpha)
-        solution.stats.spin_free = self.bodies
-        return angles
-
-    def turn_back(self, t: np.ndarray, R: np.ndarray, w: np.ndarray, alpha: np.ndarray | None = None) -> None:
-        """Turn R (T, n, 3, 3), w and alpha (T, n, 3) of the frames into those of the bodies, in place; t (T,) in s."""
-        for body, axis, rate in zip(self.bodies, self.axes, self.rates, strict=True):
-            spin = rate * axis
-            angles = rate * (t - t[:1])  # a run may end before its first sample
-            hat = np.cross(axis, np.eye(3)).T
-            sine, versine = np.sin(angles)[:, None, None], 2 * np.sin(0.5 * angles)[:, None, None] ** 2
-            turn = np.eye(3) + sine * hat + versine * (hat @ hat)  # body to frame
-            if alpha is not None:
-                slope = alpha[:, body] - cross(spin, w[:, body])
-                alpha[:, body] = np.einsum("tji,tj->ti", turn, slope)
-            R[:, body] = R[:, body] @ turn
-            w[:, body] = np.einsum("tji,tj->ti", turn, w[:, body]) + spin
 
 
 def symmetric_bodies(problem: Problem) -> tuple[int, ...]:
@@ -73,23 +29,20 @@ def symmetric_bodies(problem: Problem) -> tuple[int, ...]:
     return tuple(_axes(problem))
 
 
-def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:
-    """The spin-free frames of a problem, None if no symmetric body spins; computed once for each problem."""
-    return problem.once(_frames)
-
-
-def _frames(problem: Problem) -> SpinFreeFrames | None:
-    spins = {b: (axis, rate) for b, axis in _axes(problem).items() if (rate := float(axis @ problem.w[b])) != 0.0}
-    if not spins:
-        return None
-    system, w = problem.new_system(), problem.w.copy()
-    for b, (axis, rate) in spins.items():
-        w[b] -= rate * axis
+@once
+def spin_free_frames(problem: Problem) -> Reduced | None:
+    """The problem of spin-free frames, whose w are those in them and whose compiled system has the spins as constant
+    angular momenta; None if no symmetric body spins."""
+    system, spins = problem.new_system(), np.zeros((problem.n, 3))
+    for b, axis in _axes(problem).items():
+        rate = float(axis @ problem.w[b])
+        spins[b] = rate * axis
         system.set_spin(b, rate * (problem.bodies[b].inertia @ axis))
-    axes, rates = map(np.array, zip(*spins.values(), strict=True))
-    framed = Problem.unchecked(problem, w=w)
+    if not spins.any():
+        return None
+    framed = Problem.unchecked(problem, w=problem.w - spins)
     vars(framed)["kernel"] = _kernel.Plan(system)  # in place of that without spins
-    return SpinFreeFrames(tuple(spins), axes, rates, framed)
+    return Reduced.of("spin-free", problem, framed, spins=spins)
 
 
 def _axes(problem: Problem) -> dict[int, np.ndarray]:

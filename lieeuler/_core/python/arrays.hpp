@@ -42,20 +42,24 @@ inline const char* name_of(Status status) {
   return names[static_cast<int>(status)];
 }
 
+// The state of a system in arrays (n, 3), (n, 3, 3), (n, 3) and (n, 3).
+inline State load_state(const System& system, const double* x, const double* R, const double* v, const double* w) {
+  State state(system);
+  for (int b = 0; b < system.n(); ++b) {
+    state.frames[b] = {load3(x + 3 * b), mat3(R + 9 * b)};
+    state.u[b] = {load3(v + 3 * b), load3(w + 3 * b)};
+  }
+  return state;
+}
+
 // The state number `index` of those in the arrays.
 inline State make_state(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
                         size_t index = 0) {
-  const size_t n = system.n(), count = x.size() / (3 * n);
+  const size_t n = system.n(), count = x.size() / (3 * n), at = index * n;
   require(index < count && x.size() == 3 * n * count && R.size() == 9 * n * count && v.size() == 3 * n * count &&
               w.size() == 3 * n * count,
           "x, R, v and w must be those of the system's bodies");
-  State state(system);
-  for (size_t b = 0; b < n; ++b) {
-    const size_t body = index * n + b;
-    state.frames[b] = {load3(x.data() + 3 * body), mat3(R.data() + 9 * body)};
-    state.u[b] = {load3(v.data() + 3 * body), load3(w.data() + 3 * body)};
-  }
-  return state;
+  return load_state(system, x.data() + 3 * at, R.data() + 9 * at, v.data() + 3 * at, w.data() + 3 * at);
 }
 
 }  // namespace lieeuler

@@ -120,6 +120,21 @@ NB_MODULE(_kernel, m) {
   nb::class_<Run>(m, "Run")
       .def_rw("begin", &Run::begin)
       .def_prop_ro("knows_joints", [](const Run& run) { return bool(run.by_joints); })
+      .def_rw("fewer_rows", &Run::fewer_rows)
+      .def("add_reduction",
+           [](Run& run, const Mat3& world, const std::vector<int>& carriers, const std::vector<Vec3>& centres,
+              const std::vector<double>& heights, const std::vector<Mat3>& turns, const std::vector<Vec3>& spins,
+              const std::vector<double>& angles) {
+             const size_t n = carriers.size();
+             require(centres.size() == n && heights.size() == n && turns.size() == n && spins.size() == n,
+                     "every body needs a carrier, a centre, a height, a turn and a spin");
+             Reduction made{world, {}, angles};
+             for (size_t b = 0; b < n; ++b) {
+               require(carriers[b] >= 0, "carriers are bodies");
+               made.bodies.push_back({carriers[b], centres[b], heights[b], turns[b], spins[b]});
+             }
+             run.reductions.push_back(made);
+           })
       .def("add_node", [](Run& run, JointNode::Kind kind, int parent, int joint, bool last, const Mat3& turn,
                           const Vec3& axis, double armature) {
         require(run.by_joints && parent < static_cast<int>(run.nodes.size()), "parents come before their children");

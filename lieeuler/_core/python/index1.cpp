@@ -11,7 +11,6 @@
 #include "python/levels.hpp"
 #include "python/methods.hpp"
 #include "python/probes.hpp"
-#include "python/restoring.hpp"
 #include "python/running.hpp"
 
 namespace lieeuler {
@@ -64,6 +63,7 @@ void bind_index1(nb::module_& module) {
   module.def("runge_kutta", &runge_kutta);
   module.def("adaptive_runge_kutta", &adaptive_runge_kutta);
   module.def("taylor", &taylor);
+  module.def("first_refused", &first_refused);
   module.def("integrate", &integrate);
   module.def("integrate_ensemble", &integrate_ensemble);
   module.def("taylor_coefficients", &taylor_coefficients);
@@ -72,7 +72,6 @@ void bind_index1(nb::module_& module) {
   module.def("constraint_levels", &levels_of_states);
   module.def("open_levels", &open_levels_of);
   module.def("index1", &index1);
-  module.def("leave_plane", &leave_plane);
   module.def("forces", &forces);
   module.def("map_values", [](CoordinateMap map, const Vec3& xi, const Mat3& J, double h) {
     return map == CoordinateMap::exp      ? map_values<ExpMap>(xi, J, h)

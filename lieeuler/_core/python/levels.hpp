@@ -128,9 +128,34 @@ inline std::tuple<bool, bool, bool> open_levels_of(const Plan& plan, const Array
   return {open[0], open[1], open[2]};
 }
 
-// The index-1 system at N states: accelerations a and alpha (N, n, 3), multipliers (N, m), of least norm if rows are
-// redundant, what each joint exerts on its child (N, joints, 6), force in the world and torque about the centre of mass
-// in body axes; the number of redundant rows at the first state, and the first state without a solution, else N.
+// Solves the index-1 system at N states, given(k), with multipliers of least norm if rows are redundant; take(state, k)
+// gets each. Returns the number of redundant rows at the first state, and the first state without a solution, else N.
+template <class Given, class Take>
+std::pair<int, size_t> solve_index1(const Plan& plan, size_t N, const Given& given, const Take& take) {
+  const auto solve = [](Projection& by, State& state, bool first) {
+    if (first && by.start(state) != Status::success) return false;
+    if (by.accelerate(state) != Status::success) return false;
+    by.make_least_norm(state);
+    return true;
+  };
+  Projection projection(plan);
+  size_t unknown = N;
+  for (size_t k = 0; k < N; ++k) {
+    State state = given(k);
+    if (!solve(projection, state, k == 0)) {
+      Projection there(plan);  // at a singular position more rows depend on others: count them again
+      if (!solve(there, state, true)) {
+        unknown = std::min(unknown, k);
+        continue;
+      }
+    }
+    take(state, k);
+  }
+  return {projection.redundant_rows(), unknown};
+}
+
+// The same of arrays: accelerations a and alpha (N, n, 3), multipliers (N, m), what each joint exerts on its child (N,
+// joints, 6), force in the world and torque about the centre of mass in body axes; and what solve_index1() returns.
 // `angles` (N, forces) are those of torsional springs, unwrapped.
 inline std::tuple<Made, Made, Made, Made, int, size_t> index1(const Plan& plan, const Array& times, const Array& x,
                                                               const Array& R, const Array& v, const Array& w,
@@ -141,27 +166,15 @@ inline std::tuple<Made, Made, Made, Made, int, size_t> index1(const Plan& plan, 
   require(times.size() == N && angles.size() == N * springs, "every state needs a time and an angle a force");
   const double nothing = std::numeric_limits<double>::quiet_NaN();
   std::vector<double> as(3 * N * n, nothing), alphas(as), lam(N * m, nothing), exerted(6 * N * joints, nothing);
-  size_t unknown = N;
-  const auto solve = [](Projection& by, State& state, bool first) {
-    if (first && by.start(state) != Status::success) return false;
-    if (by.accelerate(state) != Status::success) return false;
-    by.make_least_norm(state);
-    return true;
-  };
-  Projection projection(plan);
   Constraints rows(system);
   std::vector<Twist> f(n + 1);
-  for (size_t k = 0; k < N; ++k) {
+  const auto given = [&](size_t k) {
     State state = make_state(system, x, R, v, w, k);
     state.frames.time = times.data()[k];
     std::copy_n(angles.data() + k * springs, springs, state.angles.data());
-    if (!solve(projection, state, k == 0)) {
-      Projection there(plan);  // at a singular position more rows depend on others: count them again
-      if (!solve(there, state, true)) {
-        unknown = std::min(unknown, k);
-        continue;
-      }
-    }
+    return state;
+  };
+  const auto [redundant, unknown] = solve_index1(plan, N, given, [&](const State& state, size_t k) {
     for (size_t b = 0; b < n; ++b) put(as, 3 * (k * n + b), state.a[b].v), put(alphas, 3 * (k * n + b), state.a[b].w);
     std::copy_n(state.lam.begin(), m, &lam[k * m]);  // not those of rotors and leaders
     rows.update(state.frames);
@@ -176,10 +189,13 @@ inline std::tuple<Made, Made, Made, Made, int, size_t> index1(const Plan& plan, 
       }
       store(f[child], &exerted[6 * (k * joints + j)]);
     }
-  }
-  return {make_array(std::move(as), {N, n, 3}), make_array(std::move(alphas), {N, n, 3}),
-          make_array(std::move(lam), {N, m}),   make_array(std::move(exerted), {N, joints, 6}),
-          projection.redundant_rows(),          unknown};
+  });
+  return {make_array(std::move(as), {N, n, 3}),
+          make_array(std::move(alphas), {N, n, 3}),
+          make_array(std::move(lam), {N, m}),
+          make_array(std::move(exerted), {N, joints, 6}),
+          redundant,
+          unknown};
 }
 
 // A state projected onto Phi = 0 and G u = 0 at a time, with a matrix of its own and the number of redundant rows at

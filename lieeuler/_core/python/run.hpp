@@ -3,7 +3,7 @@
 
 #include "methods/method.hpp"
 #include "model/plan.hpp"
-#include "python/arrays.hpp"
+#include "python/reduction.hpp"
 #include "run/watch.hpp"
 
 namespace lieeuler {
@@ -19,7 +19,9 @@ struct Run {
   std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&,
                         const std::vector<JointNode>&)>
       by_joints = {};
-  std::vector<JointNode> nodes = {};  // of the tree; none: the bodies' coordinates
+  std::vector<JointNode> nodes = {};       // of the tree; none: the bodies' coordinates
+  std::vector<Reduction> reductions = {};  // from the problem to the one that is integrated, the first step first
+  bool fewer_rows = false;                 // some are left out: multipliers are then those of the index-1 system
 
   Outcome operator()(const Plan& plan, const State& initial, const Record& record,
                      const Interrupted& interrupted) const {

@@ -94,7 +94,7 @@ def test_a_pin_that_a_function_of_time_drives_keeps_the_whole_series():
 def test_multipliers_carry_what_the_plane_leaves_out():
     """A load along the axis and the weight of a mechanism that lies flat."""
     problem = library("four_bar")
-    e = plane_of(problem, pins=False).normal
+    e = plane_of(problem, False).world[2]
     loaded = dataclasses.replace(problem, gravity=problem.gravity + 7.0 * e, forces=(
         *problem.forces, lieeuler.ConstantLoad(1, force=30.0 * e, torque=[1.0, 2.0, 3.0], point=[0.1, 0.2, 0.3])))
     off, on = (lieeuler.integrate(loaded, "rattle2", 1e-3, [0.0, 0.1], reduce=word) for word in ("off", "planar"))
@@ -116,7 +116,7 @@ def test_what_leaves_the_plane_is_told(name, why):
 def test_look_alikes_are_left_alone():
     """A spring out of the plane, a start tilted by 1e-6, a joint open by 1e-10, a free body."""
     problem = library("hinge_pendulum")
-    e = plane_of(problem, pins=False).normal
+    e = plane_of(problem, False).world[2]
     spring = lieeuler.LinearSpring(-1, 0, problem.x[0] + e, [0, 0, 0], 10.0, 0.5)
     open_ = dataclasses.replace(problem, x=problem.x + 1e-10)
     free = lieeuler.Problem([problem.bodies[0]] * 2, problem.joints, problem.gravity, np.repeat(problem.x, 2, axis=0),

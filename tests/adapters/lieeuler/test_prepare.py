@@ -111,7 +111,7 @@ def test_states_in_the_plane_of_the_first_one_plan_nothing(name, method, monkeyp
     later = lieeuler.integrate(problem, "rkmk853", t_eval=[0.0, 7 * h], rtol=1e-13)
     state = {key: getattr(later, key)[-1] for key in STATE}
     other = lieeuler.integrate(dataclasses.replace(problem, **state), method, t_eval=[0.0, h], **control)
-    e = run._plane.normal
+    e = run._plane.world[2]
     turn = np.eye(3) + 1e-9 * np.cross(np.array([1.0, 0, 0]), np.eye(3))
     away = {"x": state["x"] + 1e-9 * e, "v": state["v"] + 1e-6 * e, "w": state["w"] + 1e-6,
             "R": turn @ state["R"], "open": None}

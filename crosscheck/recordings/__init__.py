@@ -300,6 +300,10 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
                          f"{100 * found.explained:.3g} % of what is beyond the noise)")
         else:
             lines.append("cause: no single alteration explains half of what is beyond the noise")
+    elif (place := seen.beyond) is not None:
+        k, h = place
+        failed.append(f"predictions of {names[k]} are off by {seen.error[k, h] / seen.u[k, h]:.3g} times u_val after "
+                      f"{seen.horizons[h]:g} s; {seen.allowed:.3g} times are allowed for {len(seen.starts)} segments")
     if (most := allowed.get("joint_position", math.inf)) < verdict.errors["joint_position"]:
         failed.append(f"predictions are off by {verdict.errors['joint_position']:.3g} after {seen.horizons[half]:g} s; "
                       f"{most:g} is allowed")

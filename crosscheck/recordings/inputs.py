@@ -29,8 +29,11 @@ from crosscheck.scene.vectors import exponential
 FAR = 10.0
 """s before its first and after its last value, as long as these hold on."""
 
-SWEEPS = 20
-"""Of the joints, for the friction that acts in a step: each one's depends on the others'."""
+SWEEPS, TURNS = 20, 6
+"""Of the joints, for the friction of those that rest: each one's depends on the others'; parts of a step, at most."""
+
+COLUMNS, EVERY = 20000, slice(None)
+"""States that are advanced at once; all of them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -213,7 +216,7 @@ class System:
         state[self._places[1]] = (self._signs * v).T
         state[len(self._initial):] = (u - joints[..., 0] * v).T
         pars = pars[:self._function.nparams]  # of a balanced wheel on an upright axis gravity is none of them
-        return np.asarray(self._signs * self._function(state, pars=pars).T)
+        return np.asarray(self._signs * self._function(state, pars=np.ascontiguousarray(pars)).T)
 
     def inputs(self, begin: np.ndarray, edges: np.ndarray, other: bool = False) -> np.ndarray:
         """(T - 1, 3, N, n) mean efforts, set points and their rates between edges (T,) after times (N,), as recorded;
@@ -253,72 +256,152 @@ class System:
         made = self.accelerations(q, v, pushed, altered).reshape(n + 1, count, n)
         return made[0], np.moveaxis(made[1:] - made[0], 0, 2)
 
-    def rubbed(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: float, altered: np.ndarray) -> np.ndarray:
-        """(N, n) the friction that acts in a step of h: what would stop a joint, up to its bound."""
-        more = altered[:, self._bodies:self._delay].reshape(-1, self.n, len(OF_JOINTS))[..., 1]
-        sliding, static = (np.maximum(each + more, 0.0) for each in self._friction)
-        made = np.zeros(q.shape)
-        rows = np.flatnonzero(static.any(axis=1))
-        if not len(rows):
-            return made
-        a, S = self.response(q[rows], v[rows], u[rows], altered[rows])
-        part, rate, most, least = made[rows], v[rows] / h, static[rows], sliding[rows]
-        for _ in range(SWEEPS if self.n > 1 else 1):
-            last = part.copy()
-            for k in range(self.n):
-                own = S[:, k, k]
-                free = a[:, k] + np.einsum("ni,ni->n", S[:, k], part) - own * part[:, k]
-                stop, hold = -(rate[:, k] + free) / own, -free / own
-                before, after = -np.sign(rate[:, k]), -np.sign(free)
-                slows = free + own * before * least[:, k]
-                until = np.clip(-rate[:, k] / np.where(slows == 0.0, np.inf, slows), 0.0, 1.0)  # it turns around there
-                turns = least[:, k] * (until * before + (1.0 - until) * after)
-                part[:, k] = np.where(np.abs(stop) > most[:, k], np.sign(stop) * least[:, k],
-                                      np.where(np.abs(hold) <= most[:, k], stop, turns))
-            if np.array_equal(part, last):
-                break
-        made[rows] = part
-        return made
-
     def flow(self, begin: np.ndarray, start: np.ndarray, span: float, step: float, altered: np.ndarray | None = None
              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """From states (N, 2n) at times (N,): s since then (T,), to `span`, q and v (T, N, n); `altered` (N, K).
-
-        Steps of Runge and Kutta's method of order 4, over each of which an input is the straight line with the means of
-        both halves.
-        """
+        """From states (N, 2n) at times (N,): s since then (T,), to `span`, q and v (T, N, n); `altered` (N, K)."""
         altered = np.zeros((len(start), len(self.names))) if altered is None else altered
-        q, v = np.split(start, 2, axis=1)
-        joints, parameters = self._parameters(altered)
-        count, h = max(1, int(np.ceil(span / step * (1 - 1e-9)))), step
-        rows = [(q, v)]
-        since, own = np.unique(begin - altered[:, self._delay], return_inverse=True)
-        which = own
-        edges, between = 0.5 * h * np.arange(2 * count + 1), altered[:, -1]
-        halves = self.inputs(since, edges)
-        if between.any():
-            halves, which = halves[:, :, own], np.arange(len(start))
-            halves += between[:, None] * (self.inputs(since, edges, True)[:, :, own] - halves)
-        means, tilts = 0.5 * (halves[::2] + halves[1::2]), 1.5 * (halves[1::2] - halves[::2])
-        gain, offset = 1.0 + joints[..., 3], joints[..., 4]
+        rows, count = [tuple(np.split(start, 2, axis=1))], max(1, int(np.ceil(span / step * (1 - 1e-9))))
+        halves, of = self._halves(begin, 0.5 * step * np.arange(2 * count + 1), altered), self._constants(altered)
         for k in range(count):
-            t, mean, tilt = begin + k * h, means[k][:, which], tilts[k][:, which]
-            mean[0] = gain * mean[0] + offset
-            tilt[0] *= gain
-            rub = self.rubbed(q, v, self.pushes(t, q, v, mean), h, altered)
+            rows.append(self._advanced(begin + k * step, *rows[-1], halves[2 * k:2 * k + 2], step, of))
+        return step * np.arange(count + 1), np.stack([q for q, _ in rows]), np.stack([v for _, v in rows])
 
-            def rate(share: float, q: np.ndarray, v: np.ndarray, t: np.ndarray = t, mean: np.ndarray = mean,
-                     tilt: np.ndarray = tilt, rub: np.ndarray = rub) -> np.ndarray:
-                given = mean + (share - 0.5) * tilt
-                return self._accelerations(q, v, self.pushes(t + share * h, q, v, given) + rub, joints, parameters)
+    def slopes(self, begin: np.ndarray, q: np.ndarray, v: np.ndarray, step: float, altered: np.ndarray,
+               by_start: np.ndarray, which: Sequence[int], sizes: np.ndarray) -> np.ndarray:
+        """Derivatives (T, N, 2n, 2n + L) of states q, v (T, N, n) of `flow` by the first one and by L alterations.
 
-            a1 = rate(0.0, q, v)
-            a2 = rate(0.5, q + 0.5 * h * v, v + 0.5 * h * a1)
-            a3 = rate(0.5, q + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2)
-            a4 = rate(1.0, q + h * v + 0.5 * h * h * a2, v + h * a3)
-            q, v = q + h * v + h * h / 6 * (a1 + a2 + a3), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-            rows.append((q, v))
-        return h * np.arange(count + 1), np.stack([q for q, _ in rows]), np.stack([v for _, v in rows])
+        Each step is taken again from states that differ by `by_start` (2n,), and with alterations that differ by
+        `sizes` (L,): products of these derivatives hold across the times at which a joint stops or turns around.
+        """
+        count, N, n, many = len(q) - 1, len(begin), self.n, 2 * self.n + len(which)
+        halves = self._halves(begin, 0.5 * step * np.arange(2 * count + 1), altered)
+        given = np.tile(altered, (many + 1, 1, 1))
+        for row, (k, size) in enumerate(zip(which, sizes, strict=True)):
+            given[1 + 2 * n + row, :, k] += size
+        moved = [(row, self._halves(begin, 0.5 * step * np.arange(2 * count + 1), given[row])) for row in range(
+            2 * n + 1, many + 1) if self.names[which[row - 2 * n - 1]][0] in ("delay", "between")]
+        shift = np.concatenate([np.zeros((1, 2 * n)), np.diag(by_start), np.zeros((len(which), 2 * n))])
+        made, units = [np.concatenate([np.tile(np.eye(2 * n), (N, 1, 1)), np.zeros((N, 2 * n, len(which)))], -1)], (
+            np.concatenate([by_start, sizes]))
+        chunk = max(1, COLUMNS // (N * (many + 1)))
+        for low in range(0, count, chunk):
+            steps = np.arange(low, min(low + chunk, count))
+            every = (many + 1, len(steps), N)
+            x = np.concatenate([q[steps], v[steps]], axis=-1) + shift[:, None, None]
+            pushed = np.repeat(np.stack([halves[2 * steps], halves[2 * steps + 1]])[:, None], many + 1, axis=1)
+            for row, other in moved:
+                pushed[:, row] = np.stack([other[2 * steps], other[2 * steps + 1]])
+            pushed = np.moveaxis(pushed, 3, 1).reshape(2, 3, -1, n)
+            t = np.broadcast_to(begin + step * steps[:, None], every).ravel()
+            of = self._constants(np.repeat(given[:, None], len(steps), axis=1).reshape(-1, given.shape[-1]))
+            after = np.concatenate(self._advanced(t, *np.split(x.reshape(-1, 2 * n), 2, axis=1), pushed, step, of), 1)
+            by = np.moveaxis(after.reshape(*every, 2 * n), 0, -1)
+            by = (by[..., 1:] - by[..., :1]) / units
+            for each in by:
+                last = each[..., :2 * n] @ made[-1]
+                last[..., 2 * n:] += each[..., 2 * n:]
+                made.append(last)
+        return np.stack(made)
+
+    def _halves(self, begin: np.ndarray, edges: np.ndarray, altered: np.ndarray) -> np.ndarray:
+        """(T - 1, 3, N, n) as `inputs`, late and by straight lines as altered (N, K)."""
+        since, own = np.unique(begin - altered[:, self._delay], return_inverse=True)
+        halves, between = self.inputs(since, edges)[:, :, own], altered[:, -1]
+        if between.any():
+            halves += between[:, None] * (self.inputs(since, edges, True)[:, :, own] - halves)
+        return halves
+
+    def _constants(self, altered: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of alterations (N, K) those of joints, the parameters of the compiled function, and bounds of dry friction
+        (2, N, n) in motion and at rest."""
+        joints, parameters = self._parameters(altered)
+        return joints, parameters, np.maximum(self._friction[:, None] + joints[..., 1], 0.0)
+
+    def _advanced(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, halves: np.ndarray, h: float,
+                  of: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """q and v (N, n) one step of h later.
+
+        By Runge and Kutta's method of order 4, over which an input is the straight line with the means of both
+        `halves` (2, 3, N, n). A step ends where a joint stops, which its dry friction then holds or turns around, and
+        where it breaks away.
+        """
+        joints, parameters, bounds = of
+        mean, tilt = 0.5 * (halves[0] + halves[1]), 1.5 * (halves[1] - halves[0])
+        mean[0] = (1.0 + joints[..., 3]) * mean[0] + joints[..., 4]
+        tilt[0] *= 1.0 + joints[..., 3]
+        if not bounds.any():
+            free = self._pushed(t, np.zeros(len(q)), h, mean, tilt, joints, parameters)
+            return _runge_kutta(free, np.full((len(q), 1), h), q, v)[:2]
+        q, v, bounds, past = q.copy(), v.copy(), bounds.copy(), np.zeros(len(q))
+        rows = np.arange(len(q))
+        for turn in range(TURNS):
+            part = self._pushed(t[rows], past[rows], h, mean[:, rows], tilt[:, rows], joints[rows], parameters[:, rows])
+            left, sliding, static = (h - past[rows])[:, None], *bounds[:, rows]
+            begun, rub, S = v[rows], -np.sign(v[rows]) * sliding, np.zeros((len(rows), self.n, self.n))
+            rests = (begun == 0.0) & (static != 0.0)
+            still = np.flatnonzero(rests.any(axis=1))
+            stuck = np.zeros(rests.shape, bool)
+            if len(still):
+                a, S[still] = part(0.0, q[rows[still]], begun[still], still, rub=rub[still], wanted=True)
+                rub[still], stuck[still] = _held(a, S[still], rests[still], rub[still], sliding[still], static[still])
+            way = np.where(stuck, 0.0, -np.sign(rub))
+            rate = functools.partial(part, rub=rub, S=S, stuck=stuck)
+            after_q, after_v, first, last = _runge_kutta(rate, left, q[rows], begun)
+            after_v[stuck] = 0.0
+            until, which = np.ones(len(rows)), np.zeros(len(rows), int)
+            for k in range(self.n):
+                turned = np.flatnonzero(after_v[:, k] * way[:, k] < 0.0)
+                if not len(turned):
+                    continue
+                found = _zero(begun[turned, k], after_v[turned, k], left[turned, 0] * first[turned, k],
+                              left[turned, 0] * last[turned, k])
+                sooner = found < until[turned]
+                until[turned[sooner]], which[turned[sooner]] = found[sooner], k
+            if len(still):
+                a = part(1.0, after_q[still], after_v[still], still, rub=rub[still])
+                held = rub[still] + _kept(a, S[still], stuck[still])[1]
+                grown = np.abs(held) - static[still]
+                room = static[still] - np.abs(rub[still])
+                breaks = np.where(stuck[still] & (grown > 0.0), room / np.maximum(room + grown, 1e-300), 1.0)
+                sooner = breaks.min(axis=1) < until[still]
+                until[still[sooner]], which[still[sooner]] = breaks.min(axis=1)[sooner], self.n + breaks.argmin(
+                    axis=1)[sooner]
+            short = np.flatnonzero(until < 1.0) if turn < TURNS - 1 else np.zeros(0, int)
+            if len(short):
+                less = (left * until[:, None])[short]
+                rate = functools.partial(part, rows=short, until=until[short], rub=rub[short], S=S[short],
+                                         stuck=stuck[short])
+                after_q[short], after_v[short], _, _ = _runge_kutta(rate, less, q[rows[short]], begun[short])
+                after_v[short] = np.where(stuck[short], 0.0, after_v[short])
+                stops, loose = (short[(which[short] >= self.n) == far] for far in (False, True))
+                after_v[stops, which[stops]] = 0.0
+                bounds[1, rows[loose], which[loose] - self.n] = -1.0  # nothing holds it
+                past[rows[short]] += less[:, 0]
+            q[rows], v[rows] = after_q, after_v
+            rows = rows[short]
+            if not len(rows):
+                break
+        return q, v
+
+    def _pushed(self, t: np.ndarray, past: np.ndarray, h: float, mean: np.ndarray, tilt: np.ndarray,
+                joints: np.ndarray, parameters: np.ndarray) -> Callable[..., Any]:
+        """Accelerations of rows, where a share of what is left of their steps, or of its part `until`, is over, by
+        coordinates, rates and dry friction, which keeps what is stuck at rest; with derivatives by efforts if wanted.
+        """
+        def rate(share: float, q: np.ndarray, v: np.ndarray, rows: Any = EVERY, until: np.ndarray | float = 1.0,
+                 rub: np.ndarray | float = 0.0, S: np.ndarray | None = None, stuck: np.ndarray | None = None,
+                 wanted: bool = False) -> Any:
+            s = past[rows] + share * until * (h - past[rows])
+            given = mean[:, rows] + (s / h - 0.5)[:, None] * tilt[:, rows]
+            u, own, pars = self.pushes(t[rows] + s, q, v, given) + rub, joints[rows], parameters[:, rows]
+            a = self._accelerations(q, v, u, own, pars)
+            if wanted:
+                return a, np.stack([self._accelerations(q, v, u + unit, own, pars) - a for unit in np.eye(self.n)], 2)
+            if S is not None and stuck is not None and (still := stuck.any(axis=1)).any():
+                a[still] = _kept(a[still], S[still], stuck[still])[0]
+            return a
+
+        return rate
 
     def at_start(self, q: np.ndarray, v: np.ndarray, begin: float, span: float) -> Scene:
         """A scene of its own from one state, under the inputs as functions of time, for truth."""
@@ -351,3 +434,50 @@ class System:
 
 def _word(joint: Any) -> str:
     return "torque" if "turn" in joint.kind.coordinates else "force"
+
+
+Rate = Callable[..., np.ndarray]
+
+
+def _runge_kutta(rate: Rate, h: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
+    """(q, v a step of h (N, 1) later, accelerations at its begin and at its end) of order 4."""
+    a1 = rate(0.0, q, v)
+    a2 = rate(0.5, q + 0.5 * h * v, v + 0.5 * h * a1)
+    a3 = rate(0.5, q + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2)
+    a4 = rate(1.0, q + h * v + 0.5 * h * h * a2, v + h * a3)
+    return q + h * v + h * h / 6 * (a1 + a2 + a3), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4), a1, a4
+
+
+def _held(a: np.ndarray, S: np.ndarray, rests: np.ndarray, rub: np.ndarray, sliding: np.ndarray, static: np.ndarray
+          ) -> tuple[np.ndarray, np.ndarray]:
+    """(friction (N, n), which joints it holds) of joints of which some rest, from accelerations without theirs."""
+    part, stuck = rub.copy(), rests.copy()
+    own = np.einsum("nii->ni", S)
+    for _ in range(SWEEPS if rests.shape[1] > 1 else 1):
+        last = part.copy()
+        for k in range(rests.shape[1]):
+            hold = part[:, k] - (a[:, k] + np.einsum("ni,ni->n", S[:, k], part - rub)) / own[:, k]
+            stuck[:, k] = rests[:, k] & (np.abs(hold) <= static[:, k])
+            part[:, k] = np.where(stuck[:, k], hold, np.where(rests[:, k], np.sign(hold) * sliding[:, k], part[:, k]))
+        if np.array_equal(part, last):
+            break
+    return part, stuck
+
+
+def _kept(a: np.ndarray, S: np.ndarray, stuck: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(accelerations (N, n) with joints that stay at rest, the friction that this takes)."""
+    both = stuck[:, :, None] & stuck[:, None]
+    more = np.linalg.solve(np.where(both, S, np.eye(S.shape[1])), np.where(stuck, -a, 0.0)[..., None])
+    return np.where(stuck, 0.0, a + (S @ more)[..., 0]), more[..., 0]
+
+
+def _zero(begin: np.ndarray, end: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Where in a step a rate that changes its sign in it is zero, by a cubic through rates and accelerations."""
+    low, high = np.zeros(len(begin)), np.ones(len(begin))
+    third, second = 2 * (begin - end) + first + last, 3 * (end - begin) - 2 * first - last
+    for _ in range(30):
+        s = 0.5 * (low + high)
+        here = begin + s * (first + s * (second + s * third))
+        after = here * end > 0.0
+        low, high = np.where(after, low, s), np.where(after, s, high)
+    return high

@@ -15,17 +15,17 @@ WINDOWS = 4000
 OF_STATE = 4
 """Degree of the polynomials that give states."""
 
-HALVES, SOME = (4, 6, 9, 13, 19, 28, 41, 60, 88, 130, 190), 60
+HALVES, SOME = (4, 6, 9, 13, 19, 28, 41, 60, 88, 130, 190, 280, 410, 600, 880), 120
 """Rows in half of a window that are tried, and states by which it is chosen."""
 
 WIDER = 1.1
-"""Mean square of what a polynomial leaves, over that of the noise, up to which a window may grow."""
+"""Mean square of what a polynomial leaves, over that of the noise, up to which a window may grow, beyond chance."""
 
-CHI2 = 0.455
-"""Median of chi^2 with one degree of freedom."""
+MORE = 2.0
+"""Mean square of what a polynomial lacks, over that of what two degrees more change, which lack something as well."""
 
 LAGS = 10
-"""Rows over which noise may be correlated."""
+"""Rows over which noise may be correlated, or a quarter of half a window."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,36 +136,45 @@ def states(t: np.ndarray, y: np.ndarray, at: np.ndarray, noise: Noise, within: n
     among those in which polynomials leave the noise and no more.
     """
     h, best = float(np.median(np.diff(t))), None
-    some = np.unique(np.linspace(0, len(at) - 1, SOME).astype(int))
+    parts = [(at[:-1] + part * np.diff(at), within[:-1]) for part in np.linspace(0.0, 1.0, 1 + SOME // len(at))[1:-1]]
+    probes, rooms = (np.concatenate(each) for each in zip((at, within), *parts, strict=True))
+    some = np.flatnonzero(probes <= rooms[:, 1])
+    some = some[np.unique(np.linspace(0, len(some) - 1, SOME).astype(int))]
+    probes, rooms = probes[some], rooms[some]
     for rows in HALVES:
-        fits = [_fit(t, y, at[k], (rows + 0.5) * h, within[k]) for k in some]
-        if best and np.mean([r @ r / max(len(r) - OF_STATE - 1, 1) for *_, r in fits]) > WIDER * noise.sigma**2:
+        half = (rows + 0.5) * h
+        fits = [_fit(t, y, *each, half) for each in zip(probes, rooms, strict=True)]
+        free = np.array([max(len(r) - OF_STATE - 1, 1) for *_, r in fits])
+        chance = 1.0 + 3.0 * np.sqrt(2.0 * np.mean(1.0 / free) / len(free))
+        if best and np.mean([r @ r for *_, r in fits] / free) > WIDER * chance * noise.sigma**2:
             break
-        leaves = float(_uncertain(t, y, at[some], (rows + 0.5) * h, noise.sigma**2, within[some])[1][:, 1, 1].mean())
+        bias = _bias(fits, [_fit(t, y, *each, half, OF_STATE + 2) for each in zip(probes, rooms, strict=True)],
+                     noise.sigma**2)
+        leaves = noise.sigma**2 * float(np.mean([spread[1, 1] for _, spread, _ in fits])) + bias[1]
         if best is None or leaves < best[0]:
-            best = leaves, rows, [r for *_, r in fits]
+            best = leaves, rows, [r for *_, r in fits], bias
     assert best is not None
-    _, rows, left = best
+    _, rows, left, bias = best
     total = sum(float(r @ r) for r in left) or 1.0
-    alike = [sum(float(r[k:] @ r[:-k]) for r in left if len(r) > k) / total for k in range(1, LAGS + 1)]
+    alike = [sum(float(r[k:] @ r[:-k]) for r in left if len(r) > k) / total for k in range(1, max(LAGS, rows // 4) + 1)]
     sure = 3 / np.sqrt(sum(map(len, left)))
     noise = dataclasses.replace(noise, half=(rows + 0.5) * h,
                                 correlation=1.0 + 2.0 * sum(each for each in alike if each > sure))
-    return *_uncertain(t, y, at, noise.half, noise.sigma**2 * noise.correlation, within), noise
+    values, spreads, _ = zip(*(_fit(t, y, *each, noise.half) for each in zip(at, within, strict=True)), strict=True)
+    return np.array(values), noise.sigma**2 * noise.correlation * np.array(spreads) + np.diag(bias), noise
 
 
-def _uncertain(t: np.ndarray, y: np.ndarray, at: np.ndarray, half: float, size: float,
-               within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(value and rate (S, 2), covariances (S, 2, 2)) for noise of this variance, with the bias of the polynomial."""
-    (values, spreads, _), (others, wider, _) = (zip(*(_fit(t, y, each, half, rows, OF_STATE + more)
-                                                      for each, rows in zip(at, within, strict=True)), strict=True)
-                                                for more in (0, 2))
-    bias = np.median((np.array(values) - np.array(others)) ** 2, axis=0) / CHI2 - size * np.mean(np.einsum(
-        "sii->si", np.array(wider) - np.array(spreads)), axis=0)
-    return np.array(values), size * np.array(spreads) + np.diag(np.maximum(bias, 0.0))
+OfState = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def _fit(t: np.ndarray, y: np.ndarray, at: float, half: float, within: np.ndarray, degree: int = OF_STATE
+def _bias(fits: list[OfState], others: list[OfState], size: float) -> np.ndarray:
+    """(2,) mean squares of what values and rates of polynomials lack, by those of two degrees more, without noise."""
+    off = np.array([one[0] - other[0] for one, other in zip(fits, others, strict=True)]) ** 2
+    more = [np.diag(other[1] - one[1]) for one, other in zip(fits, others, strict=True)]
+    return np.asarray(MORE * np.maximum(np.mean(off, axis=0) - size * np.mean(more, axis=0), 0.0))
+
+
+def _fit(t: np.ndarray, y: np.ndarray, at: float, within: np.ndarray, half: float, degree: int = OF_STATE
          ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(value and rate, their covariance for noise of one, what is left) of a polynomial around a time."""
     low, high = np.searchsorted(t, within + np.array([0.0, 1e-9 * half]))

@@ -45,7 +45,7 @@ SEGMENTS, FITTED = 4000, 200
 """Most segments that are predicted, and to which alterations are fitted, evenly over the recording."""
 
 COVER = 2.0
-"""Times u_val that an error has to exceed on average, for 95 %."""
+"""Times u_val that an error has to exceed on average, for 95 %; of few segments also two standard deviations more."""
 
 EDGE = 12
 """Rows before the first segment, so that the state at its start has rows on both sides."""
@@ -56,8 +56,9 @@ COVERS = 0.9
 HALVINGS = 4
 """Of the step, at most."""
 
-ROWS, ROUNDS = 250, 5
-"""Rows of a joint in a segment that is fitted, and rounds in which its start is found."""
+ROWS, ROUNDS, SOME = 250, 5, 40
+"""Rows of a joint in a segment that is fitted, rounds in which its start is found, and segments that say how much of
+the noise of inputs is unknown."""
 
 CRITICAL = 4.0
 """Standard deviations of an alteration that show it: with 25 alterations, one right log in 600 shows one."""
@@ -118,6 +119,18 @@ class Predicted:
     since: float | None  # s, the first segment that misses more than three times u_val
     starts: np.ndarray  # (S,) s
     ends: np.ndarray  # (S, n) predictions at the last horizon, for comparison of models
+
+    @property
+    def allowed(self) -> float:
+        """Times u_val above which an error is one of the model."""
+        return COVER * (1.0 + 2.0 / math.sqrt(2 * len(self.starts)))
+
+    @property
+    def beyond(self) -> tuple[int, int] | None:
+        """(joint, horizon) of the error that is most times u_val, if that is more than is allowed."""
+        times = self.error / self.u
+        k, h = np.unravel_index(int(np.nanargmax(times)), times.shape)
+        return (int(k), int(h)) if times[k, h] > self.allowed else None
 
     @property
     def u(self) -> np.ndarray:
@@ -300,6 +313,9 @@ def hermite(grid: np.ndarray, q: np.ndarray, v: np.ndarray, t: np.ndarray) -> np
                       + h * (v[k] * s * (1 - s) ** 2 + v[k + 1] * s**2 * (s - 1)))
 
 
+Flow = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
 class Fit:
     """Predictions of a system from the states of a log, and their linear dependence on starts and alterations."""
 
@@ -307,7 +323,7 @@ class Fit:
         self.log, self.system = log, system
         self.picked = np.unique(np.linspace(0, len(log.starts) - 1, most).astype(int))
         parts = round(log.period / STEP, 6)  # steps end at rows, where inputs are held from one to the next
-        self.coarse = self.step = log.period / math.ceil(parts) if parts > 1.0 else log.period * int(1.0 / parts)
+        self.step = log.period / math.ceil(parts) if parts > 1.0 else log.period * int(1.0 / parts)
         for _ in range(HALVINGS):  # until half of the step changes little beside the noise
             rows = log.starts[self.picked[:20]], log.begun[self.picked[:20]]
             span = self.step * math.ceil(log.span / self.step)
@@ -346,34 +362,24 @@ class Fit:
         self.shaken = np.einsum("sik,sjk,k->kij", S, S, noises**2) / len(S)  # their covariance by each effort
         return 1e-2 * np.array(made)
 
-    def slopes(self, start: np.ndarray, which: Sequence[int], altered: np.ndarray, span: float | None = None
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(grid, q and v by starts (T, S, 2n, 2n), by alterations (T, S, 2n, len(which))) of the fitted segments, from
-        these states (S, 2n)."""
-        n, (count, size) = self.system.n, start.shape
-        tiny = np.repeat([1e-4, 1e-3], n)
-        members = 1 + size + len(which)
-        begin, given = np.tile(start, (members, 1, 1)), np.tile(altered, (members, count, 1))
-        for k in range(size):
-            begin[1 + k, :, k] += tiny[k]
-        for k, each in enumerate(which):
-            given[1 + size + k, :, each] += self.sizes[each]
-        grid, q, v = self.system.flow(np.tile(self.log.starts[self.picked], members),
-                                      begin.reshape(-1, size), span or self.log.span, self.coarse,
-                                      given.reshape(-1, given.shape[-1]))
-        y = np.concatenate([q, v], axis=-1).reshape(len(grid), members, count, 2 * n)
-        moved = np.moveaxis(y[:, 1:] - y[:, :1], 1, -1)
-        return grid, moved[..., :size] / tiny, moved[..., size:] / self.sizes[list(which)]
+    def flow(self, start: np.ndarray, altered: np.ndarray, step: float | None = None) -> Flow:
+        """(grid, q, v) of the fitted segments from these states (S, 2n)."""
+        return self.system.flow(self.log.starts[self.picked], start, self.log.span, step or self.step,
+                                np.tile(altered, (len(start), 1)))
 
-    def residuals(self, start: np.ndarray, altered: np.ndarray) -> list[np.ndarray]:
-        """Of each fitted segment from these states (S, 2n) what is left of positions and rates, over their noise."""
-        log, n = self.log, self.system.n
-        grid, q, v = self.system.flow(log.starts[self.picked], start, log.span, self.step,
-                                      np.tile(altered, (len(start), 1)))
+    def slopes(self, flow: Flow, which: Sequence[int], altered: np.ndarray) -> np.ndarray:
+        """(T, S, 2n, 2n + len(which)) derivatives of the flow of fitted segments by starts and by alterations."""
+        which = list(which)
+        return self.system.slopes(self.log.starts[self.picked], *flow[1:], self.step, np.tile(
+            altered, (len(self.picked), 1)), np.repeat([1e-6, 1e-5], self.system.n), which, 1e-2 * self.sizes[which])
+
+    def residuals(self, flow: Flow) -> list[np.ndarray]:
+        """Of each fitted segment what is left of positions and rates, over their noise."""
+        n, (grid, q, v) = self.system.n, flow
         with np.errstate(invalid="ignore", over="ignore"):
             left = [np.concatenate([(values - (hermite(grid, q[:, s, k], v[:, s, k], t) if k < n else np.interp(
                 t, grid, v[:, s, k - n]))) / scale for k, (t, values, scale) in enumerate(self.data[s])])
-                    for s in range(len(start))]
+                    for s in range(len(self.picked))]
         return [np.nan_to_num(each, nan=1e9, posinf=1e9, neginf=-1e9) for each in left]
 
     def root(self, s: int) -> np.ndarray | None:
@@ -398,9 +404,9 @@ class Fit:
             self._roots[key] = np.linalg.cholesky(np.eye(len(t)) + pushed * alike / np.outer(scale, scale))
         return self._roots[key]
 
-    def reduced(self) -> tuple[np.ndarray, np.ndarray, float, int, float]:
+    def reduced(self, every: int = 1) -> tuple[np.ndarray, np.ndarray, float, int, float]:
         """(N, b, chi^2, degrees of freedom, log of the determinant of the covariance of what no start explains, less a
-        constant) of the last rows.
+        constant) of the last rows, of every segment or of some.
 
         Source: H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545.
         """
@@ -408,15 +414,16 @@ class Fit:
         count = self.last[0][0].shape[1] - size
         N, b, chi2, free, determinant = np.zeros((count, count)), np.zeros(count), 0.0, 0, 0.0
         self.parts, self.follows = [], np.zeros((len(self.last), size, count))
-        for s, (A, r) in enumerate(self.last):
-            root = self.root(s)
+        for s in range(0, len(self.last), every):
+            (A, r), root = self.last[s], self.root(s)
             if root is not None:
                 A, r = (solve_triangular(root, each, lower=True) for each in (A, r))
                 determinant += 2 * float(np.log(np.diag(root)).sum())
             Q, R = np.linalg.qr(A[:, :size])
             determinant += 2 * float(np.log(np.abs(np.diag(R)) + 1e-300).sum())
-            self.follows[s] = -np.linalg.lstsq(A[:, :size], A[:, size:], rcond=1e-10)[0]
-            E, rest = (each - Q @ (Q.T @ each) for each in (A[:, size:], r))
+            inner = Q.T @ A[:, size:]
+            self.follows[s] = -np.linalg.pinv(R, rcond=1e-10) @ inner
+            E, rest = A[:, size:] - Q @ inner, r - Q @ (Q.T @ r)
             self.parts.append((E.T @ E, E.T @ rest))
             N, b, chi2, free = N + E.T @ E, b + E.T @ rest, chi2 + float(rest @ rest), free + len(r) - size
         return N, b, chi2, free, determinant
@@ -432,7 +439,7 @@ class Fit:
         @functools.cache
         def unlikely(part: float) -> float:
             self.unknown = np.tensordot(np.where(self.system.measured, 1.0, part**2), self.shaken, 1)
-            N, b, chi2, _, determinant = self.reduced()
+            N, b, chi2, _, determinant = self.reduced(max(1, len(self.last) // SOME))
             pairs = [np.array([k, len(b) - 1]) for k in range(len(b) - 1) if N[k, k] * self.sizes[k] ** 2 > NOTHING]
             gains = [alone(N[np.ix_(pair, pair)], b[pair], PARTS, self.system.least[pair[0]])[2] for pair in pairs]
             without = float((PARTS * (PARTS * N[-1, -1] - 2 * b[-1])).min())
@@ -456,12 +463,11 @@ class Fit:
             log.span / math.sqrt(3) if k < n else 1.0))) for k, (t, q, scale) in enumerate(rows)]
                 for rows, gaps in zip(made, lost, strict=True)]
 
-    def designs(self, start: np.ndarray, which: Sequence[int], altered: np.ndarray) -> list[np.ndarray]:
+    def designs(self, flow: Flow, which: Sequence[int], altered: np.ndarray) -> list[np.ndarray]:
         """Of each fitted segment the derivatives of its residuals by its start and by alterations, (rows, 2n + K)."""
-        grid, *parts = self.slopes(start, which, altered)
-        slopes, h = np.concatenate(parts, axis=-1), grid[1] - grid[0]
+        grid, slopes, h = flow[0], self.slopes(flow, which, altered), flow[0][1] - flow[0][0]
         made = []
-        for s in range(len(start)):
+        for s in range(len(self.picked)):
             rows = []
             for k, (t, _, scale) in enumerate(self.data[s]):
                 place = np.clip((t / h).astype(int), 0, len(grid) - 2)
@@ -473,22 +479,26 @@ class Fit:
     def normal(self, which: Sequence[int], altered: np.ndarray, rounds: int = ROUNDS
                ) -> tuple[np.ndarray, np.ndarray, float, int]:
         """(N, b, chi^2, degrees of freedom) of alterations around a given one, each segment from its best start."""
-        start, left = self.begun.copy(), self.residuals(self.begun, altered)
-        share = np.ones(len(start))
+        start = self.begun.copy()
+        flow = self.flow(start, altered)
+        left, share = self.residuals(flow), np.ones(len(start))
         for _ in range(rounds):
-            designs = self.designs(start, (), altered)
+            designs = self.designs(flow, (), altered)
             change = np.array([np.linalg.lstsq(D, r, rcond=1e-10)[0] for D, r in zip(designs, left, strict=True)])
             other = start + share[:, None] * change
-            after = self.residuals(other, altered)
+            there = self.flow(other, altered)
+            after = self.residuals(there)
             better = np.array([r @ r < p @ p for r, p in zip(after, left, strict=True)])
             gain = max(float((p @ p - r @ r) / (1.0 + p @ p)) for r, p in zip(after, left, strict=True))
             start[better] = other[better]
+            for part, now in zip(flow[1:], there[1:], strict=True):
+                part[:, better] = now[:, better]
             left = [r if good else p for r, p, good in zip(after, left, better, strict=True)]
             share = np.where(better, np.minimum(1.0, 2 * share), 0.3 * share)
             if (gain < 1e-2 and share.min() < 0.5) or (gain < 1e-2 and better.all()):
                 break
         self.begun = start
-        self.last = list(zip(self.designs(start, which, altered), left, strict=True))
+        self.last = list(zip(self.designs(flow, which, altered), left, strict=True))
         return self.reduced()[:4]
 
     def headline(self, prior: np.ndarray, u_num: np.ndarray | None = None, between: float = 0.0) -> Predicted:
@@ -503,14 +513,15 @@ class Fit:
         grid, q, v = self.system.flow(log.starts, log.begun, horizons[-1] + 2 * log.period, self.step,
                                       np.tile(altered, (len(rows), 1)))
         known = np.flatnonzero(prior).tolist()
-        coarse, by_start, by_altered = self.slopes(log.begun[self.picked], known, altered, horizons[-1])
+        by_start, by_altered = np.split(self.slopes((grid, q[:, self.picked], v[:, self.picked]), known, altered), [
+            2 * n], axis=-1)
         near = self.picked[np.abs(self.picked[None] - rows[:, None]).argmin(axis=1)]  # segments that were not varied
         like = np.searchsorted(self.picked, near)
         error = np.full((len(rows), n, len(horizons)), np.nan)
         variance, given = np.zeros((2, *error.shape))
         ends = np.zeros((len(rows), n))
         for j, h in enumerate(horizons):
-            place = min(round(h / (coarse[1] - coarse[0])), len(coarse) - 1)
+            place = min(round(h / self.step), len(grid) - 1)
             for k in range(n):
                 at = np.clip(np.searchsorted(log.t[k], log.starts + h - 0.5 * log.period), 0, len(log.t[k]) - 1)
                 since = log.t[k][at] - log.starts

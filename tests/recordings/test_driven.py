@@ -187,6 +187,57 @@ def test_alterations_are_those_of_other_models(scenes, tmp_path, right):
         assert np.abs(one - system.flow(*start, 0.5, 5e-3)[1]).max() > 1e-4, name
 
 
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory):
+    """(An arm whose joints have dry friction, one whose elbow has half of it, a log of the first)."""
+    made = []
+    for f2 in (0.1, 0.05):
+        path = tmp_path_factory.mktemp("rubbing") / "arm.xml"
+        path.write_text(machines.model("arm", f1=0.3, f2=f2))
+        made.append(crosscheck.import_model(path))
+    return *made, frame(spoiled=Spoiled(2e-4, rate=100.0, quantum=2 * math.pi / 2**14), f1=0.3, f2=0.1)
+
+
+def test_dry_friction_in_model_and_machine(rubbing):
+    right, wrong, log = rubbing
+    assert crosscheck.judge_recording(right, log, resolution=0.05).outcome == "pass"
+    verdict = crosscheck.judge_recording(wrong, log, resolution=0.05)
+    assert verdict.cause == "dry friction of elbow"
+    size, half = interval(verdict, "dry friction of elbow")
+    assert abs(size - 0.05) < 1.5 * half < 0.01
+
+
+def test_flow_and_its_slopes_across_stops(rubbing):
+    """Joints stop, stay and turn around within steps: flow is that of truth, and slopes are those of the flow."""
+    scene, _, recorded = rubbing
+    recording = read(recorded, scene)
+    log, system = Log(scene, recording), System(scene, recording.inputs, recording.t)
+    fit = Fit(log, system)
+    assert fit.step >= 1e-3
+    assert fit.numerical((0.1, 0.5)).max() < 5e-6
+    none = np.zeros(len(system.names))
+    flow = fit.flow(fit.begun, none)
+    assert (np.diff(np.sign(flow[2]), axis=0) != 0).sum() > 10
+    which = [system.names.index(name) for name in (("mass", "lower"), ("friction", "elbow"), ("delay", ""))]
+    slopes = fit.slopes(flow, which, none)[..., 2 * system.n:]
+    for k, (each, size) in enumerate(zip(which, (1e-6, 1e-7, 1e-7), strict=True)):
+        ahead = fit.flow(fit.begun, none + size * (np.arange(len(none)) == each))
+        true = np.concatenate([(a - b) / size for a, b in zip(ahead[1:], flow[1:], strict=True)], axis=-1)
+        off = np.abs(slopes[..., k] - true).max(axis=(0, 2)) / np.abs(true).max(axis=(0, 2))
+        assert np.median(off) < 1e-3, system.names[each]
+
+
+def test_more_rows_never_make_states_less_certain(scenes):
+    log = frame(spoiled=Spoiled(5e-4, rate=1000.0, quantum=2e-4), duration=4.0)
+    sizes = []
+    for every in (10, 5, 2, 1):
+        made = Log(scenes["arm"], read(log.iloc[::every].reset_index(drop=True), scenes["arm"]))
+        sizes.append(np.sqrt(made.spread[..., 1, 1].mean(axis=0)))
+    for fine, coarse in itertools.pairwise(reversed(sizes)):
+        assert (fine < 1.3 * coarse).all()  # both are estimates
+    assert (sizes[-1] < sizes[0]).all()
+
+
 @pytest.mark.parametrize("between", ["hold", "linear", "spline"])
 def test_signals(between):
     t = np.array([0.0, 0.1, 0.25, 0.3, 0.6, 0.7])

@@ -187,10 +187,10 @@ class PreparedRun:
             turning = Problem.unchecked(within, w=np.tile([0.0, 0.0, 1.0], (within.n, 1)))
             self._plane = None if spin_free and spin_free_frames(turning) else steps[0]
         self._run.fewer_rows = bool(words)
-        spins = frames.spins if frames else np.zeros((within.n, 3))
-        for step in reversed(steps):
-            spins = spins[step.body]
-        self._spinning = tuple(np.flatnonzero(spins.any(axis=1)).tolist())
+        self._spinning: tuple[int, ...] = ()
+        if frames:
+            spins = functools.reduce(lambda spins, step: spins[step.body], reversed(steps), frames.spins)
+            self._spinning = tuple(np.flatnonzero(spins.any(axis=1)).tolist())
         for step in [*steps, frames] if frames else steps:
             step.add_to(self._run)
             within = step.problem

@@ -24,29 +24,25 @@ SYMMETRIC = 1e-12
 """Relative size below which a difference of moments of inertia, or a distance from the axis, is rounding."""
 
 
-def symmetric_bodies(problem: Problem) -> tuple[int, ...]:
-    """The bodies that would be integrated in a spin-free frame if they spin."""
-    return tuple(_axes(problem))
-
-
 @once
 def spin_free_frames(problem: Problem) -> Reduced | None:
     """The problem of spin-free frames, whose w are those in them and whose compiled system has the spins as constant
     angular momenta; None if no symmetric body spins."""
+    rates = {b: (axis, rate) for b, axis in symmetric_bodies(problem).items() if (rate := float(axis @ problem.w[b]))}
+    if not rates:
+        return None
     system, spins = problem.new_system(), np.zeros((problem.n, 3))
-    for b, axis in _axes(problem).items():
-        rate = float(axis @ problem.w[b])
+    for b, (axis, rate) in rates.items():
         spins[b] = rate * axis
         system.set_spin(b, rate * (problem.bodies[b].inertia @ axis))
-    if not spins.any():
-        return None
     framed = Problem.unchecked(problem, w=problem.w - spins)
     vars(framed)["kernel"] = _kernel.Plan(system)  # in place of that without spins
     return Reduced.of("spin-free", problem, framed, spins=spins)
 
 
-def _axes(problem: Problem) -> dict[int, np.ndarray]:
-    """The bodies with an axis of symmetry on which everything attached to them acts, and that axis."""
+def symmetric_bodies(problem: Problem) -> dict[int, np.ndarray]:
+    """The bodies with an axis of symmetry on which everything attached to them acts, and that axis: if they spin, they
+    are integrated in a spin-free frame."""
     attached = _attached(problem).items()
     return {body: axis for body, directions in attached if (axis := _axis(problem, body, directions)) is not None}
 

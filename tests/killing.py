@@ -12,8 +12,9 @@ import time
 from crosscheck.jobs import table
 
 TIMES = {"time", "advice", "started", "seconds", "wall_time", "us_per_step", "seconds_per_second", "seconds_deviation",
-         "speed", "timing", "recommended", "trust", "text", "calibration", "compared_with", "changes"}
-"""Keys that hold times, or what depends on them: trust and advice name the fastest method and its time."""
+         "speed", "timing", "recommended", "trust", "text", "calibration", "compared_with", "changes", "commit"}
+"""Keys that hold times, or what depends on them: trust and advice name the fastest method and its time. The commit has
+a mark when somebody edits a file while the tests run."""
 
 
 def results(folder):

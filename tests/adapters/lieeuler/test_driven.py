@@ -1,4 +1,4 @@
-"""What depends on time: accelerations, orders, prescribed joints."""
+"""What depends on time: accelerations, prescribed joints."""
 
 import dataclasses
 
@@ -9,15 +9,10 @@ import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.scene import functions, mechanics
 from crosscheck.scene.constraints import Constraints
-from tests.adapters.lieeuler.against_truth import errors, observed_orders, scene, solve, truth
-from tests.lieeuler.accuracy import agrees_with_order, assert_on_the_constraints, slopes
+from tests.adapters.lieeuler.against_truth import errors, scene, solve
+from tests.lieeuler.accuracy import assert_on_the_constraints, slopes
 
 NAMES = ("driven_double_pendulum", "driven_cart", "driven_slider_crank")
-LADDERS = {1: (4e-3, 2e-3, 1e-3, 5e-4), 2: (2e-2, 1e-2, 5e-3, 2.5e-3), 4: (2e-2, 1e-2, 5e-3, 2.5e-3),
-           6: (5e-2, 2.5e-2, 1.25e-2), 8: (5e-2, 4e-2, 2.5e-2)}
-FIXED = {name: method.order for name, method in lieeuler.METHODS.items() if "rtol" not in method.controls}
-WITHIN = {"driven_double_pendulum": (2.0, 5), "driven_cart": (0.5, 3), "driven_slider_crank": (1.0, 5)}
-"""Duration (s) and samples: the spline of the cart breaks at .5 s, which not all steps divide."""
 
 
 @pytest.mark.parametrize("name", NAMES[:2])
@@ -28,27 +23,6 @@ def test_accelerations_at_any_time_are_those_of_the_dense_equations(name, t0):
     a, alpha, _ = mechanics.index1(s, s.x0[None], s.R0[None], s.v0[None], s.w0[None], t=np.array([t0]))
     size = max(np.abs(a).max(), np.abs(alpha).max())
     assert max(np.abs(run.a[0] - a[0]).max(), np.abs(run.alpha[0] - alpha[0]).max()) < 1e-13 * size
-
-
-def of_order(most):
-    return [name for name, order in FIXED.items() if order <= most and name != "BAUMGARTE_LE"]
-
-
-@pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE2H_LE", "rattle4", "rkmk4"])
-def test_order(method):
-    check_order("driven_double_pendulum", method)
-
-
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("method", of_order(8))
-def test_order_of_every_method(name, method):
-    check_order(name, method)
-
-
-def check_order(name, method):
-    found = observed_orders(scene(name, *WITHIN[name]), method, LADDERS[FIXED[method]], truth(name, *WITHIN[name]),
-                            spin_free=False)
-    assert agrees_with_order(found, method), found
 
 
 @pytest.mark.parametrize(("name", "duration"), [

@@ -1,4 +1,4 @@
-"""Coordinates that follow others: accelerations, orders against truth, loops; test_armature.py has their algebra."""
+"""Coordinates that follow others: loops, whole turns; test_armature.py has their algebra."""
 
 from __future__ import annotations
 
@@ -12,35 +12,7 @@ import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.model import Mimic
-from tests.adapters.lieeuler.against_truth import observed_orders
-from tests.adapters.lieeuler.test_armature import FIRST_ORDER, LADDERS, coupled_arm
-from tests.lieeuler.accuracy import agrees_with_order
-
-
-def orders_of(method, steps, **changes):
-    scene = coupled_arm(**changes)
-    return observed_orders(scene, method, steps, crosscheck.truth(scene).states)
-
-
-@pytest.mark.parametrize(("method", "steps"), [("DAE2L_LE", (4e-3, 2e-3, 1e-3)), ("rattle4", (2e-2, 1e-2, 5e-3))])
-def test_order(method, steps):
-    assert agrees_with_order(orders_of(method, steps), method)
-
-
-# The arm turns 2.5 times as fast as its motor, up to 12 rad/s, so that orders show at smaller steps than elsewhere:
-# slopes of rattle8 are 13 to 17 above 1/32 s, 1.7 to 7.6 at 1/40 s and 8.0 from 1/64 s on, those of rkmk4 3.1 to 4.3
-# above 1/160 s and 3.98 at 1/2560 s. For a second rkmk853 falls from 12 to 9.4 and ends in rounding at 1/128 s; where
-# the motion is slow, in the first .3 s, its slopes rise from 6.9 to 8.
-STEPS = {"rattle4": (1 / 80, 1 / 160, 1 / 320), "rattle6": (1 / 40, 1 / 60, 1 / 80),
-         "rkmk4": (1 / 320, 1 / 640, 1 / 1280, 1 / 2560), "rattle8": (1 / 64, 1 / 80, 1 / 96, 1 / 128),
-         "rkmk853": (0.3 / 20, 0.3 / 24, 0.3 / 28, 0.3 / 32)}
-
-
-@pytest.mark.parametrize("method", [*FIRST_ORDER, "rattle2", "generalized_alpha", "rkmk54", *STEPS])
-def test_order_of_other_methods(method):
-    steps = STEPS.get(method) or LADDERS[lieeuler.METHODS[method].order]
-    found = orders_of(method, steps, duration=0.3 if method == "rkmk853" else 1.0)
-    assert agrees_with_order(found, method), found
+from tests.adapters.lieeuler.test_armature import coupled_arm
 
 
 def followed(scene, follower, leader, ratio):

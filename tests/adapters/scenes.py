@@ -1,4 +1,4 @@
-"""Scenes for tests of the adapters: those of the library, each read once, and some in code."""
+"""Scenes for tests of the adapters: those of the library, each read once, and some in code; distances from them."""
 
 import functools
 
@@ -6,9 +6,27 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import crosscheck
+from crosscheck.scene import mechanics
 from crosscheck.scene.model import Body, Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.states import States
 
 library = functools.cache(crosscheck.load_scene)
+
+
+def relative(found: np.ndarray, wanted: np.ndarray) -> float:
+    """The largest difference over the size of what is wanted, which counts as at least 1."""
+    return float(np.abs(found - wanted).max() / max(1.0, np.abs(wanted).max()))
+
+
+def off_the_start(scene: Scene, states: States) -> float:
+    """How far the first sample is from the start of the scene."""
+    return float(np.max([relative(getattr(states, name)[0], getattr(scene, f"{name}0")) for name in "xRvw"]))
+
+
+def off_the_equations(scene: Scene, states: States, first: int = 0) -> float:
+    """How far accelerations are, from sample `first` on, from those that solve the equations at the same state."""
+    a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w, t=states.t)
+    return float(np.max([relative(states.a[first:], a[first:]), relative(states.alpha[first:], alpha[first:])]))
 
 
 def _unit(vector: list[float]) -> np.ndarray:

@@ -17,7 +17,7 @@ from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import States
 from tests.adapters.pairs import loaded_pair
-from tests.adapters.scenes import library
+from tests.adapters.scenes import library, off_the_equations, off_the_start, relative
 from tests.adapters.test_lieeuler import exact
 from tests.scene_making import JOINT_TYPES, make_scene, random_body
 
@@ -34,10 +34,6 @@ NO_LOADS = ("linear_spring", "torsional_spring")
 @pytest.fixture(autouse=True)
 def _loaded() -> None:
     exudyn_adapter.load()
-
-
-def _relative(found: np.ndarray, wanted: np.ndarray) -> float:
-    return float(np.abs(found - wanted).max() / max(1.0, np.abs(wanted).max()))
 
 
 def _reason(scene: Scene, method: str, form: str | None, node: str | None = None) -> str | None:
@@ -92,7 +88,7 @@ def test_maximal_model_is_the_scene_and_nothing_else(name: str, node: str) -> No
         stated = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         assert item["mass"] == mass
         assert not np.any(item["centerOfMass"])
-        assert _relative(stated, turn @ inertia @ turn.T) < ROUNDING  # node axes are the world's at the start
+        assert relative(stated, turn @ inertia @ turn.T) < ROUNDING  # node axes are the world's at the start
     _check_springs(scene, objects[1 + scene.n + len(joints):])
     loads = _loads(system)
     assert [load["loadVector"].tolist() for load in loads[:scene.n]] == [scene.gravity.tolist()] * scene.n
@@ -135,11 +131,8 @@ def test_tree_with_every_joint_and_force_either_way_round(kind: str, inward: boo
     """At every step the engine's own accelerations solve the equations of motion at the engine's own state."""
     scene = loaded_pair(kind, inward)
     states = _states(scene, "RK44", "tree", steps=40)
-    a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w)
-    for found, given in ((states.x, scene.x0), (states.R, scene.R0), (states.v, scene.v0), (states.w, scene.w0)):
-        assert _relative(found[0], given) < ROUNDING
-    assert _relative(states.a[1:], a[1:]) < CONDITIONING
-    assert _relative(states.alpha[1:], alpha[1:]) < CONDITIONING
+    assert off_the_start(scene, states) < ROUNDING
+    assert off_the_equations(scene, states, 1) < CONDITIONING
 
 
 @pytest.mark.parametrize("kind", JOINT_TYPES)
@@ -149,10 +142,9 @@ def test_maximal_start_with_every_joint_and_force_either_way_round(kind: str, in
     scene = loaded_pair(kind, inward)
     states = _states(scene, "GeneralizedAlpha", "maximal", node=node)
     a, alpha, _ = mechanics.index1(scene, scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
-    for found, given in ((states.x, scene.x0), (states.R, scene.R0), (states.v, scene.v0), (states.w, scene.w0)):
-        assert _relative(found[0], given) < ROUNDING
-    assert _relative(states.a[:1], a) < DIFFERENCES
-    assert _relative(states.alpha[:1], alpha) < DIFFERENCES
+    assert off_the_start(scene, states) < ROUNDING
+    assert relative(states.a[:1], a) < DIFFERENCES
+    assert relative(states.alpha[:1], alpha) < DIFFERENCES
 
 
 @pytest.mark.parametrize("kind", JOINT_TYPES)
@@ -256,8 +248,8 @@ def test_free_bodies_fly() -> None:
     for method, form in (("RK44", "maximal"), ("RK44", "tree"), ("GeneralizedAlpha", "maximal")):
         states = _states(scene, method, form)
         a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w)
-        assert _relative(states.a[1:], a[1:]) < CONDITIONING
-        assert _relative(states.alpha[1:], alpha[1:]) < (CONDITIONING if method == "RK44" else 1e-3)  # gen.-alpha's own
+        assert relative(states.a[1:], a[1:]) < CONDITIONING
+        assert relative(states.alpha[1:], alpha[1:]) < (CONDITIONING if method == "RK44" else 1e-3)  # gen.-alpha's own
 
 
 def test_what_cannot_be_modelled_is_said() -> None:

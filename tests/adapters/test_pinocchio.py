@@ -13,6 +13,7 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 from tests.adapters.pairs import loaded_pair
+from tests.adapters.scenes import off_the_equations, off_the_start, relative
 from tests.scene_making import JOINT_TYPES
 
 SOLVED = 1e-10  # conditioning of two different eliminations of the same system
@@ -21,10 +22,6 @@ FORMS = ("tree", "maximal")
 
 def _model(scene: Scene, form: str) -> models.Model:
     return models.build(scene, form)
-
-
-def _relative(found: np.ndarray, wanted: np.ndarray) -> float:
-    return float(np.abs(found - wanted).max() / max(1.0, np.abs(wanted).max()))
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -42,7 +39,7 @@ def test_model_is_the_scene_and_nothing_else(name: str, form: str) -> None:
             own.frames[other][0] for other in range(scene.n) if other != body]
         if not fixed:  # bodies fixed to each other are one
             assert sum(share.mass for share in carried) == pytest.approx(scene.masses[body], rel=1e-15)
-            assert _relative(sum(share.inertia for share in carried), scene.inertias[body]) < 1e-15
+            assert relative(sum(share.inertia for share in carried), scene.inertias[body]) < 1e-15
     for extra in (model.armature, model.rotorInertia, model.damping, model.lowerDryFrictionLimit):
         assert not np.any(extra)
     assert model.gravity.linear.tolist() == scene.gravity.tolist()
@@ -58,11 +55,8 @@ def test_every_joint_under_every_force(kind: str, inward: bool, form: str) -> No
     dynamics = Dynamics(_model(scene, form))
     q, v = dynamics.model.initial_state()
     states = dynamics.model.states(np.zeros(1), q[None], v[None], dynamics(q, v)[None])
-    for field, given in (("x", scene.x0), ("R", scene.R0), ("v", scene.v0), ("w", scene.w0)):
-        assert _relative(getattr(states, field)[0], given) < 1e-13  # some hundred roundings
-    a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w)
-    assert _relative(states.a, a) < SOLVED
-    assert _relative(states.alpha, alpha) < SOLVED
+    assert off_the_start(scene, states) < 1e-13  # some hundred roundings
+    assert off_the_equations(scene, states) < SOLVED
 
 
 @pytest.mark.parametrize(("name", "form", "method", "counts", "order"), [
@@ -115,9 +109,9 @@ def test_long_chains_are_factorized_because_aba_loses_every_digit() -> None:
     found = dynamics.model.states(np.zeros(1), q[None], v[None], dynamics(q, v)[None])
     assert dynamics.algorithm == "crba, Cholesky"
     # rounding times the conditioning of the mass matrix in joint coordinates, some 1e7
-    assert _relative(found.alpha, alpha) < 1e-8
+    assert relative(found.alpha, alpha) < 1e-8
     lost = pinocchio.aba(dynamics.model.model, dynamics.data, q, v, np.zeros(len(v))).copy()
-    assert _relative(dynamics.model.states(np.zeros(1), q[None], v[None], lost[None]).alpha, alpha) > 1e-2
+    assert relative(dynamics.model.states(np.zeros(1), q[None], v[None], lost[None]).alpha, alpha) > 1e-2
     assert Dynamics(_model(crosscheck.load_scene("chain_8"), "tree")).algorithm == "aba"
 
 
@@ -144,9 +138,9 @@ def test_least_norm_is_what_constraint_dynamics_finds_where_rows_are_independent
     wanted, torque = dynamics(q, v), np.zeros(len(v))
     forces = [each.contact_force.vector.copy() for each in dynamics.closure.workspaces]
     found = redundant.accelerations(dynamics.model.model, dynamics.data, dynamics.closure, q, v, torque)
-    assert _relative(found, wanted) < 1e-12
+    assert relative(found, wanted) < 1e-12
     for each, force in zip(dynamics.closure.workspaces, forces, strict=True):
-        assert _relative(each.contact_force.vector, force) < 1e-12
+        assert relative(each.contact_force.vector, force) < 1e-12
 
 
 def test_overconstrained_loops_keep_moving_although_they_drift() -> None:

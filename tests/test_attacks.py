@@ -26,7 +26,8 @@ from crosscheck.jobs.workers.crew import isolated
 from crosscheck.running.attempt import WORD, Failed, Ran, Refused, attempt
 from crosscheck.scene.file import read_scene
 from crosscheck.verification.cell import judge_run
-from tests.bad_engines import Resting
+from tests import saved
+from tests.engines.faults import Resting
 
 LONG = "\x1b[31m" + 10**6 * "x"
 HINGE = read_scene("hinge_pendulum")[0].read_text().replace("schema      = 1", "schema = 2")
@@ -85,15 +86,13 @@ def test_names_of_engines_and_methods_are_short_and_printable(name):
     ("parent_axis ", "armature = 1e89\nparent_axis ", "armature: 1e\\+89 is so large"),
 ])
 def test_a_wrong_entry_of_a_scene_is_named(tmp_path, old, new, said):
-    file = tmp_path / "scene.toml"
-    file.write_text(HINGE.replace(old, new))
+    file = saved(tmp_path / "scene.toml", HINGE.replace(old, new))
     with pytest.raises(SceneError, match=said):
         load_scene(file)
 
 
 def test_a_large_armature_is_taken(tmp_path):
-    file = tmp_path / "scene.toml"
-    file.write_text(HINGE + "armature = 1e9\n")
+    file = saved(tmp_path / "scene.toml", HINGE + "armature = 1e9\n")
     assert load_scene(file).joints[0].armature == (1e9,)
 
 

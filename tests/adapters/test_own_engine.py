@@ -15,10 +15,10 @@ from crosscheck import report as report_folder
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.errors import EngineDied
 from crosscheck.verification import job
-from tests import ROOT
+from tests import ROOT, saved
 
 EXAMPLE = f"{ROOT / 'examples' / 'my_engine.py'}:PivotRK4"
-BAD = f"{ROOT / 'tests' / 'bad_engines.py'}"
+BAD = f"{ROOT / 'tests' / 'engines' / 'faults.py'}"
 
 
 @pytest.fixture(scope="module")
@@ -179,8 +179,7 @@ class Unlucky:
 
 
 def test_a_module_that_crashes_on_import_is_one_error(tmp_path):
-    path = tmp_path / "crash.py"
-    path.write_text("import ctypes\nctypes.string_at(0)\n", encoding="utf-8")
+    path = saved(tmp_path / "crash.py", "import ctypes\nctypes.string_at(0)\n")
     with pytest.raises(crosscheck.EngineError, match=r"crash.py:E cannot be loaded: .*SIGSEGV"):
         job.select_engines([f"{path}:E"])
 

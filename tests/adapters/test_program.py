@@ -14,6 +14,7 @@ import pytest
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.external.program import Program
+from tests import saved
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_engine.cpp"
 
@@ -58,8 +59,7 @@ def hinge(tmp_path_factory):
 
 @pytest.fixture
 def falling(tmp_path):
-    path = tmp_path / "falling.py"
-    path.write_text(FALLING, encoding="utf-8")
+    path = saved(tmp_path / "falling.py", FALLING)
     return f"name=falling {sys.executable} {path} {{scene}} {{step}} {{out}}"
 
 
@@ -105,8 +105,7 @@ def test_errors_of_a_program_are_told_in_one_line(falling, step, words):
 
 def test_mjcf_is_written_for_programs_that_read_it(tmp_path):
     seen = tmp_path / "seen.xml"
-    script = tmp_path / "copy.sh"
-    script.write_text(f"#!/bin/sh\ncp \"$1\" {seen}\nexit 1\n", encoding="utf-8")
+    script = saved(tmp_path / "copy.sh", f"#!/bin/sh\ncp \"$1\" {seen}\nexit 1\n")
     script.chmod(script.stat().st_mode | stat.S_IXUSR)
     with pytest.raises(crosscheck.EngineError, match="ended with 1: it says nothing"):
         crosscheck.run("single_pendulum", f"{script} {{mjcf}} {{rtol}} {{out}}", "adaptive", rtol=1e-6)

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from crosscheck.cli.app import app
 from crosscheck.scene.file import load_scene
-from tests import ROOT
+from tests import ROOT, saved
 from tests.commands import crosscheck
 
 QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "mujoco")
@@ -198,8 +198,7 @@ def test_a_folder_that_is_no_report_is_never_replaced(tmp_path, holding):
 
 
 def test_a_place_that_cannot_hold_a_report_is_refused_before_anything_runs(tmp_path):
-    taken = tmp_path / "taken"
-    taken.write_text("a file", encoding="utf-8")
+    taken = saved(tmp_path / "taken", "a file")
     for out, message in ((taken, "a file is there"), (taken / "below", "cannot be written"),
                          (Path("/proc/nowhere/latest"), "cannot be written")):
         done = crosscheck("verify", *QUICK, "--out", str(out))

@@ -12,14 +12,9 @@ from crosscheck.diagnosis.variants import close
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene, rotation_from_quaternion
 from tests.engines.equations import Flaws
 from tests.engines.stepper import Misbuilt, Stepper
+from tests.scene_making import unit
 
 # --- random scenes ----------------------------------------------------------------------------------------------------
-
-
-def unit(rng):
-    """A random direction."""
-    vector = rng.normal(size=3)
-    return vector / np.linalg.norm(vector)
 
 
 def _quaternion(rng):

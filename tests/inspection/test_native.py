@@ -12,6 +12,7 @@ from crosscheck import adapters
 from crosscheck.adapters.common.native import JointStates, Part, assembled, moved
 from crosscheck.inspection import native
 from crosscheck.scene.models.words import together
+from tests import saved
 from tests.scene.models.model_files import ARM_MJCF, ARM_URDF
 
 PLAIN = ARM_URDF.replace('<dynamics damping="0.5"/>', "").replace('<dynamics damping="2"/>', "")
@@ -125,14 +126,12 @@ def test_a_mistake_in_an_mjcf_is_named(right, wrong, words, tmp_path, monkeypatc
 @pytest.mark.parametrize(("text", "suffix", "engine"), [(PLAIN, "urdf", "mujoco"), (PLAIN, "urdf", "pinocchio"),
                                                         (MJCF, "xml", "mujoco")])
 def test_nothing_is_named_in_the_file_without_the_mistake(text, suffix, engine, tmp_path):
-    path = tmp_path / f"good.{suffix}"
-    path.write_text(text)
+    path = saved(tmp_path / f"good.{suffix}", text)
     assert crosscheck.inspect(path, [engine]).agree
 
 
 def test_damping_that_aba_does_not_apply_is_named(tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(ARM_URDF)
+    path = saved(tmp_path / "arm.urdf", ARM_URDF)
     found = crosscheck.inspect(path)
     assert found.of("mujoco") == ()
     assert [each.words for each in found.of("pinocchio")] == [
@@ -197,8 +196,7 @@ def test_a_body_that_one_engine_refuses_is_read_by_the_others(tmp_path):
 
 
 def test_a_file_that_cannot_be_a_scene_is_still_shown_as_engines_read_it(tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(PLAIN.replace('ixx="0.002" iyy="0.0015"', 'ixx="0.02" iyy="0.0015"'))
+    path = saved(tmp_path / "arm.urdf", PLAIN.replace('ixx="0.002" iyy="0.0015"', 'ixx="0.02" iyy="0.0015"'))
     found = crosscheck.inspect(path)
     assert found.scene is None
     assert "A + B >= C" in found.no_scene
@@ -211,8 +209,7 @@ def test_a_file_that_cannot_be_a_scene_is_still_shown_as_engines_read_it(tmp_pat
 
 @pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
 def test_armature_is_read_and_counted(engine, tmp_path):
-    path = tmp_path / "arm.xml"
-    path.write_text(MJCF.replace(' damping="0.5"', "").replace(' damping="2"', ""))
+    path = saved(tmp_path / "arm.xml", MJCF.replace(' damping="0.5"', "").replace(' damping="2"', ""))
     found = crosscheck.inspect(path, [engine])
     assert found.scene.joints[0].armature == (0.3,)
     assert found.agree, found.lines
@@ -272,8 +269,7 @@ def test_what_is_not_compared_is_said(tmp_path):
 
 
 def test_what_a_parser_prints_is_in_its_refusal_and_nowhere_else(tmp_path, monkeypatch, capfd):
-    path = tmp_path / "arm.urdf"
-    path.write_text(PLAIN.replace('type="prismatic"', 'type="wobbly"'))
+    path = saved(tmp_path / "arm.urdf", PLAIN.replace('type="prismatic"', 'type="wobbly"'))
     with pytest.raises(crosscheck.SceneError, match="invalid joint type"):
         crosscheck.inspect(path)
     (tmp_path / "good.urdf").write_text(PLAIN)
@@ -283,8 +279,7 @@ def test_what_a_parser_prints_is_in_its_refusal_and_nowhere_else(tmp_path, monke
 
 
 def test_pinocchio_lacks_the_springs_of_an_mjcf(tmp_path):
-    path = tmp_path / "arm.xml"
-    path.write_text(MJCF.replace('name="elbow"', 'name="elbow" stiffness="3" springref="0.4"'))
+    path = saved(tmp_path / "arm.xml", MJCF.replace('name="elbow"', 'name="elbow" stiffness="3" springref="0.4"'))
     words = [each.words for each in crosscheck.inspect(path, ["pinocchio"]).differences]
     assert "stiffness of joint elbow missing" in words
     assert not any("rest position" in each for each in words)
@@ -292,8 +287,7 @@ def test_pinocchio_lacks_the_springs_of_an_mjcf(tmp_path):
 
 @pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
 def test_files_are_read_where_only_the_engine_is_installed(engine, tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(ARM_URDF)
+    path = saved(tmp_path / "arm.urdf", ARM_URDF)
     code = ("import sys; sys.modules |= dict.fromkeys(['typer', 'rich', 'sqlalchemy', 'psutil', 'mpmath']); "
             f"import numpy as np; from crosscheck.adapters.{engine} import native; "
             "from crosscheck.adapters.common.native import JointStates; print(len(native.load("
@@ -302,8 +296,7 @@ def test_files_are_read_where_only_the_engine_is_installed(engine, tmp_path):
 
 
 def test_the_inertial_rotation_that_an_old_mujoco_loses_is_named(tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(PLAIN)
+    path = saved(tmp_path / "arm.urdf", PLAIN)
     old, new = "mujoco==3.3.7", "mujoco==4.0.0"
     found = crosscheck.inspect(path, [old, new])
     assert found.of(new) == ()
@@ -336,8 +329,7 @@ def test_parts_of_an_engine_are_put_together_as_mujoco_does(tmp_path):
     """Bodies that MuJoCo keeps apart, with a fixed one, against what it reads where it fuses them."""
     import mujoco
 
-    path = tmp_path / "arm.urdf"
-    path.write_text(PLAIN)
+    path = saved(tmp_path / "arm.urdf", PLAIN)
     m = mujoco.MjModel.from_xml_string(PLAIN.replace('<link name="base"/>', '<mujoco><compiler fusestatic="false"/>'
                                                      '</mujoco><link name="base"/>'))
     d = mujoco.MjData(m)
@@ -502,8 +494,7 @@ LIMITED = ARM_URDF.replace('name="shoulder" type="continuous"', 'name="shoulder"
 
 
 def test_what_each_engine_holds_of_a_joint_is_a_table_of_what_differs(tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(LIMITED, encoding="utf-8")
+    path = saved(tmp_path / "arm.urdf", LIMITED)
     found = crosscheck.inspect(path, ["mujoco", "pinocchio"])
     rows = {row[0]: row[1:] for row in found.laws}
     assert rows["velocity limit of shoulder"] == ["3", "-", "3"]  # MuJoCo has none
@@ -517,8 +508,7 @@ def test_what_each_engine_holds_of_a_joint_is_a_table_of_what_differs(tmp_path):
 def test_collision_shapes_of_each_engine_are_compared(shape, lost, tmp_path):
     """Pinocchio leaves capsules out without a word."""
     form = f'<collision><origin xyz=".14 0 0" rpy="0 1 0"/><geometry>{shape}</geometry></collision></link>'
-    path = tmp_path / "arm.urdf"
-    path.write_text(ARM_URDF.replace("</link>", form), encoding="utf-8")
+    path = saved(tmp_path / "arm.urdf", ARM_URDF.replace("</link>", form))
     found = crosscheck.inspect(path, ["mujoco", "pinocchio"])
     assert len(found.outlined) >= 2
     rows = [cells for name, *cells in found.laws if name.startswith("collision shapes of ")]
@@ -527,8 +517,7 @@ def test_collision_shapes_of_each_engine_are_compared(shape, lost, tmp_path):
 
 
 def test_what_is_not_installed_is_named_with_its_command(tmp_path, monkeypatch):
-    path = tmp_path / "arm.sdf"
-    path.write_text('<sdf version="1.9"><model name="a"/></sdf>', encoding="utf-8")
+    path = saved(tmp_path / "arm.sdf", '<sdf version="1.9"><model name="a"/></sdf>')
     monkeypatch.setattr(adapters, "names", lambda: ("mujoco", "pinocchio"))
     with pytest.raises(crosscheck.SceneError, match=r"no engine that reads it is installed; drake: pip install .* or "
                                                     r"pybullet: crosscheck list --engine pybullet"):

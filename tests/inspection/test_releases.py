@@ -12,6 +12,7 @@ from crosscheck.compare.errors import differences
 from crosscheck.errors import EngineError
 from crosscheck.inspection import bisect as releases
 from crosscheck.inspection.reproduce import Reproduction, reproduce
+from tests import saved
 from tests.scene.models.model_files import ARM_URDF
 
 ALIKE = 1e-3  # relative; both are errors of one method at one step, from starts that differ by rounding
@@ -19,8 +20,7 @@ ALIKE = 1e-3  # relative; both are errors of one method at one step, from starts
 
 def printed(script, tmp_path):
     """The errors over their sizes that a script prints, in an interpreter that cannot import this project."""
-    path = tmp_path / "script.py"
-    path.write_text(script.text)
+    path = saved(tmp_path / "script.py", script.text)
     barred = "import sys; sys.modules['crosscheck'] = sys.modules['lieeuler'] = None; "
     code = f"{barred}import runpy; sys.argv = ['x']; runpy.run_path({str(path)!r}, run_name='__main__')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -42,8 +42,7 @@ def test_the_script_prints_the_error_of_the_run(scene, method, step, tmp_path):
 
 
 def test_a_model_file_is_read_by_the_engine_itself(tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(ARM_URDF)
+    path = saved(tmp_path / "arm.urdf", ARM_URDF)
     script = reproduce(path, "mujoco", "RK4", 1e-3, duration=0.5)
     assert '<joint name="elbow" type="continuous">' in script.text
     assert printed(script, tmp_path)[0][0] < 1e-6

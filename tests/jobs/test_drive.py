@@ -1,7 +1,7 @@
 """Worker processes: results in order, crashes recorded, nothing lost."""
 
 from crosscheck.jobs.drive import Crash, run_tasks
-from tests.grid_tasks import chatter, square_or_die
+from tests.engines.faults import chatter, square_or_die
 
 
 def test_results_come_in_order_and_progress_counts_every_task():

@@ -10,7 +10,7 @@ import pytest
 from crosscheck.jobs import drive
 from crosscheck.jobs.workers import frames
 from crosscheck.jobs.workers.process import Limits
-from tests import grid_tasks as tasks
+from tests.engines import faults as tasks
 from tests.jobs.test_isolation import await_true
 
 GUARD = Limits(time=60.0)

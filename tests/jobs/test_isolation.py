@@ -15,7 +15,7 @@ from crosscheck.jobs.workers.process import GIGABYTE, Limits
 from crosscheck.verification import job
 from crosscheck.verification.job import limits_of
 from tests import ROOT
-from tests.grid_tasks import sleep_for, square_or_die
+from tests.engines.faults import sleep_for, square_or_die
 
 REASONS = {
     "Killed": "SIGKILL (killed from outside",
@@ -32,7 +32,7 @@ REASONS = {
 
 
 def bad(name):
-    return f"tests/bad_engines.py:{name}"
+    return f"tests/engines/faults.py:{name}"
 
 
 @pytest.fixture(scope="module")
@@ -143,8 +143,8 @@ def test_what_cannot_travel_is_told():
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="reads /proc")
 def test_a_worker_ends_with_its_parent(tmp_path):
     told = tmp_path / "pid"
-    program = ("import pathlib, sys; from crosscheck.jobs import drive; from tests.grid_tasks import tell_and_sleep; "
-               "drive.run_tasks(tell_and_sleep, [pathlib.Path(sys.argv[1])], 1)")
+    program = ("import pathlib, sys; from crosscheck.jobs import drive; from tests.engines import faults; "
+               "drive.run_tasks(faults.tell_and_sleep, [pathlib.Path(sys.argv[1])], 1)")
     parent = subprocess.Popen([sys.executable, "-c", program, str(told)], cwd=ROOT)
     await_true(lambda: told.exists() and told.read_text())
     parent.kill()

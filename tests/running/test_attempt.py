@@ -24,9 +24,9 @@ from crosscheck.studies.study import conduct
 from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk
 from crosscheck.verification import job
 from tests import ROOT
-from tests.bad_engines import Resting, Untimed
+from tests.engines.faults import Resting, Untimed
 
-UNTIMED = "tests/bad_engines.py:Untimed"
+UNTIMED = "tests/engines/faults.py:Untimed"
 
 
 @pytest.fixture(scope="module")

@@ -105,6 +105,6 @@ def test_rows_of_scenes_say_who_can_and_why_not() -> None:
 
 
 def test_an_engine_that_dies_when_asked_is_a_row_with_the_reason() -> None:
-    rows = support.of_scenes(["single_pendulum"], ["tests/bad_engines.py:Moody"])
+    rows = support.of_scenes(["single_pendulum"], ["tests/engines/faults.py:Moody"])
     assert [(row.methods, row.form) for row in rows] == [((), None)]
     assert "SIGSEGV" in rows[0].reason

@@ -7,6 +7,7 @@ from scipy.interpolate import CubicSpline
 import crosscheck
 from crosscheck.scene import functions
 from lieeuler import _kernel
+from tests import saved
 
 TABLE = ([0.0, 0.3, 1.0, 1.4, 2.0], [1.0, -2.0, 0.5, 3.0, -1.0])
 KINDS = {
@@ -95,8 +96,7 @@ torque = VALUE
     ('{ type = "polynomial", coefficients = [inf] }', ["not a finite number"]),
 ])
 def test_a_wrong_function_is_named(tmp_path, text, words):
-    path = tmp_path / "one.toml"
-    path.write_text(SCENE.replace("VALUE", text))
+    path = saved(tmp_path / "one.toml", SCENE.replace("VALUE", text))
     with pytest.raises(crosscheck.SceneError) as caught:
         crosscheck.load_scene(path)
     message = str(caught.value)
@@ -110,8 +110,7 @@ def test_a_wrong_function_is_named(tmp_path, text, words):
     ("joint_torque", "joint_force", ["torque", "joint_force"]),
 ])
 def test_a_wrong_joint_torque_is_named(tmp_path, old, new, words):
-    path = tmp_path / "one.toml"
-    path.write_text(SCENE.replace("VALUE", "1.0").replace(old, new))
+    path = saved(tmp_path / "one.toml", SCENE.replace("VALUE", "1.0").replace(old, new))
     with pytest.raises(crosscheck.SceneError) as caught:
         crosscheck.load_scene(path)
     if "torque" not in words:

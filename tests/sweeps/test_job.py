@@ -20,6 +20,7 @@ from crosscheck.errors import ArgumentError, CrosscheckError
 from crosscheck.jobs.table import ROWS, VARIABLE, Table
 from crosscheck.running import cluster
 from crosscheck.sweeps import cells, job, plan
+from tests import saved
 
 SWEEP = {"scenes": ["single_pendulum"], "engines": {"lieeuler": ["rattle2", "taylor"], "mujoco": ["RK4"]},
          "steps": [2e-2], "rtols": [1e-8], "samples": 3, "duration": 0.2,
@@ -188,8 +189,7 @@ def rows_in_the_table():
 
 
 def test_a_killed_client_goes_on_where_it_was(local, tmp_path):
-    request = tmp_path / "sweep.json"
-    request.write_text(json.dumps(SWEEP))
+    request = saved(tmp_path / "sweep.json", json.dumps(SWEEP))
     command = [sys.executable, "-m", "crosscheck", "study", "sweep", str(request), "-o", str(tmp_path / "out"),
                "--workers", "1"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -209,8 +209,7 @@ def test_a_killed_client_goes_on_where_it_was(local, tmp_path):
 def test_a_sweep_of_300_cells_killed_at_thirty_random_moments(where, tmp_path):
     """No cell is computed twice but those at work, and the frame is that of a sweep without kills."""
     asked = SWEEP | {"perturb": SWEEP["perturb"] | {"count": 50}}
-    request = tmp_path / "sweep.json"
-    request.write_text(json.dumps(asked))
+    request = saved(tmp_path / "sweep.json", json.dumps(asked))
     with contextlib.ExitStack() as stack:
         words = ["--workers", "2"]
         if where == "on Dask":

@@ -10,7 +10,7 @@ import crosscheck
 from crosscheck import adapters
 from crosscheck.cli.app import app
 from crosscheck.report import load_report
-from tests.bad_engines import __file__ as bad
+from tests.engines.faults import __file__ as bad
 
 ASK = {"engine": "lieeuler", "method": "rattle2", "profile": "smoke", "jobs": 1}
 

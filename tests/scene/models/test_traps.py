@@ -8,6 +8,7 @@ import pytest
 import crosscheck
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.models import known
+from tests import saved
 from tests.scene.models.model_files import ARM_URDF
 
 ROUNDING = 1e-9  # relative to the largest acceleration: the mass matrices below have conditions of at most 1e4
@@ -211,8 +212,7 @@ WELDS = {
 ])
 def test_what_is_no_number_is_named(suffix, text, named, tmp_path):
     """MuJoCo compiles it."""
-    path = tmp_path / f"model.{suffix}"
-    path.write_text(text)
+    path = saved(tmp_path / f"model.{suffix}", text)
     with pytest.raises(crosscheck.SceneError, match=named):
         crosscheck.import_model(path)
 
@@ -221,8 +221,7 @@ def test_what_is_no_number_is_named(suffix, text, named, tmp_path):
 def test_what_is_read_moves_as_in_mujoco(name, tmp_path):
     import mujoco
 
-    path = tmp_path / "robot.xml"
-    path.write_text(RIGHT[name])
+    path = saved(tmp_path / "robot.xml", RIGHT[name])
     m = mujoco.MjModel.from_xml_path(str(path))
     d, rng = mujoco.MjData(m), np.random.default_rng(len(name))
     mujoco.mj_integratePos(m, d.qpos, 0.3 * rng.normal(size=m.nv), 1.0)
@@ -245,8 +244,7 @@ def test_what_is_read_moves_as_in_mujoco(name, tmp_path):
 @pytest.mark.parametrize("name", NAMED)
 def test_what_is_not_read_is_named(name, tmp_path):
     text, words = NAMED[name]
-    path = tmp_path / ("robot.urdf" if "<robot" in text else "robot.xml")
-    path.write_text(text)
+    path = saved(tmp_path / ("robot.urdf" if "<robot" in text else "robot.xml"), text)
     with pytest.raises(crosscheck.SceneError) as caught:
         crosscheck.import_model(path)
     assert words in str(caught.value)
@@ -260,8 +258,7 @@ def test_what_says_nothing_about_the_motion_changes_nothing(name, tmp_path):
     scenes = []
     for place, text in (("a", urdf()), ("b", urdf(*HARMLESS[name]))):
         (tmp_path / place).mkdir()
-        path = tmp_path / place / "robot.urdf"
-        path.write_text(text)
+        path = saved(tmp_path / place / "robot.urdf", text)
         scenes.append(crosscheck.import_model(path))
     assert scenes[0].hash == scenes[1].hash
     assert scenes[1].left_out == ()
@@ -269,8 +266,7 @@ def test_what_says_nothing_about_the_motion_changes_nothing(name, tmp_path):
 
 @pytest.mark.parametrize("attribute", ["K", "mu_viscous"])
 def test_an_attribute_that_no_reader_takes_is_named_and_no_refusal(tmp_path, attribute):
-    path = tmp_path / "robot.urdf"
-    path.write_text(urdf(('damping="2"', f'damping="2" {attribute}="7000"')))
+    path = saved(tmp_path / "robot.urdf", urdf(('damping="2"', f'damping="2" {attribute}="7000"')))
     scene = crosscheck.import_model(path)
     assert scene.left_out == (("", f"the attribute {attribute} of <dynamics> (line 19)", (7000.0,)),)
     assert scene.joints[-1].damping == (2.0,)
@@ -306,8 +302,7 @@ def test_the_list_of_known_words_is_that_of_the_schema_of_mujoco():
 
 @pytest.mark.parametrize("name", WELDS)
 def test_a_loop_is_the_constraint_of_mujoco(name, tmp_path):
-    path = tmp_path / "robot.xml"
-    path.write_text(weld(WELDS[name]))
+    path = saved(tmp_path / "robot.xml", weld(WELDS[name]))
     scene = crosscheck.import_model(path)
     assert scene.left_out == ()
     joint = scene.joints[-1]

@@ -8,6 +8,7 @@ import pytest
 import crosscheck
 from crosscheck.scene.sensors import readings
 from crosscheck.scene.states import States
+from tests import saved
 
 ARM = """<mujoco model="arm"><compiler angle="radian"/><option gravity="0 0 -9.81"><flag contact="disable"/></option>
 <worldbody><site name="post" pos="1 2 3"/>
@@ -52,8 +53,7 @@ def test_an_imported_scene_reads_what_mujoco_reads(tmp_path):
     ("<force name='x' site='post'/>", "force"), ("<subtreecom name='x' body='upper'/>", "subtreecom"),
     ("<framepos name='x' objtype='site' objname='imu' reftype='site' refname='post'/>", "framepos")])
 def test_sensors_without_a_counterpart_are_left_out_by_name(line, said, tmp_path):
-    path = tmp_path / "arm.xml"
-    path.write_text(ARM.replace("<sensor>", f"<sensor>{line}"))
+    path = saved(tmp_path / "arm.xml", ARM.replace("<sensor>", f"<sensor>{line}"))
     assert ("x", "sensor", said) in crosscheck.import_model(path).left_out
 
 
@@ -78,8 +78,7 @@ URDF = """<robot name="arm"><link name="base"/>
 def test_gazebo_blocks_of_a_urdf(tmp_path):
     from scipy.spatial.transform import Rotation
 
-    path = tmp_path / "arm.urdf"
-    path.write_text(URDF)
+    path = saved(tmp_path / "arm.urdf", URDF)
     scene = crosscheck.import_model(path, qpos=[0.7], qvel=[2.0])
     assert [site.name for site in scene.sites] == ["base", "upper", "tool", "imu", "still"]
     assert {sensor.name: (sensor.type, sensor.site, sensor.joint) for sensor in scene.sensors} == {
@@ -107,13 +106,11 @@ def test_gazebo_blocks_of_a_urdf(tmp_path):
 @pytest.mark.parametrize(("pose", "said"), [
     ("0 0 1", "its pose has 3 numbers, not six"), ("0 0 0 0 0 up", "'up' is not")])
 def test_a_wrong_pose_is_named(pose, said, tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(URDF.replace(".01 .02 .03 .1 .2 .3", pose))
+    path = saved(tmp_path / "arm.urdf", URDF.replace(".01 .02 .03 .1 .2 .3", pose))
     with pytest.raises(crosscheck.SceneError, match=said):
         crosscheck.import_model(path)
 
 
 def test_a_urdf_without_sensors_has_no_sites(tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(URDF.replace("<sensor", "<plugin").replace("</sensor>", "</plugin>"))
+    path = saved(tmp_path / "arm.urdf", URDF.replace("<sensor", "<plugin").replace("</sensor>", "</plugin>"))
     assert not crosscheck.import_model(path).sites

@@ -65,11 +65,11 @@ class Case:
 CASES: dict[str, Case] = {}
 
 
-def case(*codes, shows=(), lacks=()):
-    """Add a case."""
+def case(*codes, shows=(), lacks=(), to=CASES):
+    """Add a case to a table."""
 
     def keep(make):
-        CASES[make.__name__] = Case(make, codes, shows, lacks)
+        to[make.__name__] = Case(make, codes, shows, lacks)
         return make
 
     return keep
@@ -590,23 +590,28 @@ def write(name, text):
     Path(name).write_text(text, encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_commands_are_answered(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    made = CASES[name].make()
+def answered(case):
+    """Whether the command of a case gives its answer; in an empty working folder."""
+    made = case.make()
     lines, figures = (made, {}) if isinstance(made, str) else made
     done = [command(*shlex.split(line)) for line in lines.splitlines()]
     text = "\n".join([each.stdout + each.stderr for each in done] + [
-        file.read_text(encoding="utf-8") for file in sorted(tmp_path.glob("out/paper/**/*.tex"))])
-    assert done[-1].returncode in CASES[name].codes, text
-    for pattern in CASES[name].shows:
+        file.read_text(encoding="utf-8") for file in sorted(Path().glob("out/paper/**/*.tex"))])
+    assert done[-1].returncode in case.codes, text
+    for pattern in case.shows:
         assert re.search(pattern, text, re.IGNORECASE | re.MULTILINE), (pattern, text)
-    for pattern in CASES[name].lacks:
+    for pattern in case.lacks:
         assert not re.search(pattern, text, re.IGNORECASE | re.MULTILINE), (pattern, text)
     for pattern, (wanted, tolerance) in figures.items():
         found = re.search(pattern, text)
         assert found, (pattern, text)
         assert abs(float(found[1]) - wanted) <= tolerance, (pattern, found[1], wanted, text)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_commands_are_answered(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    answered(CASES[name])
 
 
 # --- figures ------------------------------------------------------------------------------------------------------

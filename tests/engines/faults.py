@@ -171,6 +171,12 @@ def sleep_for(seconds: float) -> float:
     return seconds
 
 
+def be_busy(_: None) -> None:
+    """Computes for ever."""
+    while True:
+        pass
+
+
 def tell_and_sleep(path: Path) -> None:
     """Writes its process id and is busy for long."""
     path.write_text(str(os.getpid()))

@@ -11,11 +11,12 @@ import pytest
 from crosscheck import report as folder
 from crosscheck.errors import ArgumentError
 from crosscheck.jobs import drive
+from crosscheck.jobs.workers.crew import isolated
 from crosscheck.jobs.workers.process import GIGABYTE, Limits
 from crosscheck.verification import job
 from crosscheck.verification.job import limits_of
 from tests import ROOT
-from tests.engines.faults import sleep_for, square_or_die
+from tests.engines.faults import be_busy, sleep_for, square_or_die
 
 REASONS = {
     "Killed": "SIGKILL (killed from outside",
@@ -116,6 +117,12 @@ def test_the_time_limit_is_that_of_each_task():
     results = drive.run_tasks(sleep_for, [2.2, 2.2, 60.0, 0.1], 1, limits=Limits(time=4.0))
     assert [results[index] for index in (0, 1, 3)] == [2.2, 2.2, 0.1]
     assert results[2].message == "stopped: it did not end within the time limit of 4 s"
+
+
+def test_processor_time_does_not_count_waiting():
+    assert isolated(sleep_for, 2.0, Limits(processor=1.0)) == 2.0
+    assert isolated(be_busy, None, Limits(processor=1.0)).message == (
+        "stopped: it did not end within 1 s of processor time")
 
 
 def test_limits_are_positive():

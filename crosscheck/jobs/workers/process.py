@@ -67,6 +67,7 @@ class Limits:
 
     time: float | None = None  # s
     memory: float | None = None  # bytes resident, of the worker and of the processes it starts
+    processor: float | None = None  # s of processor time of the same, which other programs do not lengthen
 
 
 class Worker:
@@ -109,7 +110,7 @@ class Worker:
         except (pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError) as error:
             return Crash(f"the task cannot be sent to a worker: {error}")
         os.ftruncate(self._printed.fileno(), 0)
-        self._at, self._began, over = "", time.monotonic(), threading.Event()
+        self._at, self._began, self._used, over = "", time.monotonic(), self._processor(), threading.Event()
         watch = threading.Thread(target=self._watch, args=(limits or Limits(), over), daemon=True)
         watch.start()
         try:
@@ -134,11 +135,18 @@ class Worker:
         """Whether the worker can run another task."""
         return not self._reason and self._pipe.quiet()
 
-    def memory(self) -> int:
+    def memory(self) -> float:
         """Resident bytes of the worker and of the processes that it was last seen to have started."""
+        return self._sum(lambda process: process.memory_info().rss)
+
+    def _processor(self) -> float:
+        """Processor time (s) that the same processes have used, and those that they have waited for."""
+        return self._sum(lambda process: sum(process.cpu_times()[:4]))
+
+    def _sum(self, number: Callable[[psutil.Process], float]) -> float:
         try:
             self._family = self._family or psutil.Process(self._process.pid).children(recursive=True)
-            return sum(process.memory_info().rss for process in self._family)
+            return sum(number(process) for process in self._family)
         except psutil.Error:  # one has ended, the next look is at the others
             self._family = []
             return 0
@@ -170,7 +178,7 @@ class Worker:
                 if not isinstance(answer, str):
                     return answer
                 if not answer:  # the process has started
-                    self._began = time.monotonic()
+                    self._began, self._used = time.monotonic(), self._processor()
                 self._at = answer
         except (EOFError, OSError):
             try:
@@ -200,6 +208,8 @@ class Worker:
         while not over.wait(TICK):
             if limits.time is not None and time.monotonic() - self._began > limits.time:
                 return self.kill(f"stopped: it did not end within the time limit of {limits.time:g} s")
+            if limits.processor is not None and self._processor() - self._used > limits.processor:
+                return self.kill(f"stopped: it did not end within {limits.processor:g} s of processor time")
             if tick % FAMILY == 0:
                 self._family = []
             if limits.memory is not None and self.memory() > limits.memory:

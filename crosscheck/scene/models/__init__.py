@@ -21,8 +21,8 @@ if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engin
 SUFFIXES = (".xml", ".urdf", ".mjcf", ".xacro", ".sdf", ".world", ".usd", ".usda", ".usdc")
 """Endings of model files; the last six are listed so that they can be refused with a reason."""
 
-LONGEST, MOST_MEMORY = 45.0, 4 * 2**30
-"""Limits of time (s) and memory (bytes) for reading a model; the largest robots take two seconds and .3 GB."""
+LIMITS = {"processor": 45.0, "memory": 4 * 2**30, "time": 900.0}
+"""Limits of reading a model: processor time (s), memory (bytes), time (s). Large robots take two seconds and .3 GB."""
 
 T = TypeVar("T")
 
@@ -108,7 +108,7 @@ def apart(function: Callable[[Any], T], task: Any, path: str) -> T:
     from crosscheck.jobs.workers.frames import Crash
     from crosscheck.jobs.workers.process import Limits
 
-    answer = isolated(function, task, Limits(LONGEST, MOST_MEMORY))
+    answer = isolated(function, task, Limits(**LIMITS))
     if isinstance(answer, Crash):
         if (error := answer.error()) is not None:  # of ours: that a file is wrong, or a mistake
             error.add_note(answer.details)

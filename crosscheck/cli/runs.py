@@ -309,9 +309,13 @@ def judge(
     for given in runs:
         name = str(given if not step else files[0])
         with progress_bar(f"judging {name}: truth, errors, causes") as progress:
-            verdicts[name] = recordings.judge_recording(
-                described, given, columns, start, allowed or None, step or None, order, progress, period, need,
-                unsure or None, beside, resolution)
+            def judged(scene: Scene, given: Any = given, progress: Any = progress) -> Any:
+                return recordings.judge_recording(scene, given, columns, start, allowed or None, step or None, order,
+                                                  progress, period, need, unsure or None, beside, resolution)
+
+            verdicts[name] = judged(described)
+            if start == "recorded" and (again := _watched(scene, described, reading, verdicts[name])) is not None:
+                verdicts[name] = judged(again)
     if out is not None:
         recordings.write_all(verdicts, out)
     if as_json:
@@ -332,6 +336,24 @@ def judge(
     if out is not None and not as_json:
         print(f"page: {out / 'index.html'}" if len(verdicts) == 1 else f"pages: {out}")
     raise typer.Exit(outcomes.exit_code(verdict.outcome for verdict in verdicts.values()))
+
+
+def _watched(path: str, scene: Scene, reading: options.Reading, verdict: Any) -> Scene | None:
+    """The scene of a URDF at the recorded start, where shapes touch at its own and are not watched; None if none do."""
+    from crosscheck.scene.models import import_model
+
+    touching = [each for each in scene.left_out if each.value == "which touch at the start"]
+    if not touching or reading.qpos or verdict.differences is None:
+        return None
+    first = {group.owner: float(group.values[0, 0]) for group in verdict.differences.recording.groups
+             if group.key == "joint_position"}
+    if scene.n != len(scene.joints) or {joint.name for joint in scene.joints} != first.keys():
+        return None
+    there = import_model(path, **reading.given | {"qpos": [first[joint.name] for joint in scene.joints]})
+    for each in touching:
+        if each not in there.left_out:
+            typer.echo(f"at the recorded start they are apart, and watched: {each.where}", err=True)
+    return None if there.left_out == scene.left_out else there
 
 
 def _judge_probes(scene: Scene, files: list[Path], folder: Path, step: list[float], order: int | None) -> int:

@@ -215,11 +215,11 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     lines = [f"{scene.name}: {fine.name}, {len(fine.t)} rows from {fine.t[0]:g} to {fine.t[-1]:g} s"]
     (lines if start == "scene" else notes).extend(begun)  # where it starts elsewhere, all that follows is doubtful
     table = min((function.end for function in scene.functions), default=math.inf)
-    most = min(min(truth.horizon, BEYOND * scene.duration) + since, table) * (1 + 1e-12)
-    kept = [part_of(each, (each.t >= since) & (each.t <= most)) for each in given]
+    most = min(truth.horizon, BEYOND * scene.duration, table - since) * (1 + 1e-12)
+    kept = [part_of(each, (each.t >= since) & (each.t - since <= most)) for each in given]
     if any(len(each.t) == 0 for each in kept):
         verdict.reason = f"truth ends at {truth.horizon:g} s, before the first row" + (
-            f": {truth.horizon_cause}" if truth.horizon_cause else "")
+            f": {truth.horizon_cause}" if truth.horizon_cause else "") + "; --start recorded begins with that row"
         verdict.lines = [f"? unresolved: {lines[0]}", verdict.reason, *lines[1:], *notes]
         return verdict
     seen = compare(system, kept[0], truth, since)
@@ -398,7 +398,7 @@ def _truth(scene: Scene, recording: Recording, truth: Any, start: str
            ) -> tuple[Callable[[Scene], Scene], Any, float, list[str]]:
     """(what starts a scene as the recording, truth, time of the recording at which it starts, what to say)."""
     notes: list[str] = []
-    if recording.t[0] > truth.horizon:
+    if recording.t[0] > truth.horizon and start == "scene":
         return lambda given: given, truth, 0.0, notes
     if start == "recorded":
         found = recorded_start(scene, recording, truth)

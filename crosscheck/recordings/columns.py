@@ -317,6 +317,8 @@ def _said(scene: Scene, source: Source, known: Mapping[str, Column], column: str
     if {"ang", "vel"} <= {*words}:
         words[words.index("ang")] = "angvel"
     says = {what for what, spelled in WORDS.items() if {*words} & {*spelled}}
+    if source.angles and words[-1:] == ["u"]:  # OpenSim's speeds
+        says.add("rate")
     target = _guess(scene, words, says)
     if target not in known or len(known[target].parts) != 1:
         return Row(unit=unit), frozenset()

@@ -28,6 +28,9 @@ from crosscheck.recordings.readers import opened
 from crosscheck.recordings.tables import Progress, Source, is_number
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 
+ROUNDING = 1e-12
+"""Difference of numbers that are one, over the largest of their column."""
+
 DOUBLE = 15
 """Significant digits from which a printed number is a double."""
 
@@ -166,7 +169,8 @@ def _in_order(source: Source, clock: Column, numbers: dict[str, np.ndarray]
               ) -> tuple[np.ndarray, dict[str, np.ndarray], int, int]:
     """(increasing times, the numbers at these, cells without a value, rows put together).
 
-    Rows of the same time are one row where no number of theirs differs. A row without a time has no place.
+    Rows of the same time are one row where no number of theirs differs by more than rounding. A row without a time has
+    no place.
     """
     name = clock.names[0]
     placed = np.isfinite(numbers[name])
@@ -185,7 +189,8 @@ def _in_order(source: Source, clock: Column, numbers: dict[str, np.ndarray]
     starts = np.flatnonzero(np.diff(t, prepend=-np.inf) != 0)
     joined = {each: np.fmax.reduceat(values[rows], starts) for each, values in numbers.items()}
     lowest = {each: np.fmin.reduceat(values[rows], starts) for each, values in numbers.items()}
-    wrong = [np.flatnonzero(joined[each] > lowest[each]) for each in numbers]
+    wrong = [np.flatnonzero(joined[each] - lowest[each] > ROUNDING * np.fmax.reduce(np.abs(joined[each]), initial=0.0))
+             for each in numbers]
     falls = np.flatnonzero(np.diff(t[starts]) < 0) + 1
     first = min((int(part[0]) for part in (*wrong, falls) if len(part)), default=None)
     if first is not None:

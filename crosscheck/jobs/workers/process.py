@@ -36,6 +36,9 @@ TICK = 0.05
 FAMILY = 20
 """Ticks between two searches for processes that the worker has started. A search takes milliseconds."""
 
+START = 60.0
+"""Time (s) that a process may take to start and to import what a task names, before the limit of the task counts."""
+
 PATIENCE = 5.0
 """Time (s) that a process may take to end after it has closed its socket."""
 
@@ -110,7 +113,7 @@ class Worker:
         except (pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError) as error:
             return Crash(f"the task cannot be sent to a worker: {error}")
         os.ftruncate(self._printed.fileno(), 0)
-        self._at, self._began, self._used, over = "", time.monotonic(), self._processor(), threading.Event()
+        self._at, self._began, self._used, over = "", time.monotonic() + START, self._processor(), threading.Event()
         watch = threading.Thread(target=self._watch, args=(limits or Limits(), over), daemon=True)
         watch.start()
         try:

@@ -32,7 +32,7 @@ UNIT = re.compile(r"(?<=[\d)]) (?=(?:m|rad|s|us|ms)\b)")
 INTERRUPTED = 130
 """Exit code after Ctrl-C, the same as in shells: 128 plus the number of the signal."""
 
-PAUSE = 8.0
+PAUSE = 6.0
 """Time between two lines of progress, s. With what Python takes to start and a busy machine to wake, 10 s at most."""
 
 

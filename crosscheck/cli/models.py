@@ -62,7 +62,7 @@ def convert(
     left_out = () if out.suffix == ".toml" else export_model(scene, out)
     typer.echo(f"written: {out}")
     for words in left_out:
-        typer.echo(f"left out: {words}")
+        say(f"left out: {words}")
 
 
 def _print_imported(scene: Scene) -> None:
@@ -71,15 +71,15 @@ def _print_imported(scene: Scene) -> None:
     from crosscheck.adapters.base import RunSpec
     from crosscheck.scene.models.words import shortened
 
-    typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
-               f"{counted(len(scene.forces), 'force')}")
+    say(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
+        f"{counted(len(scene.forces), 'force')}")
     if scene.monitors:
-        typer.echo(f"it ends at the first of {counted(len(scene.monitors), 'monitor')}: a joint leaves its range, "
-                   "or two bodies touch")
+        say(f"it ends at the first of {counted(len(scene.monitors), 'monitor')}: a joint leaves its range, "
+            "or two bodies touch")
     for words in shortened(scene.left_out):
-        typer.echo(f"left out: {words}")
+        say(f"left out: {words}")
     if (reason := adapters.get("lieeuler").unsupported(scene, RunSpec("taylor", rtol=1e-9))) is not None:
-        typer.echo(f"lieeuler cannot run it: {reason}")
+        say(f"lieeuler cannot run it: {reason}")
 
 
 STEPS = ("1e-2", "1e-3", "1e-4", "1e-5", "1e-6", "1e-7", "1e-8", "1e-9")

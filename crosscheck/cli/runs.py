@@ -88,7 +88,7 @@ def run(
             _print_errors(judged)
             _print_energy(judged, traj)
             if last := ending(judged, shlex.join(["crosscheck", *sys.argv[1:]])):
-                print(last)
+                (say if judged.outcome == "unresolved" else print)(last)  # a command is one line, to be copied
         raise typer.Exit(EXIT_CODES["unresolved" if judged is None else judged.outcome])
 
 

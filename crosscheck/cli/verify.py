@@ -156,7 +156,7 @@ def print_verdicts(document: Document, page: Path) -> None:
         for record, _ in group.runs:
             say(f"{record.scene}, {record.label}: {sentence(record)}", 4)
             if last := ending(record):
-                print(last)  # one line, to be copied
+                (say if record.outcome == "unresolved" else print)(last)  # a command is one line, to be copied
     left_out = (record for record in document.records
                 if record.outcome == "unsupported" or (record.outcome == "unresolved" and not record.within))
     for (outcome, name, message), records in grouped(

@@ -154,7 +154,8 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
     period : s between two rows, where the files have no times
     need : share of the recording's time that has to be judged for a pass
     uncertain : standard deviations of what is uncertain in the model: "mass", "inertia", "friction", "damping",
-        "armature", "torque gain" (relative), "torque offset", "zero", "delay" (SI)
+        "armature", "torque gain", "stiffness" and "derivative gain" of servos (relative), "torque offset", "zero",
+        "delay" (SI)
     model : another model of the same robot, whose predictions are compared
     resolution : twice u_val over half a second, over the travel of a joint, above which nothing passes; default: one
         percent, as of every verdict
@@ -300,6 +301,9 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
                          f"{100 * found.explained:.3g} % of what is beyond the noise)")
         else:
             lines.append("cause: no single alteration explains half of what is beyond the noise")
+        if found.skipped:
+            notes.append(f"{validation.PATIENCE:g} s of processor time are over: {found.skipped} more that might "
+                         "explain it as well are not fitted")
     elif (place := seen.beyond) is not None:
         k, h = place
         failed.append(f"predictions of {names[k]} are off by {seen.error[k, h] / seen.u[k, h]:.3g} times u_val after "
@@ -320,7 +324,7 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
     lines.append("the smallest that would have shown, 95 times of 100: " + ", ".join(
         validation.sized(key, value) for key, value in found.detectable.items()
-        if key.partition(" ")[0] in ("mass", "friction", "delay")))
+        if key.partition(" ")[0] in ("mass", "friction", "delay") and not key.startswith("mass and")))
     notes += [*said, "noise: " + ", ".join(f"{name} {each.said}" for name, each in zip(names, log.noise, strict=True)),
               *(["recorded rates: " + "; ".join(log.said)] if log.said else []),
               f"{len(log.starts)} segments of {log.span:.3g} s, {100 * log.share:.3g} % of the recording; each starts "

@@ -20,6 +20,7 @@ from crosscheck.recordings.columns import EFFORTS, TARGETS
 from crosscheck.recordings.reading import Group
 from crosscheck.references.taylor import Taylor
 from crosscheck.scene import functions
+from crosscheck.scene.alterations import QUANTITIES
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.functions import TimeFunction, at
 from crosscheck.scene.model import Force, Scene
@@ -81,12 +82,7 @@ class Signal:
         return made(self.t[part].tolist(), self.values[part].tolist())  # type: ignore[no-any-return]
 
 
-OF_BODIES = ("mass", "inertia", "centre of mass x", "centre of mass y", "centre of mass z")
-OF_JOINTS = ("damping", "friction", "armature", "torque gain", "torque offset", "zero")
-OF_ALL = ("delay", "tilt x", "tilt y", "between")
-"""What may be altered: mass and inertia relative, the centre of mass in m, body axes; of joints in SI, the gain
-relative, the zero of the encoder; the delay of all inputs in s; turns of gravity in rad about axes of the world; and
-the part of straight lines in inputs that the log does not tell from held ones."""
+OF_BODIES, OF_JOINTS, OF_ALL = ([each for each in QUANTITIES if each.of == of] for of in ("body", "joint", ""))
 
 
 def _with(record: Any, **fields: Any) -> Any:
@@ -134,16 +130,17 @@ class System:
             for joint in scene.joints), sensors=(), forces=tuple(
                 force for force in scene.forces if force.type != "servo" or force.joint not in acting))
         self.n = len(scene.joints)
-        self.names = [(what, body.name) for body in scene.bodies for what in OF_BODIES] + [
-            (what, joint.name) for joint in scene.joints for what in OF_JOINTS] + [(what, "") for what in OF_ALL]
-        self._bodies, joints = 5 * scene.n, 6 * self.n
-        self._delay = self._bodies + joints
+        self.names = [(each.what, owner.name) for owners, every in ((scene.bodies, OF_BODIES), (
+            scene.joints, OF_JOINTS)) for owner in owners for each in every] + [(each.what, "") for each in OF_ALL]
+        self._bodies = len(OF_BODIES) * scene.n
+        self._delay = self._bodies + len(OF_JOINTS) * self.n
         own = [joint.dry_friction[0] if joint.dry_friction else None for joint in self.scene.joints]
         self._friction = np.array([[0.0 if each is None else each.sliding for each in own],
                                    [0.0 if each is None else max(each.sliding, each.static) for each in own]])
         given = {joint.name: {"damping": sum(joint.damping), "friction": self._friction[0, k], "armature": sum(
             joint.armature)} for k, joint in enumerate(self.scene.joints)}
-        self.least = np.array([-1.0 if what in ("mass", "inertia") else -given.get(owner, {}).get(what, np.inf)
+        positive = [each.what for each in QUANTITIES if each.positive]
+        self.least = np.array([-1.0 if what in positive else -given.get(owner, {}).get(what, np.inf)
                                for what, owner in self.names])
         self._compile()
 
@@ -202,11 +199,13 @@ class System:
         return self._accelerations(q, v, u, *self._parameters(altered))
 
     def _parameters(self, altered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Alterations of joints (N, n, 6), and the parameters of the compiled function."""
+        """Alterations of joints (N, n, 8), and the parameters of the compiled function."""
         joints = altered[:, self._bodies:self._delay].reshape(-1, self.n, len(OF_JOINTS))
         turned = exponential(np.pad(altered[:, self._delay + 1:self._delay + 3], ((0, 0), (0, 1))))
         gravity = np.einsum("nij,j->ni", turned, self.scene.gravity)
-        return joints, np.concatenate([altered[:, :self._bodies], joints[..., 2], gravity], 1).T.copy()
+        bodies = altered[:, :self._bodies].reshape(len(altered), -1, len(OF_BODIES))
+        five = np.concatenate([bodies[..., :2] + bodies[..., 5:], bodies[..., 2:5]], axis=2).reshape(len(altered), -1)
+        return joints, np.concatenate([five, joints[..., 2], gravity], 1).T.copy()
 
     def _accelerations(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, joints: np.ndarray, pars: np.ndarray
                        ) -> np.ndarray:
@@ -235,15 +234,16 @@ class System:
         return any(each is not None and not each.between for signals in (
             self.efforts, self.targets, self.target_velocities) for each in signals)
 
-    def pushes(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, given: np.ndarray) -> np.ndarray:
-        """(N, n) what inputs (3, N, n) and servos give."""
+    def pushes(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, given: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """(N, n) what inputs (3, N, n) and servos give, with alterations of joints (N, n, 8)."""
         u = given[0].copy()
         names = [joint.name for joint in self.scene.joints]
         for name, servo in self.scene.servos.values():
             k = names.index(name)
             target, rate = (np.where(np.isnan(row[:, k]), at(own, t), row[:, k])
                             for row, own in zip(given[1:], (servo.target, servo.target_velocity), strict=True))
-            wanted = servo.proportional * (target - q[:, k]) + servo.derivative * (rate - v[:, k])
+            stiff, slow = (1.0 + joints[:, k, 6:]).T * [[servo.proportional], [servo.derivative]]
+            wanted = stiff * (target - q[:, k]) + slow * (rate - v[:, k])
             u[:, k] += np.clip(wanted + at(servo.feedforward, t), *servo.bounds(v[:, k]))
         return np.asarray(u)
 
@@ -260,10 +260,12 @@ class System:
              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """From states (N, 2n) at times (N,): s since then (T,), to `span`, q and v (T, N, n); `altered` (N, K)."""
         altered = np.zeros((len(start), len(self.names))) if altered is None else altered
-        rows, count = [tuple(np.split(start, 2, axis=1))], max(1, int(np.ceil(span / step * (1 - 1e-9))))
+        q, v = np.split(start, 2, axis=1)
+        rows, count = [(q, v)], max(1, int(np.ceil(span / step * (1 - 1e-9))))
         halves, of = self._halves(begin, 0.5 * step * np.arange(2 * count + 1), altered), self._constants(altered)
         for k in range(count):
-            rows.append(self._advanced(begin + k * step, *rows[-1], halves[2 * k:2 * k + 2], step, of))
+            q, v = self._advanced(begin + k * step, q, v, halves[2 * k:2 * k + 2], step, of)
+            rows.append((q, v))
         return step * np.arange(count + 1), np.stack([q for q, _ in rows]), np.stack([v for _, v in rows])
 
     def slopes(self, begin: np.ndarray, q: np.ndarray, v: np.ndarray, step: float, altered: np.ndarray,
@@ -294,7 +296,8 @@ class System:
             pushed = np.moveaxis(pushed, 3, 1).reshape(2, 3, -1, n)
             t = np.broadcast_to(begin + step * steps[:, None], every).ravel()
             of = self._constants(np.repeat(given[:, None], len(steps), axis=1).reshape(-1, given.shape[-1]))
-            after = np.concatenate(self._advanced(t, *np.split(x.reshape(-1, 2 * n), 2, axis=1), pushed, step, of), 1)
+            now = x.reshape(-1, 2 * n)
+            after = np.concatenate(self._advanced(t, now[:, :n], now[:, n:], pushed, step, of), 1)
             by = np.moveaxis(after.reshape(*every, 2 * n), 0, -1)
             by = (by[..., 1:] - by[..., :1]) / units
             for each in by:
@@ -331,7 +334,8 @@ class System:
         tilt[0] *= 1.0 + joints[..., 3]
         if not bounds.any():
             free = self._pushed(t, np.zeros(len(q)), h, mean, tilt, joints, parameters)
-            return _runge_kutta(free, np.full((len(q), 1), h), q, v)[:2]
+            q, v, _, _ = _runge_kutta(free, np.full((len(q), 1), h), q, v)
+            return q, v
         q, v, bounds, past = q.copy(), v.copy(), bounds.copy(), np.zeros(len(q))
         rows = np.arange(len(q))
         for turn in range(TURNS):
@@ -393,7 +397,7 @@ class System:
                  wanted: bool = False) -> Any:
             s = past[rows] + share * until * (h - past[rows])
             given = mean[:, rows] + (s / h - 0.5)[:, None] * tilt[:, rows]
-            u, own, pars = self.pushes(t[rows] + s, q, v, given) + rub, joints[rows], parameters[:, rows]
+            u, own, pars = self.pushes(t[rows] + s, q, v, given, joints[rows]) + rub, joints[rows], parameters[:, rows]
             a = self._accelerations(q, v, u, own, pars)
             if wanted:
                 return a, np.stack([self._accelerations(q, v, u + unit, own, pars) - a for unit in np.eye(self.n)], 2)

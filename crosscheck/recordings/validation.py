@@ -13,6 +13,7 @@ import dataclasses
 import functools
 import itertools
 import math
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -21,11 +22,12 @@ from scipy.linalg import solve_triangular
 
 from crosscheck.errors import ArgumentError, Unsupported, unknown
 from crosscheck.recordings.columns import EFFORTS
-from crosscheck.recordings.inputs import System
+from crosscheck.recordings.inputs import OF_JOINTS, System
 from crosscheck.recordings.noise import Noise, measured, of_rates, states
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.references import dense
 from crosscheck.references.base import Series
+from crosscheck.scene.alterations import QUANTITIES
 from crosscheck.scene.coordinates import relative_pose
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.spanning import spanning_tree
@@ -72,12 +74,7 @@ ALIKE = 9.2
 EXPLAINS = 0.5
 """Least part of what a log misses beyond its noise that a cause has to explain."""
 
-UNITS = {"mass": "%", "inertia": "%", "torque gain": "%", "centre of mass x": "m", "centre of mass y": "m",
-         "centre of mass z": "m", "damping": "N m s", "friction": "N m", "armature": "kg m^2", "torque offset": "N m",
-         "zero": "rad", "delay": "s", "tilt x": "rad", "tilt y": "rad"}
-SAID = {"mass": "mass of {}", "inertia": "inertia of {}", "friction": "dry friction of {}",
-        "zero": "zero of {}'s encoder", "delay": "delay of the inputs", "tilt x": "the base turned about x",
-        "tilt y": "the base turned about y"}
+BY_NAME = {each.what: each for each in QUANTITIES}
 
 
 @dataclasses.dataclass
@@ -90,20 +87,29 @@ class Cause:
     sigma: float
     chi2: float
     free: int
+    second: Cause | None = None  # that acts at the same time
 
     @property
     def name(self) -> str:
         """Without its size."""
-        return SAID.get(self.what, self.what + " of {}").format(self.owner)
+        own = BY_NAME[self.what].of_owner(self.owner)
+        return own if self.second is None else f"{own} with {self.second.name}"
 
     @property
     def said(self) -> str:
         """With its size and 95 % interval."""
-        unit = UNITS[self.what]
+        unit = BY_NAME[self.what].unit
         factor, half = 100.0 if unit == "%" else 1.0, 1.96 * self.sigma
         width = f"{factor * half:.2g}"
         places = 2 - math.ceil(math.log10(float(width))) if 0.0 < float(width) < math.inf else 3
-        return f"{self.name} {factor * self.size:+.{max(places, 0)}f} {unit}, 95 % within {width} {unit}"
+        size = f"{factor * self.size:+.{max(places, 0)}f} {unit}, 95 % within {width} {unit}"
+        own = f"{BY_NAME[self.what].of_owner(self.owner)} {size}"
+        return own if self.second is None else f"{own}, with {self.second.said}"
+
+    @property
+    def sure(self) -> bool:
+        """Whether its size, and that of the second one, is none by chance."""
+        return abs(self.size) > CRITICAL * self.sigma and (self.second is None or self.second.sure)
 
 
 @dataclasses.dataclass
@@ -345,7 +351,7 @@ class Fit:
         q, v = log.state[..., 0], log.state[..., 1]
         none = np.zeros((len(q), len(system.names)))
         given = system.inputs(log.starts, np.array([0.0, log.period]))[0]
-        u = system.pushes(log.starts, q, v, given)
+        u = system.pushes(log.starts, q, v, given, np.zeros((len(q), system.n, len(OF_JOINTS))))
         a, S = system.response(q, v, u, none)
         effort = np.maximum(np.sqrt(np.mean(u**2, axis=0)), np.sqrt(np.mean(a**2, axis=0)) / np.abs(
             np.einsum("nii->ni", S)).mean(axis=0))
@@ -574,8 +580,8 @@ def row(name: str, predicted: Predicted, k: int) -> str:
 
 def sized(key: str, value: float) -> str:
     """An alteration of this size in words."""
-    what = next(each for each in sorted(UNITS, key=len, reverse=True) if key.startswith(each))
-    owner, unit = key[len(what):].strip(), UNITS[what]
+    what = next(each for each in sorted(BY_NAME, key=len, reverse=True) if key.startswith(each))
+    owner, unit = key[len(what):].strip(), BY_NAME[what].unit
     return f"{what}{f' of {owner}' if owner else ''} {(100.0 if unit == '%' else 1.0) * value:.2g} {unit}"
 
 
@@ -583,18 +589,22 @@ PARTS = np.linspace(0.0, 1.0, 41)
 """Of straight lines in inputs of which it is not known whether they are held, that are tried."""
 
 
-def alone(N: np.ndarray, b: np.ndarray, parts: np.ndarray, least: float) -> tuple[float, float, float, float]:
-    """(size, its standard deviation, chi^2 less that without it, part of straight lines) of one alteration.
+def alone(N: np.ndarray, b: np.ndarray, parts: np.ndarray, least: np.ndarray | float
+          ) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """(sizes (m,), their standard deviations, chi^2 less that without them, part of straight lines) of alterations.
 
-    N (2, 2) and b (2,) are of it and of that part, which may be any of `parts` at equal odds; no size is below `least`.
+    N (m + 1, m + 1) and b (m + 1,) are of these and of that part, which may be any of `parts` at equal odds; no size is
+    below `least`.
     """
-    free = b[0] - parts * N[0, 1]
-    size = np.maximum(free / N[0, 0], least)
-    chi2 = parts * (parts * N[1, 1] - 2 * b[1]) + size * (size * N[0, 0] - 2 * free)
+    own, inverse = N[:-1, :-1], np.linalg.inv(N[:-1, :-1])
+    free = b[:-1, None] - N[:-1, -1:] * parts
+    size = np.maximum(inverse @ free, np.reshape(least, (-1, 1)))
+    chi2 = parts * (parts * N[-1, -1] - 2 * b[-1]) + np.sum(size * (own @ size - 2 * free), axis=0)
     odds = np.exp(-0.5 * (chi2 - chi2.min()))
     odds /= odds.sum()
-    mean, best = float(odds @ size), int(np.argmin(chi2))
-    return mean, math.sqrt(1 / N[0, 0] + float(odds @ (size - mean) ** 2)), float(chi2[best]), float(parts[best])
+    mean, best = size @ odds, int(np.argmin(chi2))
+    spread = np.sqrt(np.diag(inverse) + (size - mean[:, None]) ** 2 @ odds)
+    return mean, spread, float(chi2[best]), float(parts[best])
 
 
 def scatter(sizes: np.ndarray, weights: np.ndarray) -> float:
@@ -611,32 +621,34 @@ def scatter(sizes: np.ndarray, weights: np.ndarray) -> float:
     return (Q - count) / float(weights.sum() - weights @ weights / weights.sum())
 
 
-def refined(fit: Fit, k: int, rounds: int = 8) -> Cause:
-    """One alteration, fitted where the motion is not linear in it.
+def refined(fit: Fit, which: Sequence[int], rounds: int = 8) -> Cause:
+    """Alterations, fitted together where the motion is not linear in them.
 
     What a size differs by from segment to segment beyond its noise is no noise, and is not less in their mean.
     """
-    what, owner = fit.system.names[k]
-    altered, begun, last = np.zeros(len(fit.system.names)), fit.begun, len(fit.system.names) - 1
-    made, before = Cause(what, owner, 0.0, math.inf, math.inf, 1), math.inf
-    parts = PARTS if fit.system.unsure and what != "delay" else np.zeros(1)
+    altered, begun, last, rows = np.zeros(len(fit.system.names)), fit.begun, len(fit.system.names) - 1, list(which)
+    named = [fit.system.names[k] for k in rows]
+    made, before = [Cause(*name, 0.0, math.inf, math.inf, 1) for name in named], math.inf
+    parts = PARTS if fit.system.unsure and ("delay", "") not in named else np.zeros(1)
     for _ in range(rounds):
-        N, b, chi2, free = fit.normal([k, last], altered)
-        if not chi2 < before * 1.001 or not N[0, 0] > 0:
+        N, b, chi2, free = fit.normal([*rows, last], altered)
+        if not chi2 < before * 1.001 or not (np.linalg.eigvalsh(N[:-1, :-1]) > 0).all():
             break
         before = chi2
-        change, sigma, gain, part = alone(N, b, parts - altered[last], fit.system.least[k] - altered[k])
-        spare = max(1.0, (chi2 + gain) / free)
-        own = np.array([each[0, 0] for each, _ in fit.parts])
-        sizes = np.array([each[0] - part * rest[0, 1] for rest, each in fit.parts]) / np.where(own > 0, own, 1.0)
-        sigma = math.sqrt(sigma**2 * spare + scatter(sizes[own > 0], own[own > 0] / spare))
-        made = Cause(what, owner, float(altered[k]) + change, sigma, chi2 + gain, free)
-        altered[k], altered[last] = altered[k] + change, altered[last] + part
-        fit.begun = fit.begun + fit.follows @ np.array([change, part])
-        if abs(change) < 0.05 * made.sigma:
+        change, sigma, gain, part = alone(N, b, parts - altered[last], fit.system.least[rows] - altered[rows])
+        moved, spare = np.append(change, part), max(1.0, (chi2 + gain) / free)
+        for k, name in enumerate(named):
+            own = np.array([each[k, k] for each, _ in fit.parts])
+            some = own > 0
+            sizes = change[k] + np.array([rest[k] - each[k] @ moved for each, rest in fit.parts])[some] / own[some]
+            spread = math.sqrt(sigma[k] ** 2 * spare + scatter(sizes, own[some] / spare))
+            made[k] = Cause(*name, float(altered[rows[k]] + change[k]), spread, chi2 + gain, free)
+        altered[rows], altered[last] = altered[rows] + change, altered[last] + part
+        fit.begun = fit.begun + fit.follows @ moved
+        if all(abs(by) < 0.05 * each.sigma for by, each in zip(change, made, strict=True)):
             break
     fit.begun = begun
-    return made
+    return functools.reduce(lambda rest, each: dataclasses.replace(each, second=rest), made[::-1])
 
 
 def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
@@ -652,15 +664,11 @@ def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
         for k, (what, owner) in enumerate(system.names):
             if what == key:
                 joint = own.get(owner)
-                size = 1.0 if joint is None or key not in RELATIVE else float(
+                size = 1.0 if joint is None or not BY_NAME[key].share else float(
                     joint.dry_friction[0].sliding if key == "friction" and joint.dry_friction and joint.dry_friction[0]
                     else sum(getattr(joint, key, ()) or ()) if key != "friction" else 0.0)
                 made[k] = value * size
     return made
-
-
-RELATIVE = ("friction", "damping", "armature")
-"""Alterations of joints whose uncertainty is a share of what the model has."""
 
 
 @dataclasses.dataclass
@@ -673,10 +681,12 @@ class Answer:
     worst: float  # rms of what fitted segments leave over their noise
     detectable: dict[str, float]  # the smallest alteration of each kind and owner that would have shown
     fails: bool
+    skipped: int = 0  # causes that might explain as well, for which there was no time
 
 
 def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
-    """Predictions of one model, and the alterations that its log asks for."""
+    """Predictions of one model, and the alterations that its log asks for, as far as `PATIENCE` goes."""
+    until = time.process_time() + PATIENCE
     fit, prior = Fit(log, system), priors(system, uncertain)
     none, last = np.zeros(len(system.names)), len(system.names) - 1
     every = range(last)
@@ -706,8 +716,8 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
         if M[0, 0] > 1e-9 * N[k, k]:
             _, sigma, gain, _ = alone(M, g, parts if system.names[k][0] != "delay" else np.zeros(1), system.least[k])
             more = max(straight(M, g)[1] - gain, 0.0)
-            gains[k] = more * sigma**2 / (sigma**2 + prior[k] ** 2)
-            sizes[k] = math.sqrt(sigma**2 + prior[k] ** 2)
+            gains[k] = more * sigma[0] ** 2 / (sigma[0] ** 2 + prior[k] ** 2)
+            sizes[k] = math.sqrt(sigma[0] ** 2 + prior[k] ** 2)
     M, g, given = without(np.array([last]), known)
     between, less = straight(M, g)
     predicted = fit.headline(prior, fit.numerical(log.horizons), between)
@@ -716,24 +726,51 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
     early = 0.5 * log.period * system.unsure  # which straight lines make of a delay
     shown = {f"{what} {owner}".strip(): (CRITICAL + MISSED) * size * math.sqrt(scale) + early * (what == "delay")
              for (what, owner), size in zip(system.names, sizes, strict=False) if np.isfinite(size)}
-    order = np.argsort(-gains)
+    order = np.argsort(-gains).tolist()
     beyond = bool(chi2 - given > COVER**2 * free)  # of what uncertain inputs may make
     if gains[order[0]] <= CRITICAL**2 * scale and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
-    made = [refined(fit, order[0])]
+    made = [refined(fit, order[:1])]
+    def explains(cause: Cause) -> float:
+        return (chi2 - cause.chi2) / max(chi2 - free, chi2 - cause.chi2, 1e-300)
+
+    skipped = 0
     for k in order[1:TRIED]:
         if gains[k] > NEAR * gains[order[0]] and (
                 made[0].chi2 > COVER * free or N[k, order[0]] ** 2 > PARALLEL * N[k, k] * N[order[0], order[0]]):
-            made.append(refined(fit, k))
+            if time.process_time() > until:
+                skipped += 1
+                continue
+            made.append(refined(fit, [k]))
             made.sort(key=lambda cause: cause.chi2)
+    if explains(made[0]) < ENOUGH and made[0].chi2 > COVER * free and not len(known):
+        pairs = [(i, j) for i, j in itertools.combinations(np.flatnonzero(sizes < math.inf).tolist(), 2)
+                 if N[i, j] ** 2 < TOGETHER * N[i, i] * N[j, j]]
+        gained = {pair: alone(N[np.ix_(rows, rows)], b[list(rows)], parts, system.least[list(pair)])[2]
+                  for pair in pairs for rows in [(*pair, last)]}
+        for pair in sorted(gained, key=lambda pair: gained[pair])[:PAIRS]:
+            if time.process_time() > until:
+                skipped += 1
+            elif (both := refined(fit, pair)).sure:
+                made.append(both)
+        made.sort(key=lambda cause: cause.chi2 + ALIKE * (cause.second is not None))
     best = made[0]
     spare = max(1.0, best.chi2 / free)
-    explained = (chi2 - best.chi2) / max(chi2 - free, chi2 - best.chi2, 1e-300)
-    if abs(best.size) <= CRITICAL * best.sigma and not beyond:
+    explained = explains(best)
+    if not best.sure and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
-    alike = [each for each in made if each.chi2 - best.chi2 <= ALIKE * spare]
-    return Answer(predicted, alike if explained > EXPLAINS else [], explained, math.sqrt(chi2 / free), shown, True)
+    alike = [each for each in made if each.chi2 - best.chi2 <= ALIKE * spare and (
+        each.second is None or best.second is not None)]
+    return Answer(predicted, alike if explained > EXPLAINS else [], explained, math.sqrt(chi2 / free), shown, True,
+                  skipped)
 
+
+PATIENCE = 40.0
+"""s of processor time after which no further cause is fitted."""
+
+ENOUGH, TOGETHER, PAIRS = 0.9, 0.98, 2
+"""Part of what is beyond the noise that one cause has to explain for two together not to be tried; how parallel these
+may be; and how many are fitted."""
 
 NOTHING, NEAR, PARALLEL, TRIED = 1e-4, 0.1, 0.5, 5
 """chi^2 of an alteration of its usual size below which it does nothing; parts of the best one's gain, and of being

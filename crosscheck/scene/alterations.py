@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,37 @@ TURNED = (("R J R^T: body components taken as components in world axes", lambda 
           ("R^T J R: components turned the wrong way", lambda R, J: R.T @ J @ R))
 
 DIAGONAL = np.eye(3, dtype=bool)
+
+
+class Quantity(NamedTuple):
+    """A number of a model, of its inputs or encoders, that a log of its motion may show to be another one."""
+
+    what: str
+    of: Literal["body", "joint", ""]  # "": the whole model
+    unit: str  # of its alteration; "%": relative
+    said: str = ""  # with {} for the owner; "": "what of owner"
+    positive: bool = False  # whether a relative alteration stays above -1
+    share: bool = False  # whether its uncertainty is a share of what the model has
+
+    def of_owner(self, owner: str) -> str:
+        """Its name."""
+        return (self.said or self.what + " of {}").format(owner)
+
+
+QUANTITIES = (
+    Quantity("mass", "body", "%", positive=True), Quantity("inertia", "body", "%", positive=True),
+    *(Quantity(f"centre of mass {axis}", "body", "m") for axis in "xyz"),  # body axes
+    Quantity("mass and inertia", "body", "%", positive=True), Quantity("damping", "joint", "N m s", share=True),
+    Quantity("friction", "joint", "N m", "dry friction of {}", share=True),
+    Quantity("armature", "joint", "kg m^2", share=True), Quantity("torque gain", "joint", "%"),
+    Quantity("torque offset", "joint", "N m"), Quantity("zero", "joint", "rad", "zero of {}'s encoder"),
+    Quantity("stiffness", "joint", "%", "stiffness of {}'s servo", positive=True),
+    Quantity("derivative gain", "joint", "%", "derivative gain of {}'s servo", positive=True),
+    Quantity("delay", "", "s", "delay of the inputs"),
+    *(Quantity(f"tilt {axis}", "", "rad", f"the base turned about {axis}") for axis in "xy"),  # of the world
+    Quantity("between", "", ""))
+"""What is altered to explain a log; "between": the part of straight lines in inputs that the log does not tell from
+held ones."""
 
 
 @dataclasses.dataclass(frozen=True)

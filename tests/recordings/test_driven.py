@@ -413,6 +413,40 @@ def test_a_recorded_effort_is_all_that_its_servo_gives(scenes, right):
     assert crosscheck.judge_recording(with_servo(scenes["arm"], period=2e-3), right).outcome == "pass"
 
 
+@pytest.mark.parametrize(("cause", "gains"), [
+    ("stiffness of elbow's servo", {"proportional": 22.0}), (
+        "derivative gain of elbow's servo or damping of elbow", {"derivative": 0.6})])
+def test_wrong_gains_of_a_servo_are_named(tmp_path, cause, gains):
+    """The log has its set points. Without their rates a damper does what a derivative gain does, and both are named."""
+    import pandas as pd
+    from scipy.integrate import solve_ivp
+
+    path, rng, t = tmp_path / "wheel.xml", np.random.default_rng(2), 1e-2 * np.arange(400)
+    path.write_text('<mujoco><worldbody><body><inertial pos="0 0 0" mass="1.8" diaginertia=".1 .1 .1"/>'
+                    '<joint name="elbow" axis="0 0 1"/></body></worldbody></mujoco>')
+    scene = crosscheck.import_model(path)
+    target = 0.5 * np.sin(3.0 * t) + 0.3 * np.sin(8.0 * t)
+    kp, kd = ({"proportional": 20.0, "derivative": 0.5} | gains).values()
+    y, rows = np.array([0.0, 0.0]), []
+    for wanted in target:
+        rows.append(y[0])
+        y = solve_ivp(lambda _, y, wanted=wanted: [y[1], (kp * (wanted - y[0]) - kd * y[1]) / 0.1], (0.0, 1e-2), y,
+                      rtol=1e-9, atol=1e-12).y[:, -1]
+    joint = scene.joints[0]
+    model = scene.replace(forces=(Force("servo", joint.parent, joint.child, joint.name, {
+        "target": 0.0, "proportional": 20.0, "derivative": 0.5}),))
+    log = pd.DataFrame({"t": t, "elbow.position": np.array(rows) + 2e-4 * rng.standard_normal(len(t)),
+                        "elbow.target": target})
+    assert set(crosscheck.judge_recording(model, log).cause.split(" or ")) == set(cause.split(" or "))
+
+
+@pytest.mark.parametrize(("cause", "changed"), [
+    ("damping of shoulder with damping of elbow", {"d1": 0.2, "d2": 0.1})])
+def test_two_mistakes_are_named_together(scenes, cause, changed):
+    verdict = crosscheck.judge_recording(scenes["arm"], frame(spoiled=Spoiled(2e-4), duration=2.5, **changed))
+    assert sorted(verdict.cause.split(" with ")) == sorted(cause.split(" with "))
+
+
 def test_when_a_servo_samples_is_in_no_log(scenes, right):
     log = right.drop(columns="elbow_torque").assign(**{"elbow.target": 0.3 + 0.0 * right.time})
     verdict = crosscheck.judge_recording(with_servo(scenes["arm"], period=2e-3), log)

@@ -15,7 +15,7 @@ import numpy as np
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.compare.order import cancelling
 from crosscheck.document import Way
-from crosscheck.errors import check_time
+from crosscheck.errors import Unsupported, check_time
 from crosscheck.references.maximal import Maximal
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import GROUND, Scene
@@ -58,11 +58,17 @@ MOST_KEPT = 64
 
 
 def true_motion(scene: Scene) -> States:
-    """The true states at the output times. They are kept, since many hypotheses need the same ones."""
+    """The true states at the output times. They are kept, since many hypotheses need the same ones.
+
+    Raises `Unsupported` for dry friction, limits and servos, beside which other causes are not told apart.
+    """
     if scene.hash not in _TRUE:
         if len(_TRUE) >= MOST_KEPT:
             _TRUE.clear()
-        _TRUE[scene.hash] = Maximal(scene).run()
+        if (system := Maximal(scene)).laws:
+            raise Unsupported(f"no altered law of scene {scene.name!r} is nearer than its own; other causes are sought "
+                              "where no joint has dry friction, limits or a servo; leave these out of the scene")
+        _TRUE[scene.hash] = system.run()
     return _TRUE[scene.hash]
 
 

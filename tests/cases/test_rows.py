@@ -93,3 +93,11 @@ def test_a_lower_limit_above_the_upper_one_is_refused_and_listed(name, tmp_path)
         crosscheck.import_model(path)
     listed = crosscheck.import_model(path, limits="drop").left_out
     assert [each.what for each in listed if each.what.startswith("limits of joint")]
+
+
+def test_right_laws_are_no_lack_of_a_library():
+    """No altered law is nearer than the scene's own: what else could differ is not looked for, and that is said."""
+    weight = scene([body("weight")], [joint("way", "prismatic", "weight", position=0.0, velocity=0.4,
+                                            dry_friction=0.3)], 0.5, gravity=-9.81)
+    with pytest.raises(crosscheck.Unsupported, match="no altered law of scene 'made' is nearer"):
+        crosscheck.explain(weight, "lieeuler", "rkmk4")

@@ -286,7 +286,7 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
     verdict.predicted, verdict.detectable, verdict.share, verdict.until = seen, found.detectable, log.share, end
     verdict.errors = {"joint_position": float(seen.error[:, half].max())}
     verdict.floors = {"joint_position": float(seen.u[:, half].max())}
-    lines = [validation.row(name, seen, k) for k, name in enumerate(names)]
+    lines = [validation.row(joint, seen, k) for k, joint in enumerate(scene.joints)]
     failed, wide = [], []
     if found.fails:
         k, h = np.unravel_index(int(np.nanargmax(seen.ratio)), seen.ratio.shape)
@@ -304,10 +304,11 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
         if found.skipped:
             notes.append(f"{validation.PATIENCE:g} s of processor time are over: {found.skipped} more that might "
                          "explain it as well are not fitted")
-    elif (place := seen.beyond) is not None:
-        k, h = place
-        failed.append(f"predictions of {names[k]} are off by {seen.error[k, h] / seen.u[k, h]:.3g} times u_val after "
-                      f"{seen.horizons[h]:g} s; {seen.allowed:.3g} times are allowed for {len(seen.starts)} segments")
+    elif seen.beyond is not None:
+        joint, after = seen.beyond
+        failed.append(f"predictions of {names[joint]} are off by {seen.error[joint, after] / seen.u[joint, after]:.3g} "
+                      f"times u_val after {seen.horizons[after]:g} s; {seen.allowed:.3g} times are allowed for "
+                      f"{len(seen.starts)} segments")
     if (most := allowed.get("joint_position", math.inf)) < verdict.errors["joint_position"]:
         failed.append(f"predictions are off by {verdict.errors['joint_position']:.3g} after {seen.horizons[half]:g} s; "
                       f"{most:g} is allowed")
@@ -323,8 +324,7 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
     verdict.code = {"pass": "", "fail": KINDS["tolerance"].code}.get(verdict.outcome, KINDS["unresolved"].code)
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
     lines.append("the smallest that would have shown, 95 times of 100: " + ", ".join(
-        validation.sized(key, value) for key, value in found.detectable.items()
-        if key.partition(" ")[0] in ("mass", "friction", "delay") and not key.startswith("mass and")))
+        validation.sized(system, found.detectable)))
     notes += [*said, "noise: " + ", ".join(f"{name} {each.said}" for name, each in zip(names, log.noise, strict=True)),
               *(["recorded rates: " + "; ".join(log.said)] if log.said else []),
               f"{len(log.starts)} segments of {log.span:.3g} s, {100 * log.share:.3g} % of the recording; each starts "

@@ -132,6 +132,9 @@ class System:
         self.n = len(scene.joints)
         self.names = [(each.what, owner.name) for owners, every in ((scene.bodies, OF_BODIES), (
             scene.joints, OF_JOINTS)) for owner in owners for each in every] + [(each.what, "") for each in OF_ALL]
+        slides = {joint.name for joint in scene.joints if joint.kind.slides}
+        by_name = {each.what: each for each in QUANTITIES}
+        self.units = [by_name[what].unit_along(owner in slides) for what, owner in self.names]
         self._bodies = len(OF_BODIES) * scene.n
         self._delay = self._bodies + len(OF_JOINTS) * self.n
         own = [joint.dry_friction[0] if joint.dry_friction else None for joint in self.scene.joints]

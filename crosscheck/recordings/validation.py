@@ -29,7 +29,7 @@ from crosscheck.references import dense
 from crosscheck.references.base import Series
 from crosscheck.scene.alterations import QUANTITIES
 from crosscheck.scene.coordinates import relative_pose
-from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.model import GROUND, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.touching import Touching
 from crosscheck.scene.vectors import exponential
@@ -74,6 +74,9 @@ ALIKE = 9.2
 EXPLAINS = 0.5
 """Least part of what a log misses beyond its noise that a cause has to explain."""
 
+STATED = ("mass", "friction", "delay")
+"""Of which every answer states the smallest that would have shown."""
+
 BY_NAME = {each.what: each for each in QUANTITIES}
 
 
@@ -83,6 +86,7 @@ class Cause:
 
     what: str
     owner: str
+    unit: str
     size: float
     sigma: float
     chi2: float
@@ -98,11 +102,10 @@ class Cause:
     @property
     def said(self) -> str:
         """With its size and 95 % interval."""
-        unit = BY_NAME[self.what].unit
-        factor, half = 100.0 if unit == "%" else 1.0, 1.96 * self.sigma
+        factor, half = 100.0 if self.unit == "%" else 1.0, 1.96 * self.sigma
         width = f"{factor * half:.2g}"
         places = 2 - math.ceil(math.log10(float(width))) if 0.0 < float(width) < math.inf else 3
-        size = f"{factor * self.size:+.{max(places, 0)}f} {unit}, 95 % within {width} {unit}"
+        size = f"{factor * self.size:+.{max(places, 0)}f} {self.unit}, 95 % within {width} {self.unit}"
         own = f"{BY_NAME[self.what].of_owner(self.owner)} {size}"
         return own if self.second is None else f"{own}, with {self.second.said}"
 
@@ -568,21 +571,22 @@ class Fit:
         return worst
 
 
-def row(name: str, predicted: Predicted, k: int) -> str:
+def row(joint: Joint, predicted: Predicted, k: int) -> str:
     """Predictions of one joint in words."""
     parts = [f"{h:g} s: {e:.2g} ({u:.2g})" for h, e, u in zip(predicted.horizons, predicted.error[k], predicted.u[k],
                                                               strict=True)]
     last = predicted.horizons.index(max(h for h in predicted.horizons if h <= HALF or h == predicted.horizons[0]))
     of = ", ".join(f"{each} {getattr(predicted, each)[k, last]:.1g}" for each in ("u_num", "u_input", "u_D"))
-    return (f"{name}: predictions are off by (rms, u_val in brackets) {', '.join(parts)}; u_val after "
+    unit = "m" if joint.kind.slides else "rad"
+    return (f"{joint.name}: predictions are off by ({unit}, rms; u_val in brackets) {', '.join(parts)}; u_val after "
             f"{predicted.horizons[last]:g} s is of {of}")
 
 
-def sized(key: str, value: float) -> str:
-    """An alteration of this size in words."""
-    what = next(each for each in sorted(BY_NAME, key=len, reverse=True) if key.startswith(each))
-    owner, unit = key[len(what):].strip(), BY_NAME[what].unit
-    return f"{what}{f' of {owner}' if owner else ''} {(100.0 if unit == '%' else 1.0) * value:.2g} {unit}"
+def sized(system: System, shown: Mapping[str, float]) -> list[str]:
+    """The sizes of alterations of `STATED` in words, from all, by what they alter and of whom."""
+    return [f"{what}{f' of {owner}' if owner else ''} {(100.0 if unit == '%' else 1.0) * shown[key]:.2g} {unit}"
+            for (what, owner), unit in zip(system.names, system.units, strict=True)
+            if what in STATED and (key := f"{what} {owner}".strip()) in shown]
 
 
 PARTS = np.linspace(0.0, 1.0, 41)
@@ -627,9 +631,9 @@ def refined(fit: Fit, which: Sequence[int], rounds: int = 8) -> Cause:
     What a size differs by from segment to segment beyond its noise is no noise, and is not less in their mean.
     """
     altered, begun, last, rows = np.zeros(len(fit.system.names)), fit.begun, len(fit.system.names) - 1, list(which)
-    named = [fit.system.names[k] for k in rows]
+    named = [(*fit.system.names[k], fit.system.units[k]) for k in rows]
     made, before = [Cause(*name, 0.0, math.inf, math.inf, 1) for name in named], math.inf
-    parts = PARTS if fit.system.unsure and ("delay", "") not in named else np.zeros(1)
+    parts = PARTS if fit.system.unsure and ("delay", "") not in [fit.system.names[k] for k in rows] else np.zeros(1)
     for _ in range(rounds):
         N, b, chi2, free = fit.normal([*rows, last], altered)
         if not chi2 < before * 1.001 or not (np.linalg.eigvalsh(N[:-1, :-1]) > 0).all():

@@ -41,10 +41,15 @@ class Quantity(NamedTuple):
 
     what: str
     of: Literal["body", "joint", ""]  # "": the whole model
-    unit: str  # of its alteration; "%": relative
+    unit: str  # of its alteration, at a joint that of a hinge; "%": relative
     said: str = ""  # with {} for the owner; "": "what of owner"
     positive: bool = False  # whether a relative alteration stays above -1
     share: bool = False  # whether its uncertainty is a share of what the model has
+
+    def unit_along(self, slides: bool) -> str:
+        """Its unit at a joint that slides, or at another."""
+        return {"N m s": "N s/m", "N m": "N", "kg m^2": "kg", "rad": "m"}.get(self.unit, self.unit) if (
+            slides and self.of == "joint") else self.unit
 
     def of_owner(self, owner: str) -> str:
         """Its name."""

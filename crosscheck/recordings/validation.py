@@ -582,11 +582,11 @@ def row(joint: Joint, predicted: Predicted, k: int) -> str:
             f"{predicted.horizons[last]:g} s is of {of}")
 
 
-def sized(system: System, shown: Mapping[str, float]) -> list[str]:
+def sized(system: System, sizes: Mapping[str, float]) -> list[str]:
     """The sizes of alterations of `STATED` in words, from all, by what they alter and of whom."""
-    return [f"{what}{f' of {owner}' if owner else ''} {(100.0 if unit == '%' else 1.0) * shown[key]:.2g} {unit}"
+    return [f"{what}{f' of {owner}' if owner else ''} {(100.0 if unit == '%' else 1.0) * sizes[key]:.2g} {unit}"
             for (what, owner), unit in zip(system.names, system.units, strict=True)
-            if what in STATED and (key := f"{what} {owner}".strip()) in shown]
+            if what in STATED and (key := f"{what} {owner}".strip()) in sizes]
 
 
 PARTS = np.linspace(0.0, 1.0, 41)

@@ -735,6 +735,7 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
     if gains[order[0]] <= CRITICAL**2 * scale and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
     made = [refined(fit, order[:1])]
+
     def explains(cause: Cause) -> float:
         return (chi2 - cause.chi2) / max(chi2 - free, chi2 - cause.chi2, 1e-300)
 

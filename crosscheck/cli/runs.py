@@ -119,6 +119,7 @@ def _first_line(judged: Record | None) -> str:
     """The outcome of a run, its own error against truth, the share of its time that was judged, and what decided."""
     from crosscheck.document import QUANTITIES
     from crosscheck.document.outcomes import percent
+    from crosscheck.report.headline import clause
 
     if judged is None:
         return "unresolved: nothing was compared, because neither --step nor --rtol was given"
@@ -128,9 +129,7 @@ def _first_line(judged: Record | None) -> str:
     first = judged.worst
     judging = "" if judged.share is None or judged.message.startswith("resolved over") else (
         f"; resolved over {percent(judged.least_share)} of its {judged.duration:g} s")
-    reason = judged.message or ("" if first is None or judged.outcome == "pass" else
-                                f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
-                                f"({first.why})")
+    reason = judged.message or ("" if first is None or judged.outcome == "pass" else clause(judged))
     said = f"{judged.outcome}: {off}{judging}" + (f"; {reason}" if reason else "")
     return f"{said} ({mark})" if (mark := judged.code) else said
 

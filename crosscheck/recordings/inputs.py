@@ -204,8 +204,10 @@ class System:
     def _parameters(self, altered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Alterations of joints (N, n, 8), and the parameters of the compiled function."""
         joints = altered[:, self._bodies:self._delay].reshape(-1, self.n, len(OF_JOINTS))
-        turned = exponential(np.pad(altered[:, self._delay + 1:self._delay + 3], ((0, 0), (0, 1))))
+        # The base turns, so that gravity turns the other way in its axes.
+        turned = exponential(np.pad(-altered[:, self._delay + 1:self._delay + 3], ((0, 0), (0, 1))))
         gravity = np.einsum("nij,j->ni", turned, self.scene.gravity)
+        gravity *= 1.0 + altered[:, self._delay + 3:self._delay + 4]
         bodies = altered[:, :self._bodies].reshape(len(altered), -1, len(OF_BODIES))
         five = np.concatenate([bodies[..., :2] + bodies[..., 5:], bodies[..., 2:5]], axis=2).reshape(len(altered), -1)
         return joints, np.concatenate([five, joints[..., 2], gravity], 1).T.copy()

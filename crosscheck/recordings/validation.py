@@ -110,6 +110,11 @@ class Cause:
         return own if self.second is None else f"{own}, with {self.second.said}"
 
     @property
+    def left(self) -> float:
+        """What it leaves, over the noise."""
+        return math.sqrt(self.chi2 / self.free)
+
+    @property
     def sure(self) -> bool:
         """Whether its size, and that of the second one, is none by chance."""
         return abs(self.size) > CRITICAL * self.sigma and (self.second is None or self.second.sure)
@@ -656,7 +661,10 @@ def refined(fit: Fit, which: Sequence[int], rounds: int = 8) -> Cause:
 
 
 def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
-    """(K,) standard deviations of alterations that are uncertain inputs: "mass": .05 is five percent of each."""
+    """(K,) standard deviations of alterations that are uncertain inputs: "mass": .05 is five percent of each.
+
+    Half of the variance of a mass is one of its place alone, half that of a density, with which its inertia goes.
+    """
     kinds = list(dict.fromkeys(what for what, _ in system.names if what != "between"))  # which is never known
     made = np.zeros(len(system.names))
     own = {joint.name: joint for joint in system.scene.joints}
@@ -666,12 +674,12 @@ def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
         if not isinstance(value, int | float) or not 0 < value < math.inf:
             raise ArgumentError(f"uncertain: {key}: a number > 0 is wanted, not {value!r}")
         for k, (what, owner) in enumerate(system.names):
-            if what == key:
+            if what == key or (key, what) == ("mass", "mass and inertia"):
                 joint = own.get(owner)
                 size = 1.0 if joint is None or not BY_NAME[key].share else float(
                     joint.dry_friction[0].sliding if key == "friction" and joint.dry_friction and joint.dry_friction[0]
                     else sum(getattr(joint, key, ()) or ()) if key != "friction" else 0.0)
-                made[k] = value * size
+                made[k] = math.hypot(made[k], value * size * (math.sqrt(0.5) if key == "mass" else 1.0))
     return made
 
 
@@ -764,10 +772,10 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
     explained = explains(best)
     if not best.sure and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
+    named = explained > EXPLAINS and best.sure
     alike = [each for each in made if each.chi2 - best.chi2 <= ALIKE * spare and (
         each.second is None or best.second is not None)]
-    return Answer(predicted, alike if explained > EXPLAINS else [], explained, math.sqrt(chi2 / free), shown, True,
-                  skipped)
+    return Answer(predicted, alike if named else [], explained, math.sqrt(chi2 / free), shown, True, skipped)
 
 
 PATIENCE = 40.0
@@ -820,8 +828,8 @@ def chosen(scene: Scene, log: Log, recording: Recording) -> tuple[System, list[s
     best = int(np.argmin(left))
     if left[best] > CLEARER * left[0]:
         best = 0
-    tried = "; ".join(f"{words}: {math.sqrt(size):.3g} times the noise is left" for (words, _), size in zip(
-        ways, left, strict=True))
+    tried = "; ".join(f"{words} leave {math.sqrt(size / left[best]):.3g} times as much" for k, ((words, _), size) in (
+        enumerate(zip(ways, left, strict=True))) if k != best)
     sure = sorted(left)[1] > left[best] / CLEARER if len(left) > 1 else True
     return systems[best], [f"inputs read as {ways[best][0]} ({'the data decide' if sure else 'the data do not tell'}; "
                            f"{tried})"]

@@ -151,10 +151,11 @@ def number(value: float | None, digits: int = 2) -> str:
 
 def sentence(record: Record) -> str:
     """The worst finding of a run in one clause, with its code where it is not passed."""
-    return f"{record.code}: {_clause(record)}" if record.code else _clause(record)
+    return f"{record.code}: {clause(record)}" if record.code else clause(record)
 
 
-def _clause(record: Record) -> str:
+def clause(record: Record) -> str:
+    """The worst finding of a run in words."""
     worst = record.worst
     if record.outcome in ("error", "unsupported", "unresolved") or worst is None:
         return record.message

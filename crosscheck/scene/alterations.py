@@ -67,7 +67,7 @@ QUANTITIES = (
     Quantity("derivative gain", "joint", "%", "derivative gain of {}'s servo", positive=True),
     Quantity("delay", "", "s", "delay of the inputs"),
     *(Quantity(f"tilt {axis}", "", "rad", f"the base turned about {axis}") for axis in "xy"),  # of the world
-    Quantity("between", "", ""))
+    Quantity("gravity", "", "%", "gravity"), Quantity("between", "", ""))
 """What is altered to explain a log; "between": the part of straight lines in inputs that the log does not tell from
 held ones."""
 

@@ -15,7 +15,7 @@ from crosscheck.errors import ArgumentError
 from crosscheck.recordings import noise, write_page
 from crosscheck.recordings.inputs import Signal, System
 from crosscheck.recordings.reading import read
-from crosscheck.recordings.validation import CRITICAL, MISSED, Fit, Log, poses, touches
+from crosscheck.recordings.validation import CRITICAL, MISSED, Fit, Log, Predicted, poses, priors, touches
 from crosscheck.references import dense
 from crosscheck.references.base import Series
 from crosscheck.scene.model import Force
@@ -53,7 +53,7 @@ def right():
     return frame(duration=2.5, spoiled=Spoiled(5e-4))
 
 
-def test_right_passes_and_says_what_would_have_shown(scenes, right):
+def test_right_passes_and_says_what_would_have_shown(scenes, right, monkeypatch):
     verdict = crosscheck.judge_recording(scenes["arm"], right)
     assert verdict.outcome == "pass", str(verdict)
     assert verdict.exit_code == 0
@@ -65,12 +65,17 @@ def test_right_passes_and_says_what_would_have_shown(scenes, right):
     assert (seen.ratio < 2.5).all()
     assert np.allclose(seen.u**2, seen.u_D**2 + seen.u_input**2 + seen.u_num**2)
     assert verdict.plain()["predicted"]["elbow"]["horizon"] == list(seen.horizons)
+    monkeypatch.setattr(Predicted, "allowed", 0.1)  # as if states were less certain than u_D says
+    doubtful = crosscheck.judge_recording(scenes["arm"], right)
+    assert doubtful.outcome == "unresolved"
+    assert "less certain than u_D" in doubtful.reason
     tight = crosscheck.judge_recording(scenes["arm"], right, tolerance={"joint_position": 1e-5})
     assert tight.outcome == "fail"
 
 
 @pytest.mark.parametrize(("cause", "spoiled", "changed", "size"), [
-    ("mass of lower", Spoiled(), {"m2": 0.605}, 0.1), ("delay of the inputs", Spoiled(delay=6e-3), {}, 6e-3)])
+    ("mass of lower", Spoiled(), {"m2": 0.605}, 0.1), ("gravity", Spoiled(), {"gz": -3.71}, -0.6218),
+    ("delay of the inputs", Spoiled(delay=6e-3), {}, 6e-3)])
 def test_wrong_is_named_with_its_size(scenes, cause, spoiled, changed, size):
     verdict = crosscheck.judge_recording(scenes["arm"], frame(spoiled=spoiled, duration=2.5, **changed))
     assert verdict.outcome == "fail"
@@ -79,7 +84,7 @@ def test_wrong_is_named_with_its_size(scenes, cause, spoiled, changed, size):
     value, unit, half = re.search(r"([-+][\d.e-]+) (\S+), 95 % within ([\d.e-]+)", said).groups()
     scale = 0.01 if unit == "%" else 1.0
     assert abs(float(value) * scale - size) < 2.5 * float(half) * scale
-    assert float(half) * scale < 0.1 * size
+    assert float(half) * scale < 0.1 * abs(size)
 
 
 @pytest.mark.parametrize(("noise", "resolution"), [(0.05, 0.05), (4e-3, None)])
@@ -174,17 +179,22 @@ def test_alterations_are_those_of_other_models(scenes, tmp_path, right):
     recording = read(right, scenes["arm"])
     system = System(scenes["arm"], recording.inputs, recording.t)
     start = np.zeros(1), np.array([[0.3, 0.4, 0.5, -1.0]])
-    for name, key, by in ((("mass", "lower"), "m2", 0.1), (("armature", "elbow"), "a2", 0.5),
-                          (("damping", "shoulder"), "d1", 0.5), (("friction", "elbow"), "f2", None)):
-        value = 0.03 if by is None else machines.USUAL[key] * (1 + by)
-        path = tmp_path / f"{key}.xml"
-        path.write_text(machines.model("arm", **{key: value}))
+    lean = {"gx": 9.81 * math.sin(0.1), "gz": -9.81 * math.cos(0.1)}  # gravity in axes of a base that leans forward
+    for name, changed, by in (
+            (("mass", "lower"), {"m2": 0.605}, 0.1), (("armature", "elbow"), {"a2": 0.015}, 0.005),
+            (("damping", "shoulder"), {"d1": 0.12}, 0.04), (("friction", "elbow"), {"f2": 0.03}, 0.03),
+            (("tilt y", ""), lean, 0.1), (("gravity", ""), {"gz": -9.81 * 0.4}, -0.6)):
+        path = tmp_path / f"{name[0]}.xml"
+        path.write_text(machines.model("arm", **changed))
         other = System(crosscheck.import_model(path), recording.inputs, recording.t)
         altered = np.zeros((1, len(system.names)))
-        altered[0, system.names.index(name)] = by if name[0] == "mass" else value - machines.USUAL[key]
+        altered[0, system.names.index(name)] = by
         one, two = system.flow(*start, 0.5, 5e-3, altered)[1], other.flow(*start, 0.5, 5e-3)[1]
         assert np.abs(one - two).max() < 1e-9, name
         assert np.abs(one - system.flow(*start, 0.5, 5e-3)[1]).max() > 1e-4, name
+    given = dict(zip(system.names, priors(system, {"mass": 0.02}), strict=True))
+    assert given["mass", "lower"] == given["mass and inertia", "lower"] == pytest.approx(0.02 * math.sqrt(0.5))
+    assert given["inertia", "lower"] == 0.0
 
 
 @pytest.fixture(scope="module")

@@ -245,7 +245,7 @@ def steps_per_sample(scene: Scene, step: float) -> tuple[int, float]:
     It also divides the periods of sampled servos. Raises `ArgumentError` if there is no such step.
     """
     interval = scene.interval
-    count, least = max(1, int(np.ceil(interval / step * (1 - 1e-12)))), 1
+    count, least = _steps_in(interval, step), 1
     for name, servo in scene.servos.values():
         for time in (servo.period, servo.phase):
             ratio = Fraction((time or 0.0) / interval).limit_denominator(MOST_STEPS)
@@ -257,11 +257,16 @@ def steps_per_sample(scene: Scene, step: float) -> tuple[int, float]:
     return count, interval / count
 
 
+def _steps_in(interval: float, step: float) -> int:
+    """The fewest steps in an interval (s) of which none is longer than `step` (s), but for rounding."""
+    return max(1, math.ceil(interval / step * (1 - 1e-12)))
+
+
 def step_text(interval: float, step: float) -> str:
     """The step (s) to three digits, or as many as keep the number of steps that a run makes in an interval (s)."""
-    count = math.ceil(interval / step * (1 - 1e-12))
+    count = _steps_in(interval, step)
     for digits in range(3, 17):
         value = float(Context(prec=digits, rounding=ROUND_CEILING).create_decimal_from_float(step * (1 - 1e-14)))
-        if math.ceil(interval / value * (1 - 1e-12)) == count:
+        if _steps_in(interval, value) == count:
             return repr(value)
     return repr(step)

@@ -47,7 +47,7 @@ def undone(observation: Observation, forces: tuple[int, ...], report: misreading
 
 def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
     """Time derivatives of the velocities in y (1/s), (T - 8, n, 6), and their noise in units of 1 / W."""
-    interval = observation.scene.duration / (observation.scene.samples - 1)
+    interval = observation.scene.interval
     slopes, error = rates(observation.y[:, :, 12:], interval)
     noise = (error + AMPLIFIED * observation.noise / interval) / observation.scale.rate
     return slopes, max(noise, LEAST_NOISE)

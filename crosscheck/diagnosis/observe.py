@@ -209,7 +209,7 @@ def observe(subject: Subject, scene: Scene, scale: Scale) -> Observation:
     failure: Silent | None = None
     counts = LADDERS[max(key for key in LADDERS if key <= order)]
     for finer in (1, FINER, FINER**2):  # a stiff model, such as soft constraints, may run at fine steps only
-        interval = scene.duration / (scene.samples - 1) / finer
+        interval = scene.interval / finer
         try:
             runs = [scale.flat(subject.run(scene, interval / count).states) for count in counts]
         except Silent as error:

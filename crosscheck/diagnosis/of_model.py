@@ -115,7 +115,7 @@ def _reports(observations: list[Observation], answer: Explanation) -> misreading
         pairs = []
         for each in observations:
             states = each.states if report is None else report.undo(each.states)
-            interval = each.scene.duration / (each.scene.samples - 1)
+            interval = each.scene.interval
             gap, error = mismatch(states, interval, each.scale)
             pairs.append((gap, error + AMPLIFIED * each.noise / (interval * each.scale.rate)))
         return max(pairs, key=lambda pair: pair[0] - fit.EXPLAINED * pair[1])

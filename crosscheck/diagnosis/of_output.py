@@ -268,7 +268,7 @@ def shifts(scene: Scene, scale: Scale, y: np.ndarray) -> np.ndarray | None:
 def late(subject: Subject, first: Observation) -> NamedCause | None:
     """The cause if the error at a finite step is one of the output times, or of interpolation between states."""
     scene, scale = first.scene, first.scale
-    step = scene.duration / (scene.samples - 1)
+    step = scene.interval
     mend = "report states at the output times: let steps end on them, or use dense output of the method's order"
     try:
         raw = subject.run(scene, step)
@@ -289,9 +289,9 @@ def late(subject: Subject, first: Observation) -> NamedCause | None:
             return NamedCause("late output" if mean < 0 else "early output", f"each sample shows the motion "
                               f"{abs(steps):.3g} steps {'before' if mean < 0 else 'after'} its time", mend)
         return NamedCause("output times", f"samples are up to {np.abs(delays).max():.3g} s from their times", mend)
-    bend, _ = rates(y, scene.duration / (scene.samples - 1))
+    bend, _ = rates(y, scene.interval)
     inner = slice(2 * REACH, len(y) - 2 * REACH)
-    curvature, _ = rates(bend, scene.duration / (scene.samples - 1))
+    curvature, _ = rates(bend, scene.interval)
     left = (y - exact)[inner]
     size = np.einsum("tnk,tnk->t", left, curvature) / np.einsum("tnk,tnk->t", curvature, curvature)
     after = float(np.abs(left - size[:, None, None] * curvature).max())
@@ -304,7 +304,7 @@ def late(subject: Subject, first: Observation) -> NamedCause | None:
 def behind(subject: Subject, first: Observation) -> NamedCause | None:
     """The cause if the error at a finite step is that of functions of time which come late by a part of the step."""
     scene, scale = first.scene, first.scale
-    step = scene.duration / (scene.samples - 1)
+    step = scene.interval
     if not scene.timed:
         return None
     try:
@@ -347,7 +347,7 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
     The time is so short that even the fastest motion, that of a soft joint, is smooth from sample to sample.
     """
     scene = scene.replace(duration=scene.duration / FASTEST)
-    finest = scene.duration / (scene.samples - 1) / FINE
+    finest = scene.interval / FINE
     asked = ((finest, None), (finest, None), (COARSER * finest, None)) if subject.order(scene) is not None else (
         (None, TIGHT), (None, TIGHT), (None, COARSER**2 * TIGHT))
     try:

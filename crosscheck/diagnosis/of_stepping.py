@@ -112,7 +112,7 @@ def limited(subject: Subject, first: Observation) -> NamedCause | None:
     scene = first.scene
     if subject.order(scene) is None:
         return None
-    step = scene.duration / (scene.samples - 1) / 2
+    step = scene.interval / 2
     try:
         fine, finer = (subject.run(scene, size).states for size in (step, step / 2))
         once = subject.run(scene.replace(samples=2), scene.duration).states
@@ -225,7 +225,7 @@ def _lower_order(subject: Subject, first: Observation, order: int, known: Known,
     quantity = f"observed order, documented {order}"
     seen = first.scene.replace(duration=1.0 / first.scale.rate, samples=SAMPLES)
     try:
-        stuck = of_run.clamped(subject.run(seen, seen.duration / (seen.samples - 1)).states)
+        stuck = of_run.clamped(subject.run(seen, seen.interval).states)
     except Silent:
         stuck = None
     if stuck is not None:  # its kink lowers the order of any method, and has no accelerations
@@ -350,7 +350,7 @@ def _gain(subject: Subject, first: Observation, known: Known, answer: Explanatio
     gaps = constraints.position(x, R)[:, rows] / scale.length
     if float(np.abs(gaps).max()) < 0.01 * PUSH:
         return NO_GAIN  # joint coordinates and projections close the joints at once
-    interval = scene.duration / (scene.samples - 1)
+    interval = scene.interval
     slopes, error = rates(scale.flat(states)[:, :, 12:], interval)
     a, alpha = slopes[:, :, :3] * scale.length * scale.rate, slopes[:, :, 3:] * scale.rate
     left = constraints.acceleration(x, R, v, w, a, alpha)[:, rows] / (scale.length * scale.rate**2)
@@ -403,7 +403,7 @@ def adds_up(subject: Subject, scene: Scene, scale: Scale, answer: Explanation) -
     `scene` has the duration and output times of an observation. The subject has fixed steps.
     """
     exact = scale.flat(true_motion(scene))
-    interval, gaps, text = scene.duration / (scene.samples - 1), list[np.ndarray](), ""
+    interval, gaps, text = scene.interval, list[np.ndarray](), ""
     for count in DOUBLINGS:
         began = time.perf_counter()
         try:

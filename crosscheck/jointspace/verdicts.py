@@ -24,7 +24,6 @@ from crosscheck.scene.alterations import FAILS, alterations
 from crosscheck.scene.altered import of_scene
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import relative, starting
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
 
 DIFFERENCE = 1e-3
@@ -248,7 +247,7 @@ def _bases(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     balls = np.zeros(space.size)
     for link in space.links:
         own = space.own[link.body]
-        if link.joint is not None and JOINT_TYPES[link.joint.type].is_ball:
+        if link.joint is not None and link.joint.kind.is_ball:
             balls[own] = 1.0
             turns[own, own] = relative(link.joint, start).turn[0]
             spins[own, own] = np.cross(space.rates[own], np.eye(3)).T

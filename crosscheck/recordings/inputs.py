@@ -130,11 +130,11 @@ class System:
             for joint in scene.joints), sensors=(), forces=tuple(
                 force for force in scene.forces if force.type != "servo" or force.joint not in acting))
         self.n = len(scene.joints)
-        self.names = [(each.what, owner.name) for owners, every in ((scene.bodies, OF_BODIES), (
-            scene.joints, OF_JOINTS)) for owner in owners for each in every] + [(each.what, "") for each in OF_ALL]
+        altered = [(each, owner.name) for owners, every in ((scene.bodies, OF_BODIES), (scene.joints, OF_JOINTS))
+                   for owner in owners for each in every] + [(each, "") for each in OF_ALL]
         slides = {joint.name for joint in scene.joints if joint.kind.slides}
-        by_name = {each.what: each for each in QUANTITIES}
-        self.units = [by_name[what].unit_along(owner in slides) for what, owner in self.names]
+        self.names = [(each.what, owner) for each, owner in altered]
+        self.units = [each.unit_along(owner in slides) for each, owner in altered]
         self._bodies = len(OF_BODIES) * scene.n
         self._delay = self._bodies + len(OF_JOINTS) * self.n
         own = [joint.dry_friction[0] if joint.dry_friction else None for joint in self.scene.joints]
@@ -142,9 +142,8 @@ class System:
                                    [0.0 if each is None else max(each.sliding, each.static) for each in own]])
         given = {joint.name: {"damping": sum(joint.damping), "friction": self._friction[0, k], "armature": sum(
             joint.armature)} for k, joint in enumerate(self.scene.joints)}
-        positive = [each.what for each in QUANTITIES if each.positive]
-        self.least = np.array([-1.0 if what in positive else -given.get(owner, {}).get(what, np.inf)
-                               for what, owner in self.names])
+        self.least = np.array([-1.0 if each.positive else -given.get(owner, {}).get(each.what, np.inf)
+                               for each, owner in altered])
         self._compile()
 
     def _compile(self) -> None:

@@ -22,7 +22,6 @@ from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco import models, own_law
 from crosscheck.adapters.mujoco.models import INTEGRATORS, OBSERVED, build, set_initial_state
 from crosscheck.errors import EngineError
-from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 from crosscheck.scene.models.compiling import listening
 from crosscheck.scene.states import States
@@ -90,7 +89,7 @@ class Forms(Engine):
         """Bodies on a ball joint, and free bodies."""
         branches, _ = models.closures(scene, form or "tree")
         return [branch.body for branch in branches
-                if branch.joint is None or "ball" in JOINT_TYPES[branch.joint.type].motion]
+                if branch.joint is None or "ball" in branch.joint.kind.motion]
 
 
 class MuJoCo(Forms):

@@ -196,10 +196,6 @@ class System:
         self._function = heyoka.cfunc([heyoka.expression(0.0) + rates[int(k)] for k in places[1]],
                                       vars=[*symbols, *pushes], compact_mode=True, opt_level=1)
 
-    def accelerations(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, altered: np.ndarray) -> np.ndarray:
-        """(N, n) from coordinates, rates and efforts (N, n) of the joints and alterations (N, K); without laws."""
-        return self._accelerations(q, v, u, *self._parameters(altered))
-
     def _parameters(self, altered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Alterations of joints (N, n, 8), and the parameters of the compiled function."""
         joints = altered[:, self._bodies:self._delay].reshape(-1, self.n, len(OF_JOINTS))
@@ -213,6 +209,7 @@ class System:
 
     def _accelerations(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, joints: np.ndarray, pars: np.ndarray
                        ) -> np.ndarray:
+        """(N, n) from coordinates, rates and efforts (N, n), and what `_parameters` returns; without laws."""
         state = np.empty((len(self._initial) + self.n, len(q)))
         state[:len(self._initial)] = self._initial[:, None]
         state[self._places[0]] += (self._signs * (q - joints[..., 5] - self._start)).T
@@ -254,11 +251,12 @@ class System:
     def response(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, altered: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray]:
         """(accelerations (N, n), their derivatives by efforts (N, n, n))."""
-        n, count = self.n, len(q)
-        pushed = np.concatenate([u[None], u[None] + np.eye(n)[:, None]]).reshape(-1, n)
-        q, v, altered = (np.tile(each, (n + 1, 1)) for each in (q, v, altered))
-        made = self.accelerations(q, v, pushed, altered).reshape(n + 1, count, n)
-        return made[0], np.moveaxis(made[1:] - made[0], 0, 2)
+        return self._response(q, v, u, *self._parameters(altered))
+
+    def _response(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, joints: np.ndarray, pars: np.ndarray
+                  ) -> tuple[np.ndarray, np.ndarray]:
+        a = self._accelerations(q, v, u, joints, pars)
+        return a, np.stack([self._accelerations(q, v, u + unit, joints, pars) - a for unit in np.eye(self.n)], 2)
 
     def flow(self, begin: np.ndarray, start: np.ndarray, span: float, step: float, altered: np.ndarray | None = None
              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -402,9 +400,9 @@ class System:
             s = past[rows] + share * until * (h - past[rows])
             given = mean[:, rows] + (s / h - 0.5)[:, None] * tilt[:, rows]
             u, own, pars = self.pushes(t[rows] + s, q, v, given, joints[rows]) + rub, joints[rows], parameters[:, rows]
-            a = self._accelerations(q, v, u, own, pars)
             if wanted:
-                return a, np.stack([self._accelerations(q, v, u + unit, own, pars) - a for unit in np.eye(self.n)], 2)
+                return self._response(q, v, u, own, pars)
+            a = self._accelerations(q, v, u, own, pars)
             if S is not None and stuck is not None and (still := stuck.any(axis=1)).any():
                 a[still] = _kept(a[still], S[still], stuck[still])[0]
             return a

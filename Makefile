@@ -22,7 +22,7 @@ MARKS ?= not slow or core
 
 help:
 	@echo "make verify     run every method and engine over the scenes, write reports/latest/index.html"
-	@echo "make test       run the tests of a push, seven minutes"
+	@echo "make test       run the tests of a push, eight minutes"
 	@echo "make test-all   run all tests but the studies"
 	@echo "make test-lieeuler  those of lieeuler alone, without crosscheck and engines"
 	@echo "make smoke      the main job in half a minute"

@@ -517,7 +517,7 @@ def words(each: Advice) -> list[str]:
     if each.method is None:
         least = "no run ended" if each.least is None else f"the least error found is {each.least:.1e} of its size"
         return [f"unresolved: {asked}: not {each.tried}; {least}"]
-    size = f"step     {figure(each.step)} s" if each.step else f"rtol     {figure(each.rtol)}"
+    size = f"step     {each.size}" if each.step else f"rtol     {each.size.removeprefix('rtol ')}"
     fails = "at no step tried; the coarsest is the time between two outputs" if each.breaks_at is None else (
         f"at {'step' if each.step else 'rtol'} {figure(each.breaks_at)}{' s' if each.step else ''}: it does not "
         "end, or a quantity is wrong by a tenth of its size")

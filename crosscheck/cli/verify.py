@@ -133,6 +133,8 @@ def print_verdicts(document: Document, page: Path) -> None:
         document = msgspec.structs.replace(
             document, scenes=[msgspec.structs.replace(scene, name=scene.title) for scene in document.scenes],
             records=[msgspec.structs.replace(record, scene=titles[record.scene]) for record in document.records])
+    for answer in document.answers:
+        say(answer)
     say(f"{document.outcome}: {headline(document)} ({document.meta.seconds:.0f} s)")
     say("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
     for each in assumptions(document.records):
@@ -195,16 +197,16 @@ def _print_published(literature: Sequence[published.Figure]) -> None:
 def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
     """Print one line for all runs of an engine on a scene that have one outcome and nothing wrong."""
     from crosscheck.document import grouped
-    from crosscheck.report.headline import OUTCOMES, ending, judged_share, share_words
+    from crosscheck.report.headline import OUTCOMES, ending, share_words
 
     best, first = min(right, key=lambda record: record.error), right[0]
     part = "" if first.outcome == "pass" else (
-        f", {first.outcome}: {share_words(judged_share(right))}, since {first.not_judged}")
+        f", {first.outcome}: {share_words(right)}, since {first.not_judged}")
     line = (f"{OUTCOMES[first.outcome][0]} {scene}, {engine}: {len(right)} run"
             f"{' behaves' if len(right) == 1 else 's behave'} as documented{part}")
     if math.isfinite(best.error):
         who = best.label.removeprefix(f"{engine} ")
-        line += f", least error {best.error:.1e} of its size, by {who} at {_size(best)}"
+        line += f", least error {best.error:.1e} of its size, by {who} at {best.size}"
     shown = grouped(((record, record.order.observed) for record in right if record.order is not None),
                     lambda pair: pair[0].documented_order)
     orders = list[str]()
@@ -222,15 +224,11 @@ def _row(record: Record) -> tuple[str, ...]:
     from crosscheck.document.outcomes import percent
     from crosscheck.report.headline import OUTCOMES, visible_error
 
-    return (record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", _size(record),
+    return (record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", record.size,
             "" if record.order is None else f"{record.order.observed:.2f}", _number(record.off),
             _number(visible_error(record)), "" if record.share is None else percent(record.least_share),
             _number(record.energy_error),
             "" if record.us_per_step is None else f"{record.us_per_step:.3g}")
-
-
-def _size(record: Record) -> str:
-    return f"{record.step:g} s" if record.step else f"rtol {record.rtol:g}" if record.rtol else ""
 
 
 def _number(value: float | None) -> str:

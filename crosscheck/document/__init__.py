@@ -19,6 +19,7 @@ from crosscheck.document.part import Way as Way
 from crosscheck.document.part import extended as extended
 from crosscheck.document.part import grouped as grouped
 from crosscheck.document.part import set_words as set_words
+from crosscheck.document.part import size_of as size_of
 
 SCHEMA = 3
 """Version of results.json. It rises if a key is removed or changes its meaning. New keys do not raise it."""
@@ -124,7 +125,8 @@ class Plan(Part, frozen=True):
     rtol: float = 1e-9
     samples: int = 251  # output times of a run, enough for smooth curves on a screen
     duration: float | None = None  # s; runs end here if the scene is longer
-    covered: float = 1.0  # share of the time asked for up to which the scene describes the motion
+    covered: float = 1.0  # share of the time asked for at which runs end, since truth does
+    ends: tuple[float, str] | None = None  # s, then, and why
 
     def step(self, order: int) -> float:
         """Step (s) of a method of this order."""
@@ -141,6 +143,8 @@ class Recommended(Part, frozen=True, kw_only=True):
     seconds: float | None  # of stepping per simulated second
     why: str
     share: float = 1.0  # the part of its time over which its motion is resolved
+
+    size = property(size_of)
 
 
 class EngineTrust(Part, frozen=True, kw_only=True):
@@ -205,6 +209,11 @@ class Finding(Part, frozen=True):
         """The finding on a run that did not reach its end."""
         return cls("asked end", "fail", None, None, "", ENDED, why)
 
+    @classmethod
+    def truth_ends(cls, time: float, why: str) -> Finding:
+        """The finding on a run that goes on after truth has ended, at this time (s)."""
+        return cls("unresolved ended", "unresolved", time, None, "s", why)
+
     @property
     def about(self) -> str:
         """The key of `outcomes.KINDS`."""
@@ -259,6 +268,8 @@ class Rung(Part, frozen=True, kw_only=True):
     step: float | None  # s
     rtol: float | None
     errors: dict[str, float | None] = {}  # the largest of all segments against truth
+
+    size = property(size_of)
 
 
 class Point(Part, frozen=True, kw_only=True):
@@ -429,6 +440,8 @@ class Advice(Part, frozen=True, kw_only=True):
     command: str | None = None
     estimated: str = ""  # what the run is estimated from; empty: it was made
 
+    size = property(size_of)
+
 
 def renamed(value: Any, names: Mapping[str, str]) -> Any:
     """A part of a document in whose texts, lists and parts, curves aside, every key of `names` is its value."""
@@ -453,6 +466,7 @@ class Document(Part, frozen=True, kw_only=True):
     exit_code: int  # of the outcome
     changes: list[Change] | None = None
     support: list[Support] | None = None
+    answers: list[str] = []  # whether runs are within each tolerance that the user asked for, from `headline.answers`
     advice: list[Advice] | None = None  # from ladders of runs where they were made, else estimated from the records
 
 

@@ -40,6 +40,11 @@ def set_words(options: Iterable[tuple[str, object]]) -> list[str]:
         "--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}")]
 
 
+def size_of(each: Any) -> str:
+    """Step (s) or relative tolerance in words, as every table and sentence has it; "" without one."""
+    return f"{each.step:.3g} s" if each.step else f"rtol {each.rtol:.3g}" if each.rtol else ""
+
+
 class Way(Part, frozen=True):
     """One way to run any scene: engine and method, step or rtol, and the options that are not the default."""
 
@@ -50,6 +55,8 @@ class Way(Part, frozen=True):
     form: str | None = None  # None: the engine chooses
     coordinate_map: str | None = None  # None: the default of the method
     options: tuple[tuple[str, Any], ...] = ()  # all others, by their names in `crosscheck.run`
+
+    size = property(size_of)
 
     @classmethod
     def of(cls, engine: str, method: str, step: float | None = None, rtol: float | None = None, form: str | None = None,

@@ -59,10 +59,11 @@ def needing(run: Record, need: float) -> Record:
     return replace(run, outcome=outcome, message=_unresolved(run) if outcome == "unresolved" else "")
 
 
-def covered(run: Record, share: float, why: str) -> Record:
-    """A run up to where its scene ends, at this share of the time that was asked for, with the reason."""
+def covered(run: Record, share: float, ends: float, why: str) -> Record:
+    """A run up to where truth ends (s), at this share of the time that was asked for, with the reason."""
     shares = {name: share * each for name, each in run.shares.items()}
-    return needing(replace(run, share=share * (run.share or 0.0), shares=shares, not_judged=why), 1.0)
+    return needing(replace(run, share=share * (run.share or 0.0), shares=shares, not_judged=why,
+                           findings=[*run.findings, Finding.truth_ends(ends, why)]), 1.0)
 
 
 def worded(run: Record, need: float = 1.0) -> Record:

@@ -20,7 +20,7 @@ from crosscheck.document.curves import RunCurves, SceneCurves
 from crosscheck.document.part import Part
 from crosscheck.files import cell, readable
 from crosscheck.report import identity
-from crosscheck.report.headline import ending, number, sentence
+from crosscheck.report.headline import answers, ending, number, sentence
 
 
 def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
@@ -78,7 +78,12 @@ def junit(document: Document) -> str:
     for scene in document.scenes:
         records = [record for record in document.records if record.scene == scene.name]
         suite = ElementTree.SubElement(root, "testsuite", name=scene.name)
+        if told := answers(records, document.meta.need):
+            given = ElementTree.SubElement(suite, "properties")
+            for answer in told:
+                ElementTree.SubElement(given, "property", name="within tolerance", value=answer)
         for record in records:
+            asked = answers([record], document.meta.need)
             case = ElementTree.SubElement(suite, "testcase", classname=f"crosscheck.{scene.name}",
                                           name=record.label, time=f"{record.wall_time or 0.0:.6f}")
             # Findings within their bounds are only in results.json.
@@ -91,11 +96,12 @@ def junit(document: Document) -> str:
             elif record.outcome == "error":
                 ElementTree.SubElement(case, "error", message=record.message)
             elif record.outcome == "unresolved":
-                ElementTree.SubElement(case, "failure", type="unresolved", message=f"{record.word}: {sentence(record)}")
+                ElementTree.SubElement(case, "failure", type="unresolved", message="; ".join(
+                    [*asked, f"{record.word}: {sentence(record)}"]))
             elif record.outcome == "unsupported":
                 ElementTree.SubElement(case, "skipped", message=record.message)
             output = ElementTree.SubElement(case, "system-out")
-            output.text = "\n".join([f"outcome: {record.outcome}", *lines, *filter(None, (ending(record),)),
+            output.text = "\n".join([*asked, f"outcome: {record.outcome}", *lines, *filter(None, (ending(record),)),
                                      f"repeat: {record.command}"])
         for attribute, outcomes in (("failures", ("fail", "unresolved")), ("errors", ("error",)),
                                     ("skipped", ("unsupported",))):

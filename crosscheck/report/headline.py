@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 import shlex
 from collections import Counter
 from collections.abc import Sequence
 
-from crosscheck.document import QUANTITIES, Change, Document, Record, Scene
+from crosscheck.document import QUANTITIES, Change, Document, Finding, Record, Scene, grouped
 from crosscheck.document.outcomes import Outcome, percent
 from crosscheck.errors import counted
 
@@ -23,14 +22,10 @@ OUTCOMES: dict[Outcome, tuple[str, str, str]] = {
 """Symbol, word and meaning of each outcome."""
 
 
-def judged_share(records: Sequence[Record]) -> float | None:
-    """The average share of their time over which every row of runs is resolved; None without runs."""
-    return sum(record.least_share for record in records) / len(records) if records else None
-
-
-def share_words(share: float | None) -> str:
-    """A share from `judged_share` in words."""
-    return "" if share is None else f"resolved over {percent(share)} of the time"
+def share_words(records: Sequence[Record]) -> str:
+    """In words, over what share of its time every row of a run is resolved, the least and the most of several runs."""
+    least, most = (percent(each([record.least_share for record in records])) for each in (min, max))
+    return f"resolved over {'' if least == most else least.removesuffix(' %') + ' to '}{most} of the time"
 
 
 def assumptions(records: Sequence[Record]) -> list[str]:
@@ -48,14 +43,75 @@ SPARED = 2
 def headline(document: Document) -> str:
     """The result in one sentence: what passes and fails, what became worse, what was not judged and why.
 
-    The first page, summary.md and the summary of a nightly run begin with this sentence.
+    The first page, summary.md and the summary of a nightly run begin with it, after `Document.answers`.
     """
     if not document.records and document.meta.left:
         return "no run has ended yet" + ("" if document.scenes else ": truth is being computed, which every run needs")
     if not document.records:
         return "Nothing was run"
-    clauses = (_passing(document), _worse(document.changes), _not_judged(document.scenes), _ended(document.scenes))
+    clauses = (_passing(document), _cut(document), _worse(document.changes), _not_judged(document.scenes),
+               _ended(document.scenes))
     return "; ".join(clause for clause in clauses if clause)
+
+
+NAMED = 3
+"""Most runs that an answer names."""
+
+
+def answers(records: Sequence[Record], need: float) -> list[str]:
+    """Whether runs are within each tolerance that the user asked for: yes, no or not decided, with error and bound.
+
+    Not decided: it was within as far as truth reaches, and that is less of the run's time than `need`.
+    """
+    asked = [(each, record) for record in records for each in record.findings if each.about == "tolerance"]
+    told = []
+    for (row, bound), found in grouped(asked, lambda pair: (pair[0].row, pair[0].bound)).items():
+        words = grouped(found, lambda pair: "no" if pair[0].status == "fail" else "not decided" if pair[0].value is None
+                        or pair[1].shares.get(pair[0].kind, 0.0) < need else "yes")
+        scenes = len({record.scene for _, record in found}) > 1
+        allowed = f"{bound:g} {found[0][0].unit}".removesuffix(" 1")
+        if len(found) == 1:
+            (word, ((each, record),)), = words.items()
+            over = f"over {_time(record, each.kind)}"
+            told.append(f"{word}: error of {row} {_value(each)} {over}, allowed {allowed}: {_who(record, scenes)}")
+            continue
+        told.append(f"error of {row} at most {allowed}: " + ", ".join(
+            f"{word} for {_several(words[word], scenes)}" for word in ("no", "not decided", "yes") if word in words))
+    return told
+
+
+def _several(found: Sequence[tuple[Finding, Record]], scenes: bool) -> str:
+    """Runs and their errors, the largest first."""
+    worst = sorted(found, key=lambda pair: -pair[0].severity)
+    named = ", ".join(f"{_who(record, scenes)} {_value(each)}"
+                      + (f" over {_time(record, each.kind)}" if record.shares.get(each.kind, 0.0) < 1 else "")
+                      for each, record in worst[:NAMED])
+    more = f" and {len(worst) - NAMED} more" if len(worst) > NAMED else ""
+    return f"{counted(len(worst), 'run')} ({named}{more})"
+
+
+def _who(record: Record, scenes: bool) -> str:
+    size = f" at {record.size}" if record.size else ""
+    return f"{record.label}{size}" + (f" on {spoken(record.scene)}" if scenes else "")
+
+
+def _value(finding: Finding) -> str:
+    return "not known" if finding.value is None else f"{number(finding.value)} {finding.unit}".removesuffix(" 1")
+
+
+def _time(record: Record, kind: str) -> str:
+    """The part of the time that was asked for over which a row was compared."""
+    share = record.shares.get(kind, 0.0)
+    return f"all {record.duration:g} s" if share >= 1 and record.duration else f"{percent(share)} of the time"
+
+
+def _cut(document: Document) -> str:
+    """The steps that were made where the one that was asked for divides no interval between outputs."""
+    asked = document.meta.asked.step
+    made = {record.size for record in document.records if record.step and asked and not math.isclose(
+        record.step, asked, rel_tol=1e-9)}
+    return "" if not made else (f"steps of {' and '.join(sorted(made))} were made, not of {asked:g} s, which does not "
+                                "divide the time between two outputs")
 
 
 def _passing(document: Document) -> str:
@@ -70,10 +126,10 @@ def _passing(document: Document) -> str:
         return f"The only run {made}passes" if count["pass"] == 1 else f"All {count['pass']} runs {made}pass"
     whole = count["pass"]
     said = [f"{counted(whole, 'run', none='No')} pass{'es' if whole == 1 else ''}"]
-    if (share := judged_share(open_)) is not None:
+    if open_:
         reasons = Counter(record.not_judged for record in open_ if record.not_judged).most_common(1)
         why = f", {'mostly ' if len(open_) > 1 else ''}since {reasons[0][0].partition(': ')[0]}" if reasons else ""
-        said.append(f"{len(open_)} unresolved ({share_words(share)}{why})")
+        said.append(f"{len(open_)} unresolved ({share_words(open_)}{why})")
     if count["known"]:
         said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")
     if 0 < len(failing) <= SPARED:
@@ -170,7 +226,9 @@ def clause(record: Record) -> str:
     return (f"{what.format(row=worst.row)} {number(worst.value)}{unit}, {relation} {number(worst.bound)}{unit}")
 
 
-MENDS = {"unresolved rest": "give it a start that moves",
+MENDS = {"unresolved elsewhere": "starts from other states: there, bodies and joints have other names and order",
+         "unresolved dropped": "a start at which nothing acts that was left out: --qpos or --keyframe",
+         "unresolved rest": "give it a start that moves",
          "unresolved truth": "a shorter --duration, or a scene with a truth: crosscheck truth says what is in the way"}
 """By the kind of a finding that says why nothing of a motion was judged: the change that would mend it."""
 
@@ -193,10 +251,6 @@ def ending(record: Record, command: str = "") -> str:
     return f"reproduce: {command}" if command else ""
 
 
-ALONE = "not started elsewhere: "
-ENDS = re.compile(r"truth ends at (\S+) s")
-
-
 def _below(value: float) -> str:
     """Two digits of a number, rounded down."""
     digit = 10.0 ** (math.floor(math.log10(value)) - 1)
@@ -204,15 +258,12 @@ def _below(value: float) -> str:
 
 
 def _mend(record: Record) -> str:
-    if record.not_judged.startswith(ALONE) and not record.least_share:
-        return "starts from other states: there, bodies and joints have other names and another order"
-    if "was left out" in record.not_judged:
-        return "a start at which nothing acts that was left out: --qpos or --keyframe"
-    open_ = (MENDS[each.kind] for each in record.findings if each.kind in MENDS and each.status == "unresolved")
+    open_ = {each.kind: each.value for each in record.findings if each.status == "unresolved"}
     share = f", or --need {_below(record.least_share)}, which is resolved" if record.least_share else ""
-    if share and (ends := ENDS.search(record.not_judged)):
-        return f"--duration {_below(float(ends[1]))}, before truth ends{share}"
-    return next(open_, f"a smaller {'--step' if record.step else '--rtol'}{share}")
+    if share and (ends := open_.get("unresolved ended")):
+        return f"--duration {_below(ends)}, before truth ends{share}"
+    return next((mend for kind, mend in MENDS.items() if kind in open_),
+                f"a smaller {'--step' if record.step else '--rtol'}{share}")
 
 
 def visible_error(record: Record) -> float | None:

@@ -15,7 +15,7 @@ from crosscheck.document import ENDED, Change, Document, Finding, Record, Scene,
 from crosscheck.document.curves import Packed
 from crosscheck.document.outcomes import KINDS, Outcome
 from crosscheck.report.curves import unpack
-from crosscheck.report.headline import OUTCOMES, judged_share
+from crosscheck.report.headline import OUTCOMES
 
 SEVERITY: tuple[Outcome, ...] = get_args(Outcome)
 """Outcomes, the most urgent first. A group of runs is shown by the most urgent one in it."""
@@ -39,10 +39,9 @@ def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int
     return counts
 
 
-def judged_shares(document: Document) -> dict[tuple[str, str], float | None]:
-    """For every scene and engine with unresolved runs, the share of their time that is resolved (`judged_share`)."""
-    unresolved = _pairs(record for record in document.records if record.outcome == "unresolved")
-    return {pair: judged_share(records) for pair, records in unresolved.items()}
+def unresolved(document: Document) -> dict[tuple[str, str], list[Record]]:
+    """The unresolved runs by scene and engine."""
+    return _pairs(record for record in document.records if record.outcome == "unresolved")
 
 
 def most_accurate(document: Document) -> dict[str, dict[str, Record]]:

@@ -21,7 +21,6 @@ from crosscheck.report.headline import (
     assumptions,
     ending,
     headline,
-    judged_share,
     number,
     plain_number,
     sentence,
@@ -108,7 +107,7 @@ def environment() -> Any:
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
     made.filters |= {"number": number, "sentence": sentence, "ending": ending, "shade": shade, "anchor": anchor,
-                     "span": span, "visible_error": visible_error, "spoken": spoken, "judged_share": judged_share,
+                     "span": span, "visible_error": visible_error, "spoken": spoken,
                      "share_words": share_words, "assumptions": assumptions, "sortable": plain_number,
                      "query": urllib.parse.quote, "slug": slug}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
@@ -156,8 +155,8 @@ def _overview(template: str, document: Document) -> str:
     records, worst = document.records, overview.worst_first(document.records, document.changes)
     return _render(
         template, document, "index", matrix=overview.by_method(document), cells=overview.by_scene_and_engine(document),
-        shares=overview.judged_shares(document),
-        headline=headline(document),
+        unresolved=overview.unresolved(document),
+        headline="; ".join([*document.answers, headline(document)]),
         counts=overview.summary_counts(records), worst=worst,
         right=overview.first_rows(document), pictures=overview.pictures(document, worst),
         advice=overview.recommended(document.scenes), accurate=overview.most_accurate(document),

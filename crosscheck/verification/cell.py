@@ -19,7 +19,7 @@ from crosscheck.errors import Unsupported, said
 from crosscheck.judge.crossings import corrected_at_impacts
 from crosscheck.judge.overrides import Overrides, tolerated
 from crosscheck.judge.verdict import covered, with_outcome, worded
-from crosscheck.references import TruthError, dense, truth
+from crosscheck.references import TruthError, truth
 from crosscheck.references.base import Reference, ending
 from crosscheck.running.attempt import Failed, Refused, attempt, lasting
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
@@ -63,8 +63,8 @@ def run_cell(cell: Cell) -> Record:
     reference = None if cell.no_truth else truth(scene)
     made = judged(run, scene, outcome.trajectory, engine.held_levels(scene, spec), reference, cell.no_truth,
                   cell.overrides, cell.as_planned)
-    return made if plan.covered == 1.0 or made.share is None else covered(
-        made, plan.covered, ending(scene.duration, dense(scene).horizon_cause))
+    return made if plan.ends is None or made.share is None else covered(
+        made, plan.covered, plan.ends[0], ending(*plan.ends))
 
 
 def judge_alone(name: str, traj: Trajectory, engine: str, *, step: float | None = None, rtol: float | None = None,
@@ -120,8 +120,8 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
         scene, traj, held, size, found.eps, max(found.iteration, traj.stats.get("newton_left", 0.0)), engine.on_group)]
     shares = {name: each for name, each in found.shares.items() if name}
     made = replace(
-        _measured(run, scene, traj, own, reference, missed, held, size), share=found.share, shares=shares,
-        resolution=found.visible, asked_steps=found.cost, ladder=found.ladder, not_judged=found.why,
+        _measured(run, scene, traj, own, reference, missed, held, size), step=step or None, share=found.share,
+        shares=shares, resolution=found.visible, asked_steps=found.cost, ladder=found.ladder, not_judged=found.why,
         order=found.order)
     asked, more = tolerated(overrides, made, None if reference is None else reference.horizon)
     made = replace(made, shares=shares | more)

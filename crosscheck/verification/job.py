@@ -40,6 +40,7 @@ from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
 from crosscheck.judge.verdict import beyond
+from crosscheck.report.headline import answers
 from crosscheck.running import cluster, provenance, support, versions
 from crosscheck.running.arguments import engine_options
 from crosscheck.scene.file import load_scene, read_scene, scene_names, tagged
@@ -285,7 +286,7 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     finite = msgspec.convert(plain(records), list[Record], str_keys=True)
     outcome = outcome_of(scenes, records)
     return Document(meta=meta, scenes=scenes, records=finite, outcome=outcome, exit_code=EXIT_CODES[outcome],
-                    support=rows)
+                    support=rows, answers=answers(finite, meta.need))
 
 
 def _keys(wanted: bool) -> Callable[..., str]:

@@ -46,9 +46,32 @@ def plan_of(scene: Scene, motion: Motion | None, most_steps: int, most_seconds: 
         np.nanmax(np.linalg.norm(motion.w, axis=-1), initial=0.0)))
     shortest = _readable(whole * math.sqrt(scene.n) / most_steps, up=True)
     samples = max(26, 251 // max(1, scene.n // 2))
+    if asked.step is not None:
+        samples, length = _outputs(asked.step, whole, samples, asked.duration is None)
+        return Plan({1: asked.step}, samples=samples, duration=duration if length == whole else length)
     steps = {order: max(_readable(min(share ** (1 / (order + 1)) / rate, whole / (samples - 1))), shortest)
              for order, share in RESOLVE.items()}
-    return Plan({1: asked.step} if asked.step is not None else steps, samples=samples, duration=duration)
+    return Plan(steps, samples=samples, duration=duration)
+
+
+FEWEST = 8
+"""Fewest intervals between outputs: the segments of the verdict."""
+
+
+def _outputs(step: float, whole: float, samples: int, shorter: bool) -> tuple[int, float]:
+    """The number of samples, at most `samples`, and the duration (s), so that whole steps lead from output to output.
+
+    If `shorter`, it may end before `whole`, by less than an interval. Where there is no such number both stay, and the
+    step is cut.
+    """
+    count = round(whole / step)
+    exact = abs(count * step - whole) <= 1e-9 * whole
+    count -= not exact and count * step > whole
+    each = max(1, math.ceil(count / (samples - 1)))  # steps of an interval
+    most = min(2 * each, count // FEWEST) if shorter else count // FEWEST
+    if exact and (found := next((k for k in range(each, most + 1) if count % k == 0), 0)):
+        return count // found + 1, whole
+    return (count // each + 1, count // each * each * step) if shorter and count // each >= FEWEST else (samples, whole)
 
 
 def _readable(step: float, up: bool = False) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from msgspec.structs import replace
 
 from crosscheck import references
@@ -11,7 +9,6 @@ from crosscheck.compare.sizes import sizes
 from crosscheck.document import AS_PLANNED, Asked, Plan, SceneTruth, Truth
 from crosscheck.errors import Unsupported, said
 from crosscheck.judge.rounding import rounding_of
-from crosscheck.judge.segments import end_of_truth
 from crosscheck.references import TruthError
 from crosscheck.references.base import GROWN
 from crosscheck.scene.file import load_scene
@@ -38,17 +35,19 @@ def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED
                           hash=scene.hash, bodies=[body.name for body in scene.bodies], duration=scene.duration,
                           plan=plan, truth=None, sizes=None)
 
-    whole = planned(None, most_seconds).duration or given.duration
+    first = load(name, planned(None, most_seconds))
     try:
+        reference = ends = None
         try:
-            reference = references.truth(load(name, planned(None, most_seconds)))
-            ends = end_of_truth(reference)
-        except references.Chaotic as early:  # before the first output time, where a monitor fires
+            reference = references.truth(first)
+        except references.Chaotic:  # before the first output time, where a monitor fires
             if asked.duration is not None:
                 raise
-            ends = early.horizon
-        if asked.duration is None and ends < math.inf:  # outputs beyond the end of a claim show nothing
-            most_seconds = ends
+        dense = references.dense(first)
+        if dense.horizon <= first.duration * (1 + 1e-12) and dense.horizon_cause not in ("", GROWN):
+            ends = dense.horizon, dense.horizon_cause
+        if reference is None or (ends is not None and asked.duration is None):
+            most_seconds = dense.horizon  # outputs beyond the end of a claim show nothing
             reference = references.truth(load(name, planned(None, most_seconds)))
     except (Unsupported, TruthError) as error:
         plan = planned(None, most_seconds)
@@ -56,15 +55,15 @@ def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED
                        disputed=not isinstance(error, Unsupported))
     plan = planned(reference, most_seconds)
     scene = load(name, plan)
-    dense = references.dense(scene)  # which may know more than the duration
-    ends = dense.horizon <= scene.duration * (1 + 1e-12) and dense.horizon_cause != GROWN
     known = Truth(source=reference.source, second_source=reference.second_source,
                   disagreement=reference.disagreement, allowed=reference.allowed,
                   amplification=reference.amplification, error=reference.error,
                   horizon=reference.horizon,
                   events=reference.events[:MOST_EVENTS],
-                  ended=dense.horizon_cause if ends else "")
-    plan, own = replace(plan, covered=scene.duration / whole if ends else 1.0), sizes(scene, reference.states)
+                  ended=ends[1] if ends else "")
+    if ends is not None and asked.duration is None:
+        plan = replace(plan, covered=scene.duration / first.duration, ends=ends)
+    own = sizes(scene, reference.states)
     return replace(described(scene, plan), truth=known, sizes=own, rounding=rounding_of(scene, reference, own),
                    curves=scene_curves(scene, reference))
 

@@ -20,13 +20,13 @@ from crosscheck.document.known import Known
 from crosscheck.errors import Unsupported
 from crosscheck.judge.rounding import EPS
 from crosscheck.judge.rules import WHY, Check, findings, shares, visible
-from crosscheck.judge.segments import SEGMENTS, Segment, fill, growth, segments_of
+from crosscheck.judge.segments import SEGMENTS, Segment, end_of_truth, fill, growth, segments_of
 from crosscheck.judge.system_flow import MOVED, Flowed, Jump, SystemFlow, grown, moved
 from crosscheck.references import TruthError
 from crosscheck.references.base import Reference, ending
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.assembly import closed
-from crosscheck.scene.model import Scene
+from crosscheck.scene.model import ACTS, Scene
 from crosscheck.verification.limits import Limits
 from crosscheck.verification.questions import Answers, Questions, own_states, start_of
 from crosscheck.verification.restart_defects import RestartDefects
@@ -60,7 +60,11 @@ _whole: dict[tuple[object, ...], list[Segment]] = {}
 
 def unjudged(kind: str, why: str, *findings: Finding) -> Verdict:
     """The verdict on a run of which nothing is compared with truth."""
-    return Verdict([Finding(f"unresolved {kind}", "unresolved", None, None, "", why), *findings], [], why, {"": 0.0})
+    return Verdict([_open(kind, why), *findings], [], why, {"": 0.0})
+
+
+def _open(kind: str, why: str) -> Finding:
+    return Finding(f"unresolved {kind}", "unresolved", None, None, "", why)
 
 
 class Solution:
@@ -87,13 +91,18 @@ class Solution:
         self.open = opened > self.uncertainty.grading * max(EPS, self.questions.engine.eps) * max(
             1.0, traj.steps / SEGMENTS)
 
+    @property
+    def _untrue(self) -> str:
+        """What there is no truth for: "dropped", something that acts at the start and was left out, or "truth"."""
+        return "dropped" if any(each.what.startswith(ACTS) for each in self.scene.left_out) else "truth"
+
     def verdict(self) -> Verdict:
         """All rules."""
         if at_rest(self.scene, self.questions.states if self.truth is None else self.truth.states):
             return unjudged("rest", "nothing moves but rounding: give a start that moves")
         self.checks += self._started()
         if self.flow is None and self.scene.has_laws:  # what acts between its states is not known
-            return unjudged("truth", self.why, *findings(self.checks, [(0.0, float(self.traj.t[-1]))]))
+            return unjudged(self._untrue, self.why, *findings(self.checks, [(0.0, float(self.traj.t[-1]))]))
         self.segments = segments_of(self.scene, self.questions.states, self.truth, self.open)
         cut = [*(segment.first for segment in self.segments), self.segments[-1].last]
         if self.truth is not None and self.flow is not None:
@@ -216,6 +225,12 @@ class Solution:
             reached = dict.fromkeys(reached, 0.0)
         if alone:
             listed.append(Finding("gap", "ok", None, None, "", WHY["gap"], f"{alone}; whole runs alone are judged"))
+            if not min(reached.values()):
+                listed.append(_open("elsewhere", alone))
+        if self.truth is not None and math.isfinite(ends := end_of_truth(self.truth)):
+            listed.append(Finding.truth_ends(ends, ending(ends, self.truth.horizon_cause)))
+        if self.flow is None:
+            listed.append(_open(self._untrue, self.why))
         if self.probe.status != "success":
             listed.insert(0, Finding.ended_early(f"it says: {self.probe.status}"))
         cost = 1.0 + self.probe.steps / max(1, self.traj.steps)

@@ -90,7 +90,7 @@ def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]
 
 
 def _said(best: Recommended) -> str:
-    size = f"step {best.step:.2g} s" if best.step else f"rtol {best.rtol:.0e}"
+    size = f"step {best.size}" if best.step else best.size
     pace = 1e3 * (best.seconds or 0.0)
     spelled = f"{pace:.2g}" if pace < 100 else f"{pace:.0f}"
     time = "" if best.seconds is None else f", {spelled} ms per simulated second"

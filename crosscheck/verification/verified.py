@@ -75,12 +75,12 @@ class Verification:
         return report.write(self.document, Path(folder))
 
     def __str__(self) -> str:
-        return f"{self.outcome}: {headline(self.document)}"
+        return "; ".join([*self.document.answers, f"{self.outcome}: {headline(self.document)}"])
 
     def _repr_html_(self) -> str:
         """The outcome and a table with a row a run, for a notebook."""
         titles = ("scene", "run", "outcome", "step or rtol", "order", "error of its size", "resolved", "us/step", "")
-        rows = [(record.scene, record.label, record.outcome, number(record.step or record.rtol),
+        rows = [(record.scene, record.label, record.outcome, record.size,
                  "" if record.order is None else number(record.order.observed, 3), number(record.off), span(record),
                  number(record.us_per_step), "" if record.outcome == "pass" else sentence(record))
                 for record in self.document.records]

@@ -1,15 +1,18 @@
 """The words of the pages: headline, recommendations, groups of findings."""
 
 import re
+import xml.etree.ElementTree as ElementTree
 
 import pytest
 from msgspec.structs import replace
 
-from crosscheck.document import Errors, Finding, Order, Recommended, Scene, extended, outcomes
+from crosscheck.cli.verify import print_verdicts
+from crosscheck.document import Asked, Errors, Finding, Order, Recommended, Scene, extended, outcomes
 from crosscheck.history import nightly
 from crosscheck.judge import verdict
-from crosscheck.report import headline, overview, pages
+from crosscheck.report import exports, headline, overview, pages, schema
 from crosscheck.verification import trust
+from crosscheck.verification.verified import Verification
 from tests.report_making import CHANGES, failed_scene, made
 
 
@@ -150,6 +153,17 @@ def test_errors_are_coloured_by_their_size_whatever_the_verdict(results, off, sh
         assert (f'class="off off{shade} figure"' in text) == (off is not None)
 
 
+@pytest.mark.parametrize(("step", "said"), [(1e-3, "0.001 s"), (0.02, "0.02 s"), (2 / 3 * 1e-3, "0.000667 s")])
+def test_a_step_has_one_format_everywhere(results, capsys, monkeypatch, tmp_path, step, said):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    document = made(results.scenes[:1], [replace(results.records[0], step=step, rtol=None)])
+    text = pages.index(document)
+    assert set(re.findall(r'data-sort="[^"]*">([^<]* s)</td>', text)) == {said}
+    print_verdicts(document, tmp_path)
+    assert f"by {document.records[0].method} at {said}" in capsys.readouterr().out
+    assert f" at step {said}" in document.scenes[0].trust
+
+
 def test_every_scene_has_a_page_of_its_own():
     scenes = ["top", "Top", "a/top.toml", "b/top.toml", "a top", "a-top", "a/b.toml", "a-b-toml"]
     assert len({pages.scene_file(failed_scene(name, "")).lower() for name in scenes}) == len(scenes)
@@ -161,15 +175,76 @@ def test_runs_at_too_coarse_steps_and_shares_of_time_stand_in_the_headline(resul
     part = replace(part, not_judged="the step is too coarse")
     coarse = replace(part, share=0.0)
     said = headline.headline(made(results.scenes[:1], [whole, part, part, coarse]))
-    assert said == ("1 run passes, 3 unresolved (resolved over 17 % of the time, mostly since the step is too coarse), "
-                    "none fails")
+    assert said == ("1 run passes, 3 unresolved (resolved over 0 to 25 % of the time, mostly since the step is too "
+                    "coarse), none fails")
     ended = replace(part, not_judged="a monitor ended the scene")
     said = headline.headline(made(results.scenes[:1], [whole, ended]))
     assert "(resolved over 25 % of the time, since a monitor ended the scene)" in said
     plain = made(results.scenes[:1], [whole, part, coarse])
     text = pages.index(replace(plain, meta=replace(plain.meta, engines={"fake": "1"})))
-    assert 'class="tag unresolved" style="--share: 12%"' in text
-    assert "2 unresolved, resolved over 12 % of the time" in text
+    assert 'class="tag unresolved" style="--share: 0%"' in text
+    assert "2 unresolved, resolved over 0 to 25 % of the time" in text
+
+
+def _asked(results, label, value, share, status="ok", scene=None):
+    finding = Finding("tolerance position", status, value, 1e-4, "m", "set by the user")
+    return replace(results.records[0], label=label, step=1e-3, rtol=None, duration=2.0, findings=[finding],
+                   shares={finding.kind: share}, share=share, scene=scene or results.scenes[0].name,
+                   outcome="fail" if status == "fail" else "pass" if share == 1 else "unresolved")
+
+
+@pytest.mark.parametrize(("value", "share", "status", "said"), [
+    (3.14e-6, 1.0, "ok", "yes: error of position 3.1e-06 m over all 2 s, allowed 0.0001 m: fake A at 0.001 s"),
+    (0.02, 0.5, "fail", "no: error of position 0.02 m over 50 % of the time, allowed 0.0001 m: fake A at 0.001 s"),
+    (3.14e-6, 0.15, "ok",
+     "not decided: error of position 3.1e-06 m over 15 % of the time, allowed 0.0001 m: fake A at 0.001 s"),
+    (None, 0.0, "unresolved",
+     "not decided: error of position not known over 0 % of the time, allowed 0.0001 m: fake A at 0.001 s")])
+def test_a_tolerance_is_answered_first_in_its_own_quantity(results, tmp_path, capsys, monkeypatch, value, share, status,
+                                                                      said):
+    """Is RK4 at 1 ms good to .1 mm? The terminal, the page, its Markdown, JUnit and results.json begin with it."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+    run = _asked(results, "fake A", value, share, status)
+    document = made(results.scenes[:1], [run])
+    assert document.answers == [said]
+    print_verdicts(document, tmp_path)
+    assert capsys.readouterr().out.splitlines()[0] == said
+    assert str(Verification(document)).startswith(f"{said}; {document.outcome}: ")
+    heading = re.search(r"<h1>(.*?)</h1>", pages.index(document)).group(1)
+    assert re.sub(r"<[^>]*>", "", heading).startswith(f"{said}; ")
+    assert pages.summary(document).startswith(f"# {said}; ")
+    assert schema.plain(document)["answers"] == [said]
+    suite, = ElementTree.fromstring(exports.junit(document))
+    assert [(each.get("name"), each.get("value")) for each in suite.find("properties")] == [("within tolerance", said)]
+    assert suite.find("testcase/system-out").text.startswith(said)
+    failure = suite.find("testcase/failure")
+    assert (failure is None) == (document.outcome == "pass")
+    assert document.outcome != "unresolved" or failure.get("message").startswith(said)
+    enough = headline.answers([run], 0.15)
+    assert enough == [said.replace("not decided", "yes")] if share == 0.15 else [said]
+
+
+def test_of_several_runs_it_says_which_are_within_a_tolerance(results):
+    runs = [_asked(results, "fake A", 3e-6, 1.0), _asked(results, "fake B", 2e-3, 1.0, "fail"),
+            _asked(results, "fake C", 2e-5, 0.5), *(_asked(results, f"fake {k}", 1e-9, 1.0) for k in range(4))]
+    assert headline.answers(runs, 1.0) == [
+        "error of position at most 0.0001 m: no for 1 run (fake B at 0.001 s 2.0e-03 m), not decided for 1 run (fake C "
+        "at 0.001 s 2.0e-05 m over 50 % of the time), yes for 5 runs (fake A at 0.001 s 3.0e-06 m, fake 0 at 0.001 s "
+        "1.0e-09 m, fake 1 at 0.001 s 1.0e-09 m and 2 more)"]
+    both = headline.answers([runs[0], _asked(results, "fake A", 3e-6, 1.0, scene="other_top")], 1.0)
+    assert both[0].endswith("fake A at 0.001 s on other top 3.0e-06 m)")
+    assert headline.answers([results.records[0]], 1.0) == []
+
+
+def test_a_step_that_could_not_be_made_stands_in_the_headline(results):
+    run = replace(results.records[0], step=2 / 3 * 1e-3)
+    document = made(results.scenes[:1], [run])
+    meta = document.meta
+    assert headline.headline(replace(document, meta=replace(meta, asked=Asked(step=7e-4)))) == (
+        "The only run passes; steps of 0.000667 s were made, not of 0.0007 s, which does not divide the time between "
+        "two outputs")
+    assert headline.headline(replace(document, meta=replace(meta, asked=Asked(step=2 / 3 * 1e-3)))) == (
+        "The only run passes")
 
 
 CODES = {"gap": "CC101", "limit": "CC102", "order": "CC103", "promise": "CC104", "asked": "CC105", "tolerance": "CC106",
@@ -195,7 +270,7 @@ def test_what_is_wrong_or_open_has_a_code_and_an_end(results):
     part = replace(run, outcome="unresolved", findings=[], share=0.25)
     assert (verdict.code(part), headline.ending(part)) == (
         "CC108", "what would mend it: a smaller --step, or --need 0.25, which is resolved")
-    touched = replace(part, duration=2.0, not_judged="truth ends at 0.6 s: box touches ball at .6 s")
+    touched = replace(part, duration=2.0, findings=[Finding.truth_ends(0.6, "box touches ball at .6 s")])
     assert headline.ending(touched) == (
         "what would mend it: --duration 0.6, before truth ends, or --need 0.25, which is resolved")
     rest = Finding("unresolved rest", "unresolved", None, None, "", "nothing moves")

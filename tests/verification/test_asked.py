@@ -58,6 +58,14 @@ def test_a_coarse_step_is_judged_by_where_finer_ones_go():
     assert limit.value <= limit.bound < 0.1 * run.errors["position"].max
 
 
+def test_the_step_that_was_made_is_recorded():
+    """7 ms do not divide the .4 s that were asked for."""
+    run, scene = record("DAE1L_LSE", asked=Asked(step=7e-3, duration=0.4))
+    made = 0.4 / (scene.plan.samples - 1)
+    assert run.step == pytest.approx(made)
+    assert run.steps == scene.plan.samples - 1
+
+
 def test_a_night_that_asks_for_more_is_told_apart():
     assert shlex.split(Wanted(asked=ASKED).command)[-6:] == [
         "--set", "coordinate_map=ccsk", "--step", "0.002", "--duration", "0.4"]

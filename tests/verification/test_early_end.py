@@ -33,6 +33,16 @@ def test_runs_are_judged_up_to_a_monitor_that_fires_before_the_first_output_time
     assert scene["plan"]["duration"] == horizon
 
 
+def test_a_step_that_is_asked_for_is_made_up_to_the_last_whole_one_before_truth_ends(tmp_path):
+    said = judged(tmp_path, 1.19, "--step", "1e-3")
+    assert "resolved over 3.4 % of the time" in " ".join(said.stdout.split())
+    found = json.loads((tmp_path / "report" / "results.json").read_text())
+    assert {record["step"] for record in found["records"]} == {1e-3}
+    assert found["scenes"][0]["plan"]["duration"] == 0.034
+    ended, = (each for each in found["records"][0]["findings"] if each["kind"] == "unresolved ended")
+    assert abs(ended["value"] - 0.0344) < 1e-4
+
+
 def test_a_claim_that_ends_at_the_start_names_what_ends_it(tmp_path):
     words = " ".join(judged(tmp_path, 1.2).stdout.split())
     assert "arm could not be judged: 'arm' has no truth: at its start already elbow leaves its range" in words

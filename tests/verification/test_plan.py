@@ -44,3 +44,24 @@ def test_many_bodies_run_for_a_part_of_their_time():
     assert most < chain.duration
     assert duration_within(load_scene("double_pendulum")) is None
     assert duration_within(load_scene("double_pendulum"), 1.0) == 1.0
+
+
+@pytest.mark.parametrize(("step", "until", "asked"), [
+    (1e-3, 0.3086426602215586, None), (1e-3, 0.3086426602215586, 0.25), (7e-4, None, None), (0.02, 0.3086, None),
+    (0.1, None, None), (1e-3, None, 0.5), (5e-5, 0.3086, None)])
+def test_a_step_that_is_asked_for_divides_the_interval_between_outputs(step, until, asked):
+    """Truth that ends at .3086 s and 251 samples made steps of .617 ms of one of 1 ms that was asked for."""
+    scene = load_scene("double_pendulum")
+    plan = plan_of(scene, None, 1000, until, Asked(step=step, duration=asked))
+    whole = asked or until or scene.duration
+    made = (plan.duration or scene.duration) / (plan.samples - 1)
+    assert made / step == pytest.approx(round(made / step), rel=1e-12)
+    assert whole - made < (plan.duration or scene.duration) <= whole
+    assert asked is None or plan.duration == asked
+    assert 9 <= plan.samples <= 251
+
+
+@pytest.mark.parametrize(("step", "asked"), [(7e-4, 0.5), (3.0, None)])
+def test_a_step_that_cannot_divide_it_leaves_the_outputs(step, asked):
+    plan = plan_of(load_scene("double_pendulum"), None, 1000, asked=Asked(step=step, duration=asked))
+    assert (plan.samples, plan.duration, plan.steps) == (251, asked, {1: step})

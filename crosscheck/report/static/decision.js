@@ -17,9 +17,9 @@
   const short = (value, digits = 2) => (value === null ? "–" : value === 0 ? "0"
     : Math.abs(value) >= 0.01 && Math.abs(value) < 1000 ? String(Number(value.toPrecision(digits + 1)))
     : value.toExponential(digits - 1));
-  const size = (row) => (row.step ? short(row.step) + " s" : "rtol " + short(row.rtol));
+  const size = (row) => (row.step ? Number(row.step.toPrecision(3)) + " s" : "rtol " + Number(row.rtol.toPrecision(3)));
   const breaks = (row) => (row.breaks_at === null ? "at none tried"
-    : row.step ? short(row.breaks_at) + " s" : "rtol " + short(row.breaks_at));
+    : size(row.step ? {step: row.breaks_at} : {rtol: row.breaks_at}));
   const about = (row) => (row.estimated.includes("order") ? "about " : "");
   const basis = (row) => (about(row) ? "estimated from " + row.estimated
     : row.estimated ? row.estimated + " of this report; coarser ones were not made"

@@ -48,7 +48,7 @@ window.Figures = (function () {
   const markers = (run, x, values, steps, name) => ({
     x, y: positive(values), raw: values, customdata: steps, name: name ?? run.label, meta: run.label, mode: "lines+markers",
     line: {color: run.colour, dash: run.dash, width: 1.6}, marker: {color: run.colour, symbol: run.symbol, size: 7},
-    hovertemplate: "%{y:.2e}, step %{customdata:.2e} s<extra>" + (name ?? run.label) + "</extra>"});
+    hovertemplate: "%{y:.2e}, step %{customdata:.3~g} s<extra>" + (name ?? run.label) + "</extra>"});
 
   // A maker returns {traces, layout, columns} or, for a figure of many panels, {panels: [{title, traces, layout}], columns}.
   const makers = {};

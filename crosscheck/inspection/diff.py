@@ -39,6 +39,10 @@ from crosscheck.scene.spanning import hung
 TOLERANCE = 1e-7
 """Relative bound on a difference: formats write the same digits, and an attitude as three angles loses some."""
 
+DIGITS, PRINTED = 6, 5e-6
+"""Digits of the longest number of a file that MuJoCo, or another that prints with %g, wrote; relative bound on what
+they round, which is told but not counted as a difference."""
+
 MOVES = 1e-6
 """Relative bound on a difference of accelerations, which the mass matrix makes larger than those of the data."""
 
@@ -63,6 +67,7 @@ class Difference(NamedTuple):
     what: str
     a: Any
     b: Any
+    scale: float | None = None  # of its numbers; None: the largest of them
 
     def __str__(self) -> str:
         return f"{self.where + ': ' if self.where else ''}{self.what}: {_formatted(self.a)} and {_formatted(self.b)}"
@@ -72,6 +77,7 @@ class Difference(NamedTuple):
 class Diff:
     """What differs between two models. `pairs` are the names of matched bodies, `joints` those of matched joints.
 
+    `rounded`: what differs by no more than six printed digits round.
     `moves` is the largest difference of accelerations at matched random states, relative to the largest acceleration;
     None where the second model cannot take the states of the first.
     """
@@ -83,6 +89,7 @@ class Diff:
     joints: tuple[tuple[str, str], ...]
     ambiguous: tuple[str, ...]
     moves: float | None
+    rounded: tuple[Difference, ...] = ()
 
     @property
     def same(self) -> bool:
@@ -96,8 +103,12 @@ class Diff:
             self.moves is None) else (
                 f"accelerations, without friction, limits and contacts, at {STATES + 1} matched states differ by "
                 f"{self.moves:.1e} of the largest")
-        summary = "the same motion" if self.same else f"differences: {len(self.differences)}"
+        summary = f"differences: {len(self.differences)}" if not self.same else (
+            "the same motion" + f" to {DIGITS} digits" * bool(self.rounded))
         return (f"{self.a} and {self.b}: {summary}; matched bodies: {len(self.pairs)}", *map(str, self.differences),
+                *([f"equal to {DIGITS} digits, to which a file is rounded: " + ", ".join(
+                    f"{each.what} of {each.where}" if each.where else each.what for each in self.rounded)]
+                  if self.rounded else []),
                 *(f"{name} could be matched otherwise: it has a twin" for name in self.ambiguous), motion)
 
     def __str__(self) -> str:
@@ -123,8 +134,11 @@ def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -
         best = min(best, second, key=_Comparison.count)
     if not isinstance(a, Scene) and not isinstance(b, Scene) and all(files):
         best.differences += _dropped(joint_data(a), joint_data(b), best.joints)
-    return Diff(_label(a), _label(b), tuple(best.differences), tuple(best.names()), tuple(sorted(best.joints.items())),
-                tuple(best.ambiguous), best.moves)
+    short = all(files) and any(not isinstance(each, Scene) and _digits(Path(each)) == DIGITS for each in (a, b))
+    rounded = [each for each in best.differences if short and _alike(each.a, each.b, each.scale, PRINTED)]
+    return Diff(_label(a), _label(b), tuple(each for each in best.differences if each not in rounded),
+                tuple(best.names()), tuple(sorted(best.joints.items())), tuple(best.ambiguous), best.moves,
+                tuple(rounded))
 
 
 def _dropped(one: JointData, other: JointData, joints: dict[str, str]) -> list[Difference]:
@@ -144,6 +158,13 @@ def _read(model: Scene | str | os.PathLike[str], files: bool) -> Scene:
         with contextlib.suppress(SceneError):
             return _merged(import_model(model))
     return _merged(import_model(model, drop=True, limits="drop", contacts="drop"))
+
+
+def _digits(file: Path) -> int:
+    """Significant digits of the longest number among the attributes of a file."""
+    found = re.findall(r'(?<=["\s])-?(\d*\.?\d+)(?:e[-+]?\d+)?(?=["\s])',
+                       file.read_text(encoding="utf-8", errors="ignore"))
+    return max((len(each.replace(".", "").lstrip("0")) for each in found), default=0)
 
 
 def _label(model: Scene | str | os.PathLike[str]) -> str:
@@ -241,8 +262,8 @@ class _Comparison:
         return ((self.one.scene.bodies[k].name, self.other.scene.bodies[j].name)
                 for k, j in sorted(self.bodies.items()) if k != GROUND)
 
-    def _compare(self, where: str, what: str, a: object, b: object) -> None:
-        self.differences.append(Difference(where, what, _plain(a), _plain(b)))
+    def _compare(self, where: str, what: str, a: object, b: object, scale: float | None = None) -> None:
+        self.differences.append(Difference(where, what, _plain(a), _plain(b), scale))
 
     def _descend(self, body: int, E: np.ndarray, shift: np.ndarray) -> None:
         """Match and compare the children of a matched body.
@@ -265,7 +286,7 @@ class _Comparison:
             if self.one.joint.get(k) is not None and self.other.joint.get(j) is not None and Q is not home:
                 turn = Q.T @ home
                 angle = math.acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1) / 2)))
-                self._compare(self.one.joint[k].name, "frame", 0.0, angle)  # type: ignore[union-attr]
+                self._compare(self.one.joint[k].name, "frame", 0.0, angle, 1.0)  # type: ignore[union-attr]
             self._descend(k, self.other.R[j] @ Q @ self.one.R[k].T, own)
         for k in set(mine) - self.bodies.keys():
             self._compare(self.one.scene.bodies[k].name, "body", "there", "missing")
@@ -356,9 +377,9 @@ class _Comparison:
         if "slide n1" in a.kind.coordinates:  # its slides count from anywhere in the plane
             at = (at @ a.parent_axis) * a.parent_axis
         if np.abs(own).max() > TOLERANCE * self.size:
-            self._compare(name, "centre of mass", np.zeros(3), -own)
+            self._compare(name, "centre of mass", np.zeros(3), -own, self.size)
         if np.abs(at).max() > TOLERANCE * self.size:
-            self._compare(a.name, "place", a.parent_anchor, a.parent_anchor + at)
+            self._compare(a.name, "place", a.parent_anchor, a.parent_anchor + at, self.size)
         springs = self.one.springs(a), self.other.springs(b)
         for key, value in springs[0].items():
             if not _alike(value, springs[1][key]):
@@ -401,7 +422,7 @@ class _Comparison:
             left.remove(b)
             self.joints[a.name] = b.name
             if min(gaps) > TOLERANCE * self.size:
-                self._compare(a.name, "place", 0.0, min(gaps))
+                self._compare(a.name, "place", 0.0, min(gaps), self.size)
             for body, _, axis in ends:
                 its = b.parent_axis if self.bodies[body] == b.parent else b.child_axis
                 if axis is not None and its is not None and abs((self.Q[body] @ axis) @ its) < 1 - TOLERANCE**2:
@@ -467,7 +488,8 @@ class _Comparison:
             bound = mine.get((kind, joint)), theirs.get((kind, joint))
             if not _alike(*bound):
                 self._compare(str(joint), f"monitored {kind}", *bound)
-        here, there = ({key(each, names): each for each in tree.scene.left_out if not each.what.startswith(apart)}
+        here, there = ({key(each, names): each for each in _contacts_apart(tree)
+                        if not each.what.startswith(apart)}
                        for tree, names in ((self.one, {}), (self.other, back)))
         for each in dict.fromkeys((*here, *there)):
             a, b = (("there" if side[each].value == "" else side[each].value) if each in side else "missing"
@@ -506,7 +528,8 @@ class _Comparison:
                 names[name] = name
                 one, other = mine.pop(name), theirs.pop(name)
                 for key in self._outlined_otherwise(one, other):
-                    self._compare(name, f"{key} of the shape", one.get(key), other.get(key))
+                    self._compare(name, f"{key} of the shape", one.get(key), other.get(key),
+                                  self.size if key in ("place", "corners") else None)
             for name in mine:
                 self._compare(name, "shape", "there", "missing")
             for name in theirs:
@@ -550,6 +573,23 @@ class _Comparison:
             gap = np.abs(np.einsum("kij,kj->ki", Q, alpha) - alpha2).max(initial=np.abs(a - a2).max(initial=0.0))
             worst, size = max(worst, float(gap)), max(size, float(np.abs(a).max()), float(np.abs(alpha).max()))
         return worst / size
+
+
+def _contacts_apart(tree: _Tree) -> list[LeftOut]:
+    """What an import left out; contacts by the bodies that move, a link that is fused to the world being the ground.
+
+    Those of a body with the ground that it hangs on are left out: MuJoCo looks for them, whoever reads a URDF does not.
+    """
+    names = {body.name: k for k, body in enumerate(tree.scene.bodies)}
+    made = []
+    for each in tree.scene.left_out:
+        pair = [names.get(name, GROUND) for name in each.where.split(" - ")]
+        if len(pair) != 2 or not each.what.startswith("contacts of"):
+            made.append(each)
+        elif GROUND not in pair or max(pair) not in tree.joint or tree.parent(max(pair)) != GROUND:
+            made.append(each._replace(where=" - ".join(
+                "ground" if k == GROUND else tree.scene.bodies[k].name for k in pair)))
+    return made
 
 
 def _rates(scene: Scene, state: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -654,15 +694,15 @@ def _plain(value: object) -> Any:
     return float(value) if isinstance(value, int | float | np.floating) and not isinstance(value, bool) else value
 
 
-def _alike(a: object, b: object, scale: float | None = None) -> bool:
-    """Whether two values, or tuples of them, agree; numbers within TOLERANCE of the largest, or of `scale`."""
+def _alike(a: object, b: object, scale: float | None = None, tolerance: float = TOLERANCE) -> bool:
+    """Whether two values, or tuples of them, agree; numbers within a tolerance of the largest, or of `scale`."""
     a, b = _plain(a), _plain(b)
     if isinstance(a, float) and isinstance(b, float):
-        return a == b or abs(a - b) <= TOLERANCE * (max(abs(a), abs(b)) if scale is None else scale)
+        return a == b or abs(a - b) <= tolerance * (max(abs(a), abs(b)) if scale is None else scale)
     if isinstance(a, tuple) and isinstance(b, tuple):
         if scale is None:
             scale = max((abs(each) for each in (*_numbers(a), *_numbers(b)) if math.isfinite(each)), default=0.0)
-        return len(a) == len(b) and all(_alike(*pair, scale) for pair in zip(a, b, strict=True))
+        return len(a) == len(b) and all(_alike(*pair, scale, tolerance) for pair in zip(a, b, strict=True))
     return bool(a == b)
 
 

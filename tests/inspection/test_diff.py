@@ -270,3 +270,49 @@ def test_a_model_differs_from_a_scene_that_has_dropped_its_friction(tmp_path):
     assert [line for line in report.lines if "dry friction" in line] == ["le: dry friction: 0.2 and left out (0.2)"]
     back = crosscheck.diff(crosscheck.import_model(path, drop=True), path)
     assert [line for line in back.lines if "dry friction" in line] == ["le: dry friction: left out (0.2) and 0.2"]
+
+
+def link(name, at, mass):
+    return (f'<link name="{name}"><inertial><origin xyz="{at} 0 .01" rpy="0 0 .2"/><mass value="{mass}"/><inertia '
+            'ixx=".0031" iyy=".02" izz=".021" ixy="0" ixz=".0005" iyz="0"/></inertial><collision><origin '
+            f'xyz="{at} 0 0"/><geometry><box size=".1 .04 .04"/></geometry></collision></link>')
+
+
+def hinge(name, parent, child, kind="revolute"):
+    return (f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            '<origin xyz=".3 0 .1"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="9" velocity="2"/></joint>')
+
+
+FUSED = ('<robot name="fused">' + link("stand", 0, 4) + link("upper", .15, 2.1) + link("lower", .12, 1.3)
+         + link("tool", 0, .3) + hinge("lift", "stand", "upper") + hinge("bend", "upper", "lower")
+         + hinge("flange", "lower", "tool", "fixed") + "</robot>")
+"""A stand that is fused to the world and a tool that is fused to a link, both with shapes that may collide."""
+
+
+def test_a_file_that_mujoco_wrote_of_another_is_the_same_robot(tmp_path):
+    """It has six digits, and no body for what is fused to the world: contacts with that are those with the ground."""
+    import mujoco
+
+    given, written = tmp_path / "robot.urdf", tmp_path / "robot.xml"
+    given.write_text(FUSED)
+    mujoco.mj_saveLastXML(str(written), mujoco.MjModel.from_xml_path(str(given)))
+    for pair in ((given, written), (written, given)):
+        found = crosscheck.diff(*pair)
+        assert found.same, found
+        assert {each.what for each in found.rounded} <= {"inertia", "centre of mass", "mass", "frame"}
+        assert found.rounded
+        assert "the same motion to 6 digits" in found.lines[0]
+        assert "equal to 6 digits, to which a file is rounded: " in str(found)
+    text = written.read_text()
+    for old, new in (('mass="2.1"', 'mass="2.1001"'), ('range="-2 2"', 'range="-2 2.001"')):
+        other = tmp_path / "other.xml"
+        other.write_text(text.replace(old, new, 1))
+        assert other.read_text() != text
+        found = crosscheck.diff(given, other)
+        assert [each.what for each in found.differences] == ["mass" if "mass" in old else "limits"], found
+    apart = tmp_path / "apart.xml"  # the lower link no longer collides with the ground
+    apart.write_text(text.replace(
+        "</worldbody>", "</worldbody><contact><exclude body1='world' body2='lower'/></contact>"))
+    found = crosscheck.diff(given, apart)
+    assert [str(each) for each in found.differences] == [
+        "ground - lower: contacts of the colliding bodies: there and missing"]

@@ -439,8 +439,8 @@ class _Solids:
 
 def _bodies(reading: Reading, a: int, b: int) -> str:
     m = reading.model
-    ids = (int(m.geom_bodyid[a]), int(m.geom_bodyid[b]))
-    return " - ".join(body_label(m, body) for body in ids)
+    ids = [int(m.geom_bodyid[each]) for each in (a, b)]
+    return " - ".join(body_label(m, int(reading.groups[body]) or body) for body in ids)  # of what is welded, the root
 
 
 def _shape(reading: Reading, g: int) -> Table | None:

@@ -46,7 +46,7 @@ def _piece(scene: Scene, joint: Joint) -> tuple[float, float, float]:
     """Minus the derivatives of a joint's laws by its coordinate and by its rate, and their effort, at the start."""
     def refuse(why: str) -> Unsupported:
         return Unsupported(f"derivatives of {scene.name!r}: joint {joint.name!r} {why}, where its law has none; take "
-                           "another state")
+                           "another state, of a model file by --qpos or --qvel")
 
     if not joint.kind.has_one:
         raise Unsupported(f"derivatives of {scene.name!r}: joint {joint.name!r} has laws on several coordinates")

@@ -7,9 +7,11 @@ import math
 
 import numpy as np
 
+from crosscheck.compare.ladder import FEWEST
 from crosscheck.compare.sizes import natural_time
 from crosscheck.document import AS_PLANNED, Asked, Plan
 from crosscheck.errors import ArgumentError
+from crosscheck.judge.segments import SEGMENTS
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import Motion
@@ -44,18 +46,14 @@ def plan_of(scene: Scene, motion: Motion | None, most_steps: int, most_seconds: 
     whole = duration or scene.duration
     rate = max(1.0 / natural_time(scene), fastest(scene), 0.0 if motion is None else float(
         np.nanmax(np.linalg.norm(motion.w, axis=-1), initial=0.0)))
-    shortest = _readable(whole * math.sqrt(scene.n) / most_steps, up=True)
     samples = max(26, 251 // max(1, scene.n // 2))
     if asked.step is not None:
         samples, length = _outputs(asked.step, whole, samples, asked.duration is None)
         return Plan({1: asked.step}, samples=samples, duration=duration if length == whole else length)
-    steps = {order: max(_readable(min(share ** (1 / (order + 1)) / rate, whole / (samples - 1))), shortest)
+    interval, most = whole / (samples - 1), most_steps / math.sqrt(scene.n) / (samples - 1)
+    steps = {order: interval / _divisor(max(FEWEST, interval * rate * share ** (-1 / (order + 1))), most)
              for order, share in RESOLVE.items()}
     return Plan(steps, samples=samples, duration=duration)
-
-
-FEWEST = 8
-"""Fewest intervals between outputs: the segments of the verdict."""
 
 
 def _outputs(step: float, whole: float, samples: int, shorter: bool) -> tuple[int, float]:
@@ -68,18 +66,16 @@ def _outputs(step: float, whole: float, samples: int, shorter: bool) -> tuple[in
     exact = abs(count * step - whole) <= 1e-9 * whole
     count -= not exact and count * step > whole
     each = max(1, math.ceil(count / (samples - 1)))  # steps of an interval
-    most = min(2 * each, count // FEWEST) if shorter else count // FEWEST
+    most = min(2 * each, count // SEGMENTS) if shorter else count // SEGMENTS
     if exact and (found := next((k for k in range(each, most + 1) if count % k == 0), 0)):
         return count // found + 1, whole
-    return (count // each + 1, count // each * each * step) if shorter and count // each >= FEWEST else (samples, whole)
+    return (count // each + 1, count // each * each * step) if shorter and count // each >= SEGMENTS else (samples, whole)
 
 
-def _readable(step: float, up: bool = False) -> float:
-    """The nearest of 1, 2, 5 times a power of ten that is no larger than `step`, or no smaller."""
-    power = 10.0 ** math.floor(math.log10(step))
-    digits = [digit * power for digit in (1, 2, 5, 10)]
-    return min(each for each in digits if each >= step * (1 - 1e-12)) if up else max(
-        each for each in digits if each <= step * (1 + 1e-12))
+def _divisor(least: float, most: float) -> int:
+    """The first 2^i 5^j from `least`, or the last up to `most`: a decimal fraction over it has few digits."""
+    fit = sorted(2**i * 5**j for i in range(60) for j in range(26) if (i, j) == (0, 0) or 2**i * 5**j <= most)
+    return next((count for count in fit if count >= least), fit[-1])
 
 
 PENDING = Plan({})

@@ -24,6 +24,9 @@ one of order two does."""
 AFFORDABLE = 2e5
 """Cube of the bodies times the radians of a run whose truth takes about half a minute: 64 bodies for .1 s."""
 
+OUTPUTS = 64
+"""Fewest intervals between outputs that are made longer, for steps to be grouped."""
+
 RTOLS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 """Relative tolerances at which time is shown against error."""
 
@@ -60,16 +63,17 @@ def _outputs(step: float, whole: float, samples: int, shorter: bool) -> tuple[in
     """The number of samples, at most `samples`, and the duration (s), so that whole steps lead from output to output.
 
     If `shorter`, it may end before `whole`, by less than an interval. Where there is no such number both stay, and the
-    step is cut.
+    step is cut. With fewer than `FEWEST` steps an interval the verdict asks for finer ones, which cost more.
     """
     count = round(whole / step)
     exact = abs(count * step - whole) <= 1e-9 * whole
     count -= not exact and count * step > whole
-    each = max(1, math.ceil(count / (samples - 1)))  # steps of an interval
+    each = max(1, math.ceil(count / (samples - 1)), min(FEWEST, count // OUTPUTS))  # steps of an interval
     most = min(2 * each, count // SEGMENTS) if shorter else count // SEGMENTS
     if exact and (found := next((k for k in range(each, most + 1) if count % k == 0), 0)):
         return count // found + 1, whole
-    return (count // each + 1, count // each * each * step) if shorter and count // each >= SEGMENTS else (samples, whole)
+    count //= each
+    return (count + 1, count * each * step) if shorter and count >= SEGMENTS else (samples, whole)
 
 
 def _divisor(least: float, most: float) -> int:

@@ -1,14 +1,16 @@
 """The steps that `crosscheck verify` takes, and how long its runs last."""
 
 import dataclasses
+import math
 
 import pytest
 
+from crosscheck.compare.ladder import FEWEST
 from crosscheck.document import Asked
 from crosscheck.references import truth
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.file import load_scene
-from crosscheck.verification.plan import duration_within, plan_of
+from crosscheck.verification.plan import OUTPUTS, duration_within, plan_of
 
 
 def test_no_step_of_a_stiff_scene_is_longer_than_its_fastest_decay():
@@ -48,7 +50,7 @@ def test_many_bodies_run_for_a_part_of_their_time():
 
 @pytest.mark.parametrize(("step", "until", "asked"), [
     (1e-3, 0.3086426602215586, None), (1e-3, 0.3086426602215586, 0.25), (7e-4, None, None), (0.02, 0.3086, None),
-    (0.1, None, None), (1e-3, None, 0.5), (5e-5, 0.3086, None)])
+    (0.1, None, None), (0.01, None, None), (1e-3, None, 0.5), (5e-5, 0.3086, None)])
 def test_a_step_that_is_asked_for_divides_the_interval_between_outputs(step, until, asked):
     """Truth that ends at .3086 s and 251 samples made steps of .617 ms of one of 1 ms that was asked for."""
     scene = load_scene("double_pendulum")
@@ -56,6 +58,7 @@ def test_a_step_that_is_asked_for_divides_the_interval_between_outputs(step, unt
     whole = asked or until or scene.duration
     made = (plan.duration or scene.duration) / (plan.samples - 1)
     assert made / step == pytest.approx(round(made / step), rel=1e-12)
+    assert round(made / step) >= min(FEWEST, math.floor(whole / step) // OUTPUTS)  # where a run has them
     assert whole - made < (plan.duration or scene.duration) <= whole
     assert asked is None or plan.duration == asked
     assert 9 <= plan.samples <= 251

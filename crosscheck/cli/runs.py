@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import functools
 import math
 import shlex
 import sys
@@ -264,8 +265,9 @@ def judge(
         help="TOML file with names and units of the columns; --suggest prints one")] = None,
     suggest: Annotated[bool, typer.Option(
         "--suggest", help="print a file for --columns, with the names recognised")] = False,
-    start: Annotated[str, typer.Option(
-        help="scene: truth starts as the scene does; or recorded: from the first row")] = "scene",
+    start: Annotated[str | None, typer.Option(
+        help="scene: truth starts as the scene does; recorded: from the first row; either: from the first row where "
+             "that is elsewhere, as of a model file without --qpos or --keyframe")] = None,
     tol: Annotated[list[str] | None, typer.Option(
         help="allowed error, such as joint_position=1e-3 (SI); may be repeated")] = None,
     step: Annotated[list[float] | None, typer.Option(
@@ -293,8 +295,12 @@ def judge(
     """
     from crosscheck import recordings
     from crosscheck.document import outcomes
+    from crosscheck.scene.models import import_model, is_model
 
     described = options.loaded(scene, reading)
+    own = is_model(scene) and not any(reading.start.values())  # without a start of its own
+    start = start or ("either" if own else "scene")
+    import_at = functools.partial(import_model, scene, **reading.given) if own else None
     if suggest:
         typer.echo(recordings.suggest(files[0], described, period), nl=False)
         return
@@ -308,13 +314,9 @@ def judge(
     for given in runs:
         name = str(given if not step else files[0])
         with progress_bar(f"judging {name}: truth, errors, causes") as progress:
-            def judged(scene: Scene, given: Any = given, progress: Any = progress) -> Any:
-                return recordings.judge_recording(scene, given, columns, start, allowed or None, step or None, order,
-                                                  progress, period, need, unsure or None, beside, resolution)
-
-            verdicts[name] = judged(described)
-            if start == "recorded" and (again := _watched(scene, described, reading, verdicts[name])) is not None:
-                verdicts[name] = judged(again)
+            verdicts[name] = recordings.judge_recording(
+                described, given, columns, start, allowed or None, step or None, order, progress, period, need,
+                unsure or None, beside, resolution, import_at)
     if out is not None:
         recordings.write_all(verdicts, out)
     if as_json:
@@ -335,24 +337,6 @@ def judge(
     if out is not None and not as_json:
         print(f"page: {out / 'index.html'}" if len(verdicts) == 1 else f"pages: {out}")
     raise typer.Exit(outcomes.exit_code(verdict.outcome for verdict in verdicts.values()))
-
-
-def _watched(path: str, scene: Scene, reading: options.Reading, verdict: Any) -> Scene | None:
-    """The scene of a URDF at the recorded start, where shapes touch at its own and are not watched; None if none do."""
-    from crosscheck.scene.models import import_model
-
-    touching = [each for each in scene.left_out if each.value == "which touch at the start"]
-    if not touching or reading.qpos or verdict.differences is None:
-        return None
-    first = {group.owner: float(group.values[0, 0]) for group in verdict.differences.recording.groups
-             if group.key == "joint_position"}
-    if scene.n != len(scene.joints) or {joint.name for joint in scene.joints} != first.keys():
-        return None
-    there = import_model(path, **reading.given | {"qpos": [first[joint.name] for joint in scene.joints]})
-    for each in touching:
-        if each not in there.left_out:
-            typer.echo(f"at the recorded start they are apart, and watched: {each.where}", err=True)
-    return None if there.left_out == scene.left_out else there
 
 
 def _judge_probes(scene: Scene, files: list[Path], folder: Path, step: list[float], order: int | None) -> int:

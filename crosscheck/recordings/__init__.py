@@ -5,6 +5,7 @@ A recording is compared with truth at its own times. What it does not contain is
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -72,6 +73,8 @@ EXACT = 10.0
 LEAVES = 0.1
 """Part of what is beyond the noise that a cause of all of it may leave."""
 
+STARTS = ("scene", "recorded", "either")
+
 BEYOND = 20.0
 """Times the scene's duration up to which truth is prolonged for a recording."""
 
@@ -135,7 +138,8 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
                     start: str = "scene", tolerance: Mapping[str, float] | None = None,
                     steps: Sequence[float] | None = None, order: int | None = None, progress: Progress | None = None,
                     period: float | None = None, need: float = 1.0, uncertain: Mapping[str, float] | None = None,
-                    model: Scene | str | os.PathLike[str] | None = None, resolution: float | None = None) -> Verdict:
+                    model: Scene | str | os.PathLike[str] | None = None, resolution: float | None = None,
+                    import_at: Callable[..., Scene] | None = None) -> Verdict:
     """Judge a run by its file, whatever made it.
 
     A log that has efforts or set points of joints is judged by predictions from its own states, see
@@ -147,7 +151,8 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
     recording : path of a .csv, .npz or .parquet file, a data frame, or a mapping of arrays; or a list of them, which
         are the same run at other steps
     columns : names and units of the columns, as a TOML file or a dict; None: the headers say it
-    start : "scene", or "recorded": truth starts from the first recorded state
+    start : "scene"; "recorded": truth starts from the first recorded state; or "either": where the recording begins
+        elsewhere than the scene, which is said, from the first recorded state
     tolerance : the largest allowed error (SI) per quantity
     steps : s, of each file
     order : the order that is claimed
@@ -159,6 +164,7 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
     model : another model of the same robot, whose predictions are compared
     resolution : twice u_val over half a second, over the travel of a joint, above which nothing passes; default: one
         percent, as of every verdict
+    import_at : reads the model with other `qpos`: shapes that touch at its own start are watched from a recorded one
 
     Raises
     ------
@@ -174,8 +180,8 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
         recording if isinstance(recording, list | tuple) else [recording])]
     if progress is not None:
         progress(0, None, f"judging {given[0].name}: truth, errors, causes")
-    if start not in ("scene", "recorded"):
-        raise ArgumentError(f"start: {unknown('start', start, ('scene', 'recorded'))}")
+    if start not in STARTS:
+        raise ArgumentError(f"start: {unknown('start', start, STARTS)}")
     allowed = _tolerances(loaded, tolerance)
     if len(given) > 1:
         if steps is None or len(set(steps)) != len(given) or min(steps) <= 0:
@@ -184,12 +190,12 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
         given = [one for _, one in sorted(zip(steps, given, strict=True), key=lambda pair: pair[0])]
         steps = sorted(steps)
     if given[0].inputs or uncertain or model is not None:
-        if len(given) > 1 or order is not None or start != "scene":
+        if len(given) > 1 or order is not None or start == "recorded":
             raise ArgumentError(f"{given[0].name} is a log with inputs, which is judged from its own states, one file "
                                 "at a time; leave steps, order and start out")
         return _driven(loaded, given[0], allowed, need, uncertain or {}, model,
                        RESOLVED if resolution is None else resolution)
-    return _judge(loaded, given, start, allowed, list(steps or []), order, need)
+    return _judge(loaded, given, start, allowed, list(steps or []), order, need, import_at)
 
 
 def _tolerances(scene: Scene, tolerance: Mapping[str, float] | None) -> dict[str, float]:
@@ -203,14 +209,22 @@ def _tolerances(scene: Scene, tolerance: Mapping[str, float] | None) -> dict[str
 
 
 def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, float], steps: list[float],
-           order: int | None, need: float) -> Verdict:
-    truth = dense(scene)
+           order: int | None, need: float, import_at: Callable[..., Scene] | None = None) -> Verdict:
+    unread, truth = given, dense(scene)
     truth.at(np.array([min(given[0].t[-1], BEYOND * scene.duration)]))  # prolonged, so that its horizon is known
     readings = decided(scene, given[0], truth, start == "recorded")
     given = [read_as(each, readings) for each in given]
-    fine = given[0]
+    fine, watched = given[0], list[str]()
+    if import_at is not None and start == "recorded":
+        scene, watched = _watched(scene, fine, import_at)
+        truth = dense(scene)
     start_as, truth, since, begun = _truth(scene, fine, truth, start)
-    system, notes = start_as(scene), _columns(fine, readings)
+    if start == "either" and (begun or fine.t[0] > truth.horizon):
+        with contextlib.suppress(ArgumentError):  # its first row does not determine a start
+            found = _judge(scene, unread, "recorded", allowed, steps, order, need, import_at)
+            found.lines[1:1] = [f"{each.partition('; ')[0]}: judged from its first row" for each in begun]
+            return found
+    system, notes = start_as(scene), _columns(fine, readings) + watched
     verdict = Verdict("unresolved", {}, None, None, None, None, scene=scene, missing=fine.missing,
                       suggested=fine.suggested)
     lines = [f"{scene.name}: {fine.name}, {len(fine.t)} rows from {fine.t[0]:g} to {fine.t[-1]:g} s"]
@@ -440,6 +454,17 @@ def _truth(scene: Scene, recording: Recording, truth: Any, start: str
         notes.append(f"the recording does not start {where}: {', '.join(away)}; --start recorded judges from its first "
                      "row")
     return lambda given: given, truth, 0.0, notes
+
+
+def _watched(scene: Scene, recording: Recording, import_at: Callable[..., Scene]) -> tuple[Scene, list[str]]:
+    """The scene of a model at the recorded start, where shapes touch at its own and are not watched, and what is."""
+    touching = [each for each in scene.left_out if each.value == "which touch at the start"]
+    first = {group.owner: float(group.values[0, 0]) for group in recording.groups if group.key == "joint_position"}
+    if not touching or scene.n != len(scene.joints) or {joint.name for joint in scene.joints} != first.keys():
+        return scene, []
+    there = import_at(qpos=[first[joint.name] for joint in scene.joints])
+    return there, [f"at the recorded start they are apart, and watched: {each.where}" for each in touching
+                   if each not in there.left_out]
 
 
 def _sizes(diff: Differences, allowed: Mapping[str, float], lines: list[str]) -> list[str]:

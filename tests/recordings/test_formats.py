@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import crosscheck
+from crosscheck.cli.app import app
 from crosscheck.recordings import suggest
 from tests.recordings.motions import SCENES, TIMES, arm, tumbler, two
 
@@ -251,3 +253,46 @@ def test_euler_methods_are_told_from_each_other_and_from_damping(tmp_path, metho
     assert method + " Euler" in str(verdict.cause), str(verdict)
     damped = crosscheck.judge_recording(scene, arm(damping=0.05), tolerance={"joint_position": 1e-3})
     assert "damping" in str(damped.cause), str(damped)
+
+
+def link(name, at):
+    return (f'<link name="{name}"><inertial><origin xyz="{at} 0 0"/><mass value="1"/><inertia ixx=".01" iyy=".02" '
+            f'izz=".02" ixy="0" ixz="0" iyz="0"/></inertial><collision><origin xyz="{at} 0 0"/><geometry><box '
+            'size=".1 .1 .1"/></geometry></collision></link>')
+
+
+def hinge(name, parent, child, at, turn):
+    return (f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/><origin '
+            f'xyz="{at} 0 0" rpy="0 {turn} 0"/><axis xyz="0 1 0"/></joint>')
+
+
+FOLDED = ('<robot name="folded">' + link("stand", 0) + link("upper", .15) + link("fore", .3)
+          + hinge("lift", "stand", "upper", 0, 0) + hinge("bend", "upper", "fore", .3, np.pi) + "</robot>")
+"""An arm whose last link lies in its stand where its joints are at zero."""
+
+
+def test_a_log_of_a_model_is_judged_from_its_own_start_and_what_touches_at_zero_is_watched(tmp_path):
+    """A model file has no start of its own: the log starts where it starts, and that is said, not accused."""
+    path = tmp_path / "folded.urdf"
+    path.write_text(FOLDED)
+    moved = crosscheck.import_model(path, qpos=[0.3, 2.0], duration=0.2, samples=41)
+    made = crosscheck.run(moved, "lieeuler", "taylor", rtol=1e-12)
+    log = pd.DataFrame({"t": made.t} | {f"{name}.{key}": getattr(made.joints[name], key).ravel()
+                                        for name in ("lift", "bend") for key in ("position", "velocity")})
+    log.to_csv(tmp_path / "log.csv", index=False)
+    command = ["judge", str(path), str(tmp_path / "log.csv"), "--tol", "joint_position=1e-6"]
+    def told_of(*more):
+        return CliRunner(env={"COLUMNS": "1000"}).invoke(app, [*command, *more])
+
+    told = told_of()
+    assert told.exit_code == 0, told.output
+    lines = told.stdout.splitlines()
+    assert lines[0].startswith("✓ pass")
+    assert lines[1] == ("the recording does not start where the scene starts: joint position of lift by 0.3 rad, joint "
+                        "position of bend by 2 rad: judged from its first row")
+    assert "at the recorded start they are apart, and watched: stand - fore" in lines
+    wanted = told_of("--start", "scene")
+    assert wanted.exit_code == 1
+    assert "--start recorded judges from its first row" in wanted.stdout
+    assert "judged from its first row" not in told_of("--qpos", ".3,2").stdout
+    assert told_of("--qpos", ".3,2.1").exit_code == 1  # a start that was asked for is a part of the question

@@ -280,7 +280,9 @@ def test_command_line(scenes, tmp_path):
     assert run(app, ["judge", scene, file]).exit_code == 3
     page = run(app, ["judge", scene, file, "--json", "-o", str(tmp_path / "page")])
     assert json.loads(page.stdout)["outcome"] == "unresolved"
-    assert (tmp_path / "page" / "index.html").read_text().count("recording") > 1
+    text = (tmp_path / "page" / "index.html").read_text()
+    assert f"<h1>Does the recording follow arm? Unresolved: {json.loads(page.stdout)['reason']}</h1>" in text
+    assert "<th>joint position, rad</th>" in text
     pd.DataFrame(arm(g=9.0)).to_csv(tmp_path / "wrong.csv", index=False)
     assert run(app, ["judge", scene, str(tmp_path / "wrong.csv"), "--tol", "joint_position=1e-6"]).exit_code == 1
     assert run(app, ["judge", scene, file, "--suggest"]).stdout.startswith("[columns]\n")

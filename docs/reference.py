@@ -118,20 +118,28 @@ def scene_files() -> str:
 
 
 def declarations() -> str:
-    """What a class of an engine may declare: attributes with their comments, methods with their docstrings."""
+    """What a class of an engine may declare and read: attributes with their comments, methods with their docstrings."""
     from crosscheck.adapters.base import Engine, RunSpec
+    from crosscheck.scene import model, schema
 
     def attributes(kind: type) -> str:
         found = FIELD.findall(inspect.getsource(kind))
         return "".join(row(f"`{name}`", f"`{typed}`", comment) for name, typed, comment in found)
 
+    ends = ("type", "name", "parent", "child", "joint")
+    forces = "".join(row(f"`{name}`", " and ".join(key for key in ends[2:] if key in entry.__struct_fields__),
+                         "; ".join(f"`{key}`: {schema.expected('forces', key)}" for key in entry.__struct_fields__
+                                   if key not in ends)) for name, entry in schema.FORCE_ENTRIES.items())
     methods = "".join(row(f"`{name}({', '.join([*inspect.signature(member).parameters][1:])})`",
                           " ".join((inspect.getdoc(member) or "").split()))
                       for name, member in vars(Engine).items() if inspect.isfunction(member))
     return (f"\n| attribute | type | what |\n|---|---|---|\n{attributes(Engine)}"
             f"\n| method | what |\n|---|---|\n{methods}"
             f"\n`RunSpec`, of which an engine reads `method`, `step` or `rtol`, and what it lists in `options`:\n\n"
-            f"| field | type | what |\n|---|---|---|\n{attributes(RunSpec)}")
+            f"| field | type | what |\n|---|---|---|\n{attributes(RunSpec)}" + "".join(
+                f"\n`{kind.__name__}`: {' '.join((kind.__doc__ or '').split())}\n\n| field | type | what |\n"
+                f"|---|---|---|\n{attributes(kind)}" for kind in (model.Scene, model.Body, model.Joint, model.Force))
+            + f"\n| type of force | acts at | its `parameters` |\n|---|---|---|\n{forces}")
 
 
 def fields() -> str:

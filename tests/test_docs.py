@@ -19,6 +19,7 @@ from crosscheck.adapters.common import known
 from crosscheck.document.outcomes import KINDS
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import SIZES
+from crosscheck.scene.model import Body, Force, Joint
 from crosscheck.scene.schema import FORCE_ENTRIES
 from crosscheck.scene.sensors import SENSOR_TYPES
 from tests import ROOT
@@ -126,7 +127,8 @@ import reference  # noqa: E402
     (reference.scene_files, {*JOINT_TYPES, *FORCE_ENTRIES, *SENSOR_TYPES, *SIZES, "rolling_disk"}),
     (reference.engines, {*ENTRIES, *(entry.reason for entry in known.table())}),
     (reference.methods, lieeuler.METHODS.keys()), (reference.verdicts, {kind.code for kind in KINDS.values()}),
-    (reference.declarations, {field.name for field in dataclasses.fields(RunSpec)} | {"held_levels", "eps"})])
+    (reference.declarations, {"held_levels", "eps", *FORCE_ENTRIES, "no_load_speed"}.union(
+        *([field.name for field in dataclasses.fields(kind)] for kind in (RunSpec, Body, Joint, Force))))])
 def test_the_reference_has_all_that_the_code_has(made, names):
     text = made()
     assert {name for name in names if name not in text} == set()

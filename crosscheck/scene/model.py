@@ -129,10 +129,10 @@ class Body(_Record):
     """A rigid body in its initial state."""
 
     name: str
-    mass: float
-    inertia: np.ndarray  # (3, 3) about the centre of mass, body axes
+    mass: float  # kg
+    inertia: np.ndarray  # (3, 3) kg m^2 about the centre of mass, body axes
     attitude: np.ndarray  # (4,) unit quaternion w, x, y, z
-    angular_velocity: np.ndarray  # (3,) body axes
+    angular_velocity: np.ndarray  # (3,) rad/s, body axes
     position: np.ndarray  # (3,) centre of mass, world
     velocity: np.ndarray  # (3,) centre of mass, world
     origin: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))  # (3,) of the frame that its model file
@@ -150,9 +150,9 @@ class Joint(_Record):
 
     name: str
     type: str
-    parent: int
+    parent: int  # index of a body, -1: the ground
     child: int
-    parent_anchor: np.ndarray  # (3,) from the parent's centre of mass in its frame; world for the ground
+    parent_anchor: np.ndarray  # (3,) m, from the parent's centre of mass in its frame; world for the ground
     child_anchor: np.ndarray  # (3,) from the child's centre of mass in its frame
     parent_axis: Any = None  # (3,) unit, parent's frame; None for types without one
     child_axis: Any = None  # (3,) unit, child's frame; None for types without one
@@ -220,7 +220,8 @@ class Force(_Record):
     """A spring-damper, a load or the drive of a joint; `parameters` holds the keys of its type, arrays as tuples.
 
     A constant_force or constant_torque may have a `factor`, a function of time that multiplies it; rest_angle and the
-    torque or force of a joint may be functions themselves. A slide_spring is in no file: joints with a slide have it.
+    torque or force of a joint may be functions themselves. A slide_spring (stiffness, damping, rest_position) is in no
+    file: joints with a slide have it.
     """
 
     type: str
@@ -299,8 +300,8 @@ class Scene(_Record):
     joints: tuple[Joint, ...]
     forces: tuple[Force, ...]
     gravity: np.ndarray  # (3,) world
-    duration: float
-    samples: int
+    duration: float  # s
+    samples: int  # number of output times, from 0 to the duration
     description: str = ""
     source: str = ""
     tags: tuple[str, ...] = ()

@@ -66,8 +66,9 @@ def true_motion(scene: Scene) -> States:
         if len(_TRUE) >= MOST_KEPT:
             _TRUE.clear()
         if (system := Maximal(scene)).laws:
-            raise Unsupported(f"no altered law of scene {scene.name!r} is nearer than its own; other causes are sought "
-                              "where no joint has dry friction, limits or a servo; leave these out of the scene")
+            raise Unsupported(f"no altered law of scene {scene.name!r} is nearer to the run than its own; other causes "
+                              "are sought where no joint has dry friction, limits or a servo: crosscheck verify says "
+                              "whether the run is right as it is")
         _TRUE[scene.hash] = system.run()
     return _TRUE[scene.hash]
 

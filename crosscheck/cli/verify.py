@@ -168,8 +168,7 @@ def print_verdicts(document: Document, page: Path) -> None:
     for scene in document.scenes:
         say(f"{scene.name}: {scene.trust}")
         for row in scene.engines if len(scene.engines) > 1 else ():
-            known = row.recommended is not None and row.recommended == scene.recommended
-            say(f"{row.engine}: as said; {row.passing} of {row.runs} runs pass." if known else row.text, 4)
+            say(row.text, 4)
     print(f"report: {page}")
 
 

@@ -21,7 +21,7 @@ from crosscheck.document.part import grouped as grouped
 from crosscheck.document.part import set_words as set_words
 from crosscheck.document.part import size_of as size_of
 
-SCHEMA = 3
+SCHEMA = 4
 """Version of results.json. It rises if a key is removed or changes its meaning. New keys do not raise it."""
 
 EULER = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
@@ -438,7 +438,6 @@ class Advice(Part, frozen=True, kw_only=True):
     cost: float | None = None  # s of stepping
     breaks_at: float | None = None  # step (s) or rtol of the finest of the coarser runs that fail or cannot be judged
     command: str | None = None
-    estimated: str = ""  # what the run is estimated from; empty: it was made
 
     size = property(size_of)
 
@@ -467,7 +466,7 @@ class Document(Part, frozen=True, kw_only=True):
     changes: list[Change] | None = None
     support: list[Support] | None = None
     answers: list[str] = []  # whether runs are within each tolerance that the user asked for, from `headline.answers`
-    advice: list[Advice] | None = None  # from ladders of runs where they were made, else estimated from the records
+    advice: list[Advice] | None = None  # from ladders of runs, where they were made
 
 
 def outcome_of(scenes: list[Scene], records: list[Record]) -> Outcome:

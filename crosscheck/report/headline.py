@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
 import shlex
 from collections import Counter
 from collections.abc import Sequence
 
-from crosscheck.document import QUANTITIES, Change, Document, Finding, Record, Scene, grouped
+from crosscheck.document import QUANTITIES, Change, Document, Record, Scene, grouped
 from crosscheck.document.outcomes import Outcome, percent
 from crosscheck.errors import counted
 
@@ -58,51 +59,63 @@ NAMED = 3
 """Most runs that an answer names."""
 
 
-def answers(records: Sequence[Record], need: float) -> list[str]:
-    """Whether runs are within each tolerance that the user asked for: yes, no or not decided, with error and bound.
+def within(record: Record, kind: str, need: float) -> str:
+    """Whether a run is within a tolerance that the user asked for, and its error; "" where that was not asked.
 
     Not decided: it was within as far as truth reaches, and that is less of the run's time than `need`.
     """
-    asked = [(each, record) for record in records for each in record.findings if each.about == "tolerance"]
-    told = []
-    for (row, bound), found in grouped(asked, lambda pair: (pair[0].row, pair[0].bound)).items():
-        words = grouped(found, lambda pair: "no" if pair[0].status == "fail" else "not decided" if pair[0].value is None
-                        or pair[1].shares.get(pair[0].kind, 0.0) < need else "yes")
-        scenes = len({record.scene for _, record in found}) > 1
-        allowed = f"{bound:g} {found[0][0].unit}".removesuffix(" 1")
-        if len(found) == 1:
-            (word, ((each, record),)), = words.items()
-            over = f"over {_time(record, each.kind)}"
-            told.append(f"{word}: error of {row} {_value(each)} {over}, allowed {allowed}: {_who(record, scenes)}")
-            continue
-        told.append(f"error of {row} at most {allowed}: " + ", ".join(
-            f"{word} for {_several(words[word], scenes)}" for word in ("no", "not decided", "yes") if word in words))
-    return told
+    each = next((each for each in record.findings if each.kind == kind), None)
+    if each is None:
+        return ""
+    if each.value is None:
+        return "not decided, not known"
+    word = "no" if each.status == "fail" else "yes" if record.shares.get(kind, 0.0) >= need else "not decided"
+    return f"{word}, {number(each.value)} {each.unit}".removesuffix(" 1")
 
 
-def _several(found: Sequence[tuple[Finding, Record]], scenes: bool) -> str:
-    """Runs and their errors, the largest first."""
-    worst = sorted(found, key=lambda pair: -pair[0].severity)
-    named = ", ".join(f"{_who(record, scenes)} {_value(each)}"
-                      + (f" over {_time(record, each.kind)}" if record.shares.get(each.kind, 0.0) < 1 else "")
-                      for each, record in worst[:NAMED])
-    more = f" and {len(worst) - NAMED} more" if len(worst) > NAMED else ""
-    return f"{counted(len(worst), 'run')} ({named}{more})"
+def tolerances(records: Sequence[Record]) -> dict[str, str]:
+    """The tolerances that the user asked for, by the kind of their findings: row and bound in words."""
+    return {each.kind: f"{each.row}, allowed {each.bound:g} {each.unit}".removesuffix(" 1")
+            for record in records for each in record.findings if each.about == "tolerance"}
 
 
-def _who(record: Record, scenes: bool) -> str:
-    size = f" at {record.size}" if record.size else ""
-    return f"{record.label}{size}" + (f" on {spoken(record.scene)}" if scenes else "")
+def answers(records: Sequence[Record], need: float) -> list[str]:
+    """Whether runs are within each tolerance that the user asked for, as `within`: of one run, or which of several."""
+    return [_answer(kind, asked, [record for record in records if any(each.kind == kind for each in record.findings)],
+                    need) for kind, asked in tolerances(records).items()]
 
 
-def _value(finding: Finding) -> str:
-    return "not known" if finding.value is None else f"{number(finding.value)} {finding.unit}".removesuffix(" 1")
+def _answer(kind: str, asked: str, records: Sequence[Record], need: float) -> str:
+    sizes, times = {_size(record) for record in records}, {_time(record, kind) for record in records}
+    scenes = len({record.scene for record in records}) > 1
+    words = grouped(records, lambda record: within(record, kind, need).partition(", ")[0])
+
+    def several(runs: Sequence[Record]) -> str:
+        named = ", ".join(
+            f"{record.label}{f' on {spoken(record.scene)}' * scenes}{_size(record) * (len(sizes) > 1)} "
+            f"{within(record, kind, need).partition(', ')[2]}{_time(record, kind) * (len(times) > 1)}"
+            for record in sorted(runs, key=lambda record: -max(
+                each.severity for each in record.findings if each.kind == kind))[:NAMED])
+        return f"{counted(len(runs), 'run')} ({named}{f' and {len(runs) - NAMED} more' * (len(runs) > NAMED)})"
+
+    if len(records) == 1:
+        row, _, allowed = asked.partition(", ")
+        word, _, value = within(records[0], kind, need).partition(", ")
+        return f"{word}: error of {row} {value}{min(times)}, {allowed}: {records[0].label}{min(sizes)}"
+    common = "".join(min(each) for each in (sizes, times) if len(each) == 1)
+    return f"error of {asked},{common}: " + ", ".join(
+        f"{word} for {several(words[word])}" for word in ("no", "not decided", "yes") if word in words)
+
+
+def _size(record: Record) -> str:
+    return f" at {record.size}" if record.size else ""
 
 
 def _time(record: Record, kind: str) -> str:
     """The part of the time that was asked for over which a row was compared."""
     share = record.shares.get(kind, 0.0)
-    return f"all {record.duration:g} s" if share >= 1 and record.duration else f"{percent(share)} of the time"
+    return f" over all {record.duration:g} s" if share >= 1 and record.duration else (
+        f" over {percent(share)} of the time")
 
 
 def _cut(document: Document) -> str:
@@ -286,5 +299,5 @@ def plain_number(value: float | None) -> str:
 
 
 def spoken(name: str) -> str:
-    """A name with spaces instead of underscores, for headings."""
-    return name.replace("_", " ")
+    """A name with spaces instead of underscores, for headings; of a path the file's name."""
+    return os.path.basename(name) if os.sep in name else name.replace("_", " ")

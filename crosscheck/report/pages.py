@@ -18,6 +18,7 @@ from crosscheck.files import cache_folder
 from crosscheck.report import overview
 from crosscheck.report.headline import (
     OUTCOMES,
+    answers,
     assumptions,
     ending,
     headline,
@@ -28,7 +29,9 @@ from crosscheck.report.headline import (
     share_words,
     span,
     spoken,
+    tolerances,
     visible_error,
+    within,
 )
 from crosscheck.report.identity import for_scripts
 
@@ -108,7 +111,7 @@ def environment() -> Any:
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
     made.filters |= {"number": number, "sentence": sentence, "ending": ending, "shade": shade, "anchor": anchor,
                      "span": span, "visible_error": visible_error, "spoken": spoken,
-                     "share_words": share_words, "assumptions": assumptions, "sortable": plain_number,
+                     "share_words": share_words, "within": within, "assumptions": assumptions, "sortable": plain_number,
                      "query": urllib.parse.quote, "slug": slug}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
                      "UNITS": QUANTITIES, "scene_file": scene_file, "engine_file": engine_file,
@@ -158,7 +161,8 @@ def _overview(template: str, document: Document) -> str:
         unresolved=overview.unresolved(document),
         headline="; ".join([*document.answers, headline(document)]),
         counts=overview.summary_counts(records), worst=worst,
-        right=overview.first_rows(document), pictures=overview.pictures(document, worst),
+        right=overview.first_rows(document), tolerances=tolerances(records),
+        pictures=overview.pictures(document, worst),
         advice=overview.recommended(document.scenes), accurate=overview.most_accurate(document),
         leaders=overview.leaders(document.scenes),
         advised={each.scene for each in document.advice or []}, advice_rows=msgspec.to_builtins(document.advice))
@@ -172,6 +176,7 @@ def scene(document: Document, described: Scene) -> str:
     sensors = {name: error.unit for record in records for name, error in record.errors.items()
                if name not in QUANTITIES}
     return _render("scene.html.j2", document, described.name, scene=described, records=records, sensors=sensors,
+                   answers=answers(records, document.meta.need),
                    reasons={why: count for count, why in enumerate(reasons, 1)},
                    data_file=data_file(described), compared=paper_rows(records),
                    support=support_rows(document, described))

@@ -5,8 +5,7 @@ The cheapest next run always comes first, and a method ends where a finer run wo
 error. Then steps between two halvings are searched, and the cheapest runs take turns to measure their times. An engine
 gets `BUDGET` seconds on a scene, without the time to load its package and to compute the truth. They are seconds of
 the processor, so that a busy machine finds as much as an idle one, or of the clock for engines with processes of their
-own. Steps divide the interval between two output times, as in `crosscheck.run`, and runs end with the truth. Where a
-document has no ladder, its records say what to expect: the error and time of a run at one step, and the observed order.
+own. Steps divide the interval between two output times, as in `crosscheck.run`, and runs end with the truth.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ from crosscheck import references
 from crosscheck.adapters.base import step_text
 from crosscheck.compare.errors import up_to
 from crosscheck.compare.timing import take_turns, undisturbed
-from crosscheck.document import QUANTITIES, Advice, Record, SceneTruth, Way, extended
+from crosscheck.document import QUANTITIES, Advice, Way, extended
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said, unknown
 from crosscheck.references.base import Reference
 from crosscheck.running import versions
 from crosscheck.scene.file import as_scene, load_scene
 from crosscheck.scene.model import Scene
-from crosscheck.verification.ladder import STAGE, Climb, GradedWay, Ladder, Rung, key, reaching, ways
+from crosscheck.verification.ladder import STAGE, Climb, GradedWay, Ladder, Rung, key, ways
 from crosscheck.verification.speed import stepping_time
 
 Wanted = float | dict[str, float]
@@ -200,10 +199,6 @@ def _useless(rung: Rung) -> bool:
 LEVELS = tuple(10.0**-power for power in range(2, 12))
 """Errors for which a document has advice."""
 
-MARGIN = 1.5
-"""What an estimated error keeps from the wanted one: on the default scenes estimates were off by up to 1.25."""
-
-
 def advise(scene: Scene | str | os.PathLike[str], *, engine: str,
            error: float | Mapping[str, float]) -> Advice:
     """The cheapest method of an engine whose error on a scene is at most `error`, with its largest step.
@@ -305,63 +300,6 @@ def of_ladders(scenes: Sequence[str], ladders: Sequence[object]) -> list[Advice]
     """The advice for those of `LEVELS` that ladders on scenes (names or paths) were climbed for."""
     return [choose(ladder, level, name) for name, ladder in zip(scenes, ladders, strict=True)
             if isinstance(ladder, Ladder) for level in LEVELS if level in ladder.climbed]
-
-
-def from_records(scenes: Sequence[SceneTruth], records: Sequence[Record], known: Sequence[Advice]) -> list[Advice]:
-    """The advice for all `LEVELS` that records allow, where none is known."""
-    climbed = {(each.scene, each.engine, each.wanted) for each in known if isinstance(each.wanted, float)}
-    return [_estimate(scene, [record for record in records if (record.scene, record.engine) == (scene.name, engine)],
-                      level)
-            for scene in scenes if scene.truth is not None and scene.plan is not None
-            for engine in dict.fromkeys(record.engine for record in records if record.scene == scene.name
-                                        and record.outcome != "unsupported")
-            for level in LEVELS if (scene.name, engine, level) not in climbed]
-
-
-def _estimate(scene: SceneTruth, records: Sequence[Record], wanted: float) -> Advice:
-    """The cheapest of the passing runs of an engine, each at the largest step that its order promises the error for."""
-    passing = {extended(Way, record).label: record for record in records if record.within
-               and math.isfinite(record.error) and record.wall_time}
-    advice = Advice(scene=scene.name, engine=records[0].engine, wanted=wanted, until=scene.duration,
-                    least=min((record.error for record in passing.values()), default=None),
-                    tried=f"among the runs of this report and the steps that their orders let expect; "
-                          f"{_finest(list(passing.values()))}")
-    best = next(iter(reaching([_expected(scene, record, wanted) for record in passing.values()], wanted)), None)
-    if best is None:
-        return advice
-    record = passing[best.label]
-    command, estimated = record.command.removesuffix(" --csv run.csv"), f"the run at rtol {record.rtol or 0.0:g}"
-    if record.step is not None and scene.plan is not None:
-        interval = (record.duration or scene.duration) / (scene.plan.samples - 1)
-        command = command.replace(f"--step {step_text(interval, record.step)}",
-                                  f"--step {step_text(interval, best.step or record.step)}")
-        estimated = f"the run at {record.step:g} s" + ("" if best.order is None or record.order is None else
-                                                       f" and its observed order {record.order.observed:.2f}")
-    return replace(advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error,
-                   cost=best.cost, command=command, estimated=estimated)
-
-
-def _expected(scene: SceneTruth, record: Record, wanted: float) -> Rung:
-    """The run of a record at the largest step that its order promises an error for, or as it was.
-
-    No step is longer than the coarsest one at which the order was observed, and none shorter than a hundredth of the
-    step of the run: beyond them the order is not known to hold.
-    """
-    assert scene.plan is not None
-    assert record.wall_time is not None
-    way = extended(Way, record)
-    rung = extended(Rung, way, scene=scene.name, label=way.label, error=record.error, wall_ms=1e3 * record.wall_time)
-    if record.step is None or record.order is None or record.error == 0.0:
-        return rung
-    order = min(record.order.observed, float(record.order.documented))
-    coarsest = max((each.step for each in record.ladder if each.step), default=record.step)
-    interval = (record.duration or scene.duration) / (scene.plan.samples - 1)
-    longest = min(record.step * (wanted / MARGIN / record.error) ** (1 / order), max(coarsest, record.step), interval)
-    if longest < record.step / 100:
-        return rung
-    stretch = interval / math.ceil(interval / longest * (1 - 1e-9)) / record.step
-    return replace(rung, step=record.step * stretch, error=record.error * stretch**order, order=round(order),
-                   wall_ms=1e3 * record.wall_time / stretch)
 
 
 def prepare(task: tuple[str, str, Ladder | None], wanted: Sequence[Wanted] = LEVELS, every: bool = False

@@ -234,7 +234,6 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         if settings.speed:
             records, calibration = measure_speed(records, profile, alone, within)
         advised = _advice(alone, truths, engine_names, within, search)
-        advised += advice.from_records(truths, records, advised)
         rows = [Support(scene=one.item, engine=one.engine, form=one.form, reason=one.reason, methods=list(one.methods))
                 for one in support.of_scenes(scene_names, engine_names, within, near)]
         return replace(document(meta(calibration=calibration), truths, records, rows), advice=advised or None)

@@ -43,7 +43,7 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
         why += ", times equal within noise"
     share = 1.0 if best.share is None else best.least_share
     if share < 1:
-        why += f"; it is resolved over part of the time, {percent(share)}"
+        why += f", resolved over {percent(share)} of the time"
     return Recommended(runs=[record.label for record in (best, *tied)], step=best.step, rtol=best.rtol,
                        error=best.error, share=share,
                        seconds=best.seconds_per_second, why=why)
@@ -75,13 +75,14 @@ def sentence(scene: SceneTruth, records: Sequence[Record]) -> str:
 
 def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]:
     """The recommendation for each engine, in the order of the records."""
-    rows = []
+    rows, first = [], None if scene.failure or scene.no_truth else recommend(scene, records)
     for engine, own in grouped(records, lambda record: record.engine).items():
         made = [record for record in own if record.outcome != "unsupported"]
         best = None if scene.failure or scene.no_truth else recommend(scene, made)
         passing = sum(record.outcome == "pass" for record in made)
-        advice = f"trust {_said(best)}" if best else "no run can be recommended"
-        text = f"{advice}; {passing} of {len(made)} runs pass." + _not_trusted(made)
+        advice = "as said" if best and best == first else f"trust {_said(best)}" if best else (
+            "no run can be recommended")
+        text = f"{advice}; {passing} of {len(made)} runs pass."
         if not made:
             text = f"no run: {own[0].message}."
         rows.append(EngineTrust(engine=engine, runs=len(made), passing=passing, recommended=best,
@@ -94,8 +95,7 @@ def _said(best: Recommended) -> str:
     pace = 1e3 * (best.seconds or 0.0)
     spelled = f"{pace:.2g}" if pace < 100 else f"{pace:.0f}"
     time = "" if best.seconds is None else f", {spelled} ms per simulated second"
-    part = "" if best.share == 1.0 else f", resolved over {percent(best.share)} of its time"
-    return f"{' or '.join(best.runs)}: {best.why} (error {best.error:.1e} of its size at {size}{part}{time})"
+    return f"{' or '.join(best.runs)}: {best.why} (error {best.error:.1e} of its size at {size}{time})"
 
 
 def _checks(record: Record) -> str:

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from crosscheck.cli.verify import print_verdicts
-from crosscheck.document import Asked, Errors, Finding, Order, Recommended, Scene, extended, outcomes
+from crosscheck.document import Advice, Asked, Errors, Finding, Order, Recommended, Scene, extended, outcomes
 from crosscheck.history import nightly
 from crosscheck.judge import verdict
 from crosscheck.report import exports, headline, overview, pages, schema
@@ -164,6 +164,26 @@ def test_a_step_has_one_format_everywhere(results, capsys, monkeypatch, tmp_path
     assert f" at step {said}" in document.scenes[0].trust
 
 
+def test_a_file_has_its_own_name_and_advice_is_said_once(results):
+    assert headline.spoken("/of/a_user/arm_2.urdf") == "arm_2.urdf"
+    assert headline.spoken("heavy_top") == "heavy top"
+    records = [results.records[0], replace(results.records[0], engine="other", label="other Plain", outcome="fail")]
+    first, second = trust.by_engine(results.scenes[0], records)
+    assert (first.text, second.text) == ("fake: as said; 1 of 1 runs pass.",
+                                         "other: no run can be recommended; 0 of 1 runs pass.")
+    assert "Not to be trusted here: other Plain" in trust.sentence(results.scenes[0], records)
+
+
+def test_a_page_advises_what_ladders_of_runs_found_and_nothing_else(results):
+    """An estimate from one run named another step than `crosscheck advise` of the same engine."""
+    plain = made(results.scenes[:1], results.records[:1])
+    assert plain.advice is None
+    assert "<code>crosscheck advise SCENE --engine NAME --error 1e-4</code>" in pages.index(plain)
+    found = Advice(scene=plain.scenes[0].name, engine="fake", wanted=1e-4, until=1.0, least=1e-5, method="Plain",
+                   step=2e-3, error=9e-5, cost=0.1, command="crosscheck run single_pendulum")
+    assert '"step": 0.002' in pages.index(replace(plain, advice=[found]))
+
+
 def test_every_scene_has_a_page_of_its_own():
     scenes = ["top", "Top", "a/top.toml", "b/top.toml", "a top", "a-top", "a/b.toml", "a-b-toml"]
     assert len({pages.scene_file(failed_scene(name, "")).lower() for name in scenes}) == len(scenes)
@@ -228,11 +248,17 @@ def test_of_several_runs_it_says_which_are_within_a_tolerance(results):
     runs = [_asked(results, "fake A", 3e-6, 1.0), _asked(results, "fake B", 2e-3, 1.0, "fail"),
             _asked(results, "fake C", 2e-5, 0.5), *(_asked(results, f"fake {k}", 1e-9, 1.0) for k in range(4))]
     assert headline.answers(runs, 1.0) == [
-        "error of position at most 0.0001 m: no for 1 run (fake B at 0.001 s 2.0e-03 m), not decided for 1 run (fake C "
-        "at 0.001 s 2.0e-05 m over 50 % of the time), yes for 5 runs (fake A at 0.001 s 3.0e-06 m, fake 0 at 0.001 s "
-        "1.0e-09 m, fake 1 at 0.001 s 1.0e-09 m and 2 more)"]
-    both = headline.answers([runs[0], _asked(results, "fake A", 3e-6, 1.0, scene="other_top")], 1.0)
-    assert both[0].endswith("fake A at 0.001 s on other top 3.0e-06 m)")
+        "error of position, allowed 0.0001 m, at 0.001 s: no for 1 run (fake B 2.0e-03 m over all 2 s), not decided "
+        "for 1 run (fake C 2.0e-05 m over 50 % of the time), yes for 5 runs (fake A 3.0e-06 m over all 2 s, fake 0 "
+        "1.0e-09 m over all 2 s, fake 1 1.0e-09 m over all 2 s and 2 more)"]
+    other = replace(runs[0], step=2e-3, scene="a/other_top.urdf")
+    assert headline.answers([runs[0], other], 1.0) == [
+        "error of position, allowed 0.0001 m, over all 2 s: yes for 2 runs (fake A on single pendulum at 0.001 s "
+        "3.0e-06 m, fake A on other_top.urdf at 0.002 s 3.0e-06 m)"]
+    document = made(results.scenes[:1], runs)
+    cells = re.findall(r"<td class=\"n tol\"[^>]*>([^<]*)</td>", pages.index(document))
+    assert cells[:3] == ["yes, 3.0e-06 m", "no, 2.0e-03 m", "not decided, 2.0e-05 m"]
+    assert ">position, allowed 0.0001 m</th>" in pages.index(document)
     assert headline.answers([results.records[0]], 1.0) == []
 
 

@@ -8,20 +8,15 @@ import pytest
 from typer.testing import CliRunner
 
 import crosscheck
-from crosscheck import adapters, document
+from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, step_text, steps_per_sample
 from crosscheck.cli.app import app
-from crosscheck.compare.errors import differences
 from crosscheck.compare.sizes import sizes
-from crosscheck.document import Errors, Order, Record, Way
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
 from crosscheck.studies.stability import lines
 from crosscheck.verification import advice
-from crosscheck.verification.advice import MARGIN, choose, from_records, of_ladders
-from crosscheck.verification.cell import run_cell
+from crosscheck.verification.advice import choose, of_ladders
 from crosscheck.verification.ladder import Ladder, Rung
-from crosscheck.verification.scene_truth import prepare_truth
-from crosscheck.verification.task import Cell, load
 
 
 @pytest.fixture(autouse=True)
@@ -203,64 +198,3 @@ def test_a_real_run_keeps_what_the_advice_promises():
     assert found.command in done.output
     words = found.command.split()
     assert CliRunner().invoke(app, words[1:]).exit_code == 0
-
-
-SCENE = prepare_truth(("single_pendulum", 1.0, 1e7))
-
-
-def record(method, size, error, cost, order=4.0, outcome="pass"):
-    """A run of a second whose order was observed at steps up to sixteen times its own."""
-    return Record(
-        "known", method, size, scene="single_pendulum", version="1", outcome=outcome, wall_time=cost, steps=1,
-        errors={"position": Errors(unit="m", end=error, max=error, time=1.0, body="pendulum", size=1.0)},
-        order=order and Order(documented=4, observed=order, median=order, segments=8),
-        ladder=[document.Rung(step=16 * size, rtol=None)],
-        command=f"crosscheck run single_pendulum --engine known --method {method} --step {size!r} --samples 9 "
-        "--csv run.csv")
-
-
-@pytest.mark.parametrize(("records", "wanted", "method", "longest"), [
-    ([record("fine", 1e-3, 1e-8, 1.0), record("cheap", 1e-3, 1e-3, 0.1, order=1.0)], 1e-2, "cheap", 1e-2 / MARGIN),
-    ([record("fine", 1e-3, 1e-8, 1.0), record("cheap", 1e-3, 1e-3, 0.1, order=1.0)], 1e-5, "fine",
-     1e-3 * (1e3 / MARGIN) ** 0.25),
-    ([record("fine", 1e-3, 1e-8, 1.0)], 1e-2, "fine", 16e-3),  # no further than it was seen
-    ([record("fine", 1e-3, 1e-8, 1.0, order=None)], 1e-4, "fine", 1e-3),  # no order showed
-    ([record("fine", 1e-3, 1e-8, 1.0, order=None)], 1e-9, None, None),
-    ([record("slow", 1e-3, 1e-3, 1.0, order=1.0)], 1e-6, None, None),  # a thousand times finer: nobody looked there
-    ([record("wrong", 1e-3, 1e-8, 0.1, outcome="fail"), record("fine", 1e-3, 1e-8, 1.0)], 1e-8, "fine", 1e-3)])
-def test_records_say_what_to_expect(records, wanted, method, longest):
-    found, = (each for each in from_records([SCENE], records, []) if each.wanted == pytest.approx(wanted))
-    assert found.method == method
-    assert found.least == min(each.error for each in records)
-    if method is not None:
-        chosen, = (each for each in records if each.method == method)
-        assert min(longest, 4e-3) / 2 < found.step <= longest * (1 + 1e-9)
-        order = chosen.order.observed if chosen.order else 0.0
-        assert found.error == pytest.approx(chosen.error * (found.step / 1e-3) ** order)
-        assert found.error <= wanted
-        assert found.cost == pytest.approx(chosen.wall_time * 1e-3 / found.step)
-        # With fewer digits, or other samples, another step runs.
-        assert found.command.endswith(f"--method {method} --step {found.step!r} --samples 9")
-        assert found.estimated.startswith("the run at 0.001 s")
-
-
-def test_runs_that_were_made_are_not_estimated():
-    made = choose(msgspec.structs.replace(KNOWN, scene="single_pendulum", engine="known"), 1e-3, "single_pendulum")
-    assert made.estimated == ""
-    estimated = from_records([SCENE], [record("fine", 1e-3, 1e-8, 1.0)], [made])
-    assert [each.wanted for each in estimated] == [level for level in advice.LEVELS if level != made.wanted]
-
-
-def test_an_estimate_is_near_the_truth():
-    cell = run_cell(Cell("single_pendulum", Way("mujoco", "RK4"), SCENE.plan))
-    scene = load("single_pendulum", SCENE.plan)
-    states = crosscheck.truth(scene).states
-    for each in from_records([SCENE], [cell], [])[1:7]:  # 1e-3 m to 1e-8 m
-        run = crosscheck.run(scene, "mujoco", each.method, step=each.step, form=each.form)
-        assert run.stats["step"] == pytest.approx(each.step, rel=1e-14)
-        assert f"--duration {scene.duration!r} " in each.command
-        assert f"--samples {scene.samples}" in each.command
-        size = sizes(scene, states)
-        error = max(float(found.max()) / size[name] for name, found in differences(run, states).items())
-        assert error <= each.wanted
-        assert error == pytest.approx(each.error, rel=0.4)

@@ -20,10 +20,7 @@
   const size = (row) => (row.step ? Number(row.step.toPrecision(3)) + " s" : "rtol " + Number(row.rtol.toPrecision(3)));
   const breaks = (row) => (row.breaks_at === null ? "at none tried"
     : size(row.step ? {step: row.breaks_at} : {rtol: row.breaks_at}));
-  const about = (row) => (row.estimated.includes("order") ? "about " : "");
-  const basis = (row) => (about(row) ? "estimated from " + row.estimated
-    : row.estimated ? row.estimated + " of this report; coarser ones were not made"
-    : "breaks " + (row.breaks_at === null ? "" : "at ") + breaks(row));
+  const basis = (row) => "breaks " + (row.breaks_at === null ? "" : "at ") + breaks(row);
   const node = (tag, text) => Object.assign(document.createElement(tag), {textContent: text});
   // A line of a command ends at a space, never within "--step".
   function command(text) {
@@ -42,7 +39,7 @@
       parts.push(mine.engine + ": not " + mine.tried + "; the least error found is " + short(mine.least) + ".");
     } else {
       parts.push(node("b", mine.method), (mine.form ? " (form " + mine.form + ")" : "") + " of " + mine.engine + " at "
-        + (mine.step ? "step " : "") + size(mine) + ": error " + about(mine) + short(mine.error) + " of its size for "
+        + (mine.step ? "step " : "") + size(mine) + ": error " + short(mine.error) + " of its size for "
         + short(1e3 * mine.cost) + " ms of stepping; " + basis(mine) + ". ",
         command(mine.command));
     }
@@ -56,8 +53,8 @@
       head.scope = "row";
       line.append(head);
       const cells = row.method === null ? ["not found", "", short(row.least), "", ""]
-        : [row.method, size(row), about(row) + short(row.error), short(1e3 * row.cost),
-          row.estimated ? "not tried" : breaks(row)];
+        : [row.method, size(row), short(row.error), short(1e3 * row.cost),
+          breaks(row)];
       ["method", "step", "error, of size", "cost, ms", "breaks at"].forEach((label, index) => {
         const cell = node("td", cells[index]);
         cell.dataset.label = label;

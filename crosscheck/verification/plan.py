@@ -54,8 +54,10 @@ def plan_of(scene: Scene, motion: Motion | None, most_steps: int, most_seconds: 
         samples, length = _outputs(asked.step, whole, samples, asked.duration is None)
         return Plan({1: asked.step}, samples=samples, duration=duration if length == whole else length)
     interval, most = whole / (samples - 1), most_steps / math.sqrt(scene.n) / (samples - 1)
-    steps = {order: interval / _divisor(max(FEWEST, interval * rate * share ** (-1 / (order + 1))), most)
-             for order, share in RESOLVE.items()}
+    wanted = {order: interval * rate * share ** (-1 / (order + 1)) for order, share in RESOLVE.items()}
+    # Up to twice as fine where that spares the finer steps that the verdict asks for below `FEWEST`.
+    steps = {order: interval / _divisor(max(count, FEWEST if 2 * count >= FEWEST else 1.0), most)
+             for order, count in wanted.items()}
     return Plan(steps, samples=samples, duration=duration)
 
 

@@ -24,7 +24,7 @@ def test_no_step_of_a_stiff_scene_is_longer_than_its_fastest_decay():
 
 
 def test_a_fast_motion_takes_smaller_steps_and_a_run_no_more_than_the_budget():
-    top = load_scene("heavy_top").replace(samples=6)  # 1 s
+    top = load_scene("heavy_top").replace(duration=0.1, samples=6)
     slow = top.replace(bodies=tuple(dataclasses.replace(body, angular_velocity=(0.0, 0.0, 0.0)) for body in top.bodies))
     motion = truth(top).states
     assert plan_of(top, motion, 100_000).steps[1] <= 0.2 * plan_of(slow, None, 100_000).steps[1]

@@ -15,6 +15,7 @@ import lieeuler
 from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats, steps_per_sample
 from crosscheck.adapters.common.held import highest_order
 from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported
+from crosscheck.scene.basics import row_vectors
 from crosscheck.scene.coordinates import (
     at_start,
     followed,
@@ -99,14 +100,26 @@ def start(problem: lieeuler.Problem, step: float = 1e-6) -> lieeuler.Solution:
 
 
 def _joint(scene: Scene, joint: Joint) -> lieeuler.Joint:
-    """The joint, made by lieeuler's function for its type, which takes the type's parameters in this order."""
-    kind = joint.kind
-    parameters = [getattr(joint, key) for key, needed in kind.needs.items() if needed]
-    if kind.keeps_attitude:
-        parent_attitude = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
-        parameters.append(scene.R0[joint.child].T @ parent_attitude)
-    made: lieeuler.Joint = getattr(lieeuler, f"{joint.type}_joint")(
-        joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, *parameters)
+    """The joint, from the rows of its type."""
+    kind, dots, contact = joint.kind, list[lieeuler.Dot](), None
+    if kind.slips:
+        word = "sphere" if joint.child_axis is None else "disk" if joint.radius else "edge"
+        contact = lieeuler.Contact(word, joint.parent_axis, joint.parent_axis if joint.child_axis is None else (
+            joint.child_axis), joint.radius or 0.0)
+    else:
+        inner, outer = row_vectors(joint, scene.R0[joint.child].T @ (
+            np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]))
+        for row in kind.rows:
+            match row.kind:
+                case "distance":
+                    dots.append(lieeuler.Dot("difference", "difference", constant=0.5 * joint.length,
+                                             scale=0.5 / joint.length))
+                case "dot1":
+                    dots.append(lieeuler.Dot("parent", "child", inner[row.parent], outer[row.child]))
+                case "dot2":
+                    dots.append(lieeuler.Dot("parent", "difference", inner[row.parent]))
+    made = lieeuler.Joint(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor,
+                          kind.anchors_coincide, tuple(dots), contact=contact)
     made = made.geared(*(lieeuler.Rotor(inertia, joint.parent_axis, joint.child_axis, word == "turn")
                          for inertia, word in zip(joint.armature, kind.coordinates, strict=False) if inertia))
     if joint.drive is not None:
@@ -216,8 +229,6 @@ class LieEuler(Engine):
         """All joints and forces are modelled, redundant constraints included."""
         if reason := scene.beyond(ELEMENTS):
             return reason
-        if strange := [joint for joint in scene.joints if not hasattr(lieeuler, f"{joint.type}_joint")]:
-            return f"joint {strange[0].name!r}: lieeuler has no joint of type {strange[0].type}"
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"
         controls = lieeuler.METHODS[spec.method].controls

@@ -193,17 +193,11 @@ def _turned(R: np.ndarray, s: np.ndarray) -> np.ndarray:
     return np.asarray(R[..., 0] * s[..., :1] + R[..., 1] * s[..., 1:2] + R[..., 2] * s[..., 2:])
 
 
-def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[AnyBasic]:
-    """The basic constraints of a joint in row order, not yet stacked.
+def row_vectors(joint: Joint, relative: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """The vectors (3,) that `Row` names: those of the parent and those of the child, each in its body's axes.
 
-    `parent_attitude` and `child_attitude` (3, 3), body to world, are the initial ones: prismatic and fixed joints
-    keep this relative attitude.
+    `relative` (3, 3): R_child^T R_parent of the initial state, which prismatic and fixed joints keep.
     """
-    d = Separation(BodyVector(joint.parent, joint.parent_anchor), BodyVector(joint.child, joint.child_anchor))
-    relative = child_attitude.T @ parent_attitude
-
-    if joint.kind.slips:
-        return [CONTACTS[joint.type].of(joint)]
     inner = dict(zip(("e1", "e2", "e3"), np.eye(3), strict=True))
     outer = dict(zip(("f1", "f2", "f3"), relative.T, strict=True))
     if joint.parent_axis is not None:
@@ -213,6 +207,15 @@ def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray
             b = relative @ n2
             b -= (b @ joint.child_axis) * joint.child_axis
             outer |= {"axis": joint.child_axis, "b": b / max(float(np.linalg.norm(b)), np.finfo(float).tiny)}
+    return inner, outer
+
+
+def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[AnyBasic]:
+    """The basic constraints of a joint in row order, not yet stacked; attitudes (3, 3), body to world, are initial."""
+    d = Separation(BodyVector(joint.parent, joint.parent_anchor), BodyVector(joint.child, joint.child_anchor))
+    if joint.kind.slips:
+        return [CONTACTS[joint.type].of(joint)]
+    inner, outer = row_vectors(joint, child_attitude.T @ parent_attitude)
 
     def basic(row: Row) -> Basic:
         match row.kind:

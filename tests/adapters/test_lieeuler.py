@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -11,9 +12,15 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
-from crosscheck.scene import mechanics
+from crosscheck.compare.errors import errors
+from crosscheck.references import tree, truth
+from crosscheck.running.support import minimal_scenes
+from crosscheck.scene import joints, mechanics
+from crosscheck.scene.assembly import completed
+from crosscheck.scene.checks import Draft
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import GROUND
 from lieeuler import _kernel
@@ -169,3 +176,40 @@ def test_torsional_spring_counts_full_turns():
     expected = Rotation.from_rotvec(angle * axis).as_matrix()
     assert np.abs(run.R[-1, 0] - expected).max() < h * speed
     assert abs(run.stats.maxima["energy_error"]) < h * rate
+
+
+@pytest.mark.parametrize("minimal", [each for each in minimal_scenes() if each.kind.startswith("joint")],
+                         ids=lambda each: f"{each.item} {each.kind}")
+def test_joints_from_rows_are_those_of_lieeulers_own_functions(minimal):
+    scene, joint = minimal.scene, minimal.scene.joints[-1]
+    given = [getattr(joint, key) for key, needed in joint.kind.needs.items() if needed]
+    if joint.kind.keeps_attitude:
+        given.append(scene.R0[joint.child].T @ (np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]))
+    wanted = getattr(lieeuler, f"{joint.type}_joint")(
+        joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, *given)
+    made = build_problem(scene).joints[-1]
+    assert (made.spherical, made.rows, made.contact is None) == (wanted.spherical, wanted.rows, wanted.contact is None)
+    assert [(dot.a, dot.b) for dot in made.dots] == [(dot.a, dot.b) for dot in wanted.dots]
+    parts = [*zip(made.dots, wanted.dots, strict=True), *([(made.contact, wanted.contact)] if made.contact else [])]
+    for one, other in parts:
+        for field in dataclasses.fields(one):
+            value = getattr(one, field.name)
+            assert value == getattr(other, field.name) if isinstance(value, str) else np.allclose(
+                value, getattr(other, field.name), rtol=0, atol=1e-15)
+
+
+def test_one_more_joint_of_known_words_is_an_entry_in_each_of_two_tables(monkeypatch):
+    """A gantry slides along two directions and does not turn: rows here, motions there, and truth and engines run."""
+    slide, plane = (joints.JOINT_TYPES[name] for name in ("prismatic", "planar"))
+    monkeypatch.setitem(joints.JOINT_TYPES, "gantry", joints.JointType(
+        (*slide.rows[:2], slide.rows[-1], plane.rows[-1]), plane.motion[:2], plane.motion[:2], "parallel", "start"))
+    monkeypatch.setitem(tree.TURNS, "gantry", 0)
+    monkeypatch.setitem(tree.SHIFTS, "gantry", "plane")
+    made = next(each.scene for each in minimal_scenes() if (each.kind, each.item) == ("joint between bodies", "planar"))
+    made = made.replace(name="gantry", duration=0.5, samples=11, joints=(
+        made.joints[0], dataclasses.replace(made.joints[1], type="gantry")))
+    scene = completed(Draft(made, (True, True), (True, True), assemble=True))
+    exact = truth(scene)
+    for engine, method in (("lieeuler", "rkmk4"), ("mujoco", "RK4"), ("pinocchio", "RKMK4"), ("exudyn", "RK44")):
+        missed = errors(scene, crosscheck.run(scene, engine=engine, method=method, step=1e-3), exact.states)
+        assert max(missed["position"].max, missed["attitude"].max) < 1e-9, engine

@@ -69,7 +69,7 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     -------
     Explanation
         Its `sentence` has the answer, `causes` the named causes, and `evidence` what was tested. After 60 s of
-        processor time, or of the clock for engines with processes of their own, it is what is known so far.
+        processor time it is what is known so far.
 
     Raises
     ------
@@ -93,8 +93,7 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
         with within(PATIENCE, clock):
             _ask(subject, loaded, step, answer)
     except OutOfTime:
-        kind = "processor time" if clock is time.process_time else "the clock"
-        answer.unexplained.append(f"{PATIENCE:g} s of {kind} are over")
+        answer.unexplained.append(f"{PATIENCE:g} s of processor time are over")
     answer.seconds = time.perf_counter() - began
     return answer.conclude()
 

@@ -4,8 +4,8 @@ All methods, in the default form, climb the ladder of runs: steps are halved, or
 The cheapest next run always comes first, and a method ends where a finer run would cost more than one that reaches the
 error. Then steps between two halvings are searched, and the cheapest runs take turns to measure their times. An engine
 gets `BUDGET` seconds on a scene, without the time to load its package and to compute the truth. They are seconds of
-the processor, so that a busy machine finds as much as an idle one, or of the clock for engines with processes of their
-own. Steps divide the interval between two output times, as in `crosscheck.run`, and runs end with the truth.
+the processor, so that a busy machine finds as much as an idle one. Steps divide the interval between two output times,
+as in `crosscheck.run`, and runs end with the truth.
 """
 
 from __future__ import annotations

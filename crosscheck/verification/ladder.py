@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -202,6 +203,10 @@ def key(scene: Scene, engine: str) -> str:
     return digest(STAGE, provenance.code_digest([engine], []), scene.hash)
 
 
+COARSE = 0.1
+"""Processor time (s) below which that of another process says nothing of a run."""
+
+
 class Climb:
     """Makes the runs of a ladder that it does not have yet; `busy` is the clock (s) of what a run takes."""
 
@@ -233,8 +238,9 @@ class Climb:
         if not isinstance(outcome, Ran):
             return replace(rung, status=outcome.status, reason=outcome.why)
         raw, counted = outcome.raw, outcome.raw.stats
-        # On a busy machine the clock also counts the time in which others had the processor.
-        wall = min(raw.wall_time, self.busy() - start)
+        # On a busy machine the clock also counts the time in which others had the processor. That of other processes is
+        # known to hundredths of a second, which may be more than the run takes.
+        wall = min(raw.wall_time, max(self.busy() - start, 0.0 if self.busy is time.process_time else COARSE))
         rung = replace(rung, form=raw.form or rung.form, step=None if rung.step is None else raw.step, steps=raw.steps,
                        rejected_steps=counted.get("rejected_steps"), wall_ms=1e3 * wall, repeats=1,
                        force_evaluations=counted.get("force_evaluations"))

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from crosscheck import adapters
 from crosscheck import report as report_folder
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.errors import EngineDied
+from crosscheck.scene.file import load_scene
 from crosscheck.verification import job
 from tests import ROOT, saved
 
@@ -239,3 +241,30 @@ def test_an_engine_of_the_user_may_derive_from_the_base_class(tmp_path):
     assert [adapter.documented_order(scene, RunSpec(method)) for method in adapter.methods] == [3, None]
     assert (adapter.held_levels(scene, RunSpec("A")), adapter.checks_sizes) == (frozenset(), False)
     assert adapter.eps == 2.0**-23  # an engine cannot claim coarser numbers
+
+
+BURN = """import time
+class Burn:
+    name, methods, orders = "burn", ("A",), {"A": 1}
+    def unsupported(self, scene, spec):
+        if scene.duration < 1:
+            time.sleep(.5)
+            return None
+        while time.process_time() < 1.0: pass
+    def run(self, scene, spec): raise NotImplementedError
+"""
+
+
+def test_the_clock_of_an_engine_in_a_process_of_its_own_counts_what_that_works_and_not_what_it_waits(tmp_path):
+    """On a busy machine `explain` ended after 60 s of the clock, in which its engine had worked for a few."""
+    (tmp_path / "burn.py").write_text(BURN)
+    name = f"{tmp_path / 'burn.py'}:Burn"
+    engine, scene = adapters.get(name), load_scene("single_pendulum")
+    used = adapters.clock(name)
+    before = used()
+    engine.unsupported(scene.replace(duration=0.1), RunSpec("A", step=1e-3))
+    waited = used()
+    engine.unsupported(scene.replace(duration=1.0), RunSpec("A", step=1e-3))
+    assert waited - before < 0.4
+    assert used() - waited > 0.4
+    assert adapters.clock("mujoco") is time.process_time

@@ -210,9 +210,11 @@ def named_number(option: str, text: str, example: str) -> tuple[str, float]:
     """The name and the number of an option NAME=NUMBER. Raises `ArgumentError` if it is none."""
     name, _, number = text.rpartition("=")
     try:
-        return name.strip(), float(number)
+        if name.strip():
+            return name.strip(), float(number)
     except ValueError:
-        raise ArgumentError(f"{option}: {text!r} is not NAME=NUMBER, such as {example}") from None
+        pass
+    raise ArgumentError(f"{option}: {text!r} is not NAME=NUMBER, such as {example}")
 
 
 def chosen(names: Iterable[str] | None) -> tuple[str, ...] | None:

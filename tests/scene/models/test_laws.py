@@ -272,5 +272,6 @@ def test_controls_and_limits_on_the_command_line(tmp_path, monkeypatch):
     assert [force.parameters["target"] for force in scene.forces if force.type == "servo"] == [0.7]
     assert scene.joints[0].limits[0].rigid
     assert not scene.monitors
-    with pytest.raises(crosscheck.ArgumentError, match="'p' is not NAME=NUMBER"):
-        loaded("arm.xml", Reading(control=["p"]))
+    for bare in ("p", ".7", "=.7", "p="):
+        with pytest.raises(crosscheck.ArgumentError, match=f"'{bare}' is not NAME=NUMBER"):
+            loaded("arm.xml", Reading(control=[bare]))

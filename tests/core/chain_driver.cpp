@@ -133,14 +133,13 @@ int main(int argc, char** argv) {
   if (method.starts_with("rkmk")) return run(AdaptiveMuntheKaas<BodyChart>(plan, read_tableau(coefficients)), steps, h);
   if (method == "taylor") return run(TaylorStepper(plan), steps, h);
   if (method == "seulex") return run(AdaptiveExtrapolation(plan), steps, h);
-  if (method.starts_with("rattle")) return run(CompositionStepper<ExpMap>(plan, read_row(coefficients)), steps, h);
-  if (method == "generalized_alpha") return run(LagrangeStepper<ExpMap>(plan, GeneralizedAlpha(0.8)), steps, h);
-  if (method == "INDEX1_LE") return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, Gains{}), steps, h);
-  if (method == "BAUMGARTE_LE")
-    return run(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, Gains{5, 5}), steps, h);
-  const Level level =
-      method[3] == '3' ? Level::position : (method.ends_with("LSE") ? Level::stabilised : Level::velocity);
-  const bool index1 = method[3] == '1';
-  if (method[4] == 'H') return run(HamiltonStepper<ExpMap>(plan, level, index1), steps, h);
-  return run(LagrangeStepper<ExpMap>(plan, level, index1, Gains{}), steps, h);
+  if (method.starts_with("rattle"))
+    return run(CompositionStepper(plan, CoordinateMap::exp, read_row(coefficients)), steps, h);
+  Method rule{method[4] == 'H' ? Formulation::hamilton : Formulation::lagrange, Level::velocity, method[3] == '1'};
+  if (method[3] == '3') rule.level = Level::position;
+  if (method.ends_with("LSE")) rule.level = Level::stabilised;
+  if (method == "INDEX1_LE" || method == "BAUMGARTE_LE") rule = {Formulation::lagrange, Level::acceleration, false};
+  if (method == "BAUMGARTE_LE") rule.gains = {5, 5};
+  if (method == "generalized_alpha") rule.spectral_radius = 0.8;
+  return run(NewtonStepper(equations_of(plan, CoordinateMap::exp, rule)), steps, h);
 }

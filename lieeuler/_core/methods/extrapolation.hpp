@@ -10,12 +10,87 @@
 
 namespace lieeuler {
 
+// Stabilised Euler steps whose u and xi are relative to a start, and whose motion since then is summed separately from
+// the state, so that rounding errors are relative to the motion.
+class IncrementEquations : public StabilisedEquations {
+ public:
+  explicit IncrementEquations(const Plan& plan)
+      : StabilisedEquations(plan, CoordinateMap::exp, false, Correction::mass),
+        origin_(system),
+        ways_(system.n()),
+        turns_(system.n()),
+        velocities_(system.n() + 1),
+        filtered_(z) {}
+
+  // Of a body since the start: x, R^T R' and u.
+  const Vec3& way(int b) const { return ways_[b]; }
+  Mat3 turn(int b) const { return Mat3::Identity() + turns_[b]; }
+  const Twist& gain(int b) const { return velocities_[b]; }
+
+  // For steps of any length from here: the matrix that long ones of damped springs need is laid out before the first.
+  void take_long_steps(const State& state) {
+    if (!splits() || !damped || system.frequency == 0) return;
+    joints.update(state.frames);
+    take_whole_matrix(joints);
+  }
+  // Replaces a change of the velocities by what remains of it after an implicit step with the matrix factored last:
+  // stiff forces make it decay within the step. False if the solve fails.
+  bool filter(std::vector<Twist>& change) {
+    std::fill(filtered_.begin(), filtered_.end(), 0.0);
+    for (int b = 0; b < system.n(); ++b) store(momentum(system.bodies[b], change[b]), &filtered_[3 * nodes.v(b)]);
+    for (int k : plan.rotors) filtered_[3 * nodes.lam(k)] = joints.velocity(plan.parts[k], change)[0];
+    if (!solve_linear(filtered_)) return false;
+    for (int b = 0; b < system.n(); ++b) change[b] = load(&filtered_[3 * nodes.v(b)]);
+    return true;
+  }
+
+  Status begin() override {
+    std::fill(ways_.begin(), ways_.end(), Vec3::Zero()), std::fill(turns_.begin(), turns_.end(), Mat3::Zero());
+    std::fill(velocities_.begin(), velocities_.end(), Twist{});
+    origin_ = state;
+    return StabilisedEquations::begin();
+  }
+  void guess() override {
+    StabilisedEquations::guess();
+    for (int b = 0; b < system.n(); ++b)
+      store(velocities_[b], &z[3 * nodes.v(b)]), store(velocities_[b], &z[3 * nodes.xi_v(b)]);
+  }
+
+ protected:
+  const std::vector<Twist>& from() const override { return velocities_; }
+  bool configure() override {
+    for (int b = 0; b < system.n(); ++b) {
+      state.u[b] = origin_.u[b] + load(&z[3 * nodes.v(b)]), xi[b] = origin_.u[b] + load(&z[3 * nodes.xi_v(b)]);
+      if (!move(b)) return false;
+    }
+    return true;
+  }
+  void settle() override {
+    for (int b = 0; b < system.n(); ++b) {
+      const Frame& origin = origin_.frames[b];
+      const Mat3 turn = maps[b].turn();
+      ways_[b] += h * xi[b].v;
+      turns_[b] += turn + turns_[b] * turn;
+      velocities_[b] = load(&z[3 * nodes.v(b)]);
+      state.frames[b] = {origin.x + ways_[b], origin.R + origin.R * turns_[b]};
+    }
+    StabilisedEquations::settle();
+  }
+
+ private:
+  State origin_;
+  std::vector<Vec3> ways_;
+  std::vector<Mat3> turns_;
+  std::vector<Twist> velocities_;
+  std::vector<double> filtered_;
+};
+
 class Extrapolation {
  public:
   explicit Extrapolation(const Plan& plan)
       : system_(plan.system),
-        euler_(plan, Level::stabilised, false, Gains{}),
-        whole_(plan, Level::stabilised, false, Gains{}),
+        euler_(plan),
+        whole_(plan),
         projection_(plan),
         state_(system_),
         next_(system_),
@@ -23,8 +98,7 @@ class Extrapolation {
         most_turn_(most_turn(system_, 2.5)),
         difference_(size_),
         rates_(system_.n() + 1) {
-    for (auto* euler : {&euler_, &whole_})
-      euler->polish_velocities(), euler->equations().keep_increments();  // extrapolation magnifies errors
+    for (auto* euler : {&euler_, &whole_}) euler->polish_velocities();  // extrapolation magnifies errors
     for (std::vector<double>& entry : table_) entry.assign(size_, 0.0);
     for (Node& node : nodes_) node.y.assign(size_ / 2, 0.0);
   }
@@ -135,7 +209,7 @@ class Extrapolation {
 
   // Computes row n of the table for the step h from `start`, in table_[1 .. n], and the difference of its last entries.
   Status fill(int n, double h, const State& start, Counters& counters, Watch& watch) {
-    LagrangeStepper<ExpMap>& euler = n == 1 ? whole_ : euler_;
+    Steps& euler = n == 1 ? whole_ : euler_;
     Counters inner;
     Status status = euler.start(start, h / n);
     for (int i = 0; i < n && status == Status::success; ++i)
@@ -143,8 +217,8 @@ class Extrapolation {
     inner.add_to(counters);
     if (status != Status::success) return status;
     for (int b = 0; b < system_.n(); ++b) {
-      const Increment& moved = euler.equations().increments()[b];
-      if (!put(b, moved.x, Mat3::Identity() + moved.turn, moved.u, difference_)) return Status::map_domain;
+      const IncrementEquations& moved = euler.equations();
+      if (!put(b, moved.way(b), moved.turn(b), moved.gain(b), difference_)) return Status::map_domain;
     }
     for (size_t i = 0; i < size_; ++i) {
       double entry = difference_[i];
@@ -284,7 +358,8 @@ class Extrapolation {
   }
 
   const System& system_;
-  LagrangeStepper<ExpMap> euler_, whole_;  // whole_: for row 1, whose matrix the error estimate uses
+  using Steps = ImplicitStepper<IncrementEquations>;
+  Steps euler_, whole_;  // whole_: for row 1, whose matrix the error estimate uses
   Projection projection_;
   State state_, next_;  // after a step next_ is its start
   Scales scales_;

@@ -1,56 +1,88 @@
-// Coefficients and memory of the generalized-alpha method, equation (4.3) of docs/theory.md. With A and a eliminated it
-// is a stabilised implicit Euler step with other numbers:
+// The stabilised generalized-alpha method, (4.3) of docs/theory.md. With A and a eliminated it is a stabilised implicit
+// Euler step with other numbers:
 //
 //   M (u - from) = theta f - G^T Lam,   M xi = M (rho u + carry) - G_n^T eta,   Lam = theta lam
 //   theta = h gamma (1 - alpha_f) / (1 - alpha_m),   rho = beta / gamma,   a = (u - from) / theta
 #pragma once
 
-#include "model/system.hpp"
+#include "methods/euler_lagrange.hpp"
 
 namespace lieeuler {
 
-class GeneralizedAlpha {
+// The coefficients of a spectral radius at infinite frequency, from 0 (fast motions are damped out in one step) to 1
+// (no damping).
+struct AlphaCoefficients {
+  explicit AlphaCoefficients(double radius)
+      : alpha_m((2 * radius - 1) / (radius + 1)),
+        alpha_f(radius / (radius + 1)),
+        gamma(0.5 + alpha_f - alpha_m),
+        beta(0.25 * (gamma + 0.5) * (gamma + 0.5)) {}
+
+  double alpha_m, alpha_f, gamma, beta;
+};
+
+class AlphaEquations : public StabilisedEquations {
  public:
-  // The spectral radius at infinite frequency, from 0 (fast motions are damped out in one step) to 1 (no damping).
-  explicit GeneralizedAlpha(double spectral_radius)
-      : alpha_m_((2 * spectral_radius - 1) / (spectral_radius + 1)),
-        alpha_f_(spectral_radius / (spectral_radius + 1)),
-        gamma_(0.5 + alpha_f_ - alpha_m_),
-        beta_(0.25 * (gamma_ + 0.5) * (gamma_ + 0.5)) {}
+  AlphaEquations(const Plan& plan, CoordinateMap map, const AlphaCoefficients& by, Correction correction)
+      : StabilisedEquations(plan, map, true, correction, by.gamma * (1 - by.alpha_f) / (1 - by.alpha_m),
+                            by.beta / by.gamma),
+        by_(by) {}
 
-  double force_share() const { return gamma_ * (1 - alpha_f_) / (1 - alpha_m_); }  // theta / h
-  double velocity_share() const { return beta_ / gamma_; }                         // rho
-  // The time from the start at which A is the acceleration to second order; taken at the start itself, A_0 would reduce
-  // the order of the multipliers by one.
-  double ahead(double h) const { return (alpha_m_ - alpha_f_) * h; }
-
-  Twist from(int b) const { return from_[b]; }
-  Twist carry(int b) const { return carry_[b]; }
-
-  // a and A at the start.
-  void start(const std::vector<Twist>& a, const std::vector<Twist>& A) { a_ = a, A_ = A, from_ = carry_ = a; }
-  // Updates a and A after a step from u_n to u.
-  void advance(const std::vector<Twist>& u_n, const std::vector<Twist>& u, double h) {
-    const double theta = force_share() * h;
-    for (size_t b = 0; b < a_.size(); ++b) {
-      a_[b] = (u[b] - from_[b]) / theta;
-      A_[b] = 1 / (gamma_ * h) * u[b] + -1 / (gamma_ * h) * u_n[b] + (1 - 1 / gamma_) * A_[b];
+  // a, and A: the acceleration at a time a little later or earlier. Taken at the start itself, A would reduce the order
+  // of the multipliers by one.
+  Status begin() override {
+    StabilisedEquations::begin();
+    const double whole = std::exchange(h, (by_.alpha_m - by_.alpha_f) * h);
+    start = state;
+    state.frames.follow(start.frames, h);
+    bool inside = true;
+    for (int b = 0; b < system.n(); ++b) {
+      const Twist &u = start.u[b], &a = start.a[b];
+      xi[b] = u + 0.5 * h * a;
+      state.u[b] = u + h * a;
+      inside = move(b) && inside;
     }
-  }
-  // Computes from() and carry() for a step from u_n.
-  void prepare(const std::vector<Twist>& u_n, double h) {
-    const double theta = force_share() * h, rho = velocity_share();
-    const double by_A = (alpha_m_ - (1 - alpha_m_) * (1 - gamma_) / gamma_) / (1 - alpha_f_);
-    const double by_a = -alpha_f_ / (1 - alpha_f_);
-    for (size_t b = 0; b < a_.size(); ++b) {
-      from_[b] = u_n[b] + -theta * by_A * A_[b] + -theta * by_a * a_[b];
-      carry_[b] = (1 - rho) * u_n[b] + (0.5 - rho) * h * A_[b];
+    h = whole;
+    if (inside) {
+      evaluate_joints();
+      inside = solve_index1() == Status::success;
     }
+    // If the step is too long to solve this, the step itself will fail and give the reason.
+    a_ = from_ = start.a, A_ = inside ? state.a : start.a;
+    prepare(start.u);
+    state = start;
+    joints.update(state.frames);
+    return saddle.factor(joints) ? Status::success : Status::singular_matrix;
   }
+  Status finish() override {
+    const Status status = StabilisedEquations::finish();
+    for (size_t b = 0; b < a_.size(); ++b) {
+      a_[b] = (state.u[b] - from_[b]) / force_time();
+      A_[b] = 1 / (by_.gamma * h) * state.u[b] + -1 / (by_.gamma * h) * start.u[b] + (1 - 1 / by_.gamma) * A_[b];
+    }
+    prepare(state.u);
+    return status;
+  }
+  bool exact_matrix() const override { return StabilisedEquations::exact_matrix() && plan.rotors.empty(); }
+
+ protected:
+  const std::vector<Twist>& from() const override { return from_; }
+  double rotor_gain(int k) const override { return accelerated_gain(k); }
+  std::pair<Rows, Rows> rotor_slopes(int k, Side side) const override { return accelerated_slopes(k, side); }
 
  private:
-  double alpha_m_, alpha_f_, gamma_, beta_;
-  std::vector<Twist> a_, A_, from_, carry_;
+  // What the next step from u starts with.
+  void prepare(const std::vector<Twist>& u) {
+    const double by_A = (by_.alpha_m - (1 - by_.alpha_m) * (1 - by_.gamma) / by_.gamma) / (1 - by_.alpha_f);
+    const double by_a = -by_.alpha_f / (1 - by_.alpha_f);
+    for (size_t b = 0; b < a_.size(); ++b) {
+      from_[b] = u[b] + -force_time() * by_A * A_[b] + -force_time() * by_a * a_[b];
+      carry_[b] = (1 - velocity_share) * u[b] + (0.5 - velocity_share) * h * A_[b];
+    }
+  }
+
+  const AlphaCoefficients by_;
+  std::vector<Twist> a_, A_, from_;
 };
 
 }  // namespace lieeuler

@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <variant>
 
 #include "linalg/chart_series.hpp"
 
@@ -192,6 +193,36 @@ class CcskMap {
 
  private:
   Mat3 first_, second_, third_, right_;
+};
+
+// One of the three, chosen for a run.
+class Map {
+ public:
+  explicit Map(CoordinateMap map) {
+    if (map == CoordinateMap::cayley) map_.emplace<CayleyMap>();
+    if (map == CoordinateMap::ccsk) map_.emplace<CcskMap>();
+  }
+  bool set(const Vec3& theta) {
+    return std::visit([&](auto& map) { return map.set(theta); }, map_);
+  }
+  Mat3 rotation() const {
+    return std::visit([](auto& map) { return map.rotation(); }, map_);
+  }
+  Mat3 turn() const {
+    return std::visit([](auto& map) { return map.turn(); }, map_);
+  }
+  Mat3 left_tangent() const {
+    return std::visit([](auto& map) { return map.left_tangent(); }, map_);
+  }
+  Vec3 momentum(const Vec3& L) const {
+    return std::visit([&](auto& map) { return map.momentum(L); }, map_);
+  }
+  Mat3 momentum_slope(const Vec3& xi, const Vec3& L, const Mat3& J, double h) const {
+    return std::visit([&](auto& map) { return map.momentum_slope(xi, L, J, h); }, map_);
+  }
+
+ private:
+  std::variant<ExpMap, CayleyMap, CcskMap> map_;
 };
 
 // theta of exp(hat theta) = R, |theta| < pi; accurate away from pi.

@@ -10,11 +10,8 @@ namespace lieeuler {
 static Run implicit(CoordinateMap map, const Method& method, const std::vector<double>& steps,
                     const std::vector<std::int64_t>& counts, bool monitored) {
   require_steps(steps, counts);
-  const auto run = map == CoordinateMap::exp      ? run_method<ExpMap>
-                   : map == CoordinateMap::cayley ? run_method<CayleyMap>
-                                                  : run_method<CcskMap>;
   return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
-            return run(plan, method, initial, steps, counts, monitored, record, interrupted);
+            return run_method(plan, map, method, initial, steps, counts, monitored, record, interrupted);
           },
           steps.size() + 1, monitored, duration_of(steps, counts)};
 }

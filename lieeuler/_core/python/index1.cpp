@@ -73,11 +73,7 @@ void bind_index1(nb::module_& module) {
   module.def("open_levels", &open_levels_of);
   module.def("index1", &index1);
   module.def("forces", &forces);
-  module.def("map_values", [](CoordinateMap map, const Vec3& xi, const Mat3& J, double h) {
-    return map == CoordinateMap::exp      ? map_values<ExpMap>(xi, J, h)
-           : map == CoordinateMap::cayley ? map_values<CayleyMap>(xi, J, h)
-                                          : map_values<CcskMap>(xi, J, h);
-  });
+  module.def("map_values", &map_values);
 }
 
 }  // namespace lieeuler

@@ -84,9 +84,8 @@ inline Parts forces(const Plan& plan, const Array& x, const Array& R, const Arra
   return result;
 }
 
-template <class Map>
-Parts map_values(const Vec3& xi, const Mat3& J, double h) {
-  Map map;
+inline Parts map_values(CoordinateMap kind, const Vec3& xi, const Mat3& J, double h) {
+  Map map(kind);
   Parts result;
   result["inside"] = map.set(h * xi);
   result["rotation"] = Mat3(map.rotation());

@@ -1,9 +1,9 @@
-// What the Lagrangian and Hamiltonian Euler methods share: a step with its unknowns and Newton's matrix, which a family
-// fills with its equations, and the stepper that solves them by Newton's iteration, to rounding of (7.4) of
-// docs/theory.md.
+// A step of an implicit method: both its ends, its unknowns and Newton's matrix, which a family of methods completes by
+// its equations; and the stepper that solves them by Newton's iteration, to rounding of (7.4) of docs/theory.md.
 #pragma once
 
 #include <array>
+#include <memory>
 #include <optional>
 
 #include "methods/method.hpp"
@@ -21,10 +21,9 @@ struct Layout {
   bool eliminates = false;         // only constraint rows couple bodies, so the bodies are eliminated beforehand
 };
 
-// Both ends of a step, its unknowns and its matrix.
-template <class Map>
-struct EulerStep {
-  EulerStep(const Plan& plan, Level level, bool index1_output, const Layout& layout)
+class StepEquations {
+ public:
+  StepEquations(const Plan& plan, CoordinateMap map, Level level, bool index1_output, const Layout& layout)
       : plan(plan),
         system(plan.system),
         level(level),
@@ -39,7 +38,8 @@ struct EulerStep {
         saddle(plan, layout.eliminates && plan.independent),
         start(system),
         state(system),
-        maps(system.n() + 1),
+        maps(system.n() + 1, Map(map)),
+        tangents(system.n() + 1),
         xi(system.n() + 1),
         force(system.n() + 1),
         z(3 * nodes.count(), 0.0) {
@@ -55,14 +55,39 @@ struct EulerStep {
         enlarge(mobility, arm.norm() * largest_mobility(system.bodies[b].inertia_inverse));
       }
   }
+  virtual ~StepEquations() = default;
 
-  // Replaces a residual by its correction.
-  bool solve_linear(std::vector<double>& r) {
+  // What a family supplies. At the start of a run:
+  virtual Status begin() { return Status::success; }
+  // z without earlier solutions.
+  virtual void guess() = 0;
+  // The configuration of z, and what z leaves of the equations there.
+  virtual Status residual(std::vector<double>& r) = 0;
+  // Newton's matrix at this configuration; false if it is singular.
+  virtual bool factor() = 0;
+  // Replaces a residual by its correction; false if the iteration will not converge.
+  virtual bool solve_linear(std::vector<double>& r) {
     remove_null_space(r);
     solve_matrix(r.data());
     remove_null_space(r);
     return true;
   }
+  // Whether the matrix has all derivatives of the residual.
+  virtual bool exact_matrix() const { return true; }
+  // Whether springs couple bodies so stiffly that iterations with a matrix without them converge slowly.
+  virtual bool couples_by_springs() const { return false; }
+  // Takes the matrix of all bodies and rows from here on; joints: where rows are scaled.
+  virtual void take_whole_matrix(const Constraints& joints) {
+    plan_matrix(nodes.doubled());
+    scale_tail(joints);
+  }
+  // Takes another matrix if the iteration with the present one fails; false if there is none.
+  virtual bool fall_back() { return false; }
+  // The new state at the end of a step, and whether it factors the saddle point there.
+  virtual Status finish() = 0;
+  virtual bool projects() const { return false; }
+  // (a, lam), which finish() owes.
+  virtual void output() { saddle.accelerate(joints, state); }
 
   // z -= correction; returns the size of the change of configuration, relative to the size of the system.
   double correct(const std::vector<double>& correction) {
@@ -89,25 +114,20 @@ struct EulerStep {
       lu.solve(r);
   }
 
-  // The matrix of all bodies and rows, from here on; joints: where rows are scaled.
-  void take_whole_matrix(bool doubled, const Constraints& joints) {
-    plan_matrix(doubled);
-    scale_tail(joints);
-  }
   // Lays out Newton's matrix, with (doubled) or without the second set of velocities and multipliers.
   void plan_matrix(bool doubled) {
     core.reset();
     columns = Nodes(plan, doubled);
     lu.follow(columns.blocks(second_order));
-    bodies.clear(), padding.clear(), blocks.clear(), force_blocks.clear(), mimic_blocks.clear();
+    body_blocks.clear(), padding.clear(), part_blocks.clear(), force_blocks.clear(), mimic_blocks.clear();
     for (int b = 0; b < system.n(); ++b) {
       const int v = columns.v(b), w = columns.w(b), xi_v = columns.xi_v(b), xi_w = columns.xi_w(b);
-      bodies.push_back({lu.block(v, v), lu.block(w, w), lu.block(xi_v, xi_v), lu.block(xi_w, xi_w), lu.block(xi_v, v),
-                        lu.block(xi_w, w)});
+      body_blocks.push_back({lu.block(v, v), lu.block(w, w), lu.block(xi_v, xi_v), lu.block(xi_w, xi_w),
+                             lu.block(xi_v, v), lu.block(xi_w, w)});
     }
     for (int k = 0; k < columns.parts(); ++k) {
       padding.push_back({lu.block(columns.lam(k), columns.lam(k)), lu.block(columns.mu(k), columns.mu(k))});
-      for (Side side : kSides) blocks.push_back(side_blocks(columns.lam(k), plan.body(k, side), false));
+      for (Side side : kSides) part_blocks.push_back(side_blocks(columns.lam(k), plan.body(k, side), false));
     }
     for (const PlacedMimic& mimic : plan.mimics) {
       mimic_blocks.emplace_back(mimic, [&](int i, int j) { return lu.block(columns.lam(i), columns.lam(j)); });
@@ -132,6 +152,10 @@ struct EulerStep {
 
   const JointState& here(int k) const { return joints[plan.parts[k]]; }
   const JointState& before(int k) const { return start_joints[plan.parts[k]]; }
+  // The derivative of G u by the configuration, for the velocities of all bodies.
+  Rows velocity_slope(int k, Side side, const std::vector<Twist>& u, bool both_orders) const {
+    return here(k).velocity_slope(plan.part(k), side, u[plan.body(k, kParent)], u[plan.body(k, kChild)], both_orders);
+  }
   // The rows of velocity at the new configuration.
   Vec3 velocity_rows(int k, const State& state) const {
     const Vec3 rate = joints.velocity(plan.parts[k], state.u);
@@ -167,7 +191,7 @@ struct EulerStep {
     return true;
   }
   // Completes the new configuration: makes attitudes rotations to rounding and evaluates the joints.
-  void settle() {
+  virtual void settle() {
     if (polishes_attitudes)
       for (int b = 0; b < system.n(); ++b) state.frames[b].R = polished(state.frames[b].R);
     evaluate_joints();
@@ -192,7 +216,7 @@ struct EulerStep {
   void store_multipliers(double duration) {
     plan.for_rows([&](int row, int place) { state.lam[row] = z[3 * nodes.lam(0) + place] / duration; });
   }
-  void guess_multipliers(double duration, std::vector<double>& z) const {
+  void guess_multipliers(double duration) {
     plan.for_rows([&](int row, int place) { z[3 * nodes.lam(0) + place] = duration * state.lam[row]; });
   }
 
@@ -243,6 +267,7 @@ struct EulerStep {
   SaddleSolver saddle;
   State start, state;
   std::vector<Map> maps;
+  std::vector<Mat3> tangents;  // of the maps, T
   std::vector<Twist> xi, force;
   std::vector<double> z;
   BlockLU lu;
@@ -251,8 +276,8 @@ struct EulerStep {
   struct BodyBlocks {
     double *v, *w, *xi_v, *xi_w, *xi_v_v, *xi_w_w;
   };
-  std::vector<BodyBlocks> bodies;
-  std::vector<SideBlocks> blocks;               // of lam and (v, w), per part and side
+  std::vector<BodyBlocks> body_blocks;
+  std::vector<SideBlocks> part_blocks;          // of lam and (v, w), per part and side
   std::vector<std::array<double*, 2>> padding;  // diagonal blocks of lam and mu, per part
   std::vector<MimicBlocks> mimic_blocks;        // of lam, then mu
   std::vector<PairBlocks> force_blocks;         // columns of (v, w), per force, row side, column side
@@ -304,27 +329,14 @@ class Predictor {
 };
 
 // Newton's iteration for the equations of a family, its guess, the null space of redundant rows, and the choice of the
-// matrix. Equations supplies
-//
-//   EulerStep<Map> at
-//   Status begin(), finish()              at the start of a run and at the end of a step
-//   void output()                         (a, lam) that finish() owes
-//   void guess(z)                         without earlier solutions
-//   Status residual(z, r); bool factor(), solve_linear(r), exact_matrix()
-//   bool fall_back()                      takes another matrix, if the iteration with the present one fails
-//   void take_whole_matrix(joints); bool couples_by_springs()
-//   bool projects(level)                  whether finish() factors the saddle point at the new state
-template <class Equations>
-class EulerStepper {
+// matrix.
+class NewtonStepper {
  public:
-  template <class... Arguments>
-  explicit EulerStepper(const Plan& plan, const Arguments&... arguments) : equations_(plan, arguments...) {}
-
-  Equations& equations() { return equations_; }
+  explicit NewtonStepper(std::unique_ptr<StepEquations> equations)
+      : equations_(std::move(equations)), at(*equations_) {}
 
   // Starts from frames and u of `state`; a and lam become the index-1 values there.
   Status start(const State& state, double h) {
-    auto& at = equations_.at;
     at.state = state;
     at.state.frames.begin_step(h);
     at.h = h;
@@ -338,10 +350,10 @@ class EulerStepper {
     }
     // Take the whole matrix if rows depend on several loops together, or if the matrix with the bodies eliminated would
     // leave out too much.
-    if (at.core && at.plan.independent && (!at.saddle.dropped() || equations_.couples_by_springs()))
-      equations_.take_whole_matrix(at.joints);
+    if (at.core && at.plan.independent && (!at.saddle.dropped() || at.couples_by_springs()))
+      at.take_whole_matrix(at.joints);
     if (const Status status = at.solve_index1(); status != Status::success) return status;
-    if (const Status status = equations_.begin(); status != Status::success) return status;
+    if (const Status status = at.begin(); status != Status::success) return status;
     std::fill(at.z.begin(), at.z.end(), 0.0);
     predictor_.reset(at.z.size());
     residual_.assign(at.z.size(), 0.0);
@@ -350,22 +362,21 @@ class EulerStepper {
   }
 
   Status step(Counters& counters) {
-    equations_.at.state.frames.begin_step(equations_.at.h);
-    const Status status = advance(equations_.at.h, predictor_, counters);
+    at.state.frames.begin_step(at.h);
+    const Status status = advance(at.h, predictor_, counters);
     if (status == Status::success) ++counters.steps;
     return status;
   }
   // Where accelerations jump at the end of a step: starts anew with what acts from there on.
-  Status cross() { return at_jump() ? start(State(state()), equations_.at.h) : Status::success; }
+  Status cross() { return at_jump() ? start(State(state()), at.h) : Status::success; }
 
   // A part of size h, which may be negative, of a step that has begun, guessed from the earlier solutions in
   // `predictor`.
   Status advance(double h, Predictor& predictor, Counters& counters) {
-    auto& at = equations_.at;
     at.h = h;
     at.owes_output = false;
     if (predictor.empty())
-      equations_.guess(at.z);
+      at.guess();
     else
       predictor.guess(at.z);
     at.remove_null_space(at.z);
@@ -379,7 +390,7 @@ class EulerStepper {
       predictor.guess(at.z);
       status = solve(counters);
     }
-    if (status != Status::success && equations_.fall_back()) {
+    if (status != Status::success && at.fall_back()) {
       if (predictor.empty())
         guess_afresh();
       else
@@ -392,7 +403,7 @@ class EulerStepper {
     if (status != Status::success) return status;
     forget_rates();
     predictor.push(at.z);
-    if (const Status end = equations_.finish(); end != Status::success) return end;
+    if (const Status end = at.finish(); end != Status::success) return end;
     if (at.core && at.saddle.choice() != at.choice) {
       at.follow_choice();
       predictor.forget();  // its multipliers belong to other rows
@@ -403,26 +414,24 @@ class EulerStepper {
   // Makes one more correction at the end of a step: the stopping test measures h u and leaves an error of eps / h in u.
   void polish_velocities() { polishes_velocities_ = true; }
   // Keeps the rounding errors of products of rotations in the attitudes, to show what the group update alone preserves.
-  void keep_rounding() { equations_.at.polishes_attitudes = false; }
+  void keep_rounding() { at.polishes_attitudes = false; }
   // Solves steps to this error, relative to the sizes of the system, instead of to rounding level.
-  void solve_to(double accuracy) {
-    equations_.at.accuracy = std::max(accuracy, std::numeric_limits<double>::epsilon());
-  }
+  void solve_to(double accuracy) { at.accuracy = std::max(accuracy, std::numeric_limits<double>::epsilon()); }
 
-  size_t unknowns() const { return equations_.at.z.size(); }
-  int redundant_rows() const { return equations_.at.saddle.redundant(); }
+  size_t unknowns() const { return at.z.size(); }
+  int redundant_rows() const { return at.saddle.redundant(); }
   // Accelerations and multipliers are computed when they are asked for.
   const State& state() {
-    auto& at = equations_.at;
-    if (std::exchange(at.owes_output, false)) equations_.output();
+    if (std::exchange(at.owes_output, false)) at.output();
     return at.state;
   }
-  const Constraints& joints() const { return equations_.at.joints; }
+  const Constraints& joints() const { return at.joints; }
 
  protected:
-  bool at_jump() const { return equations_.at.plan.jumps_at(equations_.at.state.frames); }
+  bool at_jump() const { return at.plan.jumps_at(at.state.frames); }
 
-  Equations equations_;
+  std::unique_ptr<StepEquations> equations_;
+  StepEquations& at;
 
  private:
   // Solves equations.residual(z) = 0 from the guess in z with the matrix at the guess (chord iteration), which is
@@ -430,36 +439,32 @@ class EulerStepper {
   // configuration, because u itself has rounding errors of eps / h.
   Status solve(Counters& counters) {
     const Status status = iterate(counters);
-    return status == Status::success && polishes_velocities_ && equations_.at.target() < kNoise ? polish(counters)
-                                                                                                : status;
+    return status == Status::success && polishes_velocities_ && at.target() < kNoise ? polish(counters) : status;
   }
   Status polish(Counters& counters) {
-    auto& at = equations_.at;
     ++counters.force_evaluations, ++counters.newton_iterations;
-    if (const Status status = equations_.residual(at.z, residual_); status != Status::success) return status;
-    equations_.solve_linear(residual_);
+    if (const Status status = at.residual(residual_); status != Status::success) return status;
+    at.solve_linear(residual_);
     return std::isfinite(at.correct(residual_)) ? Status::success : Status::non_finite;
   }
   Status iterate(Counters& counters) {
-    auto& at = equations_.at;
     const double target = at.target();
     double first = 0, last = std::numeric_limits<double>::infinity();
     bool renew = true;
     for (int k = 1; k <= kMostIterations; ++k) {
       ++counters.force_evaluations;
-      if (const Status status = equations_.residual(at.z, residual_); status != Status::success) return status;
+      if (const Status status = at.residual(residual_); status != Status::success) return status;
       if (renew) {
         ++counters.factorizations;
-        if (!equations_.factor()) return Status::singular_matrix;
+        if (!at.factor()) return Status::singular_matrix;
       }
-      if (!equations_.solve_linear(residual_)) return Status::newton_failed;
+      if (!at.solve_linear(residual_)) return Status::newton_failed;
       const double size = at.correct(residual_);
       ++counters.newton_iterations;
       counters.most_iterations = std::max<long>(counters.most_iterations, k);
       if (!std::isfinite(size)) return Status::non_finite;
       if (size <= kFloor) return Status::success;
-      if (k == 1 ? equations_.exact_matrix() && kCaution * curvature_ * size * size <= target
-                 : shrunk(size, last, target))
+      if (k == 1 ? at.exact_matrix() && kCaution * curvature_ * size * size <= target : shrunk(size, last, target))
         return Status::success;
       if (k == 1) first = size;
       if (k == 2 && size > kNoise) curvature_ = std::max(curvature_, size / (first * first));
@@ -485,14 +490,12 @@ class EulerStepper {
 
   // Sets the rates of leaders to zero: no residual depends on them, so that their guesses would grow.
   void forget_rates() {
-    auto& at = equations_.at;
     for (const PlacedMimic& mimic : at.plan.mimics)
       at.z[3 * at.nodes.lam(mimic.leader) + 1] = at.z[3 * at.nodes.mu(mimic.leader) + 1] = 0;
   }
 
   // Solves the step from the solution of half of it: a stiff force makes the motion at the start a bad guess.
   [[gnu::noinline, gnu::cold]] Status solve_by_halves(Status failure, Counters& counters) {
-    auto& at = equations_.at;
     const double h = std::exchange(at.h, 0.5 * at.h);
     guess_afresh();
     const Status status = solve(counters);
@@ -504,10 +507,9 @@ class EulerStepper {
 
   // Guesses from the start of the step, after an attempt has changed z.
   void guess_afresh() {
-    auto& at = equations_.at;
     std::fill(at.z.begin(), at.z.end(), 0.0);
     swap(at.start, at.state);
-    equations_.guess(at.z);
+    at.guess();
     swap(at.start, at.state);
     at.remove_null_space(at.z);
   }
@@ -515,7 +517,6 @@ class EulerStepper {
   // Fails if the rank is higher after the first step than at the start, which then was a singular position. Rows may
   // depend on others only where the joints are closed: a method that lets positions drift is asked at the closed ones.
   Status confirm_rank() {
-    auto& at = equations_.at;
     int redundant;
     const bool counted = at.saddle.count_redundancy(at.joints, redundant);
     if (counted && redundant >= at.saddle.redundant()) return Status::success;
@@ -531,15 +532,14 @@ class EulerStepper {
 
   // Finds the null space at this configuration, which the next step removes from rows and multipliers.
   Status follow_null_space() {
-    auto& at = equations_.at;
     if (rank_ == Rank::of_start) {
       if (const Status status = confirm_rank(); status != Status::success) return status;
       rank_ = Rank::confirmed;
       if (at.saddle.dropped()) return Status::success;
       if (!at.saddle.factor(at.joints)) return Status::singular_matrix;
     } else if (at.saddle.dropped()) {
-      return Status::success;                                          // no null space to follow
-    } else if (!at.index1_output && !Equations::projects(at.level)) {  // else finish() has factored it here
+      return Status::success;                          // no null space to follow
+    } else if (!at.index1_output && !at.projects()) {  // else finish() has factored it here
       if (!at.saddle.factor(at.joints)) return Status::singular_matrix;
     }
     state();
@@ -552,6 +552,16 @@ class EulerStepper {
   std::vector<double> residual_;
   double curvature_ = 1;  // largest ratio of a second correction to the square of the first; of order 1 by geometry
   bool polishes_velocities_ = false;
+};
+
+// One whose family is known.
+template <class Family>
+class ImplicitStepper : public NewtonStepper {
+ public:
+  template <class... Arguments>
+  explicit ImplicitStepper(const Arguments&... arguments) : NewtonStepper(std::make_unique<Family>(arguments...)) {}
+
+  Family& equations() { return static_cast<Family&>(at); }
 };
 
 }  // namespace lieeuler

@@ -25,7 +25,6 @@ class HamiltonEquations : public StepEquations {
                       {.solves_velocities = level == Level::velocity,
                        .second_order = level == Level::velocity,
                        .eliminates = eliminates(plan, level)}),
-        rotations_(system.n() + 1),
         momentum_(system.n() + 1),
         impulse_(system.n() + 1),
         mu_(system.rows() + system.others(), 0.0),
@@ -54,7 +53,7 @@ class HamiltonEquations : public StepEquations {
       const Vec3 y = maps[b].momentum(angular_momentum(body, xi[b].w));
       store(Twist{body.mass * xi[b].v - impulse_[b].v, y - impulse_[b].w}, &r[3 * nodes.v(b)]);
       if (!velocity_slopes_.empty())
-        state.u[b] = {xi[b].v, times(body.inertia_inverse, transposed_times(rotations_[b], y) - body.spin)};
+        state.u[b] = {xi[b].v, times(body.inertia_inverse, transposed_times(rotations[b], y) - body.spin)};
     }
     for (int k = 0; k < nodes.parts(); ++k)
       store(by_velocity() ? velocity_rows(k, state) : Vec3(here(k).position(plan.part(k)) / h), &r[3 * nodes.lam(k)]);
@@ -100,7 +99,7 @@ class HamiltonEquations : public StepEquations {
       std::vector<Vec3> rows(plan.count(), Vec3::Zero());
       for (int b = 0; b < system.n(); ++b) {
         const Twist pushed = canonical_momentum(system.bodies[b], start.u[b]) + h * force[b];
-        a[b] = {pushed.v - momentum_[b].v, transposed_times(rotations_[b], pushed.w) - momentum_[b].w};
+        a[b] = {pushed.v - momentum_[b].v, transposed_times(rotations[b], pushed.w) - momentum_[b].w};
       }
       saddle.solve(a, rows, true);
       for (int k = 0; k < plan.count(); ++k) store(rows[k], &z[3 * nodes.lam(k)]);
@@ -127,14 +126,13 @@ class HamiltonEquations : public StepEquations {
   virtual void complete() {
     for (int b = 0; b < system.n(); ++b) {
       Twist& p = momentum_[b];
-      p = {impulse_[b].v, transposed_times(rotations_[b], impulse_[b].w)};
+      p = {impulse_[b].v, transposed_times(rotations[b], impulse_[b].w)};
       state.u[b] = velocity_of(system.bodies[b], p);
     }
     settle();
   }
   virtual void project() { saddle.project(joints, momentum_, state.u, mu_.data(), momentum_, rates_); }
 
-  std::vector<Mat3> rotations_;  // E
   // p is kept from step to step: M (M^-1 p) would make the same rounding error every time, a drift that grows with n.
   std::vector<Twist> momentum_, impulse_;
   std::vector<double> mu_;
@@ -148,7 +146,6 @@ class HamiltonEquations : public StepEquations {
     for (int b = 0; b < system.n(); ++b) {
       xi[b] = load(&z[3 * nodes.v(b)]);
       if (!move(b)) return false;
-      rotations_[b] = maps[b].rotation();
     }
     applied_forces(system, start.frames, xi, start.angles, force);
     for (int b = 0; b < system.n(); ++b) impulse_[b] = momentum_[b] + impulse_time() * force[b];
@@ -258,7 +255,7 @@ class HamiltonEquations : public StepEquations {
   Mat3 angular_slope(int b) const {
     const Body& body = system.bodies[b];
     return body.inertia_inverse *
-           (rotations_[b].transpose() * slopes_[b] + h * hat(angular_momentum(body, state.u[b].w)) * tangents[b]);
+           (rotations[b].transpose() * slopes_[b] + h * hat(angular_momentum(body, state.u[b].w)) * tangents[b]);
   }
 
   const double share_;

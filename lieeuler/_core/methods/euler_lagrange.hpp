@@ -15,7 +15,6 @@
 #pragma once
 
 #include "methods/newton.hpp"
-#include "solve/delassus.hpp"
 
 namespace lieeuler {
 
@@ -131,8 +130,9 @@ class LagrangeEquations : public StepEquations {
       joints.subtract_reaction(plan.parts[k], -load3(&z[3 * nodes.lam(k)]), balance_);
     for (int b = 0; b < system.n(); ++b) store(balance_[b], &r[3 * nodes.v(b)]);
   }
-  // The rows of rotors, in place of their joints' own. Not inlined: systems without them would pay for it.
-  [[gnu::noinline, gnu::cold]] void put_rotors(std::vector<double>& r) const {
+  // Completes the rows of Lam of mimics and rotors. Not inlined: systems without them would pay for it.
+  [[gnu::noinline, gnu::cold]] void put_others(std::vector<double>& r, bool positions) const {
+    unite_rows(&z[3 * nodes.lam(0)], &r[3 * nodes.lam(0)], positions);
     for (int k : plan.rotors) r[3 * nodes.lam(k)] = rotor_gain(k) - plan.part(k).compliance * z[3 * nodes.lam(k)];
   }
   // The change of a rotor's rate in the step, and its derivatives with respect to u and xi.
@@ -189,11 +189,12 @@ class LagrangeEquations : public StepEquations {
     for (int k = 0; k < nodes.parts(); ++k) {
       const Vec3 impulse = slope_impulse(k);
       for (Side side : kSides) {
-        Mat3& own = rotational_[plan.body(k, side)];
+        const int b = plan.body(k, side);
+        if (b == system.n()) continue;
         if (plan.part(k).spherical)
-          own += here(k).anchor_stiffness(side, impulse);
-        else if (plan.body(k, side) != system.n())
-          own += here(k).own_stiffness(plan.part(k), side, impulse);
+          rotational_[b] += here(k).anchor_stiffness(side, impulse);
+        else
+          rotational_[b] += here(k).own_stiffness(plan.part(k), side, impulse);
       }
     }
     for (int b = 0; b < system.n(); ++b)
@@ -623,7 +624,7 @@ class StabilisedEquations : public LagrangeEquations {
       store(Vec3(here(k).position(plan.part(k)) / h), &r[3 * nodes.mu(k)]);
     }
     for (int b = 0; b < system.n(); ++b) store(drift_[b], &r[3 * nodes.xi_v(b)]);
-    if (has_others) put_others(r);
+    if (has_others) put_others(r, false), put_second(r);
     return Status::success;
   }
   bool factor() override {
@@ -671,11 +672,9 @@ class StabilisedEquations : public LagrangeEquations {
             .eliminates = splits(plan, correction) && (plan.independent || is_spherical_tree(plan))};
   }
 
-  // The rows of mimics, rotors and slip; the latter two have no mu.
-  [[gnu::noinline, gnu::cold]] void put_others(std::vector<double>& r) const {
-    unite_rows(&z[3 * nodes.lam(0)], &r[3 * nodes.lam(0)], false);
+  // Completes the rows of mu, which rotors and slip do not have.
+  [[gnu::noinline, gnu::cold]] void put_second(std::vector<double>& r) const {
     unite_rows(&z[3 * nodes.mu(0)], &r[3 * nodes.mu(0)], true);
-    put_rotors(r);
     for (const std::vector<int>* parts : {&plan.rotors, &plan.slips})
       for (int k : *parts) store(load3(&z[3 * nodes.mu(k)]), &r[3 * nodes.mu(k)]);
   }

@@ -16,16 +16,11 @@ class IncrementEquations : public StabilisedEquations {
  public:
   explicit IncrementEquations(const Plan& plan)
       : StabilisedEquations(plan, CoordinateMap::exp, false, Correction::mass),
+        ways(system.n()),
+        turns(system.n()),
+        gains(system.n() + 1),
         origin_(system),
-        ways_(system.n()),
-        turns_(system.n()),
-        velocities_(system.n() + 1),
         filtered_(z) {}
-
-  // Of a body since the start: x, R^T R' and u.
-  const Vec3& way(int b) const { return ways_[b]; }
-  Mat3 turn(int b) const { return Mat3::Identity() + turns_[b]; }
-  const Twist& gain(int b) const { return velocities_[b]; }
 
   // For steps of any length from here: the matrix that long ones of damped springs need is laid out before the first.
   void take_long_steps(const State& state) {
@@ -45,19 +40,23 @@ class IncrementEquations : public StabilisedEquations {
   }
 
   Status begin() override {
-    std::fill(ways_.begin(), ways_.end(), Vec3::Zero()), std::fill(turns_.begin(), turns_.end(), Mat3::Zero());
-    std::fill(velocities_.begin(), velocities_.end(), Twist{});
+    std::fill(ways.begin(), ways.end(), Vec3::Zero()), std::fill(turns.begin(), turns.end(), Mat3::Zero());
+    std::fill(gains.begin(), gains.end(), Twist{});
     origin_ = state;
     return StabilisedEquations::begin();
   }
   void guess() override {
     StabilisedEquations::guess();
-    for (int b = 0; b < system.n(); ++b)
-      store(velocities_[b], &z[3 * nodes.v(b)]), store(velocities_[b], &z[3 * nodes.xi_v(b)]);
+    for (int b = 0; b < system.n(); ++b) store(gains[b], &z[3 * nodes.v(b)]), store(gains[b], &z[3 * nodes.xi_v(b)]);
   }
 
+  // Of every body since the start: x, R^T R' - I and u.
+  std::vector<Vec3> ways;
+  std::vector<Mat3> turns;
+  std::vector<Twist> gains;
+
  protected:
-  const std::vector<Twist>& from() const override { return velocities_; }
+  const std::vector<Twist>& from() const override { return gains; }
   bool configure() override {
     for (int b = 0; b < system.n(); ++b) {
       state.u[b] = origin_.u[b] + load(&z[3 * nodes.v(b)]), xi[b] = origin_.u[b] + load(&z[3 * nodes.xi_v(b)]);
@@ -69,19 +68,16 @@ class IncrementEquations : public StabilisedEquations {
     for (int b = 0; b < system.n(); ++b) {
       const Frame& origin = origin_.frames[b];
       const Mat3 turn = maps[b].turn();
-      ways_[b] += h * xi[b].v;
-      turns_[b] += turn + turns_[b] * turn;
-      velocities_[b] = load(&z[3 * nodes.v(b)]);
-      state.frames[b] = {origin.x + ways_[b], origin.R + origin.R * turns_[b]};
+      ways[b] += h * xi[b].v;
+      turns[b] += turn + turns[b] * turn;
+      gains[b] = load(&z[3 * nodes.v(b)]);
+      state.frames[b] = {origin.x + ways[b], origin.R + origin.R * turns[b]};
     }
     StabilisedEquations::settle();
   }
 
  private:
   State origin_;
-  std::vector<Vec3> ways_;
-  std::vector<Mat3> turns_;
-  std::vector<Twist> velocities_;
   std::vector<double> filtered_;
 };
 
@@ -218,7 +214,8 @@ class Extrapolation {
     if (status != Status::success) return status;
     for (int b = 0; b < system_.n(); ++b) {
       const IncrementEquations& moved = euler.equations();
-      if (!put(b, moved.way(b), moved.turn(b), moved.gain(b), difference_)) return Status::map_domain;
+      if (!put(b, moved.ways[b], Mat3::Identity() + moved.turns[b], moved.gains[b], difference_))
+        return Status::map_domain;
     }
     for (size_t i = 0; i < size_; ++i) {
       double entry = difference_[i];

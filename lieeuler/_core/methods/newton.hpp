@@ -39,6 +39,7 @@ class StepEquations {
         start(system),
         state(system),
         maps(system.n() + 1, Map(map)),
+        rotations(system.n() + 1),
         tangents(system.n() + 1),
         xi(system.n() + 1),
         force(system.n() + 1),
@@ -187,7 +188,8 @@ class StepEquations {
   bool move(int body) {
     if (!maps[body].set(h * xi[body].w)) return false;
     state.frames[body].x = start.frames[body].x + h * xi[body].v;
-    state.frames[body].R.noalias() = start.frames[body].R * maps[body].rotation();
+    rotations[body] = maps[body].rotation();
+    state.frames[body].R.noalias() = start.frames[body].R * rotations[body];
     return true;
   }
   // Completes the new configuration: makes attitudes rotations to rounding and evaluates the joints.
@@ -267,7 +269,7 @@ class StepEquations {
   SaddleSolver saddle;
   State start, state;
   std::vector<Map> maps;
-  std::vector<Mat3> tangents;  // of the maps, T
+  std::vector<Mat3> rotations, tangents;  // of the maps, E and T
   std::vector<Twist> xi, force;
   std::vector<double> z;
   BlockLU lu;

@@ -24,32 +24,21 @@ class UnstabilisedEquations : public LagrangeEquations {
   Status residual(std::vector<double>& r) override {
     if (!configure()) return Status::map_domain;
     put_balance(r);
-    for (int k = 0; k < nodes.parts(); ++k) store(rows(k), &r[3 * nodes.lam(k)]);
-    if (has_others) put_others(r);
+    for (int k = 0; k < nodes.parts(); ++k)
+      store(by_position(k) ? Vec3(here(k).position(plan.part(k)) / h) : velocity_rows(k, state), &r[3 * nodes.lam(k)]);
+    if (has_others) put_others(r, level == Level::position);
     return Status::success;
   }
   bool exact_matrix() const override { return !incomplete(); }
 
- protected:
-  // The rows that belong to Lam; positions are divided by h.
-  virtual Vec3 rows(int k) const {
-    return by_position(k) ? Vec3(here(k).position(plan.part(k)) / h) : velocity_rows(k, state);
-  }
+ private:
+  bool by_position(int k) const { return level == Level::position && !plan.part(k).slips; }
   void put_rows(int k, Side side, const Rows& G) override {
     if (by_position(k)) return part_blocks[2 * k + side].put_rows(G.v, G.w * tangents[plan.body(k, side)]);
     put_rates(k, side, G, rate_slope(k, side));
   }
-  // The rows of mimics and rotors.
-  [[gnu::noinline, gnu::cold]] virtual void put_others(std::vector<double>& r) const {
-    unite_rows(&z[3 * nodes.lam(0)], &r[3 * nodes.lam(0)], level == Level::position);
-    put_rotors(r);
-  }
-
- private:
-  bool by_position(int k) const { return level == Level::position && !plan.part(k).slips; }
   // With independent rows the matrix is not exact; Newton's iteration corrects the coupling of bodies that it lacks.
   static bool eliminates(const Plan& plan, Level level) {
-    if (level == Level::acceleration) return false;
     if (plan.independent) return level == Level::position && sweeps_converge(plan) && !plan.system.damped();
     return is_spherical_tree(plan);
   }
@@ -58,7 +47,8 @@ class UnstabilisedEquations : public LagrangeEquations {
     struct VelocityRows {
       const UnstabilisedEquations& at;
       Mat3 rotations(const Delassus::Place& place, const Mat3& G) const {
-        return G + at.rate_slope(place.part, place.side).w;
+        const Mat3 N = at.joints[place.joint].anchor_rate_slope(place.side, at.state.u[place.body].w);
+        return G + at.h * N * at.tangents[place.body];
       }
       Rows rows(const Delassus::Place& place, const Rows& G) const { return {G.v, rotations(place, G.w)}; }
     };
@@ -67,19 +57,34 @@ class UnstabilisedEquations : public LagrangeEquations {
 };
 
 // Rows of acceleration, with Baumgarte's feedback.
-class AccelerationEquations : public UnstabilisedEquations {
+class AccelerationEquations : public LagrangeEquations {
  public:
   AccelerationEquations(const Plan& plan, CoordinateMap map, bool index1_output, Gains gains)
-      : UnstabilisedEquations(plan, map, Level::acceleration, index1_output), gains_(gains) {}
+      : LagrangeEquations(plan, map, Level::acceleration, index1_output,
+                          {.solves_velocities = true, .second_order = true}),
+        gains_(gains) {}
 
+  Status residual(std::vector<double>& r) override {
+    if (!configure()) return Status::map_domain;
+    put_balance(r);
+    const double twice_alpha = 2 * gains_.alpha, square = gains_.beta * gains_.beta;
+    const auto position = [&](int k) { return here(k).position(plan.part(k)); };
+    for (int k = 0; k < nodes.parts(); ++k) {
+      const Vec3 rate = velocity_rows(k, state), change = rate - velocity_rows(k, start);
+      store(Vec3(change + h * (joints.gamma(plan.parts[k], state.u) + twice_alpha * rate + square * position(k))),
+            &r[3 * nodes.lam(k)]);
+    }
+    if (!has_others) return Status::success;
+    for (const PlacedMimic& mimic : plan.mimics)  // angles differ by whole turns, which beta must not feel
+      r[3 * nodes.lam(mimic.follower)] += h * gains_.beta * gains_.beta *
+                                          (gap(plan, mimic, joints, start.angles) - position(mimic.follower)[0] +
+                                           mimic.ratio * position(mimic.leader)[0]);
+    put_others(r, false);
+    return Status::success;
+  }
   bool exact_matrix() const override { return false; }
 
- protected:
-  Vec3 rows(int k) const override {
-    const Vec3 rate = velocity_rows(k, state), before = velocity_rows(k, start);
-    return (rate - before) + h * (joints.gamma(plan.parts[k], state.u) + 2 * gains_.alpha * rate +
-                                  gains_.beta * gains_.beta * here(k).position(plan.part(k)));
-  }
+ private:
   // Third derivatives of Phi are left out: they are O(h^2), and the iteration still solves the exact equations.
   void put_rows(int k, Side side, const Rows& G) override {
     const double feedback = 2 * gains_.alpha + h * gains_.beta * gains_.beta;
@@ -98,17 +103,7 @@ class AccelerationEquations : public UnstabilisedEquations {
   }
   double rotor_gain(int k) const override { return accelerated_gain(k); }
   std::pair<Rows, Rows> rotor_slopes(int k, Side side) const override { return accelerated_slopes(k, side); }
-  // Angles differ by whole turns, which beta must not feel.
-  void put_others(std::vector<double>& r) const override {
-    const auto coordinate = [&](int k) { return here(k).position(plan.part(k))[0]; };
-    for (const PlacedMimic& mimic : plan.mimics)
-      r[3 * nodes.lam(mimic.follower)] += h * gains_.beta * gains_.beta *
-                                          (gap(plan, mimic, joints, start.angles) - coordinate(mimic.follower) +
-                                           mimic.ratio * coordinate(mimic.leader));
-    UnstabilisedEquations::put_others(r);
-  }
 
- private:
   const Gains gains_;
 };
 

@@ -100,7 +100,7 @@ inline ChartCoefficients chart_coefficients(double s) {
 inline Mat3 gyroscopic_slope(const Vec3& xi, const Vec3& L, const Mat3& J) { return hat(xi) * J - hat(L); }
 
 // a I + b hat(theta) + c theta theta^T
-inline Mat3 quadratic(const Vec3& theta, double a, double b, double c) {
+[[gnu::always_inline]] inline Mat3 quadratic(const Vec3& theta, double a, double b, double c) {
   Mat3 m = (c * theta) * theta.transpose();
   m.diagonal().array() += a;
   const Vec3 v = b * theta;
@@ -116,7 +116,7 @@ class ExpMap {
     k_ = exp_coefficients(s_);
     return s_ < 4 * std::numbers::pi * std::numbers::pi;
   }
-  Mat3 rotation() const { return quadratic(theta_, 1 - k_.cosc * s_, k_.sinc, k_.cosc); }
+  [[gnu::always_inline]] Mat3 rotation() const { return quadratic(theta_, 1 - k_.cosc * s_, k_.sinc, k_.cosc); }
   Mat3 turn() const { return quadratic(theta_, -k_.cosc * s_, k_.sinc, k_.cosc); }
   Mat3 left_tangent() const { return quadratic(theta_, 1 - k_.cubic * s_, -k_.cosc, k_.cubic); }
   Vec3 momentum(const Vec3& L) const {
@@ -135,9 +135,9 @@ class ExpMap {
   }
 
  private:
-  Vec3 theta_;
-  double s_;
-  ExpCoefficients k_;
+  Vec3 theta_ = Vec3::Zero();
+  double s_ = 0;
+  ExpCoefficients k_{};
 };
 
 class CayleyMap {
@@ -160,8 +160,8 @@ class CayleyMap {
   }
 
  private:
-  Vec3 theta_;
-  double scale_;
+  Vec3 theta_ = Vec3::Zero();
+  double scale_ = 1;
 };
 
 // exp(theta_1 E_1) exp(theta_2 E_2) exp(theta_3 E_3); singular where |theta_2| = pi/2.
@@ -192,7 +192,7 @@ class CcskMap {
   }
 
  private:
-  Mat3 first_, second_, third_, right_;
+  Mat3 first_ = Mat3::Zero(), second_ = first_, third_ = first_, right_ = first_;
 };
 
 // One of the three, chosen for a run.
@@ -203,25 +203,37 @@ class Map {
     if (map == CoordinateMap::ccsk) map_.emplace<CcskMap>();
   }
   bool set(const Vec3& theta) {
-    return std::visit([&](auto& map) { return map.set(theta); }, map_);
+    return by([&](auto& map) { return map.set(theta); });
   }
-  Mat3 rotation() const {
-    return std::visit([](auto& map) { return map.rotation(); }, map_);
+  Mat3 rotation() {
+    return by([](auto& map) { return map.rotation(); });
   }
-  Mat3 turn() const {
-    return std::visit([](auto& map) { return map.turn(); }, map_);
+  Mat3 turn() {
+    return by([](auto& map) { return map.turn(); });
   }
-  Mat3 left_tangent() const {
-    return std::visit([](auto& map) { return map.left_tangent(); }, map_);
+  Mat3 left_tangent() {
+    return by([](auto& map) { return map.left_tangent(); });
   }
-  Vec3 momentum(const Vec3& L) const {
-    return std::visit([&](auto& map) { return map.momentum(L); }, map_);
+  Vec3 momentum(const Vec3& L) {
+    return by([&](auto& map) { return map.momentum(L); });
   }
-  Mat3 momentum_slope(const Vec3& xi, const Vec3& L, const Mat3& J, double h) const {
-    return std::visit([&](auto& map) { return map.momentum_slope(xi, L, J, h); }, map_);
+  Mat3 momentum_slope(const Vec3& xi, const Vec3& L, const Mat3& J, double h) {
+    return by([&](auto& map) { return map.momentum_slope(xi, L, J, h); });
   }
 
  private:
+  // The exponential map is inlined, the others are not.
+  template <class Use>
+  auto by(const Use& use) -> decltype(use(std::declval<ExpMap&>())) {
+    if (ExpMap* const map = std::get_if<ExpMap>(&map_)) return use(*map);
+    return others(use);
+  }
+  template <class Use>
+  [[gnu::noinline]] auto others(const Use& use) -> decltype(use(std::declval<ExpMap&>())) {
+    CayleyMap* const map = std::get_if<CayleyMap>(&map_);
+    return map ? use(*map) : use(std::get<CcskMap>(map_));
+  }
+
   std::variant<ExpMap, CayleyMap, CcskMap> map_;
 };
 

@@ -111,7 +111,7 @@ def test_what_is_missing_is_found(tmp_path):
     document.write_text("`tests/nowhere.py` `tests/mutants.py` `nowhere.hpp` `model/joints.hpp` [a](gone.md)\n"
                         "`lieeuler.not_there` `lieeuler.integrate` `crosscheck.judge.not_there` [b](there.md)\n"
                         "[c](there.md#what-it-is) [d](there.md#what-it-was) [e](#nowhere)\n"
-                        "`GoneStepper` `EulerStepper` `gone_hook(z)` `residual(z, r)` `reports/latest/index.html`\n"
+                        "`GoneStepper` `NewtonStepper` `gone_hook(z)` `residual(z, r)` `reports/latest/index.html`\n"
                         "```sh\n.venv/bin/python -m pytest tests/lieeuler/test_gone.py\n```\n", "utf-8")
     assert missing_paths(document) == {"tests/nowhere.py", "nowhere.hpp", "gone.md", "tests/lieeuler/test_gone.py"}
     assert missing_anchors(document) == {"what-it-was", "nowhere"}

@@ -11,23 +11,7 @@ class ContactSeries {
   const int index, body;  // of the part; of the body in contact
 
   ContactSeries(const Joint& joint, const Part& part, int index, const ReferencePoints& points)
-      : index(index),
-        body(joint.child),
-        part_(part),
-        contact_(*part.contact),
-        point_(points.local(joint.child, joint.child_anchor)),
-        across_blade_(contact_.kind == Contact::Kind::edge && part.slips),
-        c_(kMostOrder + 3),
-        turn_(c_),
-        axis_(c_),
-        across_(c_),
-        slide_(c_),
-        pull_(c_),
-        moment_(c_),
-        lam_(c_),
-        height_(kMostOrder + 3),
-        square_(height_),
-        inverse_(height_) {}
+      : index(index), body(joint.child), part_(part), point_(points.local(joint.child, joint.child_anchor)) {}
 
   void start() { known_ = 0; }
 
@@ -94,12 +78,14 @@ class ContactSeries {
   }
 
   const Part& part_;
-  const Contact& contact_;
+  const Contact& contact_ = *part_.contact;
   const Vec3 point_;  // from the reference point, body axes
-  const bool across_blade_;
+  const bool across_blade_ = contact_.kind == Contact::Kind::edge && part_.slips;
   int known_ = 0;
-  std::vector<Vec3> c_, turn_, axis_, across_, slide_, pull_, moment_, lam_;
-  std::vector<double> height_, square_, inverse_;  // n . a, q^2, 1 / q
+  std::vector<Vec3> c_ = std::vector<Vec3>(kMostOrder + 3), turn_ = c_, axis_ = c_, across_ = c_, slide_ = c_;
+  std::vector<Vec3> pull_ = c_, moment_ = c_, lam_ = c_;
+  std::vector<double> height_ = std::vector<double>(kMostOrder + 3), square_ = height_,
+                      inverse_ = height_;  // n . a, q^2, 1 / q
 };
 
 }  // namespace lieeuler

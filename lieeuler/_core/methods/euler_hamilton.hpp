@@ -25,14 +25,7 @@ class HamiltonEquations : public StepEquations {
                       {.solves_velocities = level == Level::velocity,
                        .second_order = level == Level::velocity,
                        .eliminates = eliminates(plan, level)}),
-        momentum_(system.n() + 1),
-        impulse_(system.n() + 1),
-        mu_(system.rows() + system.others(), 0.0),
-        rates_(plan.rotors.size(), 0.0),
-        share_(share),
-        slopes_(system.n()),
-        velocity_slopes_(level == Level::velocity || (share == 1 && !plan.slips.empty()) ? system.n() : 0),
-        rotor_momenta_(rates_) {}
+        share_(share) {}
 
   Status begin() override {
     for (int b = 0; b < system.n(); ++b) momentum_[b] = canonical_momentum(system.bodies[b], state.u[b]);
@@ -52,7 +45,7 @@ class HamiltonEquations : public StepEquations {
       const Body& body = system.bodies[b];
       const Vec3 y = maps[b].momentum(angular_momentum(body, xi[b].w));
       store(Twist{body.mass * xi[b].v - impulse_[b].v, y - impulse_[b].w}, &r[3 * nodes.v(b)]);
-      if (!velocity_slopes_.empty())
+      if (slopes_of_rates_)
         state.u[b] = {xi[b].v, times(body.inertia_inverse, transposed_times(rotations[b], y) - body.spin)};
     }
     for (int k = 0; k < nodes.parts(); ++k)
@@ -66,7 +59,7 @@ class HamiltonEquations : public StepEquations {
       const Body& body = system.bodies[b];
       slopes_[b] = maps[b].momentum_slope(xi[b].w, angular_momentum(body, xi[b].w), body.inertia, h);
       tangents[b] = maps[b].left_tangent();
-      if (!velocity_slopes_.empty()) velocity_slopes_[b] = angular_slope(b);
+      if (slopes_of_rates_) velocity_slopes_[b] = angular_slope(b);
     }
     return (core ? fill_core() : fill_matrix()) && factor_matrix();
   }
@@ -134,9 +127,9 @@ class HamiltonEquations : public StepEquations {
   virtual void project() { saddle.project(joints, momentum_, state.u, mu_.data(), momentum_, rates_); }
 
   // p is kept from step to step: M (M^-1 p) would make the same rounding error every time, a drift that grows with n.
-  std::vector<Twist> momentum_, impulse_;
-  std::vector<double> mu_;
-  std::vector<double> rates_;  // of the rotors
+  std::vector<Twist> momentum_ = xi, impulse_ = xi;
+  std::vector<double> mu_ = std::vector<double>(system.rows() + system.others());
+  std::vector<double> rates_ = std::vector<double>(plan.rotors.size());  // of the rotors
 
  private:
   bool by_velocity() const { return level == Level::velocity; }
@@ -259,8 +252,9 @@ class HamiltonEquations : public StepEquations {
   }
 
   const double share_;
-  std::vector<Mat3> slopes_, velocity_slopes_;  // d(D* L)/dxi, dw/dxi
-  std::vector<double> rotor_momenta_;           // I r of the rotors
+  const bool slopes_of_rates_ = by_velocity() || (share_ == 1 && !plan.slips.empty());
+  std::vector<Mat3> slopes_ = tangents, velocity_slopes_ = tangents;  // d(D* L)/dxi, dw/dxi
+  std::vector<double> rotor_momenta_ = rates_;                        // I r of the rotors
   OwnSlopes own_;
 };
 

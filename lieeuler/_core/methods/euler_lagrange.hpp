@@ -25,11 +25,7 @@ class LagrangeEquations : public StepEquations {
                     double force_share = 1, double velocity_share = 1)
       : StepEquations(plan, map, level, index1_output, layout),
         force_share(force_share),
-        velocity_share(velocity_share),
-        damped(plan.system.damped()),
-        balance_(system.n() + 1),
-        turned_(system.n() + 1),
-        rotational_(system.n() + 1) {
+        velocity_share(velocity_share) {
     if (!core) find_blocks();
     for (int k = 0; k < nodes.parts(); ++k) {
       const Part& part = plan.part(k);
@@ -102,7 +98,7 @@ class LagrangeEquations : public StepEquations {
   }
 
   const double force_share, velocity_share;
-  const bool damped;
+  const bool damped = system.damped();
 
  protected:
   // The velocities from which u changes in a step; zero for the ground.
@@ -135,26 +131,20 @@ class LagrangeEquations : public StepEquations {
     unite_rows(&z[3 * nodes.lam(0)], &r[3 * nodes.lam(0)], positions);
     for (int k : plan.rotors) r[3 * nodes.lam(k)] = rotor_gain(k) - plan.part(k).compliance * z[3 * nodes.lam(k)];
   }
-  // The change of a rotor's rate in the step, and its derivatives with respect to u and xi.
-  virtual double rotor_gain(int k) const {
-    return joints.velocity(plan.parts[k], state.u)[0] - start_joints.velocity(plan.parts[k], start.u)[0];
-  }
-  virtual std::pair<Rows, Rows> rotor_slopes(int k, Side side) const {
-    const Rows N = velocity_slope(k, side, state.u, false);
-    return {here(k).jacobian(plan.part(k), side), {h * N.v, h * N.w * tangents[plan.body(k, side)]}};
-  }
-  // The same of methods that take accelerations at the new state: s (u - from) + h (ds/dt) u. Second derivatives of s
-  // are left out of the slope.
-  double accelerated_gain(int k) const {
+  // The change of a rotor's rate in the step: of methods that take accelerations at the new state s (u - from) +
+  // theta (ds/dt) u, of others the difference of the rates at the two states.
+  virtual bool accelerates() const { return false; }
+  double rotor_gain(int k) const {
     const PlacedPart& part = plan.parts[k];
-    return joints.velocity(part, state.u)[0] - joints.velocity(part, from())[0] +
-           force_time() * joints.gamma(part, state.u)[0];
+    const double rate = joints.velocity(part, state.u)[0];
+    if (!accelerates()) return rate - start_joints.velocity(part, start.u)[0];
+    return rate - joints.velocity(part, from())[0] + force_time() * joints.gamma(part, state.u)[0];
   }
-  std::pair<Rows, Rows> accelerated_slopes(int k, Side side) const {
-    const Rows N = velocity_slope(k, side, state.u, true);
-    Rows by_u = here(k).jacobian(plan.part(k), side);
-    by_u.v += force_time() * N.v, by_u.w += force_time() * N.w;
-    return {by_u, {}};
+  // Its derivatives with respect to u and xi; with accelerations, second derivatives of s are left out.
+  std::pair<Rows, Rows> rotor_slopes(int k, Side side) const {
+    const Rows G = here(k).jacobian(plan.part(k), side), N = velocity_slope(k, side, state.u, accelerates());
+    if (!accelerates()) return {G, {h * N.v, h * N.w * tangents[plan.body(k, side)]}};
+    return {{G.v + force_time() * N.v, G.w + force_time() * N.w}, {}};
   }
 
   // Whether rows of joints alone couple bodies, in the derivatives too: trees of spherical joints without forces.
@@ -288,8 +278,8 @@ class LagrangeEquations : public StepEquations {
   }
 
   std::vector<int> coupled_;  // parts of which the matrix with the bodies eliminated lacks something
-  std::vector<Twist> balance_, turned_;
-  std::vector<Mat3> rotational_;  // stiffness, by the rotation of the own body
+  std::vector<Twist> balance_ = xi, turned_ = xi;
+  std::vector<Mat3> rotational_ = tangents;  // stiffness, by the rotation of the own body
   OwnSlopes own_;
   // Blocks that only Lagrangian steps have: columns of xi, per part or force, row side, column side; those in rows of
   // velocity, per part and side.
@@ -323,27 +313,7 @@ class LagrangeEquations : public StepEquations {
 class StabilisedSolve {
  public:
   // S of q_n must be factored in `at` when the iteration of a step begins.
-  explicit StabilisedSolve(LagrangeEquations& at)
-      : at(at),
-        plan_(at.plan),
-        system_(at.system),
-        delassus_(at.saddle.delassus()),
-        rho_(at.velocity_share),
-        slopes_(2 * plan_.count()),
-        rows_(3 * plan_.count(), 0.0),
-        target_(rows_),
-        correction_(rows_),
-        mu_(rows_),
-        core_rhs_(6 * system_.n() + rows_.size(), 0.0),
-        total_(core_rhs_),
-        velocity_(system_.n() + 1),
-        response_(velocity_),
-        balance_(velocity_),
-        moved_(velocity_),
-        pull_(velocity_),
-        shift_(velocity_),
-        guessed_(plan_.count()),
-        excess_(plan_.count(), Vec3::Zero()) {}
+  explicit StabilisedSolve(LagrangeEquations& at) : at(at) {}
 
   // Takes the rows at the guess.
   void linearise() {
@@ -573,21 +543,23 @@ class StabilisedSolve {
   Vec3 row_rate(int k, const std::vector<Twist>& u) const { return at.joints.velocity(plan_.parts[k], u); }
 
   LagrangeEquations& at;
-  const Plan& plan_;
-  const System& system_;
-  Delassus& delassus_;
-  const double rho_;
+  const Plan& plan_ = at.plan;
+  const System& system_ = at.system;
+  Delassus& delassus_ = at.saddle.delassus();
+  const double rho_ = at.velocity_share;
   double h_ = 0;
   bool fresh_ = false;  // S is that of this iteration
   bool exact_ = true;
-  std::vector<Rows> slopes_;
-  std::vector<double> rows_, target_;  // residual of - S dmu, now and before the last pass
-  std::vector<double> correction_, mu_, core_rhs_, total_;
-  std::vector<Twist> velocity_, response_, balance_;
-  std::vector<Twist> moved_, pull_;  // change of dxi, and what rho h K dxi lacks for it
-  std::vector<Twist> shift_;         // dxi - rho du = M^-1 (r_xi - Gn^T dmu)
-  std::vector<Vec3> guessed_;        // guess of (G + rho h N) dxi, until the first sweep has computed it
-  std::vector<Vec3> excess_;         // (G + rho h N) dxi - r_mu
+  std::vector<Rows> slopes_ = std::vector<Rows>(2 * plan_.count());
+  std::vector<double> rows_ = std::vector<double>(3 * plan_.count());  // residual of - S dmu,
+  std::vector<double> target_ = rows_;                                 // and before the last pass
+  std::vector<double> correction_ = rows_, mu_ = rows_;
+  std::vector<double> core_rhs_ = std::vector<double>(6 * system_.n() + rows_.size()), total_ = core_rhs_;
+  std::vector<Twist> velocity_ = at.xi, response_ = at.xi, balance_ = at.xi;
+  std::vector<Twist> moved_ = at.xi, pull_ = at.xi;  // change of dxi, and what rho h K dxi lacks for it
+  std::vector<Twist> shift_ = at.xi;                 // dxi - rho du = M^-1 (r_xi - Gn^T dmu)
+  std::vector<Vec3> excess_ = std::vector<Vec3>(plan_.count(), Vec3::Zero());  // (G + rho h N) dxi - r_mu
+  std::vector<Vec3> guessed_ = excess_;  // guess of (G + rho h N) dxi, until the first sweep has computed it
 };
 
 class StabilisedEquations : public LagrangeEquations {
@@ -596,9 +568,7 @@ class StabilisedEquations : public LagrangeEquations {
                       double force_share = 1, double velocity_share = 1)
       : LagrangeEquations(plan, map, Level::stabilised, index1_output, layout(plan, correction), force_share,
                           velocity_share),
-        carry_(system.n() + 1),
-        plain_(correction == Correction::plain),
-        drift_(system.n() + 1) {
+        plain_(correction == Correction::plain) {
     if (splits(plan, correction))
       slope_share = velocity_share, split_.emplace(*this);
     else
@@ -658,7 +628,7 @@ class StabilisedEquations : public LagrangeEquations {
  protected:
   bool splits() const { return split_.has_value(); }
 
-  std::vector<Twist> carry_;  // what else xi has beside rho u
+  std::vector<Twist> carry_ = xi;  // what else xi has beside rho u
 
  private:
   static bool splits(const Plan& plan, Correction correction) {
@@ -706,9 +676,9 @@ class StabilisedEquations : public LagrangeEquations {
       }
   }
 
-  const bool plain_;            // the correction of xi
-  bool knows_left_out_ = true;  // subtract_left_out() has all of it
-  std::vector<Twist> drift_;    // residual of M xi = M u - G_n^T mu
+  const bool plain_;               // the correction of xi
+  bool knows_left_out_ = true;     // subtract_left_out() has all of it
+  std::vector<Twist> drift_ = xi;  // residual of M xi = M u - G_n^T mu
   std::optional<StabilisedSolve> split_;
   std::vector<SideBlocks> drifts_;  // of mu and xi, per part and side
 };

@@ -15,12 +15,7 @@ namespace lieeuler {
 class IncrementEquations : public StabilisedEquations {
  public:
   explicit IncrementEquations(const Plan& plan)
-      : StabilisedEquations(plan, CoordinateMap::exp, false, Correction::mass),
-        ways(system.n()),
-        turns(system.n()),
-        gains(system.n() + 1),
-        origin_(system),
-        filtered_(z) {}
+      : StabilisedEquations(plan, CoordinateMap::exp, false, Correction::mass) {}
 
   // For steps of any length from here: the matrix that long ones of damped springs need is laid out before the first.
   void take_long_steps(const State& state) {
@@ -51,9 +46,9 @@ class IncrementEquations : public StabilisedEquations {
   }
 
   // Of every body since the start: x, R^T R' - I and u.
-  std::vector<Vec3> ways;
-  std::vector<Mat3> turns;
-  std::vector<Twist> gains;
+  std::vector<Vec3> ways = std::vector<Vec3>(system.n());
+  std::vector<Mat3> turns = std::vector<Mat3>(system.n());
+  std::vector<Twist> gains = xi;
 
  protected:
   const std::vector<Twist>& from() const override { return gains; }
@@ -77,23 +72,13 @@ class IncrementEquations : public StabilisedEquations {
   }
 
  private:
-  State origin_;
-  std::vector<double> filtered_;
+  State origin_{system};
+  std::vector<double> filtered_ = z;
 };
 
 class Extrapolation {
  public:
-  explicit Extrapolation(const Plan& plan)
-      : system_(plan.system),
-        euler_(plan),
-        whole_(plan),
-        projection_(plan),
-        state_(system_),
-        next_(system_),
-        size_(12 * system_.n()),
-        most_turn_(most_turn(system_, 2.5)),
-        difference_(size_),
-        rates_(system_.n() + 1) {
+  explicit Extrapolation(const Plan& plan) : system_(plan.system), euler_(plan), whole_(plan), projection_(plan) {
     for (auto* euler : {&euler_, &whole_}) euler->polish_velocities();  // extrapolation magnifies errors
     for (std::vector<double>& entry : table_) entry.assign(size_, 0.0);
     for (Node& node : nodes_) node.y.assign(size_ / 2, 0.0);
@@ -358,13 +343,14 @@ class Extrapolation {
   using Steps = ImplicitStepper<IncrementEquations>;
   Steps euler_, whole_;  // whole_: for row 1, whose matrix the error estimate uses
   Projection projection_;
-  State state_, next_;  // after a step next_ is its start
+  State state_{system_}, next_ = state_;  // after a step next_ is its start
   Scales scales_;
-  const size_t size_;
-  const double most_turn_;  // largest turn of a body in a step: log is smooth below half a turn
+  const size_t size_ = 12 * system_.n();
+  const double most_turn_ =
+      most_turn(system_, 2.5);  // largest turn of a body in a step: log is smooth below half a turn
   std::array<std::vector<double>, kMostRows + 1> table_;
-  std::vector<double> difference_;
-  std::vector<Twist> rates_;
+  std::vector<double> difference_ = std::vector<double>(size_);
+  std::vector<Twist> rates_ = std::vector<Twist>(system_.n() + 1);
   std::array<double, kMostRows + 1> best_{};  // the step each row could take
   std::array<Node, 2 * (kMostInner + 2)> nodes_;
   int rows_ = 0, target_ = 0, node_count_ = 0, most_rows_ = kMostRows;

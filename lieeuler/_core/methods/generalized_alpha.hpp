@@ -67,8 +67,7 @@ class AlphaEquations : public StabilisedEquations {
 
  protected:
   const std::vector<Twist>& from() const override { return from_; }
-  double rotor_gain(int k) const override { return accelerated_gain(k); }
-  std::pair<Rows, Rows> rotor_slopes(int k, Side side) const override { return accelerated_slopes(k, side); }
+  bool accelerates() const override { return true; }
 
  private:
   // What the next step from u starts with.

@@ -25,25 +25,13 @@ class StepEquations {
  public:
   StepEquations(const Plan& plan, CoordinateMap map, Level level, bool index1_output, const Layout& layout)
       : plan(plan),
-        system(plan.system),
         level(level),
         index1_output(index1_output),
         solves_velocities(layout.solves_velocities),
         second_order(layout.second_order),
-        has_others(!plan.plain() || !plan.slips.empty()),
         nodes(plan, layout.doubled_unknowns),
-        columns(nodes),
-        joints(system),
-        start_joints(system),
         saddle(plan, layout.eliminates && plan.independent),
-        start(system),
-        state(system),
-        maps(system.n() + 1, Map(map)),
-        rotations(system.n() + 1),
-        tangents(system.n() + 1),
-        xi(system.n() + 1),
-        force(system.n() + 1),
-        z(3 * nodes.count(), 0.0) {
+        maps(system.n() + 1, Map(map)) {
     if (layout.eliminates)
       core.emplace(plan, plan.independent ? Delassus::Kind::independent : Delassus::Kind::sparse);
     else
@@ -255,23 +243,23 @@ class StepEquations {
   }
 
   const Plan& plan;
-  const System& system;
+  const System& system = plan.system;
   const Level level;
   bool index1_output;
   const bool solves_velocities;
   bool owes_output = false;  // (a, lam), which output() completes; for index-1 values the saddle point is factored
   const bool second_order;   // whether the matrix holds second derivatives of the constraints
-  const bool has_others;     // whether there are rows of slip, mimics or rotors
-  const Nodes nodes;         // layout of the unknowns z
-  Nodes columns;             // layout of Newton's matrix
+  const bool has_others = !plan.plain() || !plan.slips.empty();  // rows of slip, mimics or rotors
+  const Nodes nodes;                                             // layout of the unknowns z
+  Nodes columns = nodes;                                         // layout of Newton's matrix
   double h = 0;
-  Constraints joints, start_joints;  // at q and q_n
+  Constraints joints{system}, start_joints{system};  // at q and q_n
   SaddleSolver saddle;
-  State start, state;
+  State start{system}, state = start;
   std::vector<Map> maps;
-  std::vector<Mat3> rotations, tangents;  // of the maps, E and T
-  std::vector<Twist> xi, force;
-  std::vector<double> z;
+  std::vector<Mat3> rotations = std::vector<Mat3>(system.n() + 1), tangents = rotations;  // of the maps, E and T
+  std::vector<Twist> xi = std::vector<Twist>(system.n() + 1), force = xi;
+  std::vector<double> z = std::vector<double>(3 * nodes.count(), 0.0);
   BlockLU lu;
   std::optional<Delassus> core;  // in place of lu
   // Diagonal blocks of a body; of a doubled matrix also those of xi, and those of xi against the velocities.
@@ -437,7 +425,7 @@ class NewtonStepper {
 
  private:
   // Solves equations.residual(z) = 0 from the guess in z with the matrix at the guess (chord iteration), which is
-  // renewed if the corrections shrink slowly. EulerStep::correct measures a correction as h |du|, the change of the
+  // renewed if the corrections shrink slowly. StepEquations::correct measures a correction as h |du|, the change of the
   // configuration, because u itself has rounding errors of eps / h.
   Status solve(Counters& counters) {
     const Status status = iterate(counters);

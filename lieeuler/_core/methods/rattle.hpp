@@ -10,8 +10,7 @@ namespace lieeuler {
 
 class RattleEquations : public HamiltonEquations {
  public:
-  RattleEquations(const Plan& plan, CoordinateMap map)
-      : HamiltonEquations(plan, map, Level::stabilised, true, 0.5), change_(system.n() + 1) {}
+  RattleEquations(const Plan& plan, CoordinateMap map) : HamiltonEquations(plan, map, Level::stabilised, true, 0.5) {}
 
   Status begin() override {
     carried_.assign(system.n(), {});
@@ -68,7 +67,7 @@ class RattleEquations : public HamiltonEquations {
     Twist momentum;
   };
   std::vector<Carried> carried_;
-  std::vector<Twist> change_;
+  std::vector<Twist> change_ = xi;
 };
 
 // Symmetric compositions of RATTLE, (9.2) of docs/theory.md: successive steps of weights[0] h, weights[1] h, ...

@@ -47,12 +47,7 @@ class MuntheKaas {
   template <class... Arguments>
   MuntheKaas(const Plan& plan, const Tableau& tableau, const Arguments&... arguments)
       : plan_(plan),
-        system_(plan.system),
         chart_(plan, arguments...),
-        state_(chart_.make()),
-        next_(state_),
-        trial_(state_),
-        size_(kBlock * chart_.blocks()),
         stages_(sparse(tableau.stages)),
         weights_(sparse({tableau.weights})),
         errors_(sparse(tableau.errors)),
@@ -221,11 +216,11 @@ class MuntheKaas {
   }
 
   const Plan& plan_;
-  const System& system_;
+  const System& system_ = plan_.system;
   Chart chart_;
-  Point state_, next_, trial_;  // after a step next_ is its start
+  Point state_ = chart_.make(), next_ = state_, trial_ = state_;  // after a step next_ is its start
   Scales scales_;
-  const size_t size_;
+  const size_t size_ = kBlock * chart_.blocks();
   const std::vector<Terms> stages_, weights_, errors_, extra_, dense_;
   const std::vector<double> nodes_, extra_nodes_;
   std::vector<double> slopes_;  // of the stages, of the end of the step, of the extra stages

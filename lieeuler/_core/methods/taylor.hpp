@@ -16,13 +16,7 @@ namespace lieeuler {
 class TaylorStepper {
  public:
   explicit TaylorStepper(const Plan& plan, bool conserves = false)
-      : system_(plan.system),
-        tree_(plan.hinges),
-        points_(plan, plan.small),
-        state_(system_),
-        projection_(plan),
-        conserves_(conserves),
-        free_(plan.system, conserves) {
+      : system_(plan.system), tree_(plan.hinges), points_(plan, plan.small), projection_(plan), conserves_(conserves) {
     if (plan.small) small_.emplace(plan);
     if (TurningSeries::suits(plan))
       turning_.emplace(plan, points_), here_.emplace(*turning_);
@@ -203,7 +197,7 @@ class TaylorStepper {
   const System& system_;
   const HingeTree& tree_;
   const ReferencePoints points_;
-  State state_;
+  State state_{system_};
   double offset_ = 0;  // the problem's time minus the run's
   double time_ = 0, previous_time_ = 0, end_ = 0, smallest_ = 0, rtol_ = 1e-8;
   int order_ = 16;
@@ -211,7 +205,7 @@ class TaylorStepper {
 
   Projection projection_;
   const bool conserves_;
-  FreeBodies free_;
+  FreeBodies free_{system_, conserves_};
   std::optional<SmallSchur> small_;  // solves for the series; else the projection's matrix does
   std::optional<MotionSeries> series_;
   std::optional<TurningSeries> turning_, here_;  // in its place: about the start of the step, and at its end

@@ -101,8 +101,7 @@ class AccelerationEquations : public LagrangeEquations {
     const Rows second = velocity_slope(k, side, state.u, true);
     blocks.put_rows(G.v + h * (first.v + second.v + feedback * G.v), G.w + h * (first.w + second.w + feedback * G.w));
   }
-  double rotor_gain(int k) const override { return accelerated_gain(k); }
-  std::pair<Rows, Rows> rotor_slopes(int k, Side side) const override { return accelerated_slopes(k, side); }
+  bool accelerates() const override { return true; }
 
   const Gains gains_;
 };

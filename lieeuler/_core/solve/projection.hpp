@@ -14,12 +14,7 @@ namespace lieeuler {
 
 class Projection {
  public:
-  explicit Projection(const Plan& plan)
-      : plan_(plan),
-        system_(plan.system),
-        joints_(system_),
-        saddle_(plan, plan.independent),
-        change_(system_.n() + 1) {}
+  explicit Projection(const Plan& plan) : plan_(plan), saddle_(plan, plan.independent) {}
   Projection(const Projection&) = delete;
 
   // Counts the redundant rows at the start of a run and factors the matrix there.
@@ -139,10 +134,10 @@ class Projection {
   }
 
   const Plan& plan_;
-  const System& system_;
-  Constraints joints_;
+  const System& system_ = plan_.system;
+  Constraints joints_{system_};
   SaddleSolver saddle_;
-  std::vector<Twist> change_;
+  std::vector<Twist> change_ = std::vector<Twist>(system_.n() + 1);
   bool rank_confirmed_ = false;
 };
 

@@ -366,13 +366,8 @@ class SaddleSolver {
   // independent: leaves out the rows of loops that depend on others.
   SaddleSolver(const Plan& plan, bool independent)
       : plan_(plan),
-        system_(plan.system),
         delassus_(std::in_place, plan, independent ? Delassus::Kind::independent : Delassus::Kind::sparse),
-        thin_(plan.thin || plan.whole),
-        leaves_out_(independent),
-        force_(system_.n() + 1),
-        rows_(plan.count()),
-        residual_(plan.count()) {
+        leaves_out_(independent) {
     if (independent) independent_.emplace(plan);
     if (plan.whole) whole_.emplace(plan, Delassus::Kind::whole);
     for (int k = 0; k < plan.count(); ++k)
@@ -672,9 +667,9 @@ class SaddleSolver {
   }
 
   const Plan& plan_;
-  const System& system_;
+  const System& system_ = plan_.system;
   std::optional<Delassus> delassus_;
-  const bool thin_, leaves_out_;
+  const bool thin_ = plan_.thin || plan_.whole, leaves_out_;
   std::optional<IndependentRows> independent_;
   std::optional<Delassus> whole_;
   bool solves_whole_ = false;  // at the joints factored last
@@ -684,9 +679,9 @@ class SaddleSolver {
   int redundant_ = 0, choice_ = 0;
   const Constraints* factored_ = nullptr;
   std::vector<int> driven_;  // parts with a drive
-  std::vector<Twist> force_;
-  std::vector<Vec3> rows_;               // of each part: right-hand sides, then multipliers
-  std::vector<Vec3> residual_, wanted_;  // for refinement
+  std::vector<Twist> force_ = std::vector<Twist>(system_.n() + 1);
+  std::vector<Vec3> rows_ = std::vector<Vec3>(plan_.count());  // of each part: right-hand sides, then multipliers
+  std::vector<Vec3> residual_ = rows_, wanted_;                // for refinement
   std::vector<Twist> forces_, correction_;
   std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, three values a part
 };

@@ -67,8 +67,8 @@ def within(record: Record, kind: str, need: float) -> str:
     each = next((each for each in record.findings if each.kind == kind), None)
     if each is None:
         return ""
-    if each.value is None:
-        return "not decided, not known"
+    if each.value is None:  # JSON has neither infinity nor NaN
+        return "no, infinite" if each.status == "fail" else "not decided, not known"
     word = "no" if each.status == "fail" else "yes" if record.shares.get(kind, 0.0) >= need else "not decided"
     return f"{word}, {number(each.value)} {each.unit}".removesuffix(" 1")
 

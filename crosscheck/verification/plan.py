@@ -81,7 +81,7 @@ def _outputs(step: float, whole: float, samples: int, shorter: bool) -> tuple[in
 def _divisor(least: float, most: float) -> int:
     """The first 2^i 5^j from `least`, or the last up to `most`: a decimal fraction over it has few digits."""
     fit = sorted(2**i * 5**j for i in range(60) for j in range(26) if (i, j) == (0, 0) or 2**i * 5**j <= most)
-    return next((count for count in fit if count >= least), fit[-1])
+    return int(next((count for count in fit if count >= least), fit[-1]))
 
 
 PENDING = Plan({})

@@ -111,13 +111,15 @@ def _joint(scene: Scene, joint: Joint) -> lieeuler.Joint:
             np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]))
         for row in kind.rows:
             match row.kind:
-                case "distance":
-                    dots.append(lieeuler.Dot("difference", "difference", constant=0.5 * joint.length,
-                                             scale=0.5 / joint.length))
                 case "dot1":
                     dots.append(lieeuler.Dot("parent", "child", inner[row.parent], outer[row.child]))
                 case "dot2":
                     dots.append(lieeuler.Dot("parent", "difference", inner[row.parent]))
+                case "point":
+                    pass
+                case _:  # a rod
+                    dots.append(lieeuler.Dot("difference", "difference", constant=0.5 * joint.length,
+                                             scale=0.5 / joint.length))
     made = lieeuler.Joint(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor,
                           kind.anchors_coincide, tuple(dots), contact=contact)
     made = made.geared(*(lieeuler.Rotor(inertia, joint.parent_axis, joint.child_axis, word == "turn")

@@ -92,8 +92,9 @@ def _answer(kind: str, asked: str, records: Sequence[Record], need: float) -> st
 
     def several(runs: Sequence[Record]) -> str:
         named = ", ".join(
-            f"{record.label}{f' on {spoken(record.scene)}' * scenes}{_size(record) * (len(sizes) > 1)} "
-            f"{within(record, kind, need).partition(', ')[2]}{_time(record, kind) * (len(times) > 1)}"
+            f"{os.path.basename(record.label)}{f' on {spoken(record.scene)}' * scenes}"
+            f"{_size(record) * (len(sizes) > 1)} {within(record, kind, need).partition(', ')[2]}"
+            f"{_time(record, kind) * (len(times) > 1)}"
             for record in sorted(runs, key=lambda record: -max(
                 each.severity for each in record.findings if each.kind == kind))[:NAMED])
         return f"{counted(len(runs), 'run')} ({named}{f' and {len(runs) - NAMED} more' * (len(runs) > NAMED)})"
@@ -101,7 +102,8 @@ def _answer(kind: str, asked: str, records: Sequence[Record], need: float) -> st
     if len(records) == 1:
         row, _, allowed = asked.partition(", ")
         word, _, value = within(records[0], kind, need).partition(", ")
-        return f"{word}: error of {row} {value}{min(times)}, {allowed}: {records[0].label}{min(sizes)}"
+        return (f"{word}: error of {row} {value}{min(times)}, {allowed}: {os.path.basename(records[0].label)}"
+                f"{min(sizes)}")
     common = "".join(min(each) for each in (sizes, times) if len(each) == 1)
     return f"error of {asked},{common}: " + ", ".join(
         f"{word} for {several(words[word])}" for word in ("no", "not decided", "yes") if word in words)
@@ -146,7 +148,7 @@ def _passing(document: Document) -> str:
     if count["known"]:
         said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")
     if 0 < len(failing) <= SPARED:
-        named = " and ".join(f"{record.label} on {spoken(record.scene)}" for record in failing)
+        named = " and ".join(f"{os.path.basename(record.label)} on {spoken(record.scene)}" for record in failing)
         said.append(f"{len(failing)} fail{'s' if len(failing) == 1 else ''} ({named})")
     elif failing:
         said.append(f"{len(failing)} fail on {counted(len({record.scene for record in failing}), 'scene')}")

@@ -64,8 +64,9 @@ def plan_of(scene: Scene, motion: Motion | None, most_steps: int, most_seconds: 
 def _outputs(step: float, whole: float, samples: int, shorter: bool) -> tuple[int, float]:
     """The number of samples, at most `samples`, and the duration (s), so that whole steps lead from output to output.
 
-    If `shorter`, it may end before `whole`, by less than an interval. Where there is no such number both stay, and the
-    step is cut. With fewer than `FEWEST` steps an interval the verdict asks for finer ones, which cost more.
+    If `shorter`, it may end before `whole`, by less than an interval; else the step is cut, by as little as makes whole
+    ones. Both stay where there are too few steps. With fewer than `FEWEST` an interval the verdict asks for finer ones,
+    which cost more.
     """
     count = round(whole / step)
     exact = abs(count * step - whole) <= 1e-9 * whole
@@ -74,8 +75,10 @@ def _outputs(step: float, whole: float, samples: int, shorter: bool) -> tuple[in
     most = min(2 * each, count // SEGMENTS) if shorter else count // SEGMENTS
     if exact and (found := next((k for k in range(each, most + 1) if count % k == 0), 0)):
         return count // found + 1, whole
-    count //= each
-    return (count + 1, count * each * step) if shorter and count >= SEGMENTS else (samples, whole)
+    count = count // each if shorter else math.ceil(whole / step / each)
+    if count < SEGMENTS:
+        return samples, whole
+    return count + 1, count * each * step if shorter else whole
 
 
 def _divisor(least: float, most: float) -> int:

@@ -248,11 +248,12 @@ def test_a_tolerance_is_answered_first_in_its_own_quantity(results, tmp_path, ca
 
 def test_of_several_runs_it_says_which_are_within_a_tolerance(results):
     runs = [_asked(results, "fake A", 3e-6, 1.0), _asked(results, "fake B", 2e-3, 1.0, "fail"),
-            _asked(results, "fake C", 2e-5, 0.5), *(_asked(results, f"fake {k}", 1e-9, 1.0) for k in range(4))]
+            _asked(results, "of/a_user/own.py:C RK4", 2e-5, 0.5),
+            *(_asked(results, f"fake {k}", 1e-9, 1.0) for k in range(4))]
     assert headline.answers(runs, 1.0) == [
         "error of position, allowed 0.0001 m, at 0.001 s: no for 1 run (fake B 2.0e-03 m over all 2 s), not decided "
-        "for 1 run (fake C 2.0e-05 m over 50 % of the time), yes for 5 runs (fake A 3.0e-06 m over all 2 s, fake 0 "
-        "1.0e-09 m over all 2 s, fake 1 1.0e-09 m over all 2 s and 2 more)"]
+        "for 1 run (own.py:C RK4 2.0e-05 m over 50 % of the time), yes for 5 runs (fake A 3.0e-06 m over all 2 s, fake "
+        "0 1.0e-09 m over all 2 s, fake 1 1.0e-09 m over all 2 s and 2 more)"]
     other = replace(runs[0], step=2e-3, scene="a/other_top.urdf")
     assert headline.answers([runs[0], other], 1.0) == [
         "error of position, allowed 0.0001 m, over all 2 s: yes for 2 runs (fake A on single pendulum at 0.001 s "

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from crosscheck.adapters.base import steps_per_sample
 from crosscheck.compare.ladder import FEWEST
 from crosscheck.document import Asked
 from crosscheck.references import truth
@@ -64,7 +65,12 @@ def test_a_step_that_is_asked_for_divides_the_interval_between_outputs(step, unt
     assert 9 <= plan.samples <= 251
 
 
-@pytest.mark.parametrize(("step", "asked"), [(7e-4, 0.5), (3.0, None)])
-def test_a_step_that_cannot_divide_it_leaves_the_outputs(step, asked):
-    plan = plan_of(load_scene("double_pendulum"), None, 1000, asked=Asked(step=step, duration=asked))
-    assert (plan.samples, plan.duration, plan.steps) == (251, asked, {1: step})
+@pytest.mark.parametrize(("step", "asked"), [(7e-4, 0.5), (7e-4, 0.25), (0.03, 0.5), (3.0, None)])
+def test_a_step_that_cannot_divide_it_is_cut_by_little(step, asked):
+    scene = load_scene("double_pendulum").replace(duration=asked or 2.0)
+    plan = plan_of(scene, None, 1000, asked=Asked(step=step, duration=asked))
+    assert (plan.duration, plan.steps) == (asked, {1: step})
+    made = steps_per_sample(scene.replace(samples=plan.samples), step)[1]
+    assert made < step
+    assert made > 0.9 * step or plan.samples == 251
+    assert step == 3.0 or plan.samples < 251

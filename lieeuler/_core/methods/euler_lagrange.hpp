@@ -287,7 +287,7 @@ class LagrangeEquations : public StepEquations {
   std::vector<SideBlocks> rates_;
 };
 
-// Their linear systems, in two parts instead of one of twice the size.
+// The linear systems of stabilised equations, in two parts instead of one of twice the size.
 //
 // Newton's system (7.2) of docs/theory.md for (du, dLam, dxi, dmu), with A = M - theta df/du, K the stiffness onto xi,
 // N the slope of the velocity rows, and the theta and rho of generalized-alpha (h and 1 of implicit Euler), is
@@ -562,6 +562,7 @@ class StabilisedSolve {
   std::vector<Vec3> guessed_ = excess_;  // guess of (G + rho h N) dxi, until the first sweep has computed it
 };
 
+// Phi(q) = 0 and G u = 0, with xi beside u and mu beside Lam.
 class StabilisedEquations : public LagrangeEquations {
  public:
   StabilisedEquations(const Plan& plan, CoordinateMap map, bool index1_output, Correction correction,

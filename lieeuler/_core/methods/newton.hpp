@@ -21,6 +21,7 @@ struct Layout {
   bool eliminates = false;         // only constraint rows couple bodies, so the bodies are eliminated beforehand
 };
 
+// The equations of one step of a family of methods.
 class StepEquations {
  public:
   StepEquations(const Plan& plan, CoordinateMap map, Level level, bool index1_output, const Layout& layout)

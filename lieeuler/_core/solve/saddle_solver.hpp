@@ -14,7 +14,7 @@
 
 namespace lieeuler {
 
-// Their matrix with the bodies eliminated, the Delassus matrix S = G A^-1 Gc^T, (8.1) of docs/theory.md.
+// Its matrix with the bodies eliminated, the Delassus matrix S = G A^-1 Gc^T, (8.1) of docs/theory.md.
 //
 // A is block diagonal: a mass and a 3 x 3 rotational matrix per body. Eliminating a body from A y + Gc^T lam = f,
 // G y = g takes a few 3 x 3 products and couples the joints at that body. A body with many joints would couple all of

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "methods/contact_series.hpp"
+#include "model/mimic.hpp"
 
 namespace lieeuler {
 
@@ -34,17 +35,17 @@ class MotionSeries {
     }
   }
 
-  // Computes order k of accelerations and multipliers, k + 1 of velocities, k + 2 of configurations. False if a force
-  // has no series.
+  // Computes accelerations and multipliers of orders below `order`, velocities up to it, configurations up to the next.
+  // False if a force has no series.
 #if defined(__x86_64__)
   template <class Solver>
-  bool extend(int k, Solver& saddle) {
-    return wide_ ? extend_wide(k, saddle) : extend_by(k, saddle);
+  bool extend(int order, Solver& saddle) {
+    return wide_ ? extend_wide(order, saddle) : extend_by(order, saddle);
   }
 #else
   template <class Solver>
-  [[gnu::flatten]] bool extend(int k, Solver& saddle) {
-    return extend_by(k, saddle);
+  [[gnu::flatten]] bool extend(int order, Solver& saddle) {
+    return extend_by(order, saddle);
   }
 #endif
 
@@ -67,7 +68,13 @@ class MotionSeries {
 
  private:
   template <class Solver>
-  [[gnu::always_inline]] bool extend_by(int k, Solver& saddle) {
+  [[gnu::always_inline]] bool extend_by(int order, Solver& saddle) {
+    for (int k = 0; k < order; ++k)
+      if (!extend_one(k, saddle)) return false;
+    return true;
+  }
+  template <class Solver>
+  [[gnu::always_inline]] bool extend_one(int k, Solver& saddle) {
     for (int b = 0; b < system_.n(); ++b) {
       const Columns* const R = body_.R[b].data();
       turn(R, body_.w[b].data(), k, turned_[b]);
@@ -94,8 +101,8 @@ class MotionSeries {
   }
 #if defined(__x86_64__)
   template <class Solver>
-  [[gnu::flatten, gnu::target("avx2")]] bool extend_wide(int k, Solver& saddle) {
-    return extend_by(k, saddle);
+  [[gnu::flatten, gnu::target("avx2")]] bool extend_wide(int order, Solver& saddle) {
+    return extend_by(order, saddle);
   }
 #endif
 

@@ -118,8 +118,8 @@ class TaylorStepper {
       return Status::success;
     }
     series_->start(state_);
-    for (int k = 0; k < order_; ++k)
-      if (!(small_ ? series_->extend(k, *small_) : series_->extend(k, projection_.saddle()))) return Status::non_finite;
+    if (!(small_ ? series_->extend(order_, *small_) : series_->extend(order_, projection_.saddle())))
+      return Status::non_finite;
     measure_scales();
     return Status::success;
   }

@@ -59,53 +59,52 @@ NAMED = 3
 """Most runs that an answer names."""
 
 
-def within(record: Record, kind: str, need: float) -> str:
-    """Whether a run is within a tolerance that the user asked for, and its error; "" where that was not asked.
+def within(record: Record, kind: str, need: float) -> tuple[str, ...]:
+    """Whether a run is within a tolerance that the user asked for, and its error; empty where that was not asked.
 
     Not decided: it was within as far as truth reaches, and that is less of the run's time than `need`.
     """
     each = next((each for each in record.findings if each.kind == kind), None)
     if each is None:
-        return ""
+        return ()
     if each.value is None:  # JSON has neither infinity nor NaN
-        return "no, infinite" if each.status == "fail" else "not decided, not known"
+        return ("no", "infinite") if each.status == "fail" else ("not decided", "not known")
     word = "no" if each.status == "fail" else "yes" if record.shares.get(kind, 0.0) >= need else "not decided"
-    return f"{word}, {number(each.value)} {each.unit}".removesuffix(" 1")
+    return word, f"{number(each.value)} {each.unit}".removesuffix(" 1")
 
 
-def tolerances(records: Sequence[Record]) -> dict[str, str]:
+def tolerances(records: Sequence[Record]) -> dict[str, tuple[str, str]]:
     """The tolerances that the user asked for, by the kind of their findings: row and bound in words."""
-    return {each.kind: f"{each.row}, allowed {each.bound:g} {each.unit}".removesuffix(" 1")
+    return {each.kind: (each.row, f"allowed {each.bound:g} {each.unit}".removesuffix(" 1"))
             for record in records for each in record.findings if each.about == "tolerance"}
 
 
 def answers(records: Sequence[Record], need: float) -> list[str]:
     """Whether runs are within each tolerance that the user asked for, as `within`: of one run, or which of several."""
-    return [_answer(kind, asked, [record for record in records if any(each.kind == kind for each in record.findings)],
+    return [_answer(kind, *asked, [record for record in records if any(each.kind == kind for each in record.findings)],
                     need) for kind, asked in tolerances(records).items()]
 
 
-def _answer(kind: str, asked: str, records: Sequence[Record], need: float) -> str:
+def _answer(kind: str, row: str, allowed: str, records: Sequence[Record], need: float) -> str:
     sizes, times = {_size(record) for record in records}, {_time(record, kind) for record in records}
     scenes = len({record.scene for record in records}) > 1
-    words = grouped(records, lambda record: within(record, kind, need).partition(", ")[0])
+    words = grouped(records, lambda record: within(record, kind, need)[0])
 
     def several(runs: Sequence[Record]) -> str:
         named = ", ".join(
             f"{os.path.basename(record.label)}{f' on {spoken(record.scene)}' * scenes}"
-            f"{_size(record) * (len(sizes) > 1)} {within(record, kind, need).partition(', ')[2]}"
+            f"{_size(record) * (len(sizes) > 1)} {within(record, kind, need)[1]}"
             f"{_time(record, kind) * (len(times) > 1)}"
             for record in sorted(runs, key=lambda record: -max(
                 each.severity for each in record.findings if each.kind == kind))[:NAMED])
         return f"{counted(len(runs), 'run')} ({named}{f' and {len(runs) - NAMED} more' * (len(runs) > NAMED)})"
 
     if len(records) == 1:
-        row, _, allowed = asked.partition(", ")
-        word, _, value = within(records[0], kind, need).partition(", ")
+        word, value = within(records[0], kind, need)
         return (f"{word}: error of {row} {value}{min(times)}, {allowed}: {os.path.basename(records[0].label)}"
                 f"{min(sizes)}")
     common = "".join(min(each) for each in (sizes, times) if len(each) == 1)
-    return f"error of {asked},{common}: " + ", ".join(
+    return f"error of {row}, {allowed},{common}: " + ", ".join(
         f"{word} for {several(words[word])}" for word in ("no", "not decided", "yes") if word in words)
 
 

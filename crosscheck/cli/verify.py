@@ -125,7 +125,7 @@ def print_verdicts(document: Document, page: Path) -> None:
     import msgspec
 
     from crosscheck.document import grouped
-    from crosscheck.report.headline import OUTCOMES, assumptions, ending, headline, sentence
+    from crosscheck.report.headline import OUTCOMES, advice, assumptions, ending, headline, sentence
     from crosscheck.report.overview import worst_first
 
     titles = {scene.name: scene.title for scene in document.scenes}
@@ -166,7 +166,7 @@ def print_verdicts(document: Document, page: Path) -> None:
         say(f"{' '.join(OUTCOMES[outcome][:2])} {name}, {message}: {', '.join(record.label for record in records)}"
             + (f"; {records[0].code}; {ending(records[0])}" if outcome == "unresolved" else ""))
     for scene in document.scenes:
-        say(f"{scene.name}: {scene.trust}")
+        say(f"{scene.name}: {advice(scene)}")
         for row in scene.engines if len(scene.engines) > 1 else ():
             say(row.text, 4)
     print(f"report: {page}")

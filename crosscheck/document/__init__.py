@@ -184,6 +184,7 @@ class Scene(SceneTruth, frozen=True, kw_only=True, omit_defaults=True):
     trust: str
     recommended: Recommended | None
     engines: list[EngineTrust] = []
+    not_trusted: list[str] = []  # labels of the runs that are not to be trusted
 
 
 # --- runs

@@ -192,6 +192,11 @@ def _not_judged(scenes: Sequence[Scene]) -> str:
             + ", ".join(f"{name} ({reason})" for name, reason in unjudged[:SPARED]) + more)
 
 
+def advice(scene: Scene) -> str:
+    """Which runs of a scene to trust, and which not, in words."""
+    return scene.trust + (f" Not to be trusted here: {', '.join(scene.not_trusted)}." if scene.not_trusted else "")
+
+
 def why_no_truth(scene: Scene) -> str:
     """The first clause of the reason why a scene has no truth; "" if it has."""
     reason = scene.failure or scene.no_truth

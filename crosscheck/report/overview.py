@@ -80,7 +80,7 @@ def recommended(scenes: Sequence[Scene]) -> list[Advice]:
     def key(scene: Scene) -> tuple[str | None, str]:
         advice = scene.recommended
         return ((advice.runs[0], advice.why.partition(",")[0]) if advice else
-                (None, scene.trust.partition(" Not to be trusted here")[0]))
+                (None, scene.trust))
 
     runs = [Advice(run, why, each) for (run, why), each in grouped(scenes, key).items()]
     return sorted(runs, key=lambda group: (group.run is None, -len(group.scenes)))

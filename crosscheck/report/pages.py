@@ -18,6 +18,7 @@ from crosscheck.files import cache_folder
 from crosscheck.report import overview
 from crosscheck.report.headline import (
     OUTCOMES,
+    advice,
     answers,
     assumptions,
     ending,
@@ -111,7 +112,8 @@ def environment() -> Any:
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
     made.filters |= {"number": number, "sentence": sentence, "ending": ending, "shade": shade, "anchor": anchor,
                      "span": span, "visible_error": visible_error, "spoken": spoken,
-                     "share_words": share_words, "within": within, "assumptions": assumptions, "sortable": plain_number,
+                     "share_words": share_words, "advice": advice, "within": within, "assumptions": assumptions,
+                     "sortable": plain_number,
                      "query": urllib.parse.quote, "slug": slug}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
                      "UNITS": QUANTITIES, "scene_file": scene_file, "engine_file": engine_file,

@@ -279,7 +279,7 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     for scene in truths:
         own = [record for record in records if record.scene == scene.name]
         added = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own),
-                "engines": trust.by_engine(scene, own)}
+                "engines": trust.by_engine(scene, own), "not_trusted": trust.not_trusted(own)}
         scenes.append(replace(scene, **added) if isinstance(scene, Scene) else extended(Scene, scene, **added))
     # JSON has no infinity: values that are not finite become None.
     finite = msgspec.convert(plain(records), list[Record], str_keys=True)

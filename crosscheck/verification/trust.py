@@ -60,17 +60,17 @@ def _slower(record: Record, best: Record) -> bool:
 
 
 def sentence(scene: SceneTruth, records: Sequence[Record]) -> str:
-    """The recommendation for one scene in words, with the runs that are not to be trusted."""
+    """The recommendation for one scene in words."""
     if scene.failure:
         return f"No recommendation: the truth of this scene failed ({scene.failure})."
     if scene.no_truth:
-        return f"No recommendation, the scene has no truth: {scene.no_truth}." + _not_trusted(records)
+        return f"No recommendation, the scene has no truth: {scene.no_truth}."
     if not records:
         return "No recommendation: no run of this scene has ended."
     best = recommend(scene, records)
     if best is None:
-        return "No recommendation: no run of this scene passed every check." + _not_trusted(records)
-    return f"Trust {_said(best)}." + _not_trusted(records)
+        return "No recommendation: no run of this scene passed every check."
+    return f"Trust {_said(best)}."
 
 
 def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]:
@@ -102,6 +102,6 @@ def _checks(record: Record) -> str:
     return counted(sum(finding.status == "ok" for finding in record.findings), "check")
 
 
-def _not_trusted(records: Sequence[Record]) -> str:
-    bad = [record.label for record in records if record.outcome in ("fail", "error", "known")]
-    return f" Not to be trusted here: {', '.join(bad)}." if bad else ""
+def not_trusted(records: Sequence[Record]) -> list[str]:
+    """The labels of runs that are not to be trusted."""
+    return [record.label for record in records if record.outcome in ("fail", "error", "known")]

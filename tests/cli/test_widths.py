@@ -50,7 +50,8 @@ def made_up():
         record(scene="double_pendulum", engine="pinocchio", method="SymplecticEuler", error=2.5e-2, outcome="fail",
                word="fail", order=SECOND, findings=[LOW], worst=LOW)])
     return replace(made, scenes=[replace(
-        scene, trust=trust.sentence(scene, own), recommended=trust.recommend(scene, own),
+        scene, trust=trust.sentence(scene, own), not_trusted=trust.not_trusted(own),
+        recommended=trust.recommend(scene, own),
         engines=trust.by_engine(scene, own)) for scene in made.scenes
         for own in [[each for each in made.records if each.scene == scene.name]]])
 

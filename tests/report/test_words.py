@@ -25,7 +25,7 @@ def test_recommendation_names_the_fastest_passing_run(results):
     assert trust.sentence(results.scenes[0], []) == "No recommendation: no run of this scene has ended."
     said = trust.sentence(results.scenes[0], [slow, fast, results.records[1]])
     assert said.startswith("Trust fake Fast:")
-    assert "Not to be trusted here: fake Broken" in said
+    assert trust.not_trusted([slow, fast, results.records[1]]) == ["fake Broken"]
     found = trust.recommend(results.scenes[0], [slow, fast])
     # The figures are those of the judged run, not of some point of a study.
     assert (found.step, found.error) == (fast.step, fast.error)
@@ -130,7 +130,7 @@ def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the
     def scene(name, run, why):
         best = Recommended(runs=[run], step=None, rtol=None, error=1e-9, seconds=None, why=why)
         return extended(Scene, failed_scene(name, ""), recommended=best if run else None,
-                        trust=f"No recommendation: {why}. Not to be trusted here: x.")
+                        trust=f"No recommendation: {why}.", not_trusted=["x"])
 
     groups = overview.recommended([scene("a", None, "none passed"), scene("b", "m RK4", "fastest, 3 checks passed"),
                                    scene("c", "l taylor", "fastest, 13 checks passed"),
@@ -171,7 +171,8 @@ def test_a_file_has_its_own_name_and_advice_is_said_once(results):
     first, second = trust.by_engine(results.scenes[0], records)
     assert (first.text, second.text) == ("fake: as said; 1 of 1 runs pass.",
                                          "other: no run can be recommended; 0 of 1 runs pass.")
-    assert "Not to be trusted here: other Plain" in trust.sentence(results.scenes[0], records)
+    scene, = made(results.scenes[:1], records).scenes
+    assert headline.advice(scene) == f"{scene.trust} Not to be trusted here: other Plain."
 
 
 def test_a_page_advises_what_ladders_of_runs_found_and_nothing_else(results):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import collections
 import contextlib
+import json
 import os
 import re
 import resource
@@ -655,12 +656,12 @@ def export(random: Random, path: Path, folder: Path) -> list[str]:
 
 def sweep(random: Random, path: Path, folder: Path) -> list[str]:
     file = folder / "sweep.toml"
+    own = {engine(random, folder): "Go", "lieeuler": "rattle2", "mujoco": "RK4", "pinocchio": "RKMK4"}
+    name = random.choice([*own])
     file.write_text(
-        f"scenes = [{str(path)!r}]\nengines = [{random.choice(('lieeuler', 'mujoco', engine(random, folder)))!r}]\n"
-        f"steps = [{random.choice(('0.01', '1e-2, 1e-3', '0', '-1'))}]\n"
-        + random.choice(
-            ("", 'methods = ["RK4"]\n', "[perturb]\nmembers = 3\n", '[parameters]\n"bodies.b0.mass" = [1.0, 2.0]\n')
-        ),
+        f"scenes = [{str(path)!r}]\nsteps = [{random.choice(('0.01', '1e-2, 1e-3', '0', '-1'))}]\nduration = 0.1\n"
+        f'[engines]\n{json.dumps(name)} = ["{own[name]}"]\n'
+        + random.choice(("", "[perturb]\ncount = 3\n", '[parameters]\n"bodies.b0.mass" = [1.0, 2.0]\n')),
         encoding="utf-8",
     )
     return ["sweep", str(file), "--out", str(folder / "page"), *maybe(random, (0.2, ("--dry-run",)))]
@@ -688,7 +689,6 @@ def history(random: Random, path: Path, folder: Path) -> list[str]:
 def study(random: Random, path: Path, folder: Path) -> list[str]:
     return [
         random.choice(("work-precision", "drift", "stability", "x")),
-        "--scene",
         str(path),
         "--engine",
         engine(random, folder),
@@ -797,8 +797,8 @@ def main() -> None:
     given = reads.parse_args()
     for name in ("runs", "engines", "models", "verify", "study", "history"):
         __import__(f"crosscheck.cli.{name}")
-    for name in ("mujoco", "pinocchio", "exudyn", "scipy.optimize", "scipy.integrate", "crosscheck.judge.solution",
-                 "crosscheck.scene.models.reading", "crosscheck.recordings", "crosscheck.diagnosis"):
+    for name in ("mujoco", "pinocchio", "exudyn", "scipy.optimize", "scipy.integrate", "crosscheck.recordings",
+                 "crosscheck.scene.models.reading", "crosscheck.verification.solution", "crosscheck.diagnosis"):
         with contextlib.suppress(ImportError):
             __import__(name)
     models.apart = lambda function, task, path: function(task)  # each command has a process of its own already

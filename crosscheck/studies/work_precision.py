@@ -163,7 +163,7 @@ def measure(scene: Scene, chosen: Sequence[GradedWay], truth: Reference, repeats
     bound : whether to measure the Taylor series of heyoka, too
     session : rungs are kept in its table, and those that are there are not run
     """
-    rungs: list[Rung] = []
+    rungs, bound = list[Rung](), bound and not scene.has_laws  # one series bounds no motion of several pieces
     total, timers = len(chosen) + (len(TOLERANCES) if bound else 0), dict[int, Callable[[], float]]()  # by place
     for engine, own in grouped(chosen, lambda way: way.engine).items():
         ladder = Ladder.kept(scene, engine, scene.duration, session)

@@ -12,6 +12,7 @@ from crosscheck import load_scene
 from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError, EngineError
 from crosscheck.running.attempt import Failed
+from crosscheck.scene.laws import DryFriction
 from crosscheck.studies import work_precision
 from crosscheck.studies.study import check_names, conduct
 from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk, measure
@@ -67,6 +68,15 @@ def test_heyoka_is_the_bound_and_near_rounding_at_its_tightest(swing):
     assert all(rung.wall_ms and rung.steps for rung in rungs)
     # the truth itself is known to 1e-12, see crosscheck.references
     assert min(rung.max_attitude for rung in rungs) < 1e-12
+
+
+def test_a_motion_in_pieces_is_measured_without_the_bound():
+    free = load_scene("hinge_pendulum").replace(duration=0.5)
+    rough = dataclasses.replace(free.joints[0], dry_friction=(DryFriction(0.1, 0.1),))
+    scene, truth = reference(free.replace(joints=(rough, *free.joints[1:])))
+    chosen, _ = ways(scene, ["lieeuler"], methods=["rkmk4"])
+    rungs = measure(scene, chosen, truth, 1, 0.1, quietly, quietly)
+    assert {rung.engine for rung in rungs} == {"lieeuler"}
 
 
 def test_a_failed_run_is_a_row_and_the_others_go_on(swing, monkeypatch):

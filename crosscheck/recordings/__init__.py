@@ -51,9 +51,9 @@ from crosscheck.scene.vectors import exponential
 if TYPE_CHECKING:
     import pandas as pd
 
-JUMP, STANDING_OUT = 0.3, 30.0
-"""A defect is a jump if it is this part of the largest change over one interval, and so many times the median defect.
-"""
+JUMP, STANDING_OUT, ONCE = 0.3, 30.0, 0.8
+"""A defect is a jump if it is this part of the largest change over one interval, and so many times the median defect
+before it, and the next one is below this part of it."""
 
 SAME_START = 1e-8
 """Difference from the scene's start that a recorded start may have besides its digits: scene files close no better."""
@@ -83,12 +83,12 @@ BEYOND = 20.0
 class Verdict:
     """What `judge_recording` found; `str(verdict)` says it."""
 
-    outcome: Outcome  # pass, fail or unresolved
-    errors: dict[str, float]  # the largest per quantity
-    defects: pd.DataFrame | None  # one row an interval: t, and each quantity; None where states are not determined
-    order: dict[str, float | None] | None  # observed, per quantity; None with one file
-    limit_error: dict[str, float] | None  # distance from truth of the limit for vanishing steps
-    cause: str | None
+    outcome: Outcome = "unresolved"  # pass, fail or unresolved
+    errors: dict[str, float] = dataclasses.field(default_factory=dict)  # the largest per quantity
+    defects: pd.DataFrame | None = None  # one row an interval: t, and each quantity; None where states are not known
+    order: dict[str, float | None] | None = None  # observed, per quantity; None with one file
+    limit_error: dict[str, float] | None = None  # distance from truth of the limit for vanishing steps
+    cause: str | None = None
     limit_unsure: dict[str, float] | None = None  # what the limit leaves open
     floors: dict[str, float] = dataclasses.field(default_factory=dict)  # what printed digits leave open
     figures: dict[str, float] = dataclasses.field(default_factory=dict)  # energy, momentum, levels
@@ -225,9 +225,7 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
             found.lines[1:1] = [f"{each.partition('; ')[0]}: judged from its first row" for each in begun]
             return found
     system, notes = start_as(scene), _columns(fine, readings) + watched
-    verdict = Verdict("unresolved", {}, None, None, None, None, scene=scene, missing=fine.missing,
-                      suggested=fine.suggested)
-    lines = [f"{scene.name}: {fine.name}, {len(fine.t)} rows from {fine.t[0]:g} to {fine.t[-1]:g} s"]
+    verdict, lines = Verdict(scene=scene, missing=fine.missing, suggested=fine.suggested), list[str]()
     (lines if start == "scene" else notes).extend(begun)  # where it starts elsewhere, all that follows is doubtful
     table = min((function.end for function in scene.functions), default=math.inf)
     most = min(truth.horizon, BEYOND * scene.duration, table - since) * (1 + 1e-12)
@@ -235,8 +233,7 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     if any(len(each.t) == 0 for each in kept):
         verdict.reason = f"truth ends at {truth.horizon:g} s, before the first row" + (
             f": {truth.horizon_cause}" if truth.horizon_cause else "") + "; --start recorded begins with that row"
-        verdict.lines = [f"? unresolved: {lines[0]}", verdict.reason, *lines[1:], *notes]
-        return verdict
+        return _concluded(verdict, fine, "unresolved", [*lines, *notes])
     seen = compare(system, kept[0], truth, since)
     verdict.differences, verdict.until, verdict.errors = seen, float(kept[0].t[-1]), seen.errors
     verdict.floors = {key: float(seen.floor[k][at]) for key in fine.keys for k, at in [seen.worst(key)]}
@@ -249,7 +246,12 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
     parts = {"tolerance": _sizes(seen, allowed, lines), "promise": _kinds(seen, notes),
              "gap": _defects(system, seen, since, allowed, verdict, notes)}
     failed = [each for part in parts.values() for each in part]
-    _figures(system, kept[0], truth, since, verdict, notes)
+    figures = comparing.invariants(system, kept[0], truth, since)
+    verdict.figures = figures or {}
+    notes.append("not judged: energy, momentum, constraint levels; they need the state of every body in the log"
+                 if figures is None else "largest errors: " + ", ".join(
+                     f"{name} {value:.1e}" for name, value in figures.items()) + " (energy over the largest kinetic "
+                 "energy)")
     limit = None
     if len(given) > 1:
         limit, bad = _orders([seen, *(compare(system, each, truth, since) for each in kept[1:])], steps, order,
@@ -262,30 +264,31 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
                        "unresolved" if verdict.reason else "pass")
     about = next((name for name, part in parts.items() if part),
                  "order" if any(each.startswith("order") for each in failed) else "limit")
-    verdict.code = "" if verdict.outcome == "pass" else KINDS[
-        "unresolved" if verdict.outcome == "unresolved" else about].code
     beyond = any(verdict.errors[key] > EXACT * verdict.floors[key] + 1e-9 for key in fine.keys)
     order_alone = bool(failed) and all(each.startswith("order") for each in failed)
     if beyond and (failed or not allowed) and not order_alone and (len(given) == 1 or limit is not None):
-        verdict.cause, said = _cause(scene, start_as, limit or seen, verdict.until, limit is not None)
+        verdict.cause, said = _cause(scene, start_as, limit or seen, verdict.until, limit is not None, parts["gap"])
         lines += said
     verdict.cause = verdict.cause or next((each.partition(":")[0] for each in failed if each.startswith((
         "order", "wrong limit"))), None)
+    return _concluded(verdict, fine, about, [*lines, *(f"✗ {each}" for each in failed), *notes])
+
+
+def _concluded(verdict: Verdict, recording: Recording, about: str, lines: Sequence[str]) -> Verdict:
+    """The verdict with its code and its lines; `about`: what a failed one fails at, see `KINDS`."""
+    verdict.code = "" if verdict.outcome == "pass" else KINDS[about if verdict.outcome == "fail" else "unresolved"].code
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
-    why = [verdict.reason] if verdict.outcome == "unresolved" else []
-    coded = f" ({verdict.code})" if verdict.code else ""
-    verdict.lines = [f"{mark} {verdict.outcome}: {lines[0]}{coded}", *why, *lines[1:],
-                     *(f"✗ {each}" for each in failed), *notes]
+    verdict.lines = [f"{mark} {verdict.outcome}: {verdict.scene.name if verdict.scene else ''}: {recording.name}, "
+                     f"{len(recording.t)} rows from {recording.t[0]:g} to {recording.t[-1]:g} s" + (
+                         f" ({verdict.code})" if verdict.code else ""),
+                     *([verdict.reason] if verdict.outcome == "unresolved" else []), *lines]
     return verdict
 
 
 def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], need: float,
             uncertain: Mapping[str, float], model: Any, resolution: float) -> Verdict:
     """The verdict on a log with inputs."""
-    verdict = Verdict("unresolved", {}, None, None, None, None, scene=scene, missing=recording.missing,
-                      suggested=recording.suggested)
-    begin, end = float(recording.t[0]), float(recording.t[-1])
-    first = f"{scene.name}: {recording.name}, {len(recording.t)} rows from {begin:g} to {end:g} s"
+    verdict = Verdict(scene=scene, missing=recording.missing, suggested=recording.suggested)
     notes = _columns(recording, [])
     try:
         log = validation.Log(scene, recording)
@@ -293,11 +296,11 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
         found = validation.answer(log, system, uncertain)
     except Unsupported as error:
         verdict.reason = str(error)
-        verdict.lines = [f"? unresolved: {first} ({verdict.code})", verdict.reason, *notes]
-        return verdict
+        return _concluded(verdict, recording, "unresolved", notes)
     seen, names = found.predicted, [joint.name for joint in scene.joints]
     half = max(k for k, h in enumerate(seen.horizons) if h <= validation.HALF or k == 0)
-    verdict.predicted, verdict.detectable, verdict.share, verdict.until = seen, found.detectable, log.share, end
+    verdict.predicted, verdict.detectable, verdict.share = seen, found.detectable, log.share
+    verdict.until = float(recording.t[-1])
     verdict.errors = {"joint_position": float(seen.error[:, half].max())}
     verdict.floors = {"joint_position": float(seen.u[:, half].max())}
     lines, failed = list[str](), list[str]()
@@ -338,8 +341,6 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
         rest = "; ".join(f"{name} take {size:.3g} s" for name, size in log.left_out.items())
         verdict.reason = _short(log.share, need) + (f" ({rest})" if rest else "")
     verdict.outcome = "fail" if failed else "unresolved" if verdict.reason else "pass"
-    verdict.code = {"pass": "", "fail": KINDS["tolerance"].code}.get(verdict.outcome, KINDS["unresolved"].code)
-    mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
     lines += [validation.row(joint, seen, k) for k, joint in enumerate(scene.joints)]
     if not failed:
         lines.append("the smallest that would have shown, 95 times of 100: " + ", ".join(
@@ -352,10 +353,7 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
         lines.insert(0, "the model explains the recording to within its noise")
     if model is not None:
         notes += _two(scene, scene_file.as_scene(model), recording, log, seen)
-    coded = f" ({verdict.code})" if verdict.code else ""
-    verdict.lines = [f"{mark} {verdict.outcome}: {first}{coded}", *([verdict.reason] if verdict.outcome == "unresolved"
-                     else []), *(f"✗ {each}" for each in failed), *lines, *notes]
-    return verdict
+    return _concluded(verdict, recording, "tolerance", [*(f"✗ {each}" for each in failed), *lines, *notes])
 
 
 def _two(scene: Scene, other: Scene, recording: Recording, log: Any, predicted: validation.Predicted) -> list[str]:
@@ -533,25 +531,15 @@ def _defects(scene: Scene, diff: Differences, since: float, allowed: Mapping[str
     for key, defect in defects.items():
         beyond = np.maximum(defect.sizes - defect.floor, 0.0)
         at = int(np.argmax(beyond))
-        size, usual, name = defect.sizes[at], float(np.median(defect.sizes)), key.replace("_", " ")
-        if beyond[at] > max(JUMP * defect.step, STANDING_OUT * usual):
-            failed.append(f"{name} jumps by {size:.3g} after the row at {t[at]:.6g} s; elsewhere it is off by "
+        size, usual, name = defect.sizes[at], float(np.median(defect.sizes[:at or None])), key.replace("_", " ")
+        once = (beyond[at + 1:at + 2] < ONCE * beyond[at]).all()
+        if once and beyond[at] > max(JUMP * defect.step, STANDING_OUT * usual):
+            failed.append(f"{name} jumps by {size:.3g} after the row at {t[at]:.6g} s; before it is off by "
                           f"{usual:.1e}")
         elif key in allowed and beyond[at] > allowed[key]:
             failed.append(f"{name}: from the row at {t[at]:.6g} s to the next the motion is off by {size:.3g}; "
                           f"{allowed[key]:g} is allowed")
     return failed
-
-
-def _figures(scene: Scene, recording: Recording, truth: object, since: float, verdict: Verdict, notes: list[str]
-             ) -> None:
-    """Energy, momentum and levels, where the states of all bodies are recorded."""
-    figures = comparing.invariants(scene, recording, truth, since)
-    verdict.figures = figures or {}
-    notes.append("not judged: energy, momentum, constraint levels; they need the state of every body in the log"
-                 if figures is None else "largest errors: " + ", ".join(
-                     f"{name} {value:.1e}" for name, value in figures.items()) + " (energy over the largest kinetic "
-                 "energy)")
 
 
 def _orders(runs: list[Differences], steps: list[float], order: int | None, verdict: Verdict, lines: list[str]
@@ -632,10 +620,12 @@ def _tends(errors: list[np.ndarray], h: Sequence[float], floor: float, order: in
                                "digits": floor_of(rounding, 0.0, weights)}, "order")
 
 
-def _cause(scene: Scene, begun: Callable[[Scene], Scene], diff: Differences, until: float, limit: bool
-           ) -> tuple[str | None, list[str]]:
+def _cause(scene: Scene, begun: Callable[[Scene], Scene], diff: Differences, until: float, limit: bool,
+           missed: Sequence[str]) -> tuple[str | None, list[str]]:
     """(the cause, what to say of it and of the others)."""
-    named, every = find_causes.find(begun(scene), diff, until)
+    smooth = not scene.has_laws and not scene.monitors
+    jumps = [each for each in missed if smooth and " jumps by " in each]
+    named, every = find_causes.find(begun(scene), diff, until, bool(jumps))
     if len(named) == 1:
         part = "" if named[0].left <= find_causes.CERTAIN else ", in part"
         return named[0].name, [
@@ -643,6 +633,8 @@ def _cause(scene: Scene, begun: Callable[[Scene], Scene], diff: Differences, unt
     if named:
         alike = " or ".join(each.name for each in named) if len(named) <= MOST_ALIKE else None
         return alike, ["cause: one of these, which make the same motion here: " + "; or ".join(map(str, named[:6]))]
+    if jumps:
+        return "jump", [f"cause: a jump, which no model makes here: {jumps[0]}"]
     best = [each for each in every if each.left < 0.5][:1]
     more = f"; next to it: {best[0]}, which leaves {100 * best[0].left:.2g} %" if best else ""
     step = "" if limit else "; the error of too large a step is one as well, which a second file at another step shows"

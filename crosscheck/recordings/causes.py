@@ -155,13 +155,14 @@ class Case:
         return Cause(name, said, self.left(values), free)
 
 
-def find(scene: Scene, diff: Differences, until: float) -> tuple[list[Cause], list[Cause]]:
-    """(causes that explain and are equally simple, all others from the best on)."""
+def find(scene: Scene, diff: Differences, until: float, jumps: bool) -> tuple[list[Cause], list[Cause]]:
+    """(causes that explain and are equally simple, all others from the best on); `jumps`: as no model of it makes."""
     judged = _unhindered(scene, diff, np.flatnonzero(diff.recording.t <= until))
     near = Case(scene, diff, judged[:NEIGHBOURS])
     far = Case(scene, diff, judged[np.unique(np.linspace(0, len(judged) - 1, ROWS).astype(int))])
     every = [*_reports(far), *_times(near, far), *_samples(near), *_euler(near)]
-    if not any(cause.left <= CERTAIN and not cause.free for cause in every):  # nothing is simpler than no magnitude
+    certain = any(cause.left <= CERTAIN and not cause.free for cause in every)  # nothing is simpler than no magnitude
+    if not certain and not jumps:
         with np.errstate(all="ignore"):
             every += [*_started(far), *_models(far, False)]
             if min(cause.left for cause in every) > LEFT[2]:

@@ -234,7 +234,7 @@ def test_defects_are_one_row_an_interval_and_show_a_jump(scenes):
     assert len(verdict.defects) == 200
     assert verdict.defects["t"][int(np.argmax(verdict.defects["joint_position"]))] == pytest.approx(1.0)
     assert verdict.outcome == "fail"
-    assert "jumps" in str(verdict)
+    assert verdict.cause == "jump"
 
 
 def test_unresolved_without_a_tolerance_without_its_quantity_and_beyond_truth(scenes):

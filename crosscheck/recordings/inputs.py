@@ -137,6 +137,7 @@ class System:
         self.units = [each.unit_along(owner in slides) for each, owner in altered]
         self._bodies = len(OF_BODIES) * scene.n
         self._delay = self._bodies + len(OF_JOINTS) * self.n
+        self._peaks = np.array([0.0 if each is None else np.abs(each.values).max() for each in self.efforts])
         own = [joint.dry_friction[0] if joint.dry_friction else None for joint in self.scene.joints]
         self._friction = np.array([[0.0 if each is None else each.sliding for each in own],
                                    [0.0 if each is None else max(each.sliding, each.static) for each in own]])
@@ -197,7 +198,7 @@ class System:
                                       vars=[*symbols, *pushes], compact_mode=True, opt_level=1)
 
     def _parameters(self, altered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Alterations of joints (N, n, 8), and the parameters of the compiled function."""
+        """Alterations of joints (N, n, 9), and the parameters of the compiled function."""
         joints = altered[:, self._bodies:self._delay].reshape(-1, self.n, len(OF_JOINTS))
         # The base turns, so that gravity turns the other way in its axes.
         turned = exponential(np.pad(-altered[:, self._delay + 1:self._delay + 3], ((0, 0), (0, 1))))
@@ -236,14 +237,14 @@ class System:
             self.efforts, self.targets, self.target_velocities) for each in signals)
 
     def pushes(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, given: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """(N, n) what inputs (3, N, n) and servos give, with alterations of joints (N, n, 8)."""
+        """(N, n) what inputs (3, N, n) and servos give, with alterations of joints (N, n, 9)."""
         u = given[0].copy()
         names = [joint.name for joint in self.scene.joints]
         for name, servo in self.scene.servos.values():
             k = names.index(name)
             target, rate = (np.where(np.isnan(row[:, k]), at(own, t), row[:, k])
                             for row, own in zip(given[1:], (servo.target, servo.target_velocity), strict=True))
-            stiff, slow = (1.0 + joints[:, k, 6:]).T * [[servo.proportional], [servo.derivative]]
+            stiff, slow = (1.0 + joints[:, k, 6:8]).T * [[servo.proportional], [servo.derivative]]
             wanted = stiff * (target - q[:, k]) + slow * (rate - v[:, k])
             u[:, k] += np.clip(wanted + at(servo.feedforward, t), *servo.bounds(v[:, k]))
         return np.asarray(u)
@@ -258,27 +259,28 @@ class System:
         a = self._accelerations(q, v, u, joints, pars)
         return a, np.stack([self._accelerations(q, v, u + unit, joints, pars) - a for unit in np.eye(self.n)], 2)
 
-    def flow(self, begin: np.ndarray, start: np.ndarray, span: float, step: float, altered: np.ndarray | None = None
-             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """From states (N, 2n) at times (N,): s since then (T,), to `span`, q and v (T, N, n); `altered` (N, K)."""
+    def flow(self, begin: np.ndarray, start: np.ndarray, span: float, step: float, altered: np.ndarray | None = None,
+             halves: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """From states (N, 2n) at times (N,): s since then (T,), to `span`, q and v (T, N, n), and the inputs over
+        halves of steps (2T - 2, 3, N, n), which are those given if any are; `altered` (N, K)."""
         altered = np.zeros((len(start), len(self.names))) if altered is None else altered
         q, v = np.split(start, 2, axis=1)
         rows, count = [(q, v)], max(1, int(np.ceil(span / step * (1 - 1e-9))))
-        halves, of = self._halves(begin, 0.5 * step * np.arange(2 * count + 1), altered), self._constants(altered)
+        halves = self._halves(begin, 0.5 * step * np.arange(2 * count + 1), altered) if halves is None else halves
+        of = self._constants(altered)
         for k in range(count):
             q, v = self._advanced(begin + k * step, q, v, halves[2 * k:2 * k + 2], step, of)
             rows.append((q, v))
-        return step * np.arange(count + 1), np.stack([q for q, _ in rows]), np.stack([v for _, v in rows])
+        return step * np.arange(count + 1), np.stack([q for q, _ in rows]), np.stack([v for _, v in rows]), halves
 
-    def slopes(self, begin: np.ndarray, q: np.ndarray, v: np.ndarray, step: float, altered: np.ndarray,
-               by_start: np.ndarray, which: Sequence[int], sizes: np.ndarray) -> np.ndarray:
-        """Derivatives (T, N, 2n, 2n + L) of states q, v (T, N, n) of `flow` by the first one and by L alterations.
+    def slopes(self, begin: np.ndarray, q: np.ndarray, v: np.ndarray, halves: np.ndarray, step: float,
+               altered: np.ndarray, by_start: np.ndarray, which: Sequence[int], sizes: np.ndarray) -> np.ndarray:
+        """Derivatives (T, N, 2n, 2n + L) of states and inputs of `flow` by the first state and by L alterations.
 
         Each step is taken again from states that differ by `by_start` (2n,), and with alterations that differ by
         `sizes` (L,): products of these derivatives hold across the times at which a joint stops or turns around.
         """
         count, N, n, many = len(q) - 1, len(begin), self.n, 2 * self.n + len(which)
-        halves = self._halves(begin, 0.5 * step * np.arange(2 * count + 1), altered)
         given = np.tile(altered, (many + 1, 1, 1))
         for row, (k, size) in enumerate(zip(which, sizes, strict=True)):
             given[1 + 2 * n + row, :, k] += size
@@ -331,6 +333,9 @@ class System:
         where it breaks away.
         """
         joints, parameters, bounds = of
+        if joints[..., 8].any():  # what acts is cut off
+            most = np.maximum(1.0 + joints[..., 8], 0.0) * self._peaks
+            halves = np.concatenate([np.clip(halves[:, :1], -most, most), halves[:, 1:]], axis=1)
         mean, tilt = 0.5 * (halves[0] + halves[1]), 1.5 * (halves[1] - halves[0])
         mean[0] = (1.0 + joints[..., 3]) * mean[0] + joints[..., 4]
         tilt[0] *= 1.0 + joints[..., 3]

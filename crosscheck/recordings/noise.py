@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 ROWS, DEGREES = 12, (5, 7)
 """Rows of a window, and the degrees of the polynomials that are taken out of it, to measure noise."""
@@ -23,6 +24,9 @@ WIDER = 1.1
 
 MORE = 2.0
 """Mean square of what a polynomial lacks, over that of what two degrees more change, which lack something as well."""
+
+SHARED = 0.1
+"""Noise of rates per noise of positions, over that of differences from row to row, above which they are differences."""
 
 LAGS = 10
 """Rows over which noise may be correlated, or a quarter of half a window."""
@@ -90,23 +94,26 @@ def of_rates(t: np.ndarray, q: np.ndarray, sigma: float, r: np.ndarray, sure: fl
     if len(t) < 4 * ROWS or not noise.sigma > 0.0:
         return None, "not told from differences"
     h = float(np.median(np.diff(t)))
-    many = 4 * ROWS
-    rows = np.arange(len(t) // many * many).reshape(-1, many)
-    Q = np.linalg.qr(np.linspace(-1.0, 1.0, many)[:, None] ** np.arange(DEGREES[1] + 1))[0]
-    white = np.eye(many) - Q @ Q.T  # what is left of white noise, in which neighbours are alike as well
-    positions, rates = (y[rows] @ white for y in (q, r))
+    for many in (4 * ROWS, 2 * ROWS, ROWS):  # in which polynomials leave no more of positions than noise
+        Q = np.linalg.qr(np.linspace(-1.0, 1.0, many)[:, None] ** np.arange(DEGREES[1] + 1))[0]
+        white = np.eye(many) - Q @ Q.T  # what is left of white noise, in which neighbours are alike as well
+        positions, rates = (each[:len(t) // many * many].reshape(-1, many) @ white for each in (q, r))
+        count = len(rates) * float(np.trace(white))
+        if np.sum(positions**2) <= WIDER * sigma**2 * count:
+            break
     sizes = [float(np.sqrt(np.sum(part**2))) or 1.0 for part in (positions, rates)]
-    most = sure / np.sqrt(len(rows) * np.trace(white))
+    most = sure / np.sqrt(count)
     for lag in (-1, 0, 1):
         one, other = (part[:, max(sign * lag, 0):many + min(sign * lag, 0)]
                       for sign, part in ((1, positions), (-1, rates)))
-        if abs(float(np.sum(one * other))) / (sizes[0] * sizes[1]) > most:
+        alike = abs(float(np.sum(one * other)))  # a controller moves by noise as well, but far less in one row
+        if alike > most * sizes[0] * sizes[1] and alike > SHARED * sizes[0] ** 2 / h:
             return None, "differences of positions, whose noise they share"
     for lag in range(1, ROWS // 2):
         alike = float(np.sum(rates[:, lag:] * rates[:, :-lag])) / sizes[1] ** 2
         if alike - float(np.trace(white, lag) / np.trace(white)) > most:
             return None, "filtered, or without noise: neighbours are alike"
-    whole = np.append(0.0, np.cumsum(0.5 * (r[1:] + r[:-1]) * np.diff(t)))
+    whole = CubicSpline(t, r).antiderivative()(t)
     many = max(int(BLOCK / h), 20)
     every = np.stack([r, whole, t, q - whole], axis=1)[:max(len(t) // many, 1) * many]
     blocks = every.reshape(-1, min(many, len(every)), 4)  # what noise has summed up before is a constant in each

@@ -9,16 +9,18 @@ stated.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import itertools
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.special import chdtr
 
 from crosscheck.errors import ArgumentError, Unsupported, unknown
 from crosscheck.recordings.columns import EFFORTS
@@ -65,6 +67,9 @@ the noise of inputs is unknown."""
 CRITICAL = 4.0
 """Standard deviations of an alteration that show it: with 25 alterations, one right log in 600 shows one."""
 
+DATED = 6.0
+"""Times u_val that a prediction has to miss to say since when, as more than one that is right may by its start."""
+
 MISSED = 1.645
 """More of them for 95 of 100 alterations of that size to show."""
 
@@ -92,21 +97,26 @@ class Cause:
     chi2: float
     free: int
     second: Cause | None = None  # that acts at the same time
+    since: float | None = None  # s, where it acts from some time on alone
+    way: str = ""  # of a sign: what has the other one
 
     @property
     def name(self) -> str:
         """Without its size."""
-        own = BY_NAME[self.what].of_owner(self.owner)
+        own = f"sign of {self.owner}'s {self.way}" if self.way else BY_NAME[self.what].of_owner(self.owner)
         return own if self.second is None else f"{own} with {self.second.name}"
 
     @property
     def said(self) -> str:
         """With its size and 95 % interval."""
+        if self.way:
+            return f"{self.name}, which is the other one"
         factor, half = 100.0 if self.unit == "%" else 1.0, 1.96 * self.sigma
         width = f"{factor * half:.2g}"
         places = 2 - math.ceil(math.log10(float(width))) if 0.0 < float(width) < math.inf else 3
         size = f"{factor * self.size:+.{max(places, 0)}f} {self.unit}, 95 % within {width} {self.unit}"
-        own = f"{BY_NAME[self.what].of_owner(self.owner)} {size}"
+        own = f"{BY_NAME[self.what].of_owner(self.owner)} {size}" + (
+            "" if self.since is None else f", from {self.since:.4g} s on")
         return own if self.second is None else f"{own}, with {self.second.said}"
 
     @property
@@ -130,9 +140,8 @@ class Predicted:
     u_input: np.ndarray
     u_num: np.ndarray
     ratio: np.ndarray  # (n, H) rms of error / u_val
-    since: float | None  # s, the first segment that misses more than three times u_val
+    since: float | None  # s, up to which the segment that is first to miss `DATED` times u_val does not
     starts: np.ndarray  # (S,) s
-    ends: np.ndarray  # (S, n) predictions at the last horizon, for comparison of models
 
     @property
     def allowed(self) -> float:
@@ -157,6 +166,7 @@ class Log:
 
     def __init__(self, scene: Scene, recording: Recording) -> None:
         groups = {g.owner: g for g in recording.groups if g.key == "joint_position"}
+        self.names = [joint.name for joint in scene.joints]
         self.t: list[np.ndarray] = []
         self.q: list[np.ndarray] = []
         self.noise: list[Noise] = []
@@ -327,7 +337,7 @@ def hermite(grid: np.ndarray, q: np.ndarray, v: np.ndarray, t: np.ndarray) -> np
                       + h * (v[k] * s * (1 - s) ** 2 + v[k + 1] * s**2 * (s - 1)))
 
 
-Flow = tuple[np.ndarray, np.ndarray, np.ndarray]
+Flow = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class Fit:
@@ -341,7 +351,7 @@ class Fit:
         for _ in range(HALVINGS):  # until half of the step changes little beside the noise
             rows = log.starts[self.picked[:20]], log.begun[self.picked[:20]]
             span = self.step * math.ceil(log.span / self.step)
-            ends = [np.hstack([part[-1] for part in system.flow(*rows, span, self.step * part)[1:]])
+            ends = [np.hstack([part[-1] for part in system.flow(*rows, span, self.step * part)[1:3]])
                     for part in (1.0, 0.5)]
             u_num = np.abs(ends[1] - ends[0]).max(axis=0)
             if (u_num < 0.3 * np.array([noise.sigma if len(t) else math.inf for t, _, noise in [
@@ -352,6 +362,7 @@ class Fit:
         self.begun = log.begun[self.picked]
         self.unknown = self.shaken[system.measured].sum(axis=0)  # covariance of accelerations by unknown efforts
         self._roots: dict[bytes, np.ndarray] = {}
+        self.nominal = np.zeros((2, 1))  # chi^2 without an alteration, and degrees of freedom, of segments
 
     def _sizes(self) -> np.ndarray:
         """(K,) alterations that change accelerations by about a hundredth of what they are."""
@@ -376,10 +387,10 @@ class Fit:
         self.shaken = np.einsum("sik,sjk,k->kij", S, S, noises**2) / len(S)  # their covariance by each effort
         return 1e-2 * np.array(made)
 
-    def flow(self, start: np.ndarray, altered: np.ndarray, step: float | None = None) -> Flow:
-        """(grid, q, v) of the fitted segments from these states (S, 2n)."""
-        return self.system.flow(self.log.starts[self.picked], start, self.log.span, step or self.step,
-                                np.tile(altered, (len(start), 1)))
+    def flow(self, start: np.ndarray, altered: np.ndarray, halves: np.ndarray | None = None) -> Flow:
+        """(grid, q, v, inputs) of the fitted segments from these states (S, 2n)."""
+        return self.system.flow(self.log.starts[self.picked], start, self.log.span, self.step,
+                                np.tile(altered, (len(start), 1)), halves)
 
     def slopes(self, flow: Flow, which: Sequence[int], altered: np.ndarray) -> np.ndarray:
         """(T, S, 2n, 2n + len(which)) derivatives of the flow of fitted segments by starts and by alterations."""
@@ -389,7 +400,7 @@ class Fit:
 
     def residuals(self, flow: Flow) -> list[np.ndarray]:
         """Of each fitted segment what is left of positions and rates, over their noise."""
-        n, (grid, q, v) = self.system.n, flow
+        n, (grid, q, v, _) = self.system.n, flow
         with np.errstate(invalid="ignore", over="ignore"):
             left = [np.concatenate([(values - (hermite(grid, q[:, s, k], v[:, s, k], t) if k < n else np.interp(
                 t, grid, v[:, s, k - n]))) / scale for k, (t, values, scale) in enumerate(self.data[s])])
@@ -426,7 +437,7 @@ class Fit:
         """
         size = 2 * self.system.n
         count = self.last[0][0].shape[1] - size
-        N, b, chi2, free, determinant = np.zeros((count, count)), np.zeros(count), 0.0, 0, 0.0
+        N, b, determinant, left = np.zeros((count, count)), np.zeros(count), 0.0, list[tuple[float, int]]()
         self.parts, self.follows = [], np.zeros((len(self.last), size, count))
         for s in range(0, len(self.last), every):
             (A, r), root = self.last[s], self.root(s)
@@ -439,8 +450,11 @@ class Fit:
             self.follows[s] = -np.linalg.pinv(R, rcond=1e-10) @ inner
             E, rest = A[:, size:] - Q @ inner, r - Q @ (Q.T @ r)
             self.parts.append((E.T @ E, E.T @ rest))
-            N, b, chi2, free = N + E.T @ E, b + E.T @ rest, chi2 + float(rest @ rest), free + len(r) - size
-        return N, b, chi2, free, determinant
+            left.append((float(rest @ rest), len(r) - size))
+            N, b = N + E.T @ E, b + E.T @ rest
+        self.left = np.array(left).T  # (2, S)
+        chi2, free = self.left.sum(axis=1)
+        return N, b, float(chi2), int(free), determinant
 
     def loosened(self) -> None:
         """Take the part of the noise of inputs as unknown that makes the last rows likeliest, without an alteration or
@@ -500,12 +514,12 @@ class Fit:
             designs = self.designs(flow, (), altered)
             change = np.array([np.linalg.lstsq(D, r, rcond=1e-10)[0] for D, r in zip(designs, left, strict=True)])
             other = start + share[:, None] * change
-            there = self.flow(other, altered)
+            there = self.flow(other, altered, flow[3])
             after = self.residuals(there)
             better = np.array([r @ r < p @ p for r, p in zip(after, left, strict=True)])
             gain = max(float((p @ p - r @ r) / (1.0 + p @ p)) for r, p in zip(after, left, strict=True))
             start[better] = other[better]
-            for part, now in zip(flow[1:], there[1:], strict=True):
+            for part, now in zip(flow[1:3], there[1:3], strict=True):
                 part[:, better] = now[:, better]
             left = [r if good else p for r, p, good in zip(after, left, better, strict=True)]
             share = np.where(better, np.minimum(1.0, 2 * share), 0.3 * share)
@@ -524,16 +538,15 @@ class Fit:
         rows = np.arange(len(log.starts))
         horizons = log.horizons
         altered = np.append(np.zeros(len(prior) - 1), between)
-        grid, q, v = self.system.flow(log.starts, log.begun, horizons[-1] + 2 * log.period, self.step,
-                                      np.tile(altered, (len(rows), 1)))
+        grid, q, v, halves = self.system.flow(log.starts, log.begun, horizons[-1] + 2 * log.period, self.step,
+                                              np.tile(altered, (len(rows), 1)))
         known = np.flatnonzero(prior).tolist()
-        by_start, by_altered = np.split(self.slopes((grid, q[:, self.picked], v[:, self.picked]), known, altered), [
-            2 * n], axis=-1)
+        some = grid, q[:, self.picked], v[:, self.picked], halves[:, :, self.picked]
+        by_start, by_altered = np.split(self.slopes(some, known, altered), [2 * n], axis=-1)
         near = self.picked[np.abs(self.picked[None] - rows[:, None]).argmin(axis=1)]  # segments that were not varied
         like = np.searchsorted(self.picked, near)
         error = np.full((len(rows), n, len(horizons)), np.nan)
         variance, given = np.zeros((2, *error.shape))
-        ends = np.zeros((len(rows), n))
         for j, h in enumerate(horizons):
             place = min(round(h / self.step), len(grid) - 1)
             for k in range(n):
@@ -549,22 +562,23 @@ class Fit:
                 variance[:, k, j] = np.einsum("si,sij,sj->s", Phi, spread, Phi) + log.noise[k].sigma**2
                 given[:, k, j] = np.sum((by_altered[place][like][:, k] * prior[prior > 0]) ** 2, axis=1) + (
                     self.unknown[k, k] * log.period * h**3 / 3)
-                ends[:, k] = told
         num = np.zeros((n, len(horizons))) if u_num is None else u_num
         z = error / np.sqrt(variance + given + num**2)
-        worst = np.nanmax(np.abs(z), axis=(1, 2))
-        beyond = np.flatnonzero(worst > 3.0)
+        beyond = np.abs(np.nan_to_num(z)).max(axis=1) > DATED  # of each start by horizon
+        first = beyond.argmax(axis=1)
+        dates = [(log.starts[s] + horizons[j], -log.starts[s] - (0.0, *horizons)[j])  # missed then, and not before
+                 for s, j in enumerate(first) if beyond[s, j]]
         rms = functools.partial(np.sqrt)
         return Predicted(horizons, rms(np.nanmean(error**2, axis=0)), rms(variance.mean(axis=0)),
                          rms(given.mean(axis=0)), num, rms(np.nanmean(z**2, axis=0)),
-                         float(log.starts[beyond[0]]) if len(beyond) else None, log.starts, ends)
+                         -min(dates)[1] if dates else None, log.starts)
 
     def numerical(self, horizons: Sequence[float], count: int = 3) -> np.ndarray:
         """(n, H) how far predictions are from truth, which crosses every break of the inputs, in so many segments."""
         log, system = self.log, self.system
         worst = np.zeros((system.n, len(horizons)))
         rows = np.unique(np.linspace(0, len(log.starts) - 1, count).astype(int))
-        grid, q, v = system.flow(log.starts[rows], log.begun[rows], horizons[-1], self.step)
+        grid, q, v, _ = system.flow(log.starts[rows], log.begun[rows], horizons[-1], self.step)
         for s, row in enumerate(rows):
             scene = system.at_start(log.state[row, :, 0], log.state[row, :, 1], float(log.starts[row]), horizons[-1])
             series = dense(scene.replace(duration=min(horizons[-1], 2 * log.period))).series
@@ -621,21 +635,20 @@ def scatter(sizes: np.ndarray, weights: np.ndarray) -> float:
 
     Source: R. DerSimonian, N. Laird, Controlled Clinical Trials 7 (1986) 177, where Cochran's Q is beyond 95 %.
     """
-    from scipy.stats import chi2
-
     mean, count = float(weights @ sizes / weights.sum()), len(sizes) - 1
     Q = float(weights @ (sizes - mean) ** 2)
-    if count < 1 or chi2.cdf(Q, count) <= 0.95:
+    if count < 1 or chdtr(count, Q) <= 0.95:
         return 0.0
     return (Q - count) / float(weights.sum() - weights @ weights / weights.sum())
 
 
-def refined(fit: Fit, which: Sequence[int], rounds: int = 8) -> Cause:
-    """Alterations, fitted together where the motion is not linear in them.
+def refined(fit: Fit, which: Sequence[int], begin: float = 0.0, rounds: int = 8) -> Cause:
+    """Alterations, fitted together from `begin` where the motion is not linear in them.
 
     What a size differs by from segment to segment beyond its noise is no noise, and is not less in their mean.
     """
     altered, begun, last, rows = np.zeros(len(fit.system.names)), fit.begun, len(fit.system.names) - 1, list(which)
+    altered[rows] = begin
     named = [(*fit.system.names[k], fit.system.units[k]) for k in rows]
     made, before = [Cause(*name, 0.0, math.inf, math.inf, 1) for name in named], math.inf
     parts = PARTS if fit.system.unsure and ("delay", "") not in [fit.system.names[k] for k in rows] else np.zeros(1)
@@ -657,7 +670,25 @@ def refined(fit: Fit, which: Sequence[int], rounds: int = 8) -> Cause:
         if all(abs(by) < 0.05 * each.sigma for by, each in zip(change, made, strict=True)):
             break
     fit.begun = begun
+    if len(rows) == 1:
+        return since(fit, rows[0], made[0])
     return functools.reduce(lambda rest, each: dataclasses.replace(each, second=rest), made[::-1])
+
+
+def since(fit: Fit, k: int, cause: Cause) -> Cause:
+    """An alteration, or the same after the first segment that lacks something without it, if that leaves clearly less.
+    """
+    left, free = fit.nominal
+    first = int(np.argmax(left > COVER * free))
+    if not 0 < first < len(left) - 1:
+        return cause
+    later = copy.copy(fit)
+    later.picked, later.begun, later.nominal = fit.picked[first + 1:], fit.begun[first + 1:], fit.nominal[:, first + 1:]
+    later.data = fit.data[first + 1:]
+    made = refined(later, [k], cause.size)
+    made = dataclasses.replace(made, chi2=made.chi2 + left[:first].sum() + free[first], free=made.free + int(
+        free[:first + 1].sum()), since=float(fit.log.starts[fit.picked[first]]))
+    return made if cause.chi2 - made.chi2 > CRITICAL**2 * max(1.0, made.chi2 / made.free) else cause
 
 
 def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
@@ -705,6 +736,7 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
     fit.normal(range(last + 1), none)
     fit.loosened()
     N, b, chi2, free, _ = fit.reduced()
+    fit.nominal = fit.left
     parts = PARTS if system.unsure else np.zeros(1)
     known = np.flatnonzero(prior > 0)
     gains, sizes = np.zeros(last), np.full(last, math.inf)
@@ -727,8 +759,8 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
         M, g, _ = without(np.array([k, last]), known[known != k])
         if M[0, 0] > 1e-9 * N[k, k]:
             _, sigma, gain, _ = alone(M, g, parts if system.names[k][0] != "delay" else np.zeros(1), system.least[k])
-            more = max(straight(M, g)[1] - gain, 0.0)
-            gains[k] = more * sigma[0] ** 2 / (sigma[0] ** 2 + prior[k] ** 2)
+            gain = max(straight(M, g)[1] - gain, 0.0)
+            gains[k] = gain * sigma[0] ** 2 / (sigma[0] ** 2 + prior[k] ** 2)
             sizes[k] = math.sqrt(sigma[0] ** 2 + prior[k] ** 2)
     M, g, given = without(np.array([last]), known)
     between, less = straight(M, g)
@@ -742,41 +774,81 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
     beyond = bool(chi2 - given > COVER**2 * free)  # of what uncertain inputs may make
     if gains[order[0]] <= CRITICAL**2 * scale and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
-    made = [refined(fit, order[:1])]
+    made, skipped = [refined(fit, order[:1])], 0
 
-    def explains(cause: Cause) -> float:
-        return (chi2 - cause.chi2) / max(chi2 - free, chi2 - cause.chi2, 1e-300)
+    def explains() -> float:
+        gain = chi2 - min(cause.chi2 for cause in made)
+        return gain / max(chi2 - free, gain, 1e-300)
 
-    skipped = 0
-    for k in order[1:TRIED]:
-        if gains[k] > NEAR * gains[order[0]] and (
-                made[0].chi2 > COVER * free or N[k, order[0]] ** 2 > PARALLEL * N[k, k] * N[order[0], order[0]]):
+    def more(ways: Iterable[Callable[[], Cause]]) -> None:
+        nonlocal skipped
+        for way in ways:
             if time.process_time() > until:
                 skipped += 1
-                continue
-            made.append(refined(fit, [k]))
-            made.sort(key=lambda cause: cause.chi2)
-    if explains(made[0]) < ENOUGH and made[0].chi2 > COVER * free and not len(known):
+            elif (cause := way()).sure:
+                made.append(cause)
+        made.sort(key=lambda cause: cause.chi2 + ALIKE * (cause.second is not None))
+
+    def lacking(enough: float = ENOUGH) -> bool:
+        return explains() < enough and made[0].chi2 > COVER * free and not len(known)
+
+    more(functools.partial(refined, fit, [k]) for k in order[1:TRIED] if gains[k] > NEAR * gains[order[0]] and (
+        made[0].chi2 > COVER * free or N[k, order[0]] ** 2 > PARALLEL * N[k, k] * N[order[0], order[0]]))
+    if lacking(1.0):
+        more(functools.partial(cut_off, fit, k) for k in range(system.n) if system.efforts[k])
+    if lacking() or (made[0].what == "torque gain" and made[0].size < -1.0):
+        more(functools.partial(reversed_sign, fit, k, way) for k in range(system.n) for way in SIGNS)
+    if lacking():
         pairs = [(i, j) for i, j in itertools.combinations(np.flatnonzero(sizes < math.inf).tolist(), 2)
                  if N[i, j] ** 2 < TOGETHER * N[i, i] * N[j, j]]
         gained = {pair: alone(N[np.ix_(rows, rows)], b[list(rows)], parts, system.least[list(pair)])[2]
                   for pair in pairs for rows in [(*pair, last)]}
-        for pair in sorted(gained, key=lambda pair: gained[pair])[:PAIRS]:
-            if time.process_time() > until:
-                skipped += 1
-            elif (both := refined(fit, pair)).sure:
-                made.append(both)
-        made.sort(key=lambda cause: cause.chi2 + ALIKE * (cause.second is not None))
+        more(functools.partial(refined, fit, pair) for pair in sorted(gained, key=lambda pair: gained[pair])[:PAIRS])
     best = made[0]
     spare = max(1.0, best.chi2 / free)
-    explained = explains(best)
     if not best.sure and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
-    named = explained > EXPLAINS and best.sure
+    named = explains() > EXPLAINS and best.sure
     alike = [each for each in made if each.chi2 - best.chi2 <= ALIKE * spare and (
         each.second is None or best.second is not None)]
-    return Answer(predicted, alike if named else [], explained, math.sqrt(chi2 / free), shown, True, skipped)
+    alike = [each for each in alike if each.way] or alike  # there is nothing to fit in it
+    if predicted.since is not None:
+        for each in alike:
+            if each.since is not None and each.since < predicted.since < each.since + log.span:
+                each.since = predicted.since
+    return Answer(predicted, alike if named else [], explains(), math.sqrt(chi2 / free), shown, True, skipped)
 
+
+def cut_off(fit: Fit, k: int) -> Cause:
+    """The k-th joint's largest torque below that of its inputs, which shows in no small alteration."""
+    altered, row = np.zeros(len(fit.system.names)), fit.system.names.index(("largest torque", fit.log.names[k]))
+    left = {}
+    for begin in CUTS:
+        altered[row] = begin
+        left[begin] = fit.normal((row,), altered, 2)[2]
+    return refined(fit, [row], min(left, key=lambda begin: left[begin]))
+
+
+def reversed_sign(fit: Fit, k: int, way: str) -> Cause:
+    """The k-th joint's positions and rates, its inputs, or both with the other sign."""
+    log, system = copy.copy(fit.log), copy.copy(fit.system)
+    if "positions" in way:
+        log.q, log.rates, log.state = [*log.q], [*log.rates], log.state.copy()
+        t, rates, noise = log.rates[k]
+        log.q[k], log.rates[k] = -log.q[k], (t, -rates, noise)
+        log.state[:, k] *= -1.0
+    if "inputs" in way:
+        for name in ("efforts", "targets", "target_velocities"):
+            setattr(system, name, [signal and dataclasses.replace(signal, values=-signal.values) if at == k else signal
+                                   for at, signal in enumerate(getattr(system, name))])
+    other = Fit(log, system, len(fit.picked))
+    other.unknown = fit.unknown
+    _, _, chi2, free = other.normal((), np.zeros(len(system.names)))
+    return Cause("sign", log.names[k], "", 1.0, 0.0, chi2, free, way=way)
+
+
+CUTS, SIGNS = (-0.1, -0.3, -0.5, -0.7), ("inputs", "positions", "positions and inputs")
+"""Parts of the largest torque from which one that is smaller is fitted; what may have the other sign."""
 
 PATIENCE = 40.0
 """s of processor time after which no further cause is fitted."""

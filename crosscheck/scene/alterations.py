@@ -65,6 +65,7 @@ QUANTITIES = (
     Quantity("torque offset", "joint", "N m"), Quantity("zero", "joint", "rad", "zero of {}'s encoder"),
     Quantity("stiffness", "joint", "%", "stiffness of {}'s servo", positive=True),
     Quantity("derivative gain", "joint", "%", "derivative gain of {}'s servo", positive=True),
+    Quantity("largest torque", "joint", "%", "the largest torque of {}", positive=True),  # below that of the inputs
     Quantity("delay", "", "s", "delay of the inputs"),
     *(Quantity(f"tilt {axis}", "", "rad", f"the base turned about {axis}") for axis in "xy"),  # of the world
     Quantity("gravity", "", "%", "gravity"), Quantity("between", "", ""))

@@ -56,6 +56,9 @@ class Spoiled:
     rate: float = 200.0  # rows a second
     held: int = 1  # rows for which a command is held
     rates: float = 0.0  # rad/s or m/s, standard deviation of recorded rates; 0: none are
+    most: float = np.inf  # N m, what the motor of the elbow gives at most
+    load: tuple[float, float] = (0.0, 0.0)  # kg at the centre of mass of the lower body, and from when on (s)
+    signs: tuple[float, float] = (1.0, 1.0)  # of encoders
 
 
 def log(plan: str, seed: int, spoiled: Spoiled, duration: float = 4.0, **changed: float) -> dict[str, np.ndarray]:
@@ -86,11 +89,15 @@ def log(plan: str, seed: int, spoiled: Spoiled, duration: float = 4.0, **changed
                 queue.append((t + spoiled.delay, told))
             count += 1
             if rng.uniform() >= spoiled.dropped:
-                rows.append([t, *seen, *told, *(data.qvel + spoiled.rates * of_rates.standard_normal(2))])
+                rates = data.qvel + spoiled.rates * of_rates.standard_normal(2)
+                rows.append([t, *(seen * spoiled.signs), *told, *rates])
             due += max(1, round((1.0 / spoiled.rate + spoiled.jitter * rng.uniform(-1.0, 1.0)) / fine)) * fine
         while len(queue) > 1 and queue[1][0] <= t + 1e-9:
             queue.pop(0)
         data.qfrc_applied[:] = np.array(spoiled.gains) * queue[0][1] + spoiled.offsets
+        data.qfrc_applied[1] = np.clip(data.qfrc_applied[1], -spoiled.most, spoiled.most)
+        if spoiled.load[0] and abs(t - spoiled.load[1]) < 0.5 * fine:
+            machine.body_mass[2] += spoiled.load[0]
         mujoco.mj_step(machine, data)
     names = ["time", "shoulder_pos", "elbow_pos", "shoulder_torque", "elbow_torque", "shoulder_vel", "elbow_vel"]
     return dict(zip(names[:None if spoiled.rates else 5], np.array(rows).T, strict=False))

@@ -232,7 +232,7 @@ def test_flow_and_its_slopes_across_stops(rubbing):
     slopes = fit.slopes(flow, which, none)[..., 2 * system.n:]
     for k, (each, size) in enumerate(zip(which, (1e-6, 1e-7, 1e-7), strict=True)):
         ahead = fit.flow(fit.begun, none + size * (np.arange(len(none)) == each))
-        true = np.concatenate([(a - b) / size for a, b in zip(ahead[1:], flow[1:], strict=True)], axis=-1)
+        true = np.concatenate([(a - b) / size for a, b in zip(ahead[1:3], flow[1:3], strict=True)], axis=-1)
         off = np.abs(slopes[..., k] - true).max(axis=(0, 2)) / np.abs(true).max(axis=(0, 2))
         assert np.median(off) < 1e-3, system.names[each]
 
@@ -401,7 +401,7 @@ def test_rates_that_are_measured_narrow_what_may_be_wrong(scenes):
 
 
 @pytest.mark.parametrize(("spoil", "says"), [
-    (lambda v, d: v + d, "measured on their own"), (lambda v, d: np.roll(v, 2) + d, "late by 0.0097 s"),
+    (lambda v, d: v + d, "measured on their own"), (lambda v, d: np.roll(v, 2) + d, "late by 0.0098 s"),
     (lambda v, d: 1.02 * v + d, "scaled by 1.02"), (lambda v, d: v + 0.01 + d, "off by 0.01"),
     (lambda v, d: v + np.convolve(d, np.ones(5) / 5, "same"), "filtered, or without noise")])
 def test_what_recorded_rates_are(spoil, says):
@@ -411,6 +411,17 @@ def test_what_recorded_rates_are(spoil, says):
         v, 1e-2 * rng.standard_normal(1000)), CRITICAL)
     assert what.startswith(says)
     assert (own is not None) is (says == "measured on their own")
+
+
+@pytest.mark.parametrize(("rate", "fast"), [(50.0, 10.0), (100.0, 20.0), (200.0, 20.0)])
+def test_true_rates_of_a_fast_motion_are_no_differences(rate, fast):
+    """Polynomials do not follow it over many rows: what they leave of rates is that of positions, and no noise."""
+    rng, t = np.random.default_rng(0), np.arange(int(4 * rate)) / rate
+    q, v = np.sin(fast * t) + 0.3 * np.sin(1.7 * fast * t), fast * (np.cos(fast * t) + 0.51 * np.cos(1.7 * fast * t))
+    given = q + 1e-4 * rng.standard_normal(len(t))
+    for rates, own in ((v + 1e-2 * rng.standard_normal(len(t)), True), (np.gradient(given, t), False), (
+            np.diff(given, prepend=given[0]) * rate, False)):
+        assert (noise.of_rates(t, given, 1e-4, rates, CRITICAL)[1] == "measured on their own") is own
 
 
 def with_servo(scene, **parameters):
@@ -455,6 +466,37 @@ def test_wrong_gains_of_a_servo_are_named(tmp_path, cause, gains):
 def test_two_mistakes_are_named_together(scenes, cause, changed):
     verdict = crosscheck.judge_recording(scenes["arm"], frame(spoiled=Spoiled(2e-4), duration=2.5, **changed))
     assert sorted(verdict.cause.split(" with ")) == sorted(cause.split(" with "))
+
+
+@pytest.mark.parametrize(("spoiled", "cause"), [
+    ({"most": 0.4}, "the largest torque of elbow"), ({"gains": (1.0, 0.8)}, "torque gain of elbow"),
+    ({"signs": (1.0, -1.0)}, "sign of elbow's positions")])
+def test_a_torque_that_saturates_and_a_sign_are_no_gains(scenes, spoiled, cause):
+    verdict = crosscheck.judge_recording(scenes["arm"], frame(seed=3, spoiled=Spoiled(5e-4, **spoiled)), resolution=0.1)
+    assert verdict.cause == cause, str(verdict)
+
+
+def test_a_command_with_the_other_sign_is_no_gain_beyond_nothing(scenes):
+    log = frame(seed=3, spoiled=Spoiled(5e-4))
+    verdict = crosscheck.judge_recording(scenes["arm"], log.assign(elbow_torque=-log.elbow_torque), resolution=0.1)
+    assert verdict.cause == "sign of elbow's inputs", str(verdict)
+
+
+@pytest.mark.parametrize("begin", [None, 1.3])
+def test_a_load_is_dated_where_it_was_not_there_from_the_start(scenes, begin):
+    """What its prediction misses is dated as well, not by the start of a segment that meets it later."""
+    if begin is None:
+        log = frame(seed=4, spoiled=Spoiled(5e-4), m2=0.65)
+    else:
+        log = frame(seed=4, spoiled=Spoiled(5e-4, load=(0.1, begin)), duration=4.0)
+    verdict = crosscheck.judge_recording(scenes["arm"], log, resolution=0.1)
+    said = next(line for line in verdict.lines if line.startswith("cause"))
+    assert verdict.cause == "mass of lower", str(verdict)
+    size, half = interval(verdict, "mass of lower")
+    assert abs(size - 100 * 0.1 / 0.55) < 1.5 * half
+    dates = re.findall(r"from ([\d.]+) s", str(verdict))
+    assert ("s on" in said) is (begin is not None)
+    assert all(abs(float(date) - begin) < 0.2 for date in dates) if begin else float(dates[0]) < 0.2
 
 
 def test_when_a_servo_samples_is_in_no_log(scenes, right):

@@ -57,6 +57,7 @@ def run(
     from crosscheck.document.outcomes import EXIT_CODES
     from crosscheck.report.headline import assumptions, ending
     from crosscheck.verification import run as run_scene
+    from crosscheck.verification.scene_truth import until_its_end
 
     if method is None:
         if engine == "lieeuler":
@@ -73,7 +74,10 @@ def run(
         write_script(scene, engine, method, step, {
             **given, "rtol": rtol, "csv": csv_file}, reading, out, issue)
         return
-    prepared = options.loaded(scene, reading)
+    prepared, ended = options.loaded(scene, reading), ""
+    if duration is None:
+        with progress_bar(f"truth of {prepared.name}"):
+            prepared, ended = until_its_end(prepared, step)
     with _ending(engine), progress_bar(f"{engine} {method} runs {prepared.name}"):
         traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **given)
     if csv_file is not None:
@@ -81,7 +85,7 @@ def run(
     if csv_file != "-":
         with progress_bar(f"{engine} {method} has run, truth of {prepared.name}"):
             judged = traj.verdict(scene, need)
-        say(_first_line(judged))
+        say(_first_line(judged) + (f"; {ended}, and the run there; --duration goes on" if ended else ""))
         _print_run(traj.scene, traj, csv_file, step)
         if judged is not None:
             for each in assumptions([judged]):

@@ -51,7 +51,7 @@ def plan_of(scene: Scene, motion: Motion | None, most_steps: int, most_seconds: 
         np.nanmax(np.linalg.norm(motion.w, axis=-1), initial=0.0)))
     samples = max(26, 251 // max(1, scene.n // 2))
     if asked.step is not None:
-        samples, length = _outputs(asked.step, whole, samples, asked.duration is None)
+        samples, length = outputs(asked.step, whole, samples, asked.duration is None)
         return Plan({1: asked.step}, samples=samples, duration=duration if length == whole else length)
     interval, most = whole / (samples - 1), most_steps / math.sqrt(scene.n) / (samples - 1)
     wanted = {order: interval * rate * share ** (-1 / (order + 1)) for order, share in RESOLVE.items()}
@@ -61,7 +61,7 @@ def plan_of(scene: Scene, motion: Motion | None, most_steps: int, most_seconds: 
     return Plan(steps, samples=samples, duration=duration)
 
 
-def _outputs(step: float, whole: float, samples: int, shorter: bool) -> tuple[int, float]:
+def outputs(step: float, whole: float, samples: int, shorter: bool) -> tuple[int, float]:
     """The number of samples, at most `samples`, and the duration (s), so that whole steps lead from output to output.
 
     If `shorter`, it may end before `whole`, by less than an interval; else the step is cut, by as little as makes whole

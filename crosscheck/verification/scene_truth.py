@@ -10,11 +10,13 @@ from crosscheck.document import AS_PLANNED, Asked, Plan, SceneTruth, Truth
 from crosscheck.errors import Unsupported, said
 from crosscheck.judge.rounding import rounding_of
 from crosscheck.references import TruthError
-from crosscheck.references.base import GROWN
+from crosscheck.references.base import GROWN, ending
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
+from crosscheck.scene.models import lasts_by_default
+from crosscheck.verification.cell import MANY
 from crosscheck.verification.curves import scene_curves
-from crosscheck.verification.plan import plan_of
+from crosscheck.verification.plan import outputs, plan_of
 from crosscheck.verification.task import load
 
 
@@ -61,11 +63,28 @@ def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED
                   horizon=reference.horizon,
                   events=reference.events[:MOST_EVENTS],
                   ended=ends[1] if ends else "")
-    if ends is not None and asked.duration is None:
+    if ends is not None and asked.duration is None and not lasts_by_default(given):
         plan = replace(plan, covered=scene.duration / first.duration, ends=ends)
     own = sizes(scene, reference.states)
     return replace(described(scene, plan), truth=known, sizes=own, rounding=rounding_of(scene, reference, own),
                    curves=scene_curves(scene, reference))
+
+
+def until_its_end(scene: Scene, step: float | None = None) -> tuple[Scene, str]:
+    """The scene of a model file up to where a monitor ends its truth, and why, if nobody gave its duration.
+
+    A fixed `step` (s) is kept.
+    """
+    if not lasts_by_default(scene) or scene.n > MANY:
+        return scene, ""
+    try:
+        dense = references.dense(scene)
+    except (Unsupported, TruthError):
+        return scene, ""
+    if dense.horizon >= scene.duration or dense.horizon_cause in ("", GROWN):
+        return scene, ""
+    samples, end = (scene.samples, dense.horizon) if step is None else outputs(step, dense.horizon, scene.samples, True)
+    return scene.replace(duration=end, samples=samples), ending(dense.horizon, dense.horizon_cause)
 
 
 MOST_EVENTS = 200

@@ -27,6 +27,15 @@ LIMITS = {"processor": 45.0, "memory": 4 * 2**30, "time": 900.0}
 T = TypeVar("T")
 
 
+DURATION = 2.0
+"""Time (s) that the scene of a model file lasts if none is given."""
+
+
+def lasts_by_default(scene: Scene) -> bool:
+    """Whether nobody gave the scene's duration: it is that of a model file."""
+    return "imported" in scene.tags and scene.duration == DURATION
+
+
 def is_model(path: object) -> bool:
     """Whether this is the name of a model file."""
     return isinstance(path, str | os.PathLike) and Path(os.fsdecode(path)).suffix.lower() in SUFFIXES
@@ -34,7 +43,7 @@ def is_model(path: object) -> bool:
 
 def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None, drop: bool = False,
                  base: Literal["fixed", "free"] = "fixed", qpos: Sequence[float] | None = None,
-                 qvel: Sequence[float] | None = None, duration: float = 2.0, samples: int = 101,
+                 qvel: Sequence[float] | None = None, duration: float = DURATION, samples: int = 101,
                  balance: bool = False, root: str | None = None, actuators: Literal["keep", "drop"] = "keep",
                  controls: Mapping[str, Any] | None = None, limits: Literal["keep", "monitor", "drop"] = "monitor",
                  contacts: Literal["monitor", "drop"] = "monitor", friction: Literal["keep", "drop"] = "keep",

@@ -142,10 +142,6 @@ def has_own_environment(name: str) -> bool:
     return "==" in name or (name in built_in.ENTRIES and bool(built_in.ENTRIES[name].version))
 
 
-LOOK = 1.0
-"""Time (s) between two looks at which processes there are."""
-
-
 def clock(name: str) -> Callable[[], float]:
     """The clock (s) of what runs of an engine take: the processor's, so that a busy machine does not count.
 
@@ -153,21 +149,9 @@ def clock(name: str) -> Callable[[], float]:
     """
     if not (is_own(name) or has_own_environment(name)):
         return time.process_time
-    import psutil
+    from crosscheck.jobs.workers.process import Family
 
-    family, seen = [psutil.Process()], -LOOK
-
-    def used() -> float:
-        nonlocal family, seen
-        if time.monotonic() - seen > LOOK:
-            seen, family = time.monotonic(), [family[0], *family[0].children(recursive=True)]
-        total = 0.0
-        for process in family:
-            with contextlib.suppress(psutil.Error):  # it has ended, and counts to the one that waited for it
-                total += sum(process.cpu_times()[:4])
-        return total
-
-    return used
+    return Family(whole=True).processor
 
 
 def methods(name: str) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from crosscheck.judge.system_flow import Flowed, SystemFlow
 from crosscheck.judge.world import begun
 from crosscheck.references import TruthError, dense
 from crosscheck.references.base import GROWN, Reference, ending
+from crosscheck.references.dense_output import Truth
 from crosscheck.references.modes import Mode
 from crosscheck.scene import mechanics
 from crosscheck.scene.assembly import closed
@@ -164,7 +165,7 @@ def growth(scene: Scene, truth: Reference | None, t: np.ndarray) -> np.ndarray:
     return np.asarray(np.interp(np.minimum(t, until), known.times, most) * np.maximum(1.0, t / until))
 
 
-def end_of_truth(truth: Reference | None) -> float:
+def end_of_truth(truth: Reference | Truth | None) -> float:
     """The time (s) at which truth ends by what acts there; by chaos none ends, as each segment has its own."""
     return math.inf if truth is None or truth.horizon_cause in ("", GROWN) else truth.horizon
 

@@ -9,8 +9,9 @@ from crosscheck.compare.sizes import sizes
 from crosscheck.document import AS_PLANNED, Asked, Plan, SceneTruth, Truth
 from crosscheck.errors import Unsupported, said
 from crosscheck.judge.rounding import rounding_of
+from crosscheck.judge.segments import end_of_truth
 from crosscheck.references import TruthError
-from crosscheck.references.base import GROWN, ending
+from crosscheck.references.base import ending
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.models import lasts_by_default
@@ -46,8 +47,8 @@ def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED
             if asked.duration is not None:
                 raise
         dense = references.dense(first)
-        if dense.horizon <= first.duration * (1 + 1e-12) and dense.horizon_cause not in ("", GROWN):
-            ends = dense.horizon, dense.horizon_cause
+        if (end := end_of_truth(dense)) <= first.duration * (1 + 1e-12):
+            ends = end, dense.horizon_cause
         if reference is None or (ends is not None and asked.duration is None):
             most_seconds = dense.horizon  # outputs beyond the end of a claim show nothing
             reference = references.truth(load(name, planned(None, most_seconds)))
@@ -81,10 +82,10 @@ def until_its_end(scene: Scene, step: float | None = None) -> tuple[Scene, str]:
         dense = references.dense(scene)
     except (Unsupported, TruthError):
         return scene, ""
-    if dense.horizon >= scene.duration or dense.horizon_cause in ("", GROWN):
+    if (end := end_of_truth(dense)) >= scene.duration:
         return scene, ""
-    samples, end = (scene.samples, dense.horizon) if step is None else outputs(step, dense.horizon, scene.samples, True)
-    return scene.replace(duration=end, samples=samples), ending(dense.horizon, dense.horizon_cause)
+    samples, last = (scene.samples, end) if step is None else outputs(step, end, scene.samples, True)
+    return scene.replace(duration=last, samples=samples), ending(end, dense.horizon_cause)
 
 
 MOST_EVENTS = 200

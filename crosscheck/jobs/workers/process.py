@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import pickle
@@ -33,8 +34,8 @@ GIGABYTE = 2**30
 TICK = 0.05
 """Time (s) between two checks of a busy worker. Memory fills by a few gigabytes per second at most."""
 
-FAMILY = 20
-"""Ticks between two searches for processes that the worker has started. A search takes milliseconds."""
+LOOK = 1.0
+"""Time (s) between two searches for the processes that one has started. A search takes milliseconds."""
 
 START = 60.0
 """Time (s) that a process may take to start and to import what a task names, before the limit of the task counts."""
@@ -73,6 +74,37 @@ class Limits:
     processor: float | None = None  # s of processor time of the same, which other programs do not lengthen
 
 
+class Family:
+    """The processes that one has started, however deep, and this one if `whole`.
+
+    Parameters
+    ----------
+    pid : None: this process
+    """
+
+    def __init__(self, pid: int | None = None, whole: bool = False) -> None:
+        self._pid, self._whole, self._members, self._seen = pid, whole, list[psutil.Process](), -LOOK
+
+    def processor(self) -> float:
+        """Processor time (s) of all, with those of them that have ended and were waited for, to hundredths."""
+        return self._sum(lambda process: sum(process.cpu_times()[:4]))
+
+    def memory(self) -> float:
+        """Resident bytes of all."""
+        return self._sum(lambda process: process.memory_info().rss)
+
+    def _sum(self, number: Callable[[psutil.Process], float]) -> float:
+        total = 0.0
+        if not self._members or time.monotonic() - self._seen > LOOK:
+            with contextlib.suppress(psutil.Error):
+                first, self._seen = psutil.Process(self._pid), time.monotonic()
+                self._members = [*[first] * self._whole, *first.children(recursive=True)]
+        for process in self._members:
+            with contextlib.suppress(psutil.Error):  # it has ended
+                total += number(process)
+        return total
+
+
 class Worker:
     """One process that runs one task after the other. Only one thread may use it at a time, except for `kill`.
 
@@ -92,7 +124,7 @@ class Worker:
         with there:  # in a group of its own, which Ctrl-C does not reach
             self._process = subprocess.Popen(command, stdin=there.fileno(), stdout=self._printed, stderr=self._printed,
                                              env={**threads.ONE, **os.environ}, process_group=0)
-        self._pipe, self._family = frames.Pipe(here), list[psutil.Process]()
+        self._pipe, self._family = frames.Pipe(here), Family(self._process.pid)
         self._path = None if self._python else list(sys.path)
         self._reason = self._at = ""
 
@@ -113,7 +145,8 @@ class Worker:
         except (pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError) as error:
             return Crash(f"the task cannot be sent to a worker: {error}")
         os.ftruncate(self._printed.fileno(), 0)
-        self._at, self._began, self._used, over = "", time.monotonic() + START, self._processor(), threading.Event()
+        self._at, self._began, self._used = "", time.monotonic() + START, self._family.processor()
+        over = threading.Event()
         watch = threading.Thread(target=self._watch, args=(limits or Limits(), over), daemon=True)
         watch.start()
         try:
@@ -140,19 +173,7 @@ class Worker:
 
     def memory(self) -> float:
         """Resident bytes of the worker and of the processes that it was last seen to have started."""
-        return self._sum(lambda process: process.memory_info().rss)
-
-    def _processor(self) -> float:
-        """Processor time (s) that the same processes have used, and those that they have waited for."""
-        return self._sum(lambda process: sum(process.cpu_times()[:4]))
-
-    def _sum(self, number: Callable[[psutil.Process], float]) -> float:
-        try:
-            self._family = self._family or psutil.Process(self._process.pid).children(recursive=True)
-            return sum(number(process) for process in self._family)
-        except psutil.Error:  # one has ended, the next look is at the others
-            self._family = []
-            return 0
+        return self._family.memory()
 
     def printed(self) -> str:
         """What the last task printed. Of a long text, only the end."""
@@ -181,7 +202,7 @@ class Worker:
                 if not isinstance(answer, str):
                     return answer
                 if not answer:  # the process has started
-                    self._began, self._used = time.monotonic(), self._processor()
+                    self._began, self._used = time.monotonic(), self._family.processor()
                 self._at = answer
         except (EOFError, OSError):
             try:
@@ -207,18 +228,14 @@ class Worker:
 
     def _watch(self, limits: Limits, over: threading.Event) -> None:
         """Kill the worker if the running task exceeds its limits."""
-        tick = 0
         while not over.wait(TICK):
             if limits.time is not None and time.monotonic() - self._began > limits.time:
                 return self.kill(f"stopped: it did not end within the time limit of {limits.time:g} s")
-            if limits.processor is not None and self._processor() - self._used > limits.processor:
+            if limits.processor is not None and self._family.processor() - self._used > limits.processor:
                 return self.kill(f"stopped: it did not end within {limits.processor:g} s of processor time")
-            if tick % FAMILY == 0:
-                self._family = []
             if limits.memory is not None and self.memory() > limits.memory:
                 return self.kill("stopped: it took more memory than the limit of "
                                  f"{limits.memory / GIGABYTE:.3g} GB resident")
             if os.fstat(self._printed.fileno()).st_size > MOST_PRINTED:
                 return self.kill(f"stopped: it printed more than {MOST_PRINTED >> 20} MB")
-            tick += 1
         return None

@@ -174,13 +174,17 @@ class Maximal:
         return self.packed(States(states.t, states.v, states.R @ hat(states.w), a, alpha, hinges=hinges)), holding
 
     def sizes(self, y: np.ndarray) -> np.ndarray:
-        """(18n + h,) the largest entries of each kind of rows y: that of the scene at least, and 1 of angles."""
-        n = self.scene.n
+        """(18n + h,) the largest entries of each kind of rows y: the scene's length and 1 of turns at least.
+
+        A rate is at least that of the other kind over the length, since one of two kinds may be rounding alone, as
+        where bodies slide and do not turn, and what gravity gives over the length, for a scene at rest.
+        """
+        n, length = self.scene.n, scene_length(self.scene)
         counts = [3 * n, 9 * n, 3 * n, 3 * n, len(self.scene.hinges)]
-        least = [scene_length(self.scene), 1.0, 0.0, 0.0, 1.0]
-        parts = np.split(np.abs(y).max(axis=0), np.cumsum(counts[:-1]))
-        return np.repeat([max(float(part.max(initial=0.0)), low, 1e-300) for part, low in zip(
-            parts, least, strict=True)], counts)
+        x, R, v, w, hinges = (float(part.max(initial=0.0)) for part in np.split(
+            np.abs(y).max(axis=0), np.cumsum(counts[:-1])))
+        speed = max(v, w * length, math.sqrt(float(np.linalg.norm(self.scene.gravity)) * length), 1e-300)
+        return np.repeat([max(x, length), max(R, 1.0), speed, speed / length, max(hinges, 1.0)], counts)
 
     # Runs.
 

@@ -216,8 +216,8 @@ def _alone(reading: Reading, group: int, ids: list[int]) -> Table | None:
                      "child_axis": reading.direction(group, parent_axis if child_axis is None else child_axis)}
         return made
 
-    if len(ids) > 1 and kinds.strip("b") and sorted(kinds) != ["h", "s"] and _has_coordinates(reading, ids):
-        return None  # a spherical, universal or planar joint has no place for springs and the like
+    if len(ids) > 1 and kinds.strip("b") and _has_coordinates(reading, ids, sorted(kinds) == ["h", "s"]):
+        return None  # a spherical, universal or planar joint has no place for springs, a cylindrical one for servos
     if kinds == "b" or (kinds == "hhh" and together and _independent(axes[ids])):
         _plain(reading, ids, "a spherical joint")
         return table("spherical", anchors[ids[0]])
@@ -241,14 +241,14 @@ def _alone(reading: Reading, group: int, ids: list[int]) -> Table | None:
     return None
 
 
-def _has_coordinates(reading: Reading, ids: list[int]) -> bool:
-    """Whether one of the joints has armature, a spring, a damper, dry friction, limits or an actuator."""
+def _has_coordinates(reading: Reading, ids: list[int], is_pair: bool) -> bool:
+    """Whether one of the joints has limits, an actuator or, but for a pair, armature, a spring, damping or friction."""
     m = reading.model
     dofs = [int(m.jnt_dofadr[j]) for j in ids]
     moved = set(m.actuator_trnid[np.isin(m.actuator_trntype, (0, 1)), 0].tolist())
-    return bool(moved.intersection(ids) or any(np.any(field[rows]) for field, rows in (
-        (m.dof_armature, dofs), (m.dof_damping, dofs), (m.dof_frictionloss, dofs), (m.jnt_stiffness, ids),
-        (m.jnt_limited, ids))))
+    more = [] if is_pair else [m.dof_armature[dofs], m.dof_damping[dofs], m.dof_frictionloss[dofs],
+                               m.jnt_stiffness[ids]]
+    return bool(moved.intersection(ids) or any(np.any(each) for each in (m.jnt_limited[ids], *more)))
 
 
 def _meet(d: mujoco.MjData, ids: list[int]) -> bool:

@@ -115,6 +115,10 @@ RIGHT |= {
         '<joint axis="0 0 1" armature=".3"/>' + ROD + "</body>"),
     "two slides": mjcf(world='<body name="w" pos="0 2 0"><joint type="slide" axis="1 0 0"/><joint type="slide" '
                        'axis="0 1 0"/>' + ROD + "</body>"),
+    "a quill that is driven": mjcf(
+        world='<body name="q" pos="0 2 0"><joint name="lift" type="slide" axis="0 0 1" range="-.5 .5" damping="3"/>'
+        '<joint name="spin" axis="0 0 1" damping=".1"/>' + ROD + "</body>",
+        rest='<actuator><position joint="lift" kp="80" kv="4"/><motor joint="spin"/></actuator>'),
 }
 """Several joints on one body that are no joint of a scene have light bodies between them."""
 

@@ -3,7 +3,7 @@
 import msgspec
 from msgspec.structs import replace
 
-from crosscheck.document import Advice, Change, Machine, Meta, Point, SceneTruth, Support, Way
+from crosscheck.document import Advice, Change, Machine, Meta, SceneTruth, Speed, Support, Way
 from crosscheck.running import provenance
 from crosscheck.verification import job
 from crosscheck.verification.cell import run_cell
@@ -27,6 +27,7 @@ ADVICE = [
 ] + [Advice(scene="double_pendulum", engine="pinocchio", wanted=10.0**-power, until=1.0, least=2e-2,
              tried="within the budget of 30 s; finest step tried 0.001 s")
      for power in range(2, 9)]
+SPEED = Speed(us_per_step=10.0, us_deviation=0.1, ratio=0.01, deviation=1e-4, repeats=3, calibration=1e3)  # made up
 SUPPORT = [Support(scene="double_pendulum", engine="mujoco", form="tree", reason=None),
            Support(scene="double_pendulum", engine="exudyn", form="pivot", reason="one body at a pivot only")]
 
@@ -39,19 +40,13 @@ def document(truths, judged, engines, profile="default", need=1.0):
     return job.document(msgspec.convert(meta, Meta), truths, records)
 
 
-def timing(run):
-    """Times and errors, made up: times as the inverse of the steps of the run's ladder."""
-    return [Point(step=rung.step, rtol=rung.rtol, wall_time=1e-5 / rung.step, steps=int(1 / rung.step),
-                  error=rung.errors["position"]) for rung in run.ladder]
-
-
 def small_results():
     """The document of the first seconds of two scenes."""
     truths, judged = [], []
     for name, runs in RUNS.items():
         truths.append(prepare_truth((name, 1.0, Profile.most_steps)))
-        judged += [replace(run, timing=timing(run)) for engine, method in runs
-                   for run in [run_cell(Cell(name, Way(engine, method), truths[-1].plan))]]
+        judged += [replace(run_cell(Cell(name, Way(engine, method), truths[-1].plan)), speed=SPEED)
+                   for engine, method in runs]
     return document(truths, judged, list(dict.fromkeys(each.engine for each in judged)), "smoke")
 
 

@@ -43,18 +43,23 @@ def convert(
     Exit code 0: written; 2: refused, and nothing is written.
     """
     from crosscheck.adapters.export import export_model
-    from crosscheck.scene.models import import_file, import_model, is_model
+    from crosscheck.scene.models import import_model, is_model
+    from crosscheck.scene.models.writing import toml
+    from crosscheck.scene.paths import content_of
 
     given: dict[str, Any] = {
         "base": base, "balance": balance, "root": root, "actuators": actuators, "contacts": contacts,
         "friction": friction, "start": int(start) if start.isdigit() else start, "within": within,
         "duration": duration, "samples": samples, **reading.given}
+    scene: Scene | str = model
     if is_model(model):
         with progress_bar(f"reading {model}"):
-            scene: Any = import_file(model, out, **given) if out.suffix == ".toml" else import_model(model, **given)
+            scene = import_model(model, **given)
+        if out.suffix == ".toml":
+            put(out, toml(content_of(scene)))
         _print_imported(scene)
     else:
-        scene, usual = model, inspect.signature(import_model).parameters
+        usual = inspect.signature(import_model).parameters
         if changed := [name for name, value in given.items() if value != usual[name].default]:
             raise ArgumentError(f"{', '.join(changed)}: options of a model file, .xml or .urdf, not of {model}")
         if out.suffix == ".toml":

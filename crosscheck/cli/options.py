@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
@@ -14,7 +12,7 @@ import typer
 
 from crosscheck.cli.console import progress_bar
 from crosscheck.errors import ArgumentError, unknown
-from crosscheck.files import cache_folder, finite
+from crosscheck.files import finite
 
 if TYPE_CHECKING:
     from crosscheck.scene.model import Scene
@@ -148,6 +146,7 @@ def loaded(name: str, reading: Reading) -> Scene:
     """The scene of a name, a scene file or a model file; prints what is left out of a model."""
     from crosscheck.scene.file import load_scene
     from crosscheck.scene.models import import_model, is_model
+    from crosscheck.scene.models.words import shortened
 
     if not is_model(name):
         if reading != AS_IT_IS:
@@ -156,34 +155,20 @@ def loaded(name: str, reading: Reading) -> Scene:
         return load_scene(name)
     with progress_bar(f"reading {name}"):
         scene = import_model(name, **reading.given)
-    _say_left_out(name, scene)
+    for words in shortened(scene.left_out):
+        typer.echo(f"left out of {name}: {words}", err=True)
     return scene
 
 
-def _say_left_out(name: str, scene: Scene) -> None:
-    from crosscheck.scene.models.words import shortened
+def sensors(name: str) -> list[str] | None:
+    """Names of a scene's sensors, before it is prepared; None of a model file that may have some."""
+    from crosscheck.scene.file import as_scene
+    from crosscheck.scene.models import is_model
 
-    for words in shortened(scene.left_out):
-        typer.echo(f"left out of {name}: {words}", err=True)
-
-
-def scene_files(names: Iterable[str] | None, reading: Reading) -> list[str] | None:
-    """The names, with every model file replaced by its scene file, which is written to the cache folder."""
-    from crosscheck.scene.models import import_file, is_model
-
-    if names is None:
-        return None
-    files = []
-    for name in names:
-        if not is_model(name):
-            files.append(name)
-            continue
-        key = hashlib.sha256(repr((os.path.abspath(name), reading)).encode()).hexdigest()[:12]
-        target = cache_folder() / "models" / key / f"{Path(name).stem}.toml"
-        target.parent.mkdir(parents=True, exist_ok=True)
-        _say_left_out(name, import_file(name, target, **reading.given))
-        files.append(str(target))
-    return files
+    if not is_model(name):
+        return [sensor.name for sensor in as_scene(name).sensors]
+    text = Path(name).read_bytes() if Path(name).is_file() else b""
+    return None if b"sensor" in text or b"include" in text else []
 
 
 def scenes(default: str) -> object:

@@ -17,7 +17,7 @@ import typer
 from crosscheck.cli import options
 from crosscheck.cli.console import annotate, complain, progress_bar, say
 from crosscheck.cli.options import figure
-from crosscheck.errors import ArgumentError, CrosscheckError, SceneError, Unsupported, counted
+from crosscheck.errors import ArgumentError, CrosscheckError, SceneError, Unsupported, counted, unknown
 from crosscheck.files import cell, replacing
 
 if TYPE_CHECKING:
@@ -74,11 +74,12 @@ def run(
         write_script(scene, engine, method, step, {
             **given, "rtol": rtol, "csv": csv_file}, reading, out, issue)
         return
+    _check(engine, method)
     prepared, ended = options.loaded(scene, reading), ""
     if duration is None:
         with progress_bar(f"truth of {prepared.name}"):
             prepared, ended = until_its_end(prepared, step)
-    with _ending(engine), progress_bar(f"{engine} {method} runs {prepared.name}"):
+    with _ending(), progress_bar(f"{engine} {method} runs {prepared.name}"):
         traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **given)
     if csv_file is not None:
         write_csv(prepared, traj, csv_file)
@@ -97,17 +98,24 @@ def run(
         raise typer.Exit(EXIT_CODES["unresolved" if judged is None else judged.outcome])
 
 
-@contextlib.contextmanager
-def _ending(engine: str) -> Iterator[None]:
-    """Print the outcome of an engine that cannot model the scene or does not run, or without truth, and end with it."""
+def _check(engine: str, method: str | None = None) -> None:
+    """Refuse an engine that is not there, or a method that it does not have, before a model is read."""
     from crosscheck import adapters
-    from crosscheck.document import outcomes
-    from crosscheck.document.outcomes import EXIT_CODES
-    from crosscheck.references import TruthError
     from crosscheck.running.versions import need
 
     need([engine])
-    adapters.get(engine)
+    known = adapters.methods(engine)
+    if method is not None and method not in known:
+        raise ArgumentError(unknown(f"method of {engine}", method, known))
+
+
+@contextlib.contextmanager
+def _ending() -> Iterator[None]:
+    """Print the outcome of an engine that cannot model the scene or does not run, or without truth, and end with it."""
+    from crosscheck.document import outcomes
+    from crosscheck.document.outcomes import EXIT_CODES
+    from crosscheck.references import TruthError
+
     try:
         yield
     except (ArgumentError, SceneError):
@@ -301,6 +309,9 @@ def judge(
     from crosscheck.document import outcomes
     from crosscheck.scene.models import import_model, is_model
 
+    allowed = dict(options.named_number("--tol", each, "position=1e-3") for each in tol or ())
+    if (sensors := options.sensors(scene)) is not None:  # a mistyped quantity is refused before a model is read
+        recordings.tolerances(sensors, allowed)
     described = options.loaded(scene, reading)
     own = is_model(scene) and not any(reading.start.values())  # without a start of its own
     start = start or ("either" if own else "scene")
@@ -308,7 +319,6 @@ def judge(
     if suggest:
         typer.echo(recordings.suggest(files[0], described, period), nl=False)
         return
-    allowed = dict(options.named_number("--tol", each, "position=1e-3") for each in tol or ())
     unsure = dict(options.named_number("--uncertain", each.replace("%", "e-2"), "mass=5%") for each in uncertain or ())
     beside = None if model is None else options.loaded(model, reading)
     if probes is not None:
@@ -377,8 +387,9 @@ def explain(
     """
     from crosscheck.diagnosis import explain as explain_run
 
+    _check(engine, method)
     described = options.loaded(scene, reading)
-    with _ending(engine), progress_bar(f"causes for {engine} on {scene}"):
+    with _ending(), progress_bar(f"causes for {engine} on {scene}"):
         answer = explain_run(described, engine, method, form, step, **options.settings(setting))
     if as_json:
         options.print_json(answer.plain())
@@ -436,8 +447,10 @@ def advise(
     from crosscheck.document.outcomes import EXIT_CODES
     from crosscheck.verification.advice import advise as advice_for
 
-    loaded, wanted = options.loaded(scene, reading), _wanted(error)
-    with progress_bar(f"runs of {engine} at a series of steps, against truth"), _ending(engine):
+    wanted = _wanted(error)
+    _check(engine)
+    loaded = options.loaded(scene, reading)
+    with progress_bar(f"runs of {engine} at a series of steps, against truth"), _ending():
         advice = advice_for(loaded, engine=engine, error=wanted)
     if advice.command is not None:
         given = shlex.join([scene, *reading.words])

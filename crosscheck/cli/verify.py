@@ -76,20 +76,22 @@ def verify(
     from crosscheck.report import schema
     from crosscheck.report.headline import ending, sentence
     from crosscheck.scene.file import as_scene, tagged
-    from crosscheck.verification.job import limits_of
+    from crosscheck.scene.models import is_model
+    from crosscheck.verification.job import check_methods, limits_of, select_engines
     from crosscheck.verification.verified import Verification
     from crosscheck.verification.verified import verify as verify_scenes
 
-    if jobs < 1:
-        raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
     if tag and not tagged(*tag):
         raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
-    asked_for = [*(scenes or ()), *(scene or ()), *tagged(*tag or ())] or None
-    files = options.scene_files(asked_for, reading)
-    spoken = {file: (name, shlex.join([name, *reading.words]))
-              for file, name in zip(files or (), asked_for or (), strict=True) if file != name}
-    own = overrides.read(tolerance_file, tol or (), [sensor.name for each in (files if tol or tolerance_file else None)
-                                                     or () for sensor in as_scene(each).sensors])
+    check_methods(method, select_engines(engine))  # what is mistyped is refused before a model is read
+    names = [*(scenes or ()), *(scene or ()), *tagged(*tag or ())]
+    sensors = [options.sensors(name) for name in names]
+    if None not in sensors:
+        overrides.read(tolerance_file, tol or (), [each for own in sensors for each in own or ()])
+    given = [options.loaded(name, reading) if is_model(name) else name for name in names]
+    own = overrides.read(tolerance_file, tol or (), [
+        sensor.name for each in given for sensor in as_scene(each).sensors])
+    spoken = [(name, shlex.join([name, *reading.words]) if is_model(name) else name) for name in names]
 
     def provisional(part: Verification) -> None:
         meta = part.document.meta
@@ -98,7 +100,7 @@ def verify(
 
     with progress_bar("which runs there are") as progress:
         answer = verify_scenes(
-            files, engine, method, step, need, budget, duration=duration, profile=profile,
+            given or None, engine, method, step, need, budget, duration=duration, profile=profile,
             asked=Asked(options=options.shared(setting)), jobs=jobs, scheduler=scheduler,
             limits=limits_of(time_limit, memory_limit), tolerances=own, fresh=fresh, out=out, spoken=spoken,
             command=shlex.join(["crosscheck", *sys.argv[1:]]), progress=progress, note=complain,

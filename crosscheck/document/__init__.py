@@ -21,7 +21,7 @@ from crosscheck.document.part import grouped as grouped
 from crosscheck.document.part import set_words as set_words
 from crosscheck.document.part import size_of as size_of
 
-SCHEMA = 4
+SCHEMA = 5
 """Version of results.json. It rises if a key is removed or changes its meaning. New keys do not raise it."""
 
 EULER = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
@@ -96,6 +96,7 @@ class Meta(Origin, frozen=True, kw_only=True):
     compared_with: str | None = None  # name of the earlier run that `changes` compare with
     asked: Asked = AS_PLANNED
     need: float = 1.0  # share of its time over which the motion of a run has to be judged for it to pass
+    tolerances: list[tuple[str, float]] = []  # of the user: row and bound, in its unit
     reused: int = 0  # number of results that were computed by earlier commands
     reused_since: str | None = None  # UTC, when the oldest of them was computed
     left: int = 0  # tasks that have not ended: the document is provisional, and written again as they do
@@ -269,18 +270,9 @@ class Rung(Part, frozen=True, kw_only=True):
     step: float | None  # s
     rtol: float | None
     errors: dict[str, float | None] = {}  # the largest of all segments against truth
+    steps: int = 0  # of all segments together
 
     size = property(size_of)
-
-
-class Point(Part, frozen=True, kw_only=True):
-    """The time and the error of one step or tolerance."""
-
-    step: float | None  # s
-    rtol: float | None
-    wall_time: float  # s, the fastest of a few tries
-    steps: int
-    error: float  # m, at the end
 
 
 class Speed(Part, frozen=True, kw_only=True):
@@ -333,7 +325,6 @@ class Record(Way, frozen=True, kw_only=True):
     default_form: bool = True  # whether the engine, not the plan, chose the form
     seconds_deviation: float | None = None  # median absolute deviation of the repeats; None: timed only once
     speed: Speed | None = None
-    timing: list[Point] = []
     word: str = ""  # the outcome in words that say how much of the motion was judged
     share: float | None = None  # of its time in which x, R, v, w are resolved; None if it was not judged at all
     code: str = ""  # of what is wrong or open, see `crosscheck.document.outcomes.KINDS`; "" for a pass
@@ -366,6 +357,13 @@ class Record(Way, frozen=True, kw_only=True):
     def resolution_of(self, quantity: str) -> float | None:
         """An error of the model above this share of the size of a quantity would have been seen."""
         return self.resolution.get(quantity)
+
+    @property
+    def timing(self) -> list[tuple[float, Rung]]:
+        """Stepping time (s) of all segments, and their errors, at each step or tolerance at which they were asked; none
+        where the time of a step was not measured by itself."""
+        return [] if self.speed is None else [
+            (1e-6 * self.speed.us_per_step * rung.steps, rung) for rung in self.ladder if rung.steps]
 
     @property
     def sizes(self) -> dict[str, float]:

@@ -31,14 +31,9 @@ def length(scene: Scene) -> float:
     return float(max([1e-3, *np.linalg.norm(scene.x0, axis=1), *anchors, *rods]))
 
 
-def inverse_root_mass(scene: Scene) -> np.ndarray:
-    """B, (6n, 6n), with B^T M B = I."""
-    return np.linalg.cholesky(mechanics.inverse_mass(scene))
-
-
 def basis(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray) -> np.ndarray:
     """N, (6n, d), with G N = 0 and N^T M N = I, at one state x (n, 3), R (n, 3, 3)."""
-    B = inverse_root_mass(scene)
+    B = np.linalg.cholesky(mechanics.inverse_mass(scene))  # (6n, 6n) with B^T M B = I
     if constraints.m == 0:
         return B
     _, sigma, Vt = np.linalg.svd(constraints.jacobian(x[None], R[None])[0] @ B)

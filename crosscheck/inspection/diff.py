@@ -12,7 +12,7 @@ import dataclasses
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -237,8 +237,7 @@ class _Comparison:
         self.joints: dict[str, str] = {}
         self.ambiguous: list[str] = []
         self.differences: list[Difference] = []
-        if not _alike(one.scene.gravity, other.scene.gravity):
-            self._compare("", "gravity", one.scene.gravity, other.scene.gravity)
+        self._compare("", "gravity", one.scene.gravity, other.scene.gravity)
         self._descend(GROUND, np.eye(3), np.zeros(3))
         self._loops()
         self._couplings()
@@ -255,7 +254,7 @@ class _Comparison:
         """Compare accelerations; it takes longer than all before."""
         self.moves = self._accelerations()
         if self.moves is not None and self.moves > MOVES and not self.differences:
-            self._compare("", "accelerations", 0.0, self.moves)
+            self._add("", "accelerations", 0.0, self.moves)
 
     def names(self) -> Iterator[tuple[str, str]]:
         """Names of matched bodies."""
@@ -263,7 +262,18 @@ class _Comparison:
                 for k, j in sorted(self.bodies.items()) if k != GROUND)
 
     def _compare(self, where: str, what: str, a: object, b: object, scale: float | None = None) -> None:
+        """Adds the difference of two values, if there is one."""
+        if not _alike(a, b, scale):
+            self._add(where, what, a, b, scale)
+
+    def _add(self, where: str, what: str, a: object, b: object, scale: float | None = None) -> None:
         self.differences.append(Difference(where, what, _plain(a), _plain(b), scale))
+
+    def _compare_by_key(self, mine: dict[Any, Any], theirs: dict[Any, Any], words: Callable[[Any], tuple[str, str]]
+                        ) -> None:
+        """Compare values by key; `words`: where and what a key is."""
+        for key in dict.fromkeys((*mine, *theirs)):
+            self._compare(*words(key), mine.get(key), theirs.get(key))
 
     def _descend(self, body: int, E: np.ndarray, shift: np.ndarray) -> None:
         """Match and compare the children of a matched body.
@@ -278,15 +288,13 @@ class _Comparison:
             self._note_twins(a.name, k, j, body, theirs, shift)
             home = self.other.R[j].T @ E @ self.one.R[k]
             Q = self.Q[k] = self._axes(k, j, home)
-            if abs(a.mass - b.mass) > TOLERANCE * a.mass:
-                self._compare(a.name, "mass", a.mass, b.mass)
-            if not _alike(a.inertia, Q.T @ b.inertia @ Q):
-                self._compare(a.name, "inertia", a.inertia, Q.T @ b.inertia @ Q)
+            self._compare(a.name, "mass", a.mass, b.mass)
+            self._compare(a.name, "inertia", a.inertia, Q.T @ b.inertia @ Q)
             own = self.shifts[k] = self._joint(k, j, shift)
             if self.one.joint.get(k) is not None and self.other.joint.get(j) is not None and Q is not home:
                 turn = Q.T @ home
                 angle = math.acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1) / 2)))
-                self._compare(self.one.joint[k].name, "frame", 0.0, angle, 1.0)  # type: ignore[union-attr]
+                self._add(self.one.joint[k].name, "frame", 0.0, angle, 1.0)  # type: ignore[union-attr]
             self._descend(k, self.other.R[j] @ Q @ self.one.R[k].T, own)
         for k in set(mine) - self.bodies.keys():
             self._compare(self.one.scene.bodies[k].name, "body", "there", "missing")
@@ -364,8 +372,7 @@ class _Comparison:
         turned = [(u, matrix.T @ v) for u, v, matrix in ((a.child_axis, b.child_axis, Q),
                                                           (a.parent_axis, b.parent_axis, Qp)) if u is not None]
         for u, v in turned[:1]:
-            if not _alike(u, v, 1.0):
-                self._compare(a.name, "axis", u, v)
+            self._compare(a.name, "axis", u, v, 1.0)
         own = Q.T @ b.child_anchor - a.child_anchor
         at = Qp.T @ b.parent_anchor - a.parent_anchor - shift
         turn = self.one.R[a.parent].T @ self.one.R[k]
@@ -376,14 +383,9 @@ class _Comparison:
             at, own = np.zeros(3), own - turn.T @ along
         if "slide n1" in a.kind.coordinates:  # its slides count from anywhere in the plane
             at = (at @ a.parent_axis) * a.parent_axis
-        if np.abs(own).max() > TOLERANCE * self.size:
-            self._compare(name, "centre of mass", np.zeros(3), -own, self.size)
-        if np.abs(at).max() > TOLERANCE * self.size:
-            self._compare(a.name, "place", a.parent_anchor, a.parent_anchor + at, self.size)
-        springs = self.one.springs(a), self.other.springs(b)
-        for key, value in springs[0].items():
-            if not _alike(value, springs[1][key]):
-                self._compare(a.name, key, value, springs[1][key])
+        self._compare(name, "centre of mass", np.zeros(3), -own, self.size)
+        self._compare(a.name, "place", a.parent_anchor, a.parent_anchor + at, self.size)
+        self._compare_by_key(self.one.springs(a), self.other.springs(b), lambda key: (a.name, key))
         self._keys(a, b)
         return np.asarray(own)
 
@@ -391,7 +393,7 @@ class _Comparison:
         for field in dataclasses.fields(Joint):
             values = [_plain(getattr(joint, field.name)) for joint in (a, b)]
             values = [() if isinstance(value, tuple) and not any(value) else value for value in values]
-            if field.name not in _PLACES and not _alike(*values):
+            if field.name not in _PLACES:
                 self._compare(a.name, field.name, *values)
 
     def _couplings(self) -> None:
@@ -403,7 +405,7 @@ class _Comparison:
                 continue
             mine = a.mimic and (self.joints.get(a.mimic.joint), a.mimic.ratio, a.mimic.offset)
             if not _alike(mine, b.mimic and (b.mimic.joint, b.mimic.ratio, b.mimic.offset)):
-                self._compare(a.name, "mimic", a.mimic, b.mimic)
+                self._add(a.name, "mimic", a.mimic, b.mimic)
 
     def _loops(self) -> None:
         """Joints that close loops, matched by type and bodies."""
@@ -421,8 +423,7 @@ class _Comparison:
             b = fits[int(np.argmin(gaps))]
             left.remove(b)
             self.joints[a.name] = b.name
-            if min(gaps) > TOLERANCE * self.size:
-                self._compare(a.name, "place", 0.0, min(gaps), self.size)
+            self._compare(a.name, "place", 0.0, min(gaps), self.size)
             for body, _, axis in ends:
                 its = b.parent_axis if self.bodies[body] == b.parent else b.child_axis
                 if axis is not None and its is not None and abs((self.Q[body] @ axis) @ its) < 1 - TOLERANCE**2:
@@ -445,7 +446,7 @@ class _Comparison:
             _, index, wrong = min(fits)
             b = theirs.pop(index)
             for key in wrong:
-                self._compare(where, f"{key} of {a.type}", a.parameters.get(key), b.parameters.get(key))
+                self._add(where, f"{key} of {a.type}", a.parameters.get(key), b.parameters.get(key))
         for b in theirs:
             self._compare(b.joint or self.other.scene.bodies[b.child].name, b.type, "missing", "there")
 
@@ -483,11 +484,8 @@ class _Comparison:
             return {(each.type, names.get(each.joint or "", each.joint)): (each.lower, each.upper)
                     for each in scene.monitors if each.joint is not None}
 
-        mine, theirs = bounds(self.one.scene, {}), bounds(self.other.scene, back)
-        for kind, joint in dict.fromkeys((*mine, *theirs)):
-            bound = mine.get((kind, joint)), theirs.get((kind, joint))
-            if not _alike(*bound):
-                self._compare(str(joint), f"monitored {kind}", *bound)
+        self._compare_by_key(bounds(self.one.scene, {}), bounds(self.other.scene, back),
+                             lambda key: (str(key[1]), f"monitored {key[0]}"))
         here, there = ({key(each, names): each for each in _contacts_apart(tree)
                         if not each.what.startswith(apart)}
                        for tree, names in ((self.one, {}), (self.other, back)))
@@ -546,10 +544,7 @@ class _Comparison:
         mine, theirs = ({frozenset(back.get(shape, shape) for shape in each.shapes): each.margin
                          for each in tree.scene.monitors if each.joint is None}
                         for tree, back in ((self.one, {}), (self.other, names)))
-        for pair in dict.fromkeys((*mine, *theirs)):
-            margin = mine.get(pair), theirs.get(pair)
-            if not _alike(*margin):
-                self._compare(" and ".join(sorted(pair)), "margin of a watched touch", *margin)
+        self._compare_by_key(mine, theirs, lambda pair: (" and ".join(sorted(pair)), "margin of a watched touch"))
 
     def _accelerations(self) -> float | None:
         """The largest difference at the start of the first model and at random states, which the second takes over."""
@@ -610,40 +605,39 @@ def _merged(scene: Scene) -> Scene:
 
     if not held or any(root(k) in held for k in range(scene.n)):
         return scene
-    roots = {k: root(k) for k in range(GROUND, scene.n)}
+    roots = [*map(root, range(scene.n)), GROUND]  # the last of these and of the following arrays is the ground
     kept = [k for k in range(scene.n) if roots[k] == k]
     index = {GROUND: GROUND} | {k: number for number, k in enumerate(kept)}
-    centres, turns, bodies = {GROUND: np.zeros(3)}, {GROUND: np.eye(3)}, []
+    x, R = np.vstack([scene.x0, np.zeros(3)]), np.concatenate([scene.R0, np.eye(3)[None]])
+    centres, bodies = np.zeros_like(x), []
+    turns = [R[k].T @ each for k, each in zip(roots, R, strict=True)]  # to the axes of the root
     for k in kept:
         members = [each for each in range(scene.n) if roots[each] == k]
-        masses, R = scene.masses[members], scene.R0[k]
-        centre, J = masses @ scene.x0[members] / masses.sum(), np.zeros((3, 3))
+        masses = scene.masses[members]
+        centre = centres[k] = masses @ x[members] / masses.sum()
+        J = np.zeros((3, 3))
         for each, mass in zip(members, masses, strict=True):
-            turn, arm = R.T @ scene.R0[each], R.T @ (scene.x0[each] - centre)
-            J += turn @ scene.inertias[each] @ turn.T + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-        speed = scene.v0[k] + R @ np.cross(scene.w0[k], R.T @ (centre - scene.x0[k]))
+            arm = R[k].T @ (x[each] - centre)
+            J += turns[each] @ scene.inertias[each] @ turns[each].T + mass * (arm @ arm * np.eye(3)
+                                                                             - np.outer(arm, arm))
+        speed = scene.v0[k] + R[k] @ np.cross(scene.w0[k], R[k].T @ (centre - x[k]))
         bodies.append(dataclasses.replace(scene.bodies[k], mass=float(masses.sum()), inertia=J, position=centre,
                                           velocity=speed))
-        centres[k], turns[k] = centre, R
 
     def turned(body: int, vector: object) -> Any:
         """A direction in the axes of a body, in those of its root."""
-        R = np.eye(3) if body == GROUND else scene.R0[body]
-        return None if vector is None else turns[roots[body]].T @ R @ np.asarray(vector)
+        return None if vector is None else turns[body] @ np.asarray(vector)
 
     def moved(body: int, point: object) -> Any:
-        start = np.zeros(3) if body == GROUND else scene.x0[body]
-        return turned(body, point) + turns[roots[body]].T @ (start - centres[roots[body]])
+        return turned(body, point) + R[roots[body]].T @ (x[body] - centres[roots[body]])
 
     joints = []
     for joint in scene.joints:
         p, c = joint.parent, joint.child
-        if c in held and joint is held[c]:
+        if joint is held.get(c):
             continue
-        reference = joint.reference
-        if reference is not None:
-            reference = quaternion_from_rotation(turned(p, np.eye(3)) @ rotation_from_quaternion(reference)
-                                                 @ turned(c, np.eye(3)).T)
+        reference = None if joint.reference is None else quaternion_from_rotation(
+            turns[p] @ rotation_from_quaternion(joint.reference) @ turns[c].T)
         joints.append(dataclasses.replace(
             joint, parent=index[roots[p]], child=index[roots[c]], parent_anchor=moved(p, joint.parent_anchor),
             child_anchor=moved(c, joint.child_anchor), parent_axis=turned(p, joint.parent_axis),

@@ -19,9 +19,6 @@ from crosscheck.inspection.reference import resting
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
-NOTES = {
-    "potential energy": "Exudyn sums up no potential energy",
-}
 LINKS = "links of a kinematic tree are no bodies: some have no mass, and bodies fixed to each other are one"
 PIVOT = "in form pivot the position is held by constraints that the solver eliminates"
 BRISTLES = "its friction at rest is a spring that holds a joint once it has moved, by a part of the step"
@@ -33,7 +30,7 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     chosen = form or "maximal"
     at = {"maximal": _maximal, "pivot": _pivot, "tree": _tree}[chosen]
     probe = stacked([at(posed(scene, states, k)) for k in range(len(states.t))])
-    probe.notes = dict(NOTES)
+    probe.notes = {"potential energy": "Exudyn sums up no potential energy"}
     if probe.masses is None:
         probe.notes |= dict.fromkeys(("mass", "inertia", "centre of mass"), LINKS if chosen == "tree" else PIVOT)
     if chosen == "pivot":
@@ -56,6 +53,8 @@ def _pivot(scene: Scene) -> Probe:
 
 
 def _maximal(scene: Scene) -> Probe:
+    from scipy.linalg import block_diag
+
     model = models.maximal(scene)
     matrix, right, speeds = _assembled(model.system, "GeneralizedAlpha")
     data = [np.array([model.system.GetSensorValues(sensor)]) for sensor in model.sensors]
@@ -68,10 +67,7 @@ def _maximal(scene: Scene) -> Probe:
     bodies = [item for item in items if item["objectType"] == "RigidBody"]
     turned = np.array([_inertia(item["inertia"]) for item in bodies])  # node axes are the world's at the start
     size = 6 * scene.n
-    jacobian = np.zeros((size, size))
-    for k in range(scene.n):
-        jacobian[6 * k:6 * k + 3, 6 * k:6 * k + 3] = np.eye(3)
-        jacobian[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = scene.R0[k].T
+    jacobian = block_diag(*(part for R in scene.R0 for part in (np.eye(3), R.T)))
     return dataclasses.replace(
         probe, masses=np.array([item["mass"] for item in bodies]),
         inertias=np.einsum("nji,njk,nkl->nil", scene.R0, turned, scene.R0), jacobian=jacobian[None],

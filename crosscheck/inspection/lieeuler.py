@@ -13,20 +13,16 @@ from crosscheck.scene.states import States
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """Probe the kernel's `Problem` in maximal coordinates. Each state is the start of a run of one step."""
-    starts = []
-    for k in range(len(states.t)):
-        problem = build_problem(posed(scene, states, k))
-        starts.append(start(problem))
+    from scipy.linalg import block_diag
+
+    count, problem = len(states.t), build_problem(scene)
+    starts = [start(build_problem(posed(scene, states, k))) for k in range(count)]
     x, R, v, w, a, alpha = (np.array([getattr(each, field)[0] for each in starts])
                             for field in ("x", "R", "v", "w", "a", "alpha"))
     masses = np.array([body.mass for body in problem.bodies])
     inertias = np.array([body.inertia for body in problem.bodies])
-    matrix = np.zeros((6 * scene.n, 6 * scene.n))
-    for i in range(scene.n):
-        matrix[6 * i:6 * i + 3, 6 * i:6 * i + 3] = masses[i] * np.eye(3)
-        matrix[6 * i + 3:6 * i + 6, 6 * i + 3:6 * i + 6] = inertias[i]
+    matrix = block_diag(*(part for m, J in zip(masses, inertias, strict=True) for part in (m * np.eye(3), J)))
     weight = np.concatenate([masses[:, None] * problem.gravity, np.zeros((scene.n, 3))], axis=1).ravel()
-    count = len(starts)
     notes = dict.fromkeys(("kinetic energy", "potential energy"), "the kernel reports no energies")
     geared = any(joint.rotors for joint in problem.joints)
     if geared:

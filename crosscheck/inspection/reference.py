@@ -55,23 +55,21 @@ def reference(scene: Scene, at: States) -> Reference:
     count, n = len(at.t), scene.n
     mass = np.linalg.inv(mechanics.inverse_mass(scene))
     weight = np.concatenate([scene.masses[:, None] * scene.gravity, np.zeros((n, 3))], axis=1).ravel()
-    rows = [slice(k, k + 1) for k in range(count)]
-    angles = [mechanics.torsion_angles(scene, at.at(k)) for k in rows]
-    held = [_held(scene, at.x[k], at.R[k], at.v[k], at.w[k]) for k in rows]
-    solved = [mechanics.index1(one, at.x[k], at.R[k], at.v[k], at.w[k], angle)
-             for one, k, angle in zip(held, rows, angles, strict=True)]  # separately, because states may differ in rank
-    a, alpha, lam = (np.concatenate(part) for part in zip(*solved, strict=True))
-    potential = [mechanics.potential_energy(scene, at.x[k], at.R[k], angle)[0]
-                 for k, angle in zip(rows, angles, strict=True)]
+    solved = []
+    for k in range(count):  # separately, because states may differ in rank
+        one = at.at(slice(k, k + 1))
+        state, angles = (one.x, one.R, one.v, one.w), mechanics.torsion_angles(scene, one)
+        held = _held(scene, *state)
+        solved.append((*mechanics.index1(held, *state, angles), mechanics.applied_forces(held, *state, angles),
+                       mechanics.potential_energy(scene, one.x, one.R, angles)))
+    a, alpha, lam, applied, potential = (np.concatenate(part) for part in zip(*solved, strict=True))
     identity = np.broadcast_to(np.eye(6 * n), (count, 6 * n, 6 * n))
     masses = np.broadcast_to(mass, identity.shape)
     for inertia, S, _ in rotors(scene, at.x, at.R, at.v, at.w):
         masses = masses + inertia * S[:, :, None] * S[:, None, :]
-    applied = np.concatenate([mechanics.applied_forces(one, at.x[k], at.R[k], at.v[k], at.w[k], angle)
-                              for one, k, angle in zip(held, rows, angles, strict=True)])
     probe = Probe(
         "truth", "maximal", scene.masses, scene.inertias, at.x, at.R, at.v, at.w,
-        kinetic=mechanics.kinetic_energy(scene, at), potential=np.array(potential), jacobian=identity,
+        kinetic=mechanics.kinetic_energy(scene, at), potential=potential, jacobian=identity,
         mass_matrix=masses, gravity_force=np.broadcast_to(weight, (count, 6 * n)),
         applied_force=applied, a=a, alpha=alpha)
     constraint = np.einsum("tmk,tm->tk", constraints.jacobian(at.x, at.R), lam)

@@ -95,6 +95,7 @@ class Verdict:
     until: float = 0.0  # s, the end of what was compared
     share: float = 0.0  # of the recording's time that was compared
     reason: str = ""  # why it is unresolved, and what would mend that
+    why: str = ""  # the outcome's reason in a sentence: what fails, what is not resolved, or the largest errors
     code: str = KINDS["unresolved"].code  # see `crosscheck.document.outcomes.KINDS`; "" for a pass
     missing: int = 0  # cells without a value
     suggested: dict[str, str] = dataclasses.field(default_factory=dict)  # foreign names, and what they were taken for
@@ -111,13 +112,6 @@ class Verdict:
     def exit_code(self) -> int:
         """0 pass, 1 fail, 3 unresolved."""
         return EXIT_CODES[self.outcome]
-
-    @property
-    def why(self) -> str:
-        """The outcome's reason in a sentence: what fails, what is not resolved, or the largest errors."""
-        failed = next((line.removeprefix("✗ ") for line in self.lines[1:] if line.startswith("✗ ")), "")
-        sizes = ", ".join(f"{key.replace('_', ' ')} off by up to {size:.3g}" for key, size in self.errors.items())
-        return failed or self.reason or sizes
 
     def plain(self) -> dict[str, Any]:
         """As values that JSON knows."""
@@ -182,7 +176,7 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
         progress(0, None, f"judging {given[0].name}: truth, errors, causes")
     if start not in STARTS:
         raise ArgumentError(f"start: {unknown('start', start, STARTS)}")
-    allowed = _tolerances(loaded, tolerance)
+    allowed = tolerances([sensor.name for sensor in loaded.sensors], tolerance)
     if len(given) > 1:
         if steps is None or len(set(steps)) != len(given) or min(steps) <= 0:
             raise ArgumentError(f"steps: the step of each of the {len(given)} files is wanted, in their order: "
@@ -198,8 +192,9 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
     return _judge(loaded, given, start, allowed, list(steps or []), order, need, import_at)
 
 
-def _tolerances(scene: Scene, tolerance: Mapping[str, float] | None) -> dict[str, float]:
-    known = (*UNITS, "joint_position", "joint_velocity", *(sensor.name for sensor in scene.sensors))
+def tolerances(sensors: Sequence[str], tolerance: Mapping[str, float] | None) -> dict[str, float]:
+    """The tolerances, if each is of a quantity that is known or of one of these sensors; raises `ArgumentError`."""
+    known = (*UNITS, "joint_position", "joint_velocity", *sensors)
     for key, value in (tolerance or {}).items():
         if key not in known:
             raise ArgumentError(f"tolerance: {unknown('quantity', key, known)}")
@@ -278,10 +273,12 @@ def _concluded(verdict: Verdict, recording: Recording, about: str, lines: Sequen
     """The verdict with its code and its lines; `about`: what a failed one fails at, see `KINDS`."""
     verdict.code = "" if verdict.outcome == "pass" else KINDS[about if verdict.outcome == "fail" else "unresolved"].code
     mark = {"pass": "✓", "fail": "✗", "unresolved": "?"}[verdict.outcome]
-    verdict.lines = [f"{mark} {verdict.outcome}: {verdict.scene.name if verdict.scene else ''}: {recording.name}, "
-                     f"{len(recording.t)} rows from {recording.t[0]:g} to {recording.t[-1]:g} s" + (
-                         f" ({verdict.code})" if verdict.code else ""),
-                     *([verdict.reason] if verdict.outcome == "unresolved" else []), *lines]
+    failed = next((line.removeprefix("✗ ") for line in lines if line.startswith("✗ ")), "")
+    sizes = ", ".join(f"{key.replace('_', ' ')} off by up to {size:.3g}" for key, size in verdict.errors.items())
+    verdict.why = failed or verdict.reason or sizes
+    verdict.lines = [f"{mark} {verdict.outcome}: {verdict.why}" + (f" ({verdict.code})" if verdict.code else ""),
+                     f"{verdict.scene.name if verdict.scene else ''}: {recording.name}, {len(recording.t)} rows from "
+                     f"{recording.t[0]:g} to {recording.t[-1]:g} s", *(line for line in lines if line != f"✗ {failed}")]
     return verdict
 
 

@@ -90,22 +90,19 @@ def junit(document: Document) -> str:
             lines = [f"{finding.status}: {finding.kind} {number(finding.value)} {finding.unit}, bound "
                      f"{number(finding.bound)}; {finding.why}; {finding.detail}"
                      for finding in record.findings if finding.status in ("fail", "known")]
-            if record.outcome == "fail":
-                failure = ElementTree.SubElement(case, "failure", type="fail", message=sentence(record))
-                failure.text = "\n".join(line for line in lines if line.startswith("fail"))
-            elif record.outcome == "error":
-                ElementTree.SubElement(case, "error", message=record.message)
-            elif record.outcome == "unresolved":
-                ElementTree.SubElement(case, "failure", type="unresolved", message="; ".join(
-                    [*asked, f"{record.word}: {sentence(record)}"]))
-            elif record.outcome == "unsupported":
-                ElementTree.SubElement(case, "skipped", message=record.message)
+            if record.outcome in ("fail", "unresolved"):
+                message = sentence(record) if record.outcome == "fail" else "; ".join(
+                    [*asked, f"{record.word}: {sentence(record)}"])
+                failure = ElementTree.SubElement(case, "failure", type=record.outcome, message=message)
+                failure.text = "\n".join(line for line in lines if line.startswith("fail")) or None
+            elif record.outcome in ("error", "unsupported"):
+                ElementTree.SubElement(case, "error" if record.outcome == "error" else "skipped",
+                                       message=record.message)
             output = ElementTree.SubElement(case, "system-out")
             output.text = "\n".join([*asked, f"outcome: {record.outcome}", *lines, *filter(None, (ending(record),)),
                                      f"repeat: {record.command}"])
-        for attribute, outcomes in (("failures", ("fail", "unresolved")), ("errors", ("error",)),
-                                    ("skipped", ("unsupported",))):
-            suite.set(attribute, str(sum(record.outcome in outcomes for record in records)))
+        for attribute, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
+            suite.set(attribute, str(len(suite.findall(f"testcase/{tag}"))))
         suite.set("tests", str(len(records)))
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + readable(ElementTree.tostring(root, encoding="unicode")) + "\n"
@@ -153,7 +150,8 @@ def _run(record: Record) -> str:
     errors = {name: {"max": error.max} for name, error in record.errors.items()}
     levels = {name: {"max": level.max, "held": level.held} for name, level in record.levels.items()}
     ladder = [{key: getattr(rung, key) for key in RUNG_KEYS} for rung in record.ladder]
-    timing = [{key: getattr(point, key) for key in ("step", "rtol", "wall_time", "error")} for point in record.timing]
+    timing = [{"step": rung.step, "rtol": rung.rtol, "wall_time": seconds, "error": rung.errors.get("position")}
+              for seconds, rung in record.timing]
     return _compact({**{key: getattr(record, key) for key in RUN_KEYS}, "errors": errors,
                      "order": None if record.order is None else record.order.observed,
                      "levels": levels, "ladder": ladder, "timing": timing,

@@ -90,10 +90,10 @@ def figures(scene: Scene, runs: Sequence[Record]) -> Iterator[tuple[str, Any]]:
                  if read(record.curves)]
         if lines:
             yield end, _drawn(lines, looks, "time (s)", axis, markers=False)
-    points = [(record, [1e3 * point.wall_time for point in record.timing],
-               [point.error for point in record.timing]) for record in runs if record.timing]
+    points = [(record, [1e3 * seconds for seconds, _ in record.timing],
+               [rung.errors.get("position") for _, rung in record.timing]) for record in runs if record.timing]
     if points:
-        yield "speed", _drawn(points, looks, "stepping time (ms)", "position error at the end (m)", log_x=True)
+        yield "speed", _drawn(points, looks, "stepping time (ms)", "largest position error (m)", log_x=True)
     ladders = [(record, [rung.step for rung in record.ladder],
                 [rung.errors.get("position") for rung in record.ladder])
                for record in runs if record.documented_order and record.ladder]

@@ -79,10 +79,16 @@ def tolerances(records: Sequence[Record]) -> dict[str, tuple[str, str]]:
             for record in records for each in record.findings if each.about == "tolerance"}
 
 
-def answers(records: Sequence[Record], need: float) -> list[str]:
-    """Whether runs are within each tolerance that the user asked for, as `within`: of one run, or which of several."""
+def answers(records: Sequence[Record], need: float, wanted: Sequence[tuple[str, float]] = ()) -> list[str]:
+    """Whether runs are within each tolerance that the user asked for, as `within`: of one run, or which of several.
+
+    `wanted`: all that were asked for, also those by which no run could be judged.
+    """
+    found = tolerances(records)
     return [_answer(kind, *asked, [record for record in records if any(each.kind == kind for each in record.findings)],
-                    need) for kind, asked in tolerances(records).items()]
+                    need) for kind, asked in found.items()] + [
+        f"not decided: error of {row}, allowed {bound:g} {QUANTITIES.get(row, '')}".rstrip() + ": no run was judged"
+        for row, bound in wanted if records and f"tolerance {row}" not in found]
 
 
 def _answer(kind: str, row: str, allowed: str, records: Sequence[Record], need: float) -> str:
@@ -132,7 +138,7 @@ def _passing(document: Document) -> str:
     """The numbers of passes, known defects and failures. Scenes that could not be prepared are left out."""
     lost = {scene.name for scene in document.scenes if scene.failure}
     records = [record for record in document.records if record.scene not in lost]
-    count = {outcome: sum(record.outcome == outcome for record in records) for outcome in OUTCOMES}
+    count = Counter(record.outcome for record in records)
     failing = [record for record in records if record.outcome in ("fail", "error")]
     open_ = [record for record in records if record.outcome == "unresolved"]
     if count["pass"] and count["pass"] + count["unsupported"] == len(records):
@@ -160,47 +166,35 @@ def _worse(changes: Sequence[Change] | None) -> str:
     """What became worse; "" if there was no run to compare with."""
     if changes is None:
         return ""
-    bad = [change for change in changes if change.bad]
-    if not bad:
-        return "nothing is worse than before"
-    named = []
-    for change in bad[:SPARED]:
-        who = f"{change.engine} {change.method}".strip()
-        where = " on ".join(each for each in (who, spoken(change.scene)) if each)
-        named.append(change.kind + (f" ({where})" if where else ""))
-    more = f" and {len(bad) - SPARED} more" if len(bad) > SPARED else ""
-    return f"worse than before: {', '.join(named)}{more}"
+    named = [change.kind + (f" ({where})" if where else "") for change in changes if change.bad
+             for where in [" on ".join(filter(None, (change.who, spoken(change.scene))))]]
+    return f"worse than before: {_some(named)}" if named else "nothing is worse than before"
+
+
+def _some(named: Sequence[str], more: str = "more") -> str:
+    """The first of several, and how many more there are."""
+    rest = f" and {len(named) - SPARED} {more}" if len(named) > SPARED else ""
+    return ", ".join(named[:SPARED]) + rest
 
 
 def _ended(scenes: Sequence[Scene]) -> str:
     """The scenes whose claim a monitor ends before their duration."""
-    ended = [f"{spoken(scene.title)} is judged until {scene.truth.ended}" for scene in scenes
-             if scene.truth is not None and scene.truth.ended]
-    more = f" and {len(ended) - SPARED} scenes more are judged up to a monitor" if len(ended) > SPARED else ""
-    return ", ".join(ended[:SPARED]) + more
+    return _some([f"{spoken(scene.title)} is judged until {scene.truth.ended}" for scene in scenes
+                  if scene.truth is not None and scene.truth.ended], "scenes more are judged up to a monitor")
 
 
 def _not_judged(scenes: Sequence[Scene]) -> str:
-    """The scenes without truth, and why."""
-    unjudged = [(spoken(scene.title), reason) for scene in scenes if (reason := why_no_truth(scene))]
-    if not unjudged:
-        return ""
-    if len(unjudged) == 1:
-        return f"{unjudged[0][0]} could not be judged: {unjudged[0][1]}"
-    more = f" and {len(unjudged) - SPARED} more" if len(unjudged) > SPARED else ""
-    return (f"{len(unjudged)} scenes could not be judged: "
-            + ", ".join(f"{name} ({reason})" for name, reason in unjudged[:SPARED]) + more)
+    """The scenes without truth, and the first clause of the reason."""
+    reasons = [(spoken(scene.title), reason.removeprefix(f"{scene.title!r}: ").partition("; ")[0].rstrip("."))
+               for scene in scenes if (reason := scene.failure or scene.no_truth)]
+    if len(reasons) < 2:
+        return "".join(f"{name} could not be judged: {reason}" for name, reason in reasons)
+    return f"{len(reasons)} scenes could not be judged: " + _some([f"{name} ({reason})" for name, reason in reasons])
 
 
 def advice(scene: Scene) -> str:
     """Which runs of a scene to trust, and which not, in words."""
     return scene.trust + (f" Not to be trusted here: {', '.join(scene.not_trusted)}." if scene.not_trusted else "")
-
-
-def why_no_truth(scene: Scene) -> str:
-    """The first clause of the reason why a scene has no truth; "" if it has."""
-    reason = scene.failure or scene.no_truth
-    return reason.removeprefix(f"{scene.title!r}: ").partition("; ")[0].rstrip(".")
 
 
 def span(record: Record) -> str:

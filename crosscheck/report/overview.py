@@ -5,7 +5,6 @@ from __future__ import annotations
 import collections
 import dataclasses
 import itertools
-import math
 from collections.abc import Iterable, Sequence
 from typing import get_args
 
@@ -18,52 +17,18 @@ from crosscheck.report.curves import unpack
 from crosscheck.report.headline import OUTCOMES
 
 SEVERITY: tuple[Outcome, ...] = get_args(Outcome)
-"""Outcomes, the most urgent first. A group of runs is shown by the most urgent one in it."""
+"""Outcomes, the most urgent first."""
 
 
-def counted(records: Sequence[Record]) -> dict[str, int]:
-    """Number of runs with each outcome, most urgent first. Outcomes that do not occur are left out."""
+def counted(records: Iterable[Record]) -> dict[str, int]:
+    """Number of runs with each outcome that occurs, in the order of `OUTCOMES`."""
     counts = collections.Counter(record.outcome for record in records)
-    return {outcome: counts[outcome] for outcome in SEVERITY if counts[outcome]}
+    return {outcome: counts[outcome] for outcome in OUTCOMES if counts[outcome]}
 
 
-def _pairs(records: Iterable[Record]) -> dict[tuple[str, str], list[Record]]:
+def pairs(records: Iterable[Record]) -> dict[tuple[str, str], list[Record]]:
+    """The runs by scene and engine."""
     return grouped(records, lambda record: (record.scene, record.engine))
-
-
-def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int]]]:
-    """`counted` for every scene and engine."""
-    counts: dict[str, dict[str, dict[str, int]]] = {scene.name: {} for scene in document.scenes}
-    for (scene, engine), records in _pairs(document.records).items():
-        counts.setdefault(scene, {})[engine] = counted(records)
-    return counts
-
-
-def unresolved(document: Document) -> dict[tuple[str, str], list[Record]]:
-    """The unresolved runs by scene and engine."""
-    return _pairs(record for record in document.records if record.outcome == "unresolved")
-
-
-def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
-    """For every scene and engine, the passing run with the smallest `Record.error`, if one passes.
-
-    Runs that are right as far as they were judged count, too.
-    """
-    best: dict[str, dict[str, Record]] = {scene.name: {} for scene in document.scenes}
-    passing = (record for record in document.records if record.within
-               and not math.isinf(record.error))
-    for (scene, engine), records in _pairs(passing).items():
-        best[scene][engine] = min(records, key=lambda record: record.error)
-    return best
-
-
-def leaders(scenes: Sequence[Scene]) -> dict[str, dict[str, int]]:
-    """For every engine, the runs to trust with their numbers of scenes, the most frequent first."""
-    counts_of: dict[str, collections.Counter[str]] = {}
-    for row in (row for scene in scenes for row in scene.engines):
-        if row.recommended is not None:
-            counts_of.setdefault(row.engine, collections.Counter()).update(row.recommended.runs[:1])
-    return {engine: dict(counts.most_common()) for engine, counts in counts_of.items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +76,7 @@ def first_rows(document: Document) -> list[Record]:
                if row.recommended is not None}
     return [next((record for record in records if record.label == trusted.get(pair)),
                  min(records, key=lambda record: SEVERITY.index(record.outcome)))
-            for pair, records in _pairs(rows).items()]
+            for pair, records in pairs(rows).items()]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,12 +121,6 @@ def _matter(record: Record, finding: Finding | None) -> str:
     if finding.kind == "asked end":
         return "did not reach its end" if finding.why == ENDED else "printed text that nobody reads"
     return KINDS[finding.about].title
-
-
-def summary_counts(records: Sequence[Record]) -> dict[str, int]:
-    """Number of runs with each outcome, in the order of `OUTCOMES`."""
-    counts = collections.Counter(record.outcome for record in records)
-    return {outcome: counts[outcome] for outcome in OUTCOMES}
 
 
 DRAWN = 6

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 
 from crosscheck.document import EULER, LEVELS, QUANTITIES, Document, Record, Scene, Support
+from crosscheck.document.outcomes import worst
 from crosscheck.files import cache_folder
 from crosscheck.report import overview
 from crosscheck.report.headline import (
@@ -113,7 +114,7 @@ def environment() -> Any:
     made.filters |= {"number": number, "sentence": sentence, "ending": ending, "shade": shade, "anchor": anchor,
                      "span": span, "visible_error": visible_error, "spoken": spoken,
                      "share_words": share_words, "advice": advice, "within": within, "assumptions": assumptions,
-                     "sortable": plain_number,
+                     "sortable": plain_number, "counted": overview.counted, "worst": worst,
                      "query": urllib.parse.quote, "slug": slug}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
                      "UNITS": QUANTITIES, "scene_file": scene_file, "engine_file": engine_file,
@@ -157,16 +158,12 @@ def summary(document: Document) -> str:
 
 
 def _overview(template: str, document: Document) -> str:
-    records, worst = document.records, overview.worst_first(document.records, document.changes)
+    records, wrong = document.records, overview.worst_first(document.records, document.changes)
     return _render(
-        template, document, "index", matrix=overview.by_method(document), cells=overview.by_scene_and_engine(document),
-        unresolved=overview.unresolved(document),
-        headline="; ".join([*document.answers, headline(document)]),
-        counts=overview.summary_counts(records), worst=worst,
+        template, document, "index", matrix=overview.by_method(document), cells=overview.pairs(records),
+        headline="; ".join([*document.answers, headline(document)]), worst=wrong,
         right=overview.first_rows(document), tolerances=tolerances(records),
-        pictures=overview.pictures(document, worst),
-        advice=overview.recommended(document.scenes), accurate=overview.most_accurate(document),
-        leaders=overview.leaders(document.scenes),
+        pictures=overview.pictures(document, wrong), advice=overview.recommended(document.scenes),
         advised={each.scene for each in document.advice or []}, advice_rows=msgspec.to_builtins(document.advice))
 
 
@@ -189,7 +186,7 @@ def engine(document: Document, name: str) -> str:
     records = [record for record in document.records if record.engine == name]
     titles = {each.name: each.title for each in document.scenes}
     return _render("engine.html.j2", document, f"engine {name}", name=name, records=records, titles=titles,
-                   counts=overview.counted(records), worst=overview.worst_first(records),
+                   worst=overview.worst_first(records),
                    support=[(each, row) for each in document.scenes
                             for row in support_rows(document, each) if row.engine == name])
 

@@ -33,7 +33,7 @@ CAPTIONS = {
     "constraint-velocity": "The constraints at the level of velocity.",
     "constraint-acceleration": "The constraints at the level of acceleration.",
     "orthogonality": "Orthogonality of the rotation matrices.",
-    "speed": "Error at the end against stepping time.", "convergence": "Largest error against the step."}
+    "speed": "Largest error against stepping time.", "convergence": "Largest error against the step."}
 """By the beginning of the last part of a figure's file name."""
 
 BIBLIOGRAPHY = """@article{lie_stabilized_2019,

@@ -40,7 +40,7 @@ from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
 from crosscheck.judge.verdict import beyond
-from crosscheck.report.headline import answers
+from crosscheck.report.headline import answers, clause
 from crosscheck.running import cluster, provenance, support, versions
 from crosscheck.running.arguments import engine_options
 from crosscheck.scene.file import load_scene, read_scene, scene_names, tagged
@@ -50,7 +50,7 @@ from crosscheck.verification.ladder import STAGE, Ladder, key
 from crosscheck.verification.plan import PENDING, Profile
 from crosscheck.verification.plan import profile as profile_called
 from crosscheck.verification.scene_truth import prepare_truth
-from crosscheck.verification.speed import Timed, measure_speed
+from crosscheck.verification.speed import Pair, measure_speed
 from crosscheck.verification.task import Carried, Cell, all_cells
 
 if TYPE_CHECKING:
@@ -74,14 +74,6 @@ def limits_of(time_limit: float | None = TIME_LIMIT, memory_limit: float | None 
     return Limits(time_limit, None if memory_limit is None else memory_limit * GIGABYTE)
 
 
-def check_engines(names: Sequence[str]) -> None:
-    """Raise `ArgumentError` or `EngineError` for an engine that is unknown, not installed or cannot be loaded."""
-    for name in names:
-        if isinstance(name, str) and adapters.is_own(name):
-            adapters.get(name)
-    versions.need(names)
-
-
 def guarded_cell(cell: Cell) -> Record:
     """`run_cell`, but a run fails if its engine printed text, because a user would miss a warning in it."""
     judged = run_cell(cell)
@@ -99,7 +91,7 @@ def guarded_cell(cell: Cell) -> Record:
 Progress = Callable[[int, int, str], None]
 """Called with (number of finished tasks, number of all tasks, name of the last finished one)."""
 
-ROW_TYPES = {"truth": SceneTruth, "cell": Record, "speed": list[Timed], STAGE: Ladder}
+ROW_TYPES = {"truth": SceneTruth, "cell": Record, "speed": list[list[Pair]], STAGE: Ladder}
 """Types of the results of each stage, for `crosscheck.jobs.table`."""
 
 
@@ -115,8 +107,11 @@ def select_scenes(names: Sequence[str] | None, every: bool = False) -> list[str]
 
 
 def select_engines(names: Sequence[str] | None) -> list[str]:
-    """Names of the engines to run. Raises `ArgumentError` or `EngineError` as `check_engines`."""
-    check_engines(names or ())
+    """Names of the engines to run; raises `ArgumentError` or `EngineError` for one that is unknown or not installed."""
+    for name in names or ():
+        if isinstance(name, str) and adapters.is_own(name):
+            adapters.get(name)
+    versions.need(names or ())
     return list(dict.fromkeys(names or adapters.names()))
 
 
@@ -176,8 +171,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     SceneError, ArgumentError, EngineError
         A name or option is wrong. This is checked first.
     """
-    if jobs < 1:
-        raise ArgumentError(f"jobs has to be at least 1, not {jobs}")
+    if not isinstance(jobs, int) or jobs < 1:
+        raise ArgumentError(f"jobs: at least 1 is wanted, not {jobs}")
     if budget is not None and not budget > 0:
         raise ArgumentError(f"budget: a positive number of seconds is wanted, not {budget:g}")
     if not 0 < need <= 1:
@@ -204,6 +199,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         def meta(**more: object) -> Meta:
             return msgspec.convert(provenance.describe(engine_names) | {
                 "profile": profile, "jobs": jobs, "asked": asked, "need": need,
+                "tolerances": [(name, bound) for name, bound, _ in overrides],
                 "command": command("verify", profile, scenes, engines, methods, [
                     *(word for name, bound, _ in overrides for word in ("--tol", f"{name}={bound!r}")), *asked.words,
                     *(["--need", f"{need:g}"] if need < 1 else []), "--jobs", str(jobs)]),
@@ -285,7 +281,7 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     finite = msgspec.convert(plain(records), list[Record], str_keys=True)
     outcome = outcome_of(scenes, records)
     return Document(meta=meta, scenes=scenes, records=finite, outcome=outcome, exit_code=EXIT_CODES[outcome],
-                    support=rows, answers=answers(finite, meta.need))
+                    support=rows, answers=answers(finite, meta.need, meta.tolerances))
 
 
 def _keys(wanted: bool) -> Callable[..., str]:
@@ -350,10 +346,7 @@ def _failure(result: Record | Crash) -> str:
         return result.message
     if result.outcome not in ("fail", "error"):
         return ""
-    first = verdict.worst(result.findings)
-    if result.message or first is None or first.value is None or first.bound is None:
-        return result.message or result.outcome
-    return f"{first.kind} {first.value:.1e} {first.unit}, bound {first.bound:.1e}"
+    return result.message or clause(verdict.worded(result)) or result.outcome
 
 
 def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths: list[SceneTruth], within: Limits,

@@ -27,9 +27,6 @@ AFFORDABLE = 2e5
 OUTPUTS = 64
 """Fewest intervals between outputs that are made longer, for steps to be grouped."""
 
-RTOLS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
-"""Relative tolerances at which time is shown against error."""
-
 
 def duration_within(scene: Scene, most_seconds: float | None = None) -> float | None:
     """Time (s) after which runs end, so that truth can be had; None: the scene's own."""
@@ -101,11 +98,10 @@ class Profile:
     most_seconds: float | None = None  # duration (s) of runs at most; None: those of the scenes
     every_scene: bool = False  # whether to run all scenes of the library or only those with the tag "default"
     speed: int = 0  # number of processes that measure times, which compare with a calibration kernel; 0: none
-    points: bool = False  # whether to show time against error at coarser steps, too
 
 
 PROFILES = {
-    "default": Profile("default", True, speed=1, points=True),
+    "default": Profile("default", True, speed=1),
     "smoke": Profile("smoke", False, most_seconds=1.0),
     "full": Profile("full", True, 20_000, every_scene=True, speed=3),
 }

@@ -254,7 +254,9 @@ class Solution:
                     kept = each[asked.segment.kept(name, self.questions.step_of(size))]
                     most[name] = max(most.get(name, 0.0), largest(kept))
             step, rtol = self.questions.at(size)
-            made.append(Rung(step=step, rtol=rtol, errors=dict(most)))
+            whole = answers[0].segment.whole  # each answer then begins at the start
+            steps = (max if whole else sum)(asked.answers[-1 - k].steps for asked in answers)
+            made.append(Rung(step=step, rtol=rtol, errors=dict(most), steps=steps))
         return made
 
     def _reason(self, blind: list[int], reached: float) -> str:

@@ -11,16 +11,13 @@ import dataclasses
 import functools
 import statistics
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
 
 from msgspec.structs import replace
 
-from crosscheck import references
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import RawRun
-from crosscheck.compare.errors import errors
 from crosscheck.compare.timing import (
     CALIBRATION,
     PATIENCE,
@@ -29,8 +26,8 @@ from crosscheck.compare.timing import (
     take_turns,
     undisturbed,
 )
-from crosscheck.document import Calibration, Finding, Point, Record, Speed, Way, extended, grouped
-from crosscheck.errors import CrosscheckError, EngineDied
+from crosscheck.document import Calibration, Finding, Record, Speed, Way, extended, grouped
+from crosscheck.errors import EngineDied
 from crosscheck.files import digest
 from crosscheck.jobs.drive import Crash, Limits, Stages
 from crosscheck.jobs.workers import child
@@ -38,15 +35,11 @@ from crosscheck.judge.verdict import beyond
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
-from crosscheck.verification.plan import RTOLS, profile
+from crosscheck.verification.plan import profile
 from crosscheck.verification.trust import NOISE_DEVIATIONS
 
 Pair = tuple[float, float]
 """Time per step (s) of a run, and that of the calibration kernel."""
-Timed = tuple[list[Pair], Point | None]
-"""Times of a run of its own, and what a run at another step or tolerance shows of time against error."""
-
-Found = TypeVar("Found")
 
 REPEATS = 3
 """Number of turns of each run in one round."""
@@ -62,33 +55,21 @@ takes less than LEAST times as long, the difference is noise, and the whole call
 ONCE = 0.1
 """Runs that take more processor time (s, with the building of models) have one turn per round."""
 
-COARSER = (8, 4, 2)
-"""Steps at which time is shown against error, over that of the main run."""
-
-SHOWN, SAMPLES = 1.0, 6
-"""Simulated time (s) of these errors, and the output times of its truth."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Burst:
-    """A run to be timed; `until` (s) is the time at which its error is wanted, too."""
+    """A run to be timed."""
 
     way: Way
     duration: float | None = None  # s, of an adaptive run: the time of about `STEPS` steps; None: the whole scene
-    until: float | None = None
 
     @classmethod
-    def all_of(cls, record: Record, points: bool) -> tuple[Burst, ...]:
-        """A short version of the main run of a record, and runs at coarser steps or other tolerances."""
+    def of(cls, record: Record) -> Burst:
+        """A short version of the main run of a record."""
         way = replace(extended(Way, record), form=None if record.default_form else record.form)
-        share = None if record.rtol is None or not record.steps else STEPS / record.steps
-        main = cls(way, None if share is None or record.duration is None else share * record.duration)
-        if not points or not record.errors:
-            return (main,)
-        sizes = ({"step": record.step * times} for times in COARSER) if record.step else (
-            {"rtol": rtol} for rtol in RTOLS)
-        until = min(record.duration or SHOWN, SHOWN)
-        return (main, *(cls(replace(way, **size), main.duration, until) for size in sizes))
+        if record.rtol is None or not record.steps or record.duration is None:
+            return cls(way)
+        return cls(way, STEPS / record.steps * record.duration)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,65 +81,40 @@ class Round:
     repeats: int = REPEATS
 
 
-def time_round(task: Round) -> list[Timed]:
-    """For each burst, pairs (s per step, s of the calibration kernel), none for a run that fails, and its point.
+def time_round(task: Round) -> list[list[Pair]]:
+    """For each burst, pairs (s per step, s of the calibration kernel), none for a run that fails.
 
     What fails is recorded by the main run of the same cell. Raises `EngineDied`.
     """
     scene, kernel = load_scene(task.scene), calibration_kernel()
-
-    def turns(function: Callable[..., Found], given: Mapping[int, tuple[Any, ...]], rounds: int = 1
-              ) -> Iterator[tuple[int, Found]]:
-        def run(index: int) -> Found:
-            child.at(str(index))
-            return function(scene, task.bursts[index], *given[index])
-
-        for index, found in take_turns({index: functools.partial(run, index) for index in given}, rounds):
-            if isinstance(found, EngineDied):
-                raise found
-            if not isinstance(found, CrosscheckError):
-                yield index, found
-
-    def calibrated(found: Iterable[tuple[int, Found]]) -> Iterator[tuple[int, Found, float]]:
-        before = kernel()
-        for index, each in found:
-            after = kernel()
-            yield index, each, 0.5 * (before + after)
-            before = after
-
     samples: list[list[Pair]] = [[] for _ in task.bursts]
-    short: dict[int, tuple[tuple[float, ...], int]] = {}
-    main = [index for index, burst in enumerate(task.bursts) if burst.until is None]
-    for index, (spans, seconds), beside in calibrated(turns(_begun, dict.fromkeys(main, ()))):
-        if seconds is None:
-            short[index] = spans, PATIENCE // len(spans)
-        else:
-            samples[index].append((seconds, beside))
-    for index, seconds, beside in calibrated(turns(_seconds_per_step, short, task.repeats)):
-        samples[index].append((seconds, beside))
-    points = dict(turns(_point, {index: () for index in range(len(task.bursts)) if index not in main}))
-    return [(pairs, points.get(index)) for index, pairs in enumerate(samples)]
+    short: dict[int, tuple[float, ...]] = {}
 
+    def first(index: int) -> float | None:
+        """Seconds per step of a run that is so long that one turn is enough; it fills caches."""
+        child.at(str(index))
+        spans = _spans(scene, task.bursts[index])
+        began = time.process_time()  # a run that had to wait for the processor is not a long one
+        seconds = _seconds_per_step(scene, task.bursts[index], spans, 1)
+        if time.process_time() - began > ONCE:
+            return seconds
+        short[index] = spans
+        return None
 
-def _begun(scene: Scene, burst: Burst) -> tuple[tuple[float, ...], float | None]:
-    """The spans of a burst, and its seconds per step if one turn is enough; the run fills caches."""
-    spans = _spans(scene, burst)
-    began = time.process_time()  # a run that had to wait for the processor is not a long one
-    seconds = _seconds_per_step(scene, burst, spans, 1)
-    return spans, seconds if time.process_time() - began > ONCE else None
+    def further(index: int) -> float:
+        child.at(str(index))
+        return _seconds_per_step(scene, task.bursts[index], short[index], PATIENCE // len(short[index]))
 
-
-def _point(scene: Scene, burst: Burst) -> Point:
-    """A run of the length that a burst asks for: its time, and its largest error of position at the end."""
-    short, ran = scene.lasting(burst.until or scene.duration).replace(samples=SAMPLES), list[RawRun]()
-
-    def once() -> float:
-        ran.append(stepped(short, burst.way, 2))
-        return ran[-1].wall_time
-
-    seconds = undisturbed(once, TRIES)[0]
-    error = errors(short, ran[-1].states, references.truth(short).states.at([0, -1]))["position"].end
-    return Point(step=burst.way.step, rtol=burst.way.rtol, steps=ran[-1].steps, error=error, wall_time=seconds)
+    before = kernel()
+    for function, runs, rounds in ((first, range(len(task.bursts)), 1), (further, short, task.repeats)):
+        for index, seconds in take_turns({index: functools.partial(function, index) for index in runs}, rounds):
+            if isinstance(seconds, EngineDied):
+                raise seconds
+            after = kernel()
+            if isinstance(seconds, float):
+                samples[index].append((seconds, 0.5 * (before + after)))
+            before = after
+    return samples
 
 
 def _spans(scene: Scene, burst: Burst) -> tuple[float, ...]:
@@ -176,7 +132,7 @@ def _spans(scene: Scene, burst: Burst) -> tuple[float, ...]:
     return (short, whole) if took > LEAST * call else (whole,)
 
 
-def _fastest(scene: Scene, burst: Burst, span: float, most: int) -> Pair:
+def _fastest(scene: Scene, burst: Burst, span: float, most: int) -> tuple[float, int]:
     """Stepping time (s) of a run of this length (s), undisturbed within `most` tries, and its steps."""
     brief, ran = scene.replace(duration=span, samples=2), list[RawRun]()
 
@@ -234,45 +190,34 @@ def measure_speed(records: Sequence[Record], called: str, stages: Stages, within
     Parameters
     ----------
     records : of any scenes; records of failed runs and of engines in their own environments are not changed
-    called : the profile, which says how many processes take turns, every run has several turns in each, and whether
-        coarser runs are timed, too
+    called : the profile, which says how many processes take turns; every run has several turns in each
     stages : with one job, so that nothing else runs
     within : limits of one run
     name : of these rounds, which are measured once a session
     """
-    settings, made = profile(called), list(records)
+    made, kernels = list(records), list[float]()
     chosen = grouped((index for index, record in enumerate(records) if record.us_per_step is not None),
                      lambda index: records[index].scene)
-    kernels: list[float] = []
     for scene, own in chosen.items():
-        bursts = [(index, burst) for index in own for burst in Burst.all_of(records[index], settings.points)]
-        task = Round(scene, tuple(burst for _, burst in bursts))
-        samples: list[Timed] = [([], None) for _ in bursts]
+        task = Round(scene, tuple(Burst.of(records[index]) for index in own))
+        samples: list[list[Pair]] = [[] for _ in own]
         crashed: dict[int, str] = {}
-        for turn in range(1, settings.speed + 1):
-            results, reasons = _round(stages, task, f"{name} {turn}", within)
-            samples = [(before + pairs, known or point) for (before, known), (pairs, point) in zip(
-                samples, results, strict=True)]
-            crashed |= {bursts[number][0]: reason for number, reason in reasons.items()}
-        kernels += [kernel for pairs, _ in samples for _, kernel in pairs]
-        for index in own:
-            (main, _), *coarser = (each for (place, _), each in zip(bursts, samples, strict=True) if place == index)
-            timing = [point for _, point in coarser if point is not None]
-            if main and records[index].engine not in built_in.ENTRIES:  # the clock is around the whole call
-                timing = [replace(each, wall_time=each.steps * main[0][0]) for each in timing]
-            made[index] = replace(_filled_in(records[index], summarise(main)), timing=timing)
-            if index in crashed:
-                made[index] = beyond(made[index], Finding.ended_early(f"when it was timed: {crashed[index]}"))
+        for turn in range(1, profile(called).speed + 1):
+            crashed |= _round(stages, task, f"{name} {turn}", within, samples)
+        for number, (index, pairs) in enumerate(zip(own, samples, strict=True)):
+            kernels += [kernel for _, kernel in pairs]
+            made[index] = _filled_in(records[index], summarise(pairs))
+            if number in crashed:
+                made[index] = beyond(made[index], Finding.ended_early(f"when it was timed: {crashed[number]}"))
     return made, Calibration(what=CALIBRATION, us=1e6 * statistics.median(kernels) if kernels else None,
                              deviation=1e6 * spread(kernels) if kernels else None)
 
 
-def _round(stages: Stages, task: Round, name: str, within: Limits | None) -> tuple[list[Timed], dict[int, str]]:
-    """What `time_round` gives for each burst, and of some the reason why they give nothing.
+def _round(stages: Stages, task: Round, name: str, within: Limits | None, samples: list[list[Pair]]) -> dict[int, str]:
+    """Adds what `time_round` gives for each burst to `samples`; why some give nothing.
 
     If one of them crashes the process or exceeds the limits, all others are done again without it.
     """
-    results: list[Timed] = [([], None) for _ in task.bursts]
     left, reasons = list(range(len(task.bursts))), dict[int, str]()
     while left:
         whole = None if within is None or within.time is None else dataclasses.replace(
@@ -282,14 +227,14 @@ def _round(stages: Stages, task: Round, name: str, within: Limits | None) -> tup
         made, = stages.run("speed", time_round, [part], [digest("speed", which, part)],
                            [f"speed of {Path(task.scene).name}, {which}"], whole, reuse="samples")
         if not isinstance(made, Crash):
-            for number, each in zip(left, made, strict=True):
-                results[number] = each
+            for number, pairs in zip(left, made, strict=True):
+                samples[number] += pairs
             break
         # If none was at work, none is the cause, and another attempt would fail, too.
         culprits = [left[int(made.at)]] if made.at else left
         reasons |= dict.fromkeys(culprits, made.message)
         left = [number for number in left if number not in culprits]
-    return results, reasons
+    return reasons
 
 
 def _filled_in(record: Record, measured: Speed | None) -> Record:

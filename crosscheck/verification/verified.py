@@ -94,7 +94,7 @@ def verify(scene: Given | Sequence[Given] | None = None, engine: str | Sequence[
            budget: float | None = None, *, duration: float | None = None, profile: str = "default",
            asked: Asked = AS_PLANNED, jobs: int = 2, scheduler: str | None = None, limits: Limits | None = None,
            tolerances: Overrides = (), fresh: bool = False, out: Path | None = None,
-           spoken: Mapping[str, tuple[str, str]] | None = None, command: str = "crosscheck.verify",
+           spoken: Sequence[tuple[str, str]] = (), command: str = "crosscheck.verify",
            progress: job.Progress | None = None, note: Callable[[str], object] = lambda text: None,
            on_budget: Callable[[Verification], object] = print) -> Verification:
     """Run methods and engines over scenes and judge every run, as `crosscheck verify` does.
@@ -119,7 +119,7 @@ def verify(scene: Given | Sequence[Given] | None = None, engine: str | Sequence[
     tolerances : from `crosscheck.judge.overrides.read`
     fresh : compute everything anew
     out : folder of the report. Where none is complete yet, it fills as runs end
-    spoken : by scene file, its name in the answer and its words in commands
+    spoken : of each scene its name in the answer and its words in commands; none: those of the scene and its file
     command : what the table of rows says of this session
     progress : called with the number of ended tasks, of all, and the name of the last
     note : called with what the user should know before anything runs: that a killed run is continued, or the table of
@@ -132,21 +132,20 @@ def verify(scene: Given | Sequence[Given] | None = None, engine: str | Sequence[
     """
     from crosscheck.jobs.table import Table  # a database, which workers do not need
 
-    if not isinstance(jobs, int) or jobs < 1:
-        raise ArgumentError(f"jobs: at least 1 is wanted, not {jobs}")
     for name, value in (("step", step), ("duration", duration)):
         if value is not None and not 0 < value < math.inf:
             raise ArgumentError(f"{name}: a positive number of seconds is wanted, not {value!r}")
     if out is not None:
         report.check_out(out)
-    names = dict(spoken or {})
-    scenes = None if scene is None else [_file(each, names) for each in _several(scene)]
     engines = None if engine is None else _several(engine)
     methods = None if method is None else _several(method)
+    job.check_methods(methods, job.select_engines(engines))
+    names: dict[str, tuple[str, str]] = {}
+    scenes = None if scene is None else [_file(each, names) for each in _several(scene)]
+    names |= zip(scenes or (), spoken, strict=False)
     asked = msgspec.structs.replace(asked, step=step, duration=duration)
     within = limits or job.limits_of()
     identity = job.fingerprint(profile, scenes, engines, dataclasses.astuple(within), tolerances, methods, asked.words)
-    job.check_methods(methods, job.select_engines(engines))
     writing = threading.Lock()  # pages are written by two threads
 
     def named(document: Document) -> Document:
@@ -189,7 +188,7 @@ def _file(scene: Given, names: dict[str, tuple[str, str]]) -> str:
             return os.fspath(scene)
         scene = import_model(scene)
     content = content_of(scene)
-    target = cache_folder() / "models" / digest(content)[:12] / f"{scene.name}.toml"
+    target = cache_folder() / "models" / f"{digest(content)[:12]}.toml"
     target.parent.mkdir(parents=True, exist_ok=True)
     put(target, toml(content))
     names[str(target)] = scene.name, str(target)

@@ -23,7 +23,7 @@ from crosscheck.compare.errors import errors
 from crosscheck.judge.world import World
 from crosscheck.references import truth
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
-from crosscheck.verification.job import check_engines
+from crosscheck.verification.job import select_engines
 from tests.adapters.test_laws import pendulum
 from tests.lieeuler.accuracy import slopes
 
@@ -45,7 +45,7 @@ def test_without_its_environment_one_line_says_how_to_make_it(nowhere, engine):
     assert engine not in adapters.names()
     assert engine_version(engine) == NOT_INSTALLED
     with pytest.raises(crosscheck.EngineError, match=MEND.format(engine)):
-        check_engines([engine])
+        select_engines([engine])
     with pytest.raises(crosscheck.EngineError, match=MEND.format(engine)):
         crosscheck.run("single_pendulum", engine, adapters.methods(engine)[0], step=1e-2)
 

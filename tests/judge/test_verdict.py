@@ -15,11 +15,11 @@ from crosscheck.jobs.drive import Stages
 from crosscheck.judge.verdict import worst
 from crosscheck.verification import speed
 from crosscheck.verification.cell import run_cell
-from crosscheck.verification.speed import COARSER, SHOWN, measure_speed
+from crosscheck.verification.speed import measure_speed
 from crosscheck.verification.task import Cell
 from tests.fake_engine import FakeEngine, install
 
-PLAN = Plan({1: 1e-3}, samples=26)
+PLAN, LASTS = Plan({1: 1e-3}, samples=26), 1.0  # s
 
 
 @pytest.fixture
@@ -96,22 +96,22 @@ def test_what_an_engine_cannot_model_is_no_failure(verdict):
 
 
 def timed(engine, step, monkeypatch):
-    """The record of a run of an engine at this step with its times, and those of coarser runs."""
+    """The record of a run of an engine at this step with its times."""
     install(monkeypatch, engine)
     monkeypatch.setattr("crosscheck.jobs.drive.run_tasks", lambda function, tasks, jobs, done, *_: [
         done(place, function(task)) for place, task in enumerate(tasks)])
-    record = run_cell(Cell("single_pendulum", Way("fake", "Plain"), Plan({1: step}, samples=26, duration=SHOWN)))
+    record = run_cell(Cell("single_pendulum", Way("fake", "Plain"), Plan({1: step}, samples=26, duration=LASTS)))
     (made,), _ = measure_speed([record], "default", Stages(1, None, lambda label: None))
     return made
 
 
-def test_times_are_those_of_stepping_and_come_with_end_errors(monkeypatch):
+def test_times_are_those_of_stepping_and_come_with_the_errors_of_the_ladder(monkeypatch):
     run = timed(FakeEngine(), 1e-3, monkeypatch)
-    assert [point.step for point in run.timing] == [1e-3 * times for times in COARSER]
-    for point in run.timing:
-        # 0.1 h^2 t at the end, on numbers of size one
-        assert point.error == pytest.approx(0.1 * point.step ** 2 * SHOWN, rel=1e-6)
-        assert point.wall_time == pytest.approx(1e-6 * point.steps)
+    assert [rung for _, rung in run.timing] == run.ladder
+    assert len(run.ladder) == 3
+    for seconds, rung in run.timing:
+        assert rung.steps == pytest.approx(LASTS / rung.step)
+        assert seconds == pytest.approx(1e-6 * rung.steps)
     assert run.us_per_step == pytest.approx(1.0)
     assert run.seconds_per_second == pytest.approx(1e-6 / 1e-3)
 

@@ -188,7 +188,7 @@ def test_the_pages_are_rendered_again_alike_from_what_the_report_holds(folder, t
 
 
 @pytest.mark.parametrize(("change", "said"), [
-    ({"schema": 0}, "schema 0 is not 4"),
+    ({"schema": 0}, "schema 0 is not 5"),
     ({"records": [{"scene": "x"}]}, r"missing required field .*records\[0\]"),
     ({"meta": None}, r"\$.meta"),
     ({"scenes": [{"name": "x", "failure": 1}]}, r"scenes\[0\]"),

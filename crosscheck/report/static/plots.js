@@ -293,8 +293,8 @@ window.Figures = (function () {
       traces.unshift({...front, mode: "lines", name: "best of all", hoverinfo: "skip", guide: true, showlegend: false,
         line: {color: style("--quiet"), width: 1.2, dash: "dot", shape: "hv"}});
     }
-    return {traces, columns: ["stepping time (ms)", "position error at the end (m)"],
-      layout: layout(log("stepping time (ms)"), log("position error at the end (m)"))};
+    return {traces, columns: ["stepping time (ms)", "largest position error (m)"],
+      layout: layout(log("stepping time (ms)"), log("largest position error (m)"))};
   }
   // The points that no other beats in both, from left to right.
   function pareto(traces) {

@@ -152,20 +152,3 @@ def _joint_data(task: tuple[str, str]) -> dict[str, dict[str, tuple[float | str,
 
     os.chdir(task[0])
     return reading.joint_data(source.read(Path(task[1])))
-
-
-def import_file(path: str | os.PathLike[str], target: Path, **options: Any) -> Scene:
-    """Import as `import_model` does, and write the scene to the file `target`, which ends in .toml."""
-    from crosscheck.files import put
-    from crosscheck.scene.building import scene_from
-    from crosscheck.scene.models.writing import toml
-
-    if target.suffix != ".toml":
-        raise ArgumentError(f"{target}: a scene file ends in .toml; rename it")
-    content = table(path, **options)
-    scene = scene_from(content, path)
-    try:
-        put(target, toml(content))
-    except OSError as error:
-        raise SceneError(f"{target}: cannot be written, {(error.strerror or str(error)).lower()}") from None
-    return scene

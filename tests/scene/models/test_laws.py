@@ -9,8 +9,9 @@ import crosscheck
 from crosscheck.errors import ArgumentError, SceneError
 from crosscheck.scene import mechanics, touching
 from crosscheck.scene.coordinates import at_start
-from crosscheck.scene.models import import_file, laws, neutral
+from crosscheck.scene.models import laws, neutral, table
 from crosscheck.scene.models.neutral import Reading
+from crosscheck.scene.models.writing import toml
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -83,7 +84,7 @@ def test_a_robot_comes_in_whole_and_says_until_when_it_holds(tmp_path):
     assert {("one", "dry friction of joint", 0.2), ("two", "dry friction of joint", 0.3),
             ("p", "actuator", (-3.0, 20.0, 0.0, 0.0, 0.0, -20.0, -2.0))} <= set(bare.left_out)
     path = tmp_path / "bare.toml"
-    import_file(robot(tmp_path, ACTUATORS["position"][0]), path, drop=True)
+    path.write_text(toml(table(robot(tmp_path, ACTUATORS["position"][0]), drop=True)))
     assert crosscheck.load_scene(path).left_out == bare.left_out
     path.write_text(path.read_text().replace("left_out = [", 'left_out = ["friction", '))
     with pytest.raises(SceneError, match=r'left_out.*\["elbow", "dry friction of joint", 0.3\]'):
@@ -189,7 +190,8 @@ def test_a_joint_whose_limits_exclude_its_reference_starts_inside_which_is_told(
 
 def test_a_scene_file_whose_shapes_touch_at_the_start_is_refused(tmp_path):
     target = tmp_path / "robot.toml"
-    assert import_file(robot(tmp_path), target).hash == crosscheck.load_scene(target).hash
+    target.write_text(toml(table(robot(tmp_path))))
+    assert crosscheck.import_model(robot(tmp_path)).hash == crosscheck.load_scene(target).hash
     target.write_text(target.read_text().replace("-3.0", "-0.7"))
     with pytest.raises(SceneError, match=r"monitors\[3\] \(touch\): at the start floor and box are .* apart"):
         crosscheck.load_scene(target)

@@ -213,58 +213,48 @@ def print_table(terminal: Console, columns: Sequence[Column], rows: Sequence[Seq
 
     if title:
         terminal.print(title, style="italic", markup=False)
-    for block in _blocks(columns, rows, terminal.width):
+    keys = [k for k, column in enumerate(columns) if column.key]
+    share = terminal.width // (SHARE * max(1, len(keys)))
+    least = [_least(column, [row[k] for row in rows], share) for k, column in enumerate(columns)]
+    for block in _blocks(len(columns), keys, least, terminal.width):
         own, cells = [columns[k] for k in block], [[row[k] for k in block] for row in rows]
         table = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0))
-        for column, width in zip(own, _widths(own, cells, terminal.width), strict=True):
+        for column, width in zip(own, _widened([least[k] for k in block], own, cells, terminal.width), strict=True):
             table.add_column(Text(column.title), width=width, overflow="fold")
         for row, style in itertools.zip_longest(cells, styles, fillvalue=""):
             table.add_row(*map(Text, row), style=style)
         terminal.print(table)
 
 
-def _blocks(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> list[list[int]]:
-    """Indices of the columns of every block."""
-    keys = [k for k, column in enumerate(columns) if column.key]
-    share = width // (SHARE * max(1, len(keys)))
-    least = [_least(column, [row[k] for row in rows], share if column.key else 0) for k, column in enumerate(columns)]
-    room = width - sum(least[k] + GAP for k in keys)
-    blocks: list[list[int]] = [[]]
-    used = 0
-    for k in range(len(columns)):
-        if k in keys:
-            continue
-        if blocks[-1] and used + least[k] + GAP > room:
-            blocks.append([])
-            used = 0
-        blocks[-1].append(k)
-        used += least[k] + GAP
-    return [sorted([*keys, *block]) for block in blocks]
-
-
-def _least(column: Column, cells: Sequence[str], share: int = 0) -> int:
+def _least(column: Column, cells: Sequence[str], share: int) -> int:
     """The least width of a column: its longest number or word; for a key also up to `share`, if its cells need it."""
     longest = max((len(line) for cell in cells for line in cell.splitlines()), default=0)
     parts = [column.title, *cells] if column.words else [column.title]
     word = max((len(each) for part in parts for each in part.split()), default=0)
-    return max(word, min(longest, share)) if column.words else max(word, longest)
+    return max(word, longest if not column.words else min(longest, share) if column.key else 0)
 
 
-def _widths(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> list[int]:
-    """Widths of the columns of a block: the least width of each; the rest goes to words, then to titles."""
-    keys = max(1, sum(column.key for column in columns))
-    cells = [[row[k] for row in rows] for k in range(len(columns))]
-    widths = [_least(column, cells[k], width // (SHARE * keys) if column.key else 0)
-             for k, column in enumerate(columns)]
-    natural = [max(len(line) for cell in (column.title, *cells[k]) for line in (cell.splitlines() or [""]))
-               for k, column in enumerate(columns)]
-    left = width - sum(widths) - GAP * (len(columns) - 1)
+def _blocks(count: int, keys: Sequence[int], least: Sequence[int], width: int) -> list[list[int]]:
+    """Indices of the columns of every block, of which each has all keys."""
+    room = width - sum(least[k] + GAP for k in keys)
+    blocks: list[list[int]] = [[]]
+    for k in (k for k in range(count) if k not in keys):
+        if blocks[-1] and sum(least[each] + GAP for each in (*blocks[-1], k)) > room:
+            blocks.append([])
+        blocks[-1].append(k)
+    return [sorted([*keys, *block]) for block in blocks]
+
+
+def _widened(least: Sequence[int], columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> list[int]:
+    """Widths of the columns of a block: what is left goes in equal parts to words, then to titles."""
+    natural = [max(len(line) for cell in (column.title, *(row[k] for row in rows))
+                   for line in cell.splitlines() or [""]) for k, column in enumerate(columns)]
+    widths, left = list(least), width - sum(least) - GAP * (len(columns) - 1)
     for kind in (True, False):
         wanting = sorted((k for k, column in enumerate(columns) if column.words is kind),
-                         key=lambda k: natural[k] - widths[k])
+                         key=lambda k: natural[k] - least[k])
         for place, k in enumerate(wanting):
-            room = left // (len(wanting) - place) if kind else left
-            more = max(0, min(natural[k] - widths[k], room))
+            more = max(0, min(natural[k] - least[k], left // (len(wanting) - place) if kind else left))
             widths[k] += more
             left -= more
     return widths

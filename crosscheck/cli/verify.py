@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from crosscheck.document import Document, Record
     from crosscheck.recordings import published
 
-COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order", "error of its size",
-                                              "would have shown", "resolved", "energy error", "us/step"))
 NAMED = 3
 """Most runs of one documented order whose observed orders are printed one by one."""
 
@@ -127,7 +125,7 @@ def print_verdicts(document: Document, page: Path) -> None:
     import msgspec
 
     from crosscheck.document import grouped
-    from crosscheck.report.headline import OUTCOMES, advice, assumptions, ending, headline, sentence
+    from crosscheck.report.headline import OUTCOMES, ROW, advice, assumptions, ending, headline, row, sentence
     from crosscheck.report.overview import worst_first
 
     titles = {scene.name: scene.title for scene in document.scenes}
@@ -151,7 +149,7 @@ def print_verdicts(document: Document, page: Path) -> None:
             _print_right(name, engine, records)
     findings = [record for record in document.records if record.outcome in ("known", "fail", "error")]
     if findings:
-        print_table(terminal, COLUMNS, [_row(record) for record in findings],
+        print_table(terminal, [*map(key, ROW[:2]), *figures(*ROW[2:])], [row(record) for record in findings],
                     styles=[STYLES.get(record.outcome, "") for record in findings])
     for group in worst_first(document.records):
         symbol, word, _ = OUTCOMES[group.outcome]
@@ -169,8 +167,8 @@ def print_verdicts(document: Document, page: Path) -> None:
             + (f"; {records[0].code}; {ending(records[0])}" if outcome == "unresolved" else ""))
     for scene in document.scenes:
         say(f"{scene.name}: {advice(scene)}")
-        for row in scene.engines if len(scene.engines) > 1 else ():
-            say(row.text, 4)
+        for trusted in scene.engines if len(scene.engines) > 1 else ():
+            say(trusted.text, 4)
     print(f"report: {page}")
 
 
@@ -184,12 +182,14 @@ def _print_published(literature: Sequence[published.Figure]) -> None:
     """Print published figures beside truth and the engines; those that differ from truth are marked."""
     if not literature:
         return
+    from crosscheck.report.headline import brief
+
     engines = list(dict.fromkeys(name for figure in literature for name in figure.engines))
     columns = (key("scene"), key("figure"), *figures("printed to", "literature - truth", "truth known to",
                                                      *(f"{name} - truth" for name in engines)))
     print_table(console(160), columns, [
         (figure.scene, figure.what, f"{figure.error:.0e}", f"{figure.truth:.1e}{' !' if figure.differs else ''}",
-         f"{figure.known:.0e}", *(_number(figure.engines.get(name)) for name in engines)) for figure in literature],
+         f"{figure.known:.0e}", *(brief(figure.engines.get(name)) for name in engines)) for figure in literature],
         title="Literature, truth and engines; !: beyond the printed digits and the error of truth")
     for source in dict.fromkeys(figure.source for figure in literature if figure.differs):
         say(f"! differs from truth: {source}")
@@ -219,21 +219,6 @@ def _print_right(scene: str, engine: str, right: Sequence[Record]) -> None:
     if orders:
         line += f"; observed order: {'; '.join(orders)}"
     say("; ".join(filter(None, (line, ending(first)))))
-
-
-def _row(record: Record) -> tuple[str, ...]:
-    from crosscheck.document.outcomes import percent
-    from crosscheck.report.headline import OUTCOMES, visible_error
-
-    return (record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", record.size,
-            "" if record.order is None else f"{record.order.observed:.2f}", _number(record.off),
-            _number(visible_error(record)), "" if record.share is None else percent(record.least_share),
-            _number(record.energy_error),
-            "" if record.us_per_step is None else f"{record.us_per_step:.3g}")
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.1e}" if value < 0.1 or value >= 1000 else f"{value:.2f}"
 
 
 def nightly(

@@ -354,10 +354,6 @@ class Record(Way, frozen=True, kw_only=True):
         """Stepping time (s) of a simulated second, infinite if it is not known."""
         return math.inf if self.seconds_per_second is None else self.seconds_per_second
 
-    def resolution_of(self, quantity: str) -> float | None:
-        """An error of the model above this share of the size of a quantity would have been seen."""
-        return self.resolution.get(quantity)
-
     @property
     def timing(self) -> list[tuple[float, Rung]]:
         """Stepping time (s) of all segments, and their errors, at each step or tolerance at which they were asked; none

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -49,7 +50,8 @@ class Difference:
         return f"{self.engine}: {self.words}"
 
 
-Diff = Callable[[str, str, str], Difference]
+Named = Iterator[tuple[str, str, str]]
+"""Quantity, place and words of differences."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,15 +159,8 @@ def _said(model: sources.Source) -> dict[str, dict[str, float | str]]:
     return joints
 
 
-def _outlined(model: sources.Source) -> dict[str, str] | None:
-    """The collision shapes of a URDF on its moving links, each with those that are fixed to it; None if one is none."""
-    try:
-        return _shapes(model)
-    except ValueError:  # the import says where
-        return None
-
-
-def _shapes(model: sources.Source) -> dict[str, str]:
+def _outlined(model: sources.Source) -> dict[str, str]:
+    """The collision shapes of a URDF on its moving links, each with those that are fixed to it."""
     on = {}
     for joint in model.root.findall("joint") if model.is_urdf else ():
         parent, child = joint.find("parent"), joint.find("child")
@@ -247,17 +242,19 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
                                                    for name, joint in neutral.joints.items()})
     invented = frozenset(link.get("name", "") for link in model.root.findall("link")
                          if link.find("inertial") is None and link.find("collision") is not None)
-    differences = [each for native in natives if native is not neutral
-                   for each in _differences(neutral, _named_alike(neutral, native), invented)]
-    differences = [each for each in differences
-                   if each.engine.startswith("mujoco") or each.place not in _light_bodies(scene)]
+    light = _light_bodies(scene)
+    differences = [Difference(native.engine, *each) for native in natives if native is not neutral
+                   for each in _differences(neutral, _named_alike(neutral, native), invented)
+                   if native.engine.startswith("mujoco") or each[1] not in light]
     whole = sum(float(mass.get("value", "0")) for mass in model.root.findall("link/inertial/mass"))
     still = whole - sum(link.mass for link in neutral.links.values())  # on the root
     differences += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
              for native in natives if native.engine.startswith("mujoco") and still > TOLERANCE * whole]
-    absent = {} if engines is not None else {name: install(name) for name in _absent(ending)}
+    absent, outlined = {} if engines is not None else {name: install(name) for name in _absent(ending)}, None
+    with contextlib.suppress(ValueError):  # of a shape that is none; the import says where
+        outlined = _outlined(model)
     return NativeInspection(source, scene, tuple(natives), tuple(differences), refused, str(no_scene or ""),
-                            _said(model), absent, _outlined(model))
+                            _said(model), absent, outlined)
 
 
 def _absent(ending: str) -> list[str]:
@@ -365,54 +362,50 @@ def _named_alike(neutral: Native, native: Native) -> Native:
                                links={ours.get(name, name): link for name, link in native.links.items()})
 
 
-def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> Iterator[Difference]:
+def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> Named:
     """All differences. `invented` are links without inertial data, which an engine may make from collision shapes."""
-    def diff(quantity: str, place: str, words: str) -> Difference:
-        return Difference(native.engine, quantity, place, words)
-
     most = native.tolerance
     if not _close(neutral.gravity, native.gravity, 10.0, most):
-        yield diff("gravity", "", f"gravity is {native.gravity.tolist()}, the scene has {neutral.gravity.tolist()}")
+        yield ("gravity", "", f"gravity is {native.gravity.tolist()}, the scene has {neutral.gravity.tolist()}")
     ratios = [native.links[name].mass / link.mass for name, link in neutral.links.items()
               if name in native.links and link.mass]
     alike = len(ratios) > 1 and _close(np.array(ratios), np.full(len(ratios), ratios[0]), 1.0, most)
     factor = ratios[0] if alike else 1.0
     if abs(factor - 1) > most:
-        yield diff("mass", "", f"masses of all links times {factor:.6g}")
+        yield ("mass", "", f"masses of all links times {factor:.6g}")
     for name, link in neutral.links.items():
         link = Link(factor * link.mass, factor * link.inertia)
         other = native.links.get(name)
         if other is None:
-            yield diff("link", name, f"link {name} is not in its model")
+            yield ("link", name, f"link {name} is not in its model")
             continue
-        yield from _link(name, link, other, invented, diff, most)
+        yield from _link(name, link, other, invented, most)
     for name in native.links.keys() - neutral.links.keys():
         origin = "from collision geometry" if invented else "otherwise"
-        yield diff("link", name, f"link {name} is a body of its own, {native.links[name].mass:g} kg, made {origin}")
+        yield ("link", name, f"link {name} is a body of its own, {native.links[name].mass:g} kg, made {origin}")
     off = _shifted_centres(neutral, native, most)
     for name, gap in off.items():
-        yield diff("centre of mass", name, f"centre of mass of link {name} is shifted by {_digits(gap)} m")
+        yield ("centre of mass", name, f"centre of mass of link {name} is shifted by {_digits(gap)} m")
     for name, joint in neutral.joints.items():
         theirs = native.joints.get(name)
         if theirs is None:
-            yield diff("joint", name, f"joint {name} is not in its model")
+            yield ("joint", name, f"joint {name} is not in its model")
         else:
-            yield from _joint(name, joint, theirs, off, diff, most)
-    yield from _dynamics(neutral, native, diff)
+            yield from _joint(name, joint, theirs, off, most)
+    yield from _dynamics(neutral, native)
 
 
-def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], diff: Diff,
-          most: float) -> Iterator[Difference]:
+def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], most: float) -> Named:
     if abs(theirs.mass - ours.mass) > most * ours.mass:
         why = " made from collision geometry" if invented else f" times {theirs.mass / ours.mass:.6g}"
-        yield diff("mass", name, f"mass of link {name}{why}: {theirs.mass:g} kg in place of {ours.mass:g} kg")
+        yield ("mass", name, f"mass of link {name}{why}: {theirs.mass:g} kg in place of {ours.mass:g} kg")
     if not _close(ours.inertia, theirs.inertia, float(np.abs(ours.inertia).max()), most):
         moments = np.linalg.eigvalsh(ours.inertia), np.linalg.eigvalsh(theirs.inertia)
         if _close(*moments, float(moments[0].max()), most):
-            yield diff("inertia", name, f"inertial rotation of {name} lost or turned: the principal moments are right, "
+            yield ("inertia", name, f"inertial rotation of {name} lost or turned: the principal moments are right, "
                        "their axes are not")
         else:
-            yield diff("inertia", name, f"inertia of link {name}: principal moments {_digits(moments[1])} in place of "
+            yield ("inertia", name, f"inertia of link {name}: principal moments {_digits(moments[1])} in place of "
                        f"{_digits(moments[0])} kg m^2")
 
 
@@ -433,41 +426,40 @@ def _shifted_centres(neutral: Native, native: Native, most: float) -> dict[str, 
             and np.abs(each[0]).max() > most and _close(np.array([each[0]] * len(each)), np.array(each), 1.0, most)}
 
 
-def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray], diff: Diff,
-           most: float) -> Iterator[Difference]:
+def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray], most: float) -> Named:
     if ours.kind != theirs.kind:
-        yield diff("type", name, f"joint {name} is {theirs.kind} in place of {ours.kind}")
+        yield ("type", name, f"joint {name} is {theirs.kind} in place of {ours.kind}")
     if ours.parent != theirs.parent or ours.child != theirs.child:
-        yield diff("tree", name, f"joint {name} joins {theirs.parent} and {theirs.child} in place of {ours.parent} and "
+        yield ("tree", name, f"joint {name} joins {theirs.parent} and {theirs.child} in place of {ours.parent} and "
                    f"{ours.child}")
         return
     cosine = float(ours.axis @ theirs.axis)
     if cosine < -1 + most:
-        yield diff("axis", name, f"axis of joint {name} is flipped")
+        yield ("axis", name, f"axis of joint {name} is flipped")
     elif cosine < 1 - most:
-        yield diff("axis", name, f"axis of joint {name} is turned by {np.degrees(np.arccos(cosine)):.4g} deg")
+        yield ("axis", name, f"axis of joint {name} is turned by {np.degrees(np.arccos(cosine)):.4g} deg")
     turn = theirs.attitude.T @ ours.attitude
     angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
     if np.abs(turn - np.eye(3)).max() > most:
-        yield diff("frame", name, f"frame of joint {name} is turned by {np.degrees(angle):.4g} deg"
+        yield ("frame", name, f"frame of joint {name} is turned by {np.degrees(angle):.4g} deg"
                    + _degrees(ours.attitude, theirs.attitude))
     for end in ("parent", "child"):
         gap, link = getattr(theirs, f"{end}_anchor") - getattr(ours, f"{end}_anchor"), getattr(ours, end)
         if link not in off and np.abs(gap).max() > most * max(1.0, float(np.abs(ours.parent_anchor).max())):
-            yield diff("frame", name, f"frame of joint {name} is shifted by {_digits(gap)} m against the "
+            yield ("frame", name, f"frame of joint {name} is shifted by {_digits(gap)} m against the "
                        + ("ground" if link == "ground" else f"centre of mass of {link}"))
     sprung = ("rest_position",) if ours.stiffness and theirs.stiffness else ()
     if ours.mimic != theirs.mimic:
-        yield diff("mimic", name, f"joint {name} follows " + (
+        yield ("mimic", name, f"joint {name} follows " + (
             f"{theirs.mimic or 'no other joint'} in place of {ours.mimic or 'none'}"))
     if ours.limits and theirs.limits and not _close(np.array(ours.limits), np.array(theirs.limits), 1.0, most):
-        yield diff("limits", name, f"limits of joint {name} are {_digits(np.array(theirs.limits))}, not "
+        yield ("limits", name, f"limits of joint {name} are {_digits(np.array(theirs.limits))}, not "
                    f"{_digits(np.array(ours.limits))}")
     for key in ("damping", "armature", "stiffness", *sprung):
         value, goal = getattr(theirs, key), getattr(ours, key)
         if abs(value - goal) > most * max(abs(goal), abs(value)):
             wrong = "missing" if value == 0 else f"is {value:g}, not {goal:g}"
-            yield diff(key, name, f"{key.replace('_', ' ')} of joint {name} {wrong}")
+            yield (key, name, f"{key.replace('_', ' ')} of joint {name} {wrong}")
 
 
 def _degrees(ours: np.ndarray, theirs: np.ndarray) -> str:
@@ -482,7 +474,7 @@ def _degrees(ours: np.ndarray, theirs: np.ndarray) -> str:
     return ""
 
 
-def _dynamics(neutral: Native, native: Native, diff: Diff) -> Iterator[Difference]:
+def _dynamics(neutral: Native, native: Native) -> Named:
     """Differences of mass matrix, bias forces and accelerations."""
     if neutral.mass_matrix is None or native.mass_matrix is None or not neutral.order == native.order != ():
         return
@@ -495,14 +487,14 @@ def _dynamics(neutral: Native, native: Native, diff: Diff) -> Iterator[Differenc
         armature = np.array([neutral.joints[name].armature for name in neutral.order])
         if armature.any() and np.allclose(gap, -np.diag(armature), atol=1e-9 * float(armature.max())):
             for name in np.array(neutral.order)[armature > 0]:
-                yield diff("armature", str(name), f"armature of joint {name} missing in the mass matrix")
+                yield ("armature", str(name), f"armature of joint {name} missing in the mass matrix")
         else:
             name = neutral.order[int(np.unravel_index(int(np.abs(gap).argmax()), gap.shape)[1])]
-            yield diff("mass matrix", name, f"mass matrix of joint {name} is off by {np.abs(gap).max():.3g}")
+            yield ("mass matrix", name, f"mass matrix of joint {name} is off by {np.abs(gap).max():.3g}")
     scale = max(1e-9, float(np.abs(neutral.bias).max()))
     if not _close(native.bias, neutral.bias, scale, most):
         worst = int(np.abs(native.bias - neutral.bias).max(axis=0).argmax())
-        yield diff("bias", neutral.order[worst], f"bias force of joint {neutral.order[worst]} is off by "
+        yield ("bias", neutral.order[worst], f"bias force of joint {neutral.order[worst]} is off by "
                    f"{np.abs(native.bias - neutral.bias).max():.3g}")
     # The efforts of springs and dampers. Errors of mass matrix and bias, which are reported above, drop out of them.
     ours = np.einsum("kij,kj->ki", neutral.mass_matrix, neutral.acceleration) + neutral.bias
@@ -512,14 +504,14 @@ def _dynamics(neutral: Native, native: Native, diff: Diff) -> Iterator[Differenc
               for each in (name, joint.mimic)}  # their efforts contain the constraint force
     for name in native.order if native.frictionless else ():
         if native.joints[name].laws.get("friction"):
-            yield diff("friction", name, f"friction of joint {name} is stored but not applied by {native.solver}")
+            yield ("friction", name, f"friction of joint {name} is stored but not applied by {native.solver}")
     for index in np.flatnonzero(np.abs(theirs - ours).max(axis=0) > 10 * most * scale):
         name = neutral.order[int(index)]
         gap = float(np.abs(theirs - ours)[:, index].max())
         if native.joints[name].damping and np.abs(theirs[:, index]).max() <= 10 * most * scale:
-            yield diff("damping", name, f"damping of joint {name} is stored but not applied by {native.solver}")
+            yield ("damping", name, f"damping of joint {name} is stored but not applied by {native.solver}")
         elif name not in geared:
-            yield diff("acceleration", name, f"acceleration of joint {name} by {native.solver} differs by an effort of "
+            yield ("acceleration", name, f"acceleration of joint {name} by {native.solver} differs by an effort of "
                        f"{gap:.3g}")
 
 

@@ -37,7 +37,7 @@ def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
     for name, unit in QUANTITIES.items():
         titled += [(f"{name} {field} [{unit}]", _of("errors", name, key))
                     for key, field in (("end", "end error"), ("max", "max error"), ("size", "size"))]
-        titled.append((f"{name} resolution over size", operator.methodcaller("resolution_of", name)))
+        titled.append((f"{name} resolution over size", _of("resolution", name)))
     titled += [("energy error over largest kinetic energy", lambda r: r.energy_error),
                 ("energy error over |E(0)|", lambda r: r.energy_error_by_start),
                 ("vertical momentum error [kg m^2/s]", lambda r: r.momentum_error)]
@@ -51,9 +51,12 @@ def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
     return titled
 
 
-def _of(part: str, name: str, key: str) -> Callable[[Record], object]:
-    """A function that reads `record.PART[NAME].KEY`, or None if the record has no such entry."""
-    return lambda record: getattr(getattr(record, part).get(name), key, None)
+def _of(part: str, name: str, key: str = "") -> Callable[[Record], object]:
+    """A function that reads `record.PART[NAME]`, or its KEY, or None if the record has no such entry."""
+    def read(record: Record) -> object:
+        entry = getattr(record, part).get(name)
+        return getattr(entry, key, None) if key else entry
+    return read
 
 
 def table(document: Document) -> str:

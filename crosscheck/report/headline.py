@@ -218,6 +218,24 @@ def number(value: float | None, digits: int = 2) -> str:
     return f"{value:.{digits}g}" if 0.01 <= abs(value) < 1000 else f"{value:.{digits - 1}e}"
 
 
+ROW = ("scene", "run", "verdict", "step or rtol", "order", "error of its size", "would have shown", "resolved",
+       "energy error", "us/step")
+"""Titles of `row`."""
+
+
+def row(record: Record) -> tuple[str, ...]:
+    """A run as a row of a table in a terminal or notebook."""
+    return (record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", record.size,
+            "" if record.order is None else f"{record.order.observed:.2f}", brief(record.off),
+            brief(visible_error(record)), "" if record.share is None else percent(record.least_share),
+            brief(record.energy_error), "" if record.us_per_step is None else f"{record.us_per_step:.3g}")
+
+
+def brief(value: float | None) -> str:
+    """A number with two digits; "" for None."""
+    return "" if value is None else f"{value:.1e}" if value < 0.1 or value >= 1000 else f"{value:.2f}"
+
+
 def sentence(record: Record) -> str:
     """The worst finding of a run in one clause, with its code where it is not passed."""
     return f"{record.code}: {clause(record)}" if record.code else clause(record)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -74,7 +73,7 @@ def pack(values: np.ndarray, log: bool = False, truth: np.ndarray | None = None,
 
 def scene_curves(scene: Scene, reference: Reference | None) -> SceneCurves:
     """Output times, geometry, and the true motion if there is truth."""
-    motion = Motion() if reference is None else _true_motion(scene, reference).packed()
+    motion = Motion() if reference is None else _packed(_true_motion(scene, reference))
     return extended(SceneCurves, motion, t=[float(f"{time:.6g}") for time in scene.t],
                     drawing=drawing(scene, reference))
 
@@ -82,19 +81,18 @@ def scene_curves(scene: Scene, reference: Reference | None) -> SceneCurves:
 def run_curves(scene: Scene, traj: Trajectory, errors: Mapping[str, Error], reference: Reference | None) -> RunCurves:
     """Curves of one run at the scene's output times. Long curves of errors are thinned, see `MANY`."""
     true = None if reference is None else _true_motion(scene, reference)
-    own = _Motion.of(scene, traj, traj.reactions, true)
+    own = _motion(scene, traj, traj.reactions, true)
     with np.errstate(over="ignore", invalid="ignore"):  # a diverged run has such values; they become gaps
         # Compare with the true energy and momentum, as loads and dampers change them; without truth with the start.
-        total, momentum = ((own if true is None else true).arrays[name] for name in ("total", "momentum"))
-        kinetic = np.nanmax((own if true is None else true).arrays["kinetic"])
+        total, momentum, kinetic = ((true or own)[name] for name in ("total", "momentum", "kinetic"))
         if true is None:
             total, momentum = total[:1], momentum[:1]
         levels = {f"constraint_{level}": None if values is None else _log(values) for level in LEVELS
                   for values in [getattr(traj, f"constraint_{level}")]}
         return extended(
-            RunCurves, (own if reference is None else own.until(reference)).packed(true),
+            RunCurves, _packed(own if reference is None else _until(own, reference), true),
             errors={name: _log(error.series) for name, error in errors.items()},
-            energy=_log(np.abs(traj.energy - total) / (kinetic or 1.0)),
+            energy=_log(np.abs(traj.energy - total) / (np.nanmax(kinetic) or 1.0)),
             momentum_error=_log(np.abs(traj.momentum_vertical - momentum)),
             orthogonality=_log(traj.orthogonality), **levels)
 
@@ -126,61 +124,55 @@ def drawing(scene: Scene, reference: Reference | None = None) -> Drawing:
                    float(f"{np.linalg.norm(w, axis=-1).max() * spacing:.{DIGITS}g}"))
 
 
-@dataclasses.dataclass(frozen=True)
-class _Motion:
-    """Curves before packing: x (n, 3, T), q (n, 4, T), energies and momentum (T,); of joints force, torque (3, T)."""
+def _motion(scene: Scene, states: Any, reactions: Mapping[str, tuple[np.ndarray, np.ndarray]] | None,
+            true: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Curves before packing: x (n, 3, T), q (n, 4, T), energies and momentum (T,); of joints force, torque (3, T).
 
-    arrays: dict[str, np.ndarray]
-    reactions: dict[str, dict[str, np.ndarray]] | None
-
-    @classmethod
-    def of(cls, scene: Scene, states: Any, reactions: Mapping[str, tuple[np.ndarray, np.ndarray]] | None,
-           true: _Motion | None = None) -> _Motion:
-        """The curves of these states; signs of quaternions are those of the true ones."""
-        kinetic, total = mechanics.kinetic_energy(scene, states), mechanics.energy(scene, states)
-        q = quaternions(states.R, None if true is None else true.arrays["q"])
-        # A torque below 1e-12 of the force is rounding: the joint carries none.
-        carried = {joint: {"force": force.T} | ({"torque": torque.T} if np.abs(torque).max(initial=0.0) > 1e-12
-                                                 * np.abs(force).max(initial=0.0) else {})
-                   for joint, (force, torque) in (reactions or {}).items()}
-        return cls({"x": np.moveaxis(states.x, 0, -1), "q": q, "kinetic": kinetic, "potential": total - kinetic,
-                    "total": total, "momentum": mechanics.momentum_vertical(scene, states)}, carried or None)
-
-    def until(self, reference: Reference) -> _Motion:
-        """The curves with NaN after the horizon of truth, where nothing is known, nor compared."""
-        later = ~up_to(reference.t, reference.horizon)
-
-        def known(values: np.ndarray) -> np.ndarray:
-            return np.where(later, np.nan, values)
-
-        reactions = None if self.reactions is None else {
-            joint: {name: known(values) for name, values in own.items()} for joint, own in self.reactions.items()}
-        return _Motion({name: known(values) for name, values in self.arrays.items()}, reactions)
-
-    def packed(self, true: _Motion | None = None) -> Motion:
-        """All curves packed, relative to those of truth if there are any."""
-        near = _Motion({}, None) if true is None else true
-        reactions = None if self.reactions is None else {
-            joint: Reaction(**{name: _packed(values, (near.reactions or {}).get(joint, {}).get(name))
-                               for name, values in own.items()}) for joint, own in self.reactions.items()}
-        few = len(self.arrays["x"]) <= DENSE_BODIES
-        return Motion(**{name: _packed(values, near.arrays.get(name), few and name in ("x", "q"))
-                         for name, values in self.arrays.items()}, reactions=reactions)
+    Signs of quaternions are those of the true ones.
+    """
+    kinetic, total = mechanics.kinetic_energy(scene, states), mechanics.energy(scene, states)
+    # A torque below 1e-12 of the force is rounding: the joint carries none.
+    carried = {joint: {"force": force.T} | ({"torque": torque.T} if np.abs(torque).max(initial=0.0) > 1e-12
+                                             * np.abs(force).max(initial=0.0) else {})
+               for joint, (force, torque) in (reactions or {}).items()}
+    return {"x": np.moveaxis(states.x, 0, -1), "q": quaternions(states.R, None if true is None else true["q"]),
+            "kinetic": kinetic, "potential": total - kinetic, "total": total,
+            "momentum": mechanics.momentum_vertical(scene, states), "reactions": carried}
 
 
-def _packed(values: np.ndarray, truth: np.ndarray | None = None, over: bool = False) -> Any:
-    """A packed curve, or nested lists of packed curves for arrays with more dimensions."""
+def _until(values: Any, reference: Reference) -> Any:
+    """The curves with NaN after the horizon of truth, where nothing is known, nor compared."""
+    if isinstance(values, dict):
+        return {name: _until(each, reference) for name, each in values.items()}
+    return np.where(up_to(reference.t, reference.horizon), values, np.nan)
+
+
+def _packed(curves: Mapping[str, Any], true: Mapping[str, Any] | None = None) -> Motion:
+    """All curves packed, relative to those of truth if there are any."""
+    few = len(curves["x"]) <= DENSE_BODIES
+    made = {name: _nested(values, (true or {}).get(name), few and name in ("x", "q"))
+            for name, values in curves.items()}
+    return Motion(**made | {"reactions": {
+        joint: Reaction(**own) for joint, own in made["reactions"].items()} or None})
+
+
+def _nested(values: Any, truth: Any = None, over: bool = False) -> Any:
+    """A packed curve, or lists and dictionaries of packed curves."""
+    if isinstance(values, dict):
+        return {name: _nested(each, (truth or {}).get(name)) for name, each in values.items()}
     if values.ndim == 1:
         return pack(values, truth=truth, over=over)
-    return [_packed(row, None if truth is None else truth[index], over) for index, row in enumerate(values)]
+    return [_nested(row, None if truth is None else truth[index], over) for index, row in enumerate(values)]
 
 
-def _true_motion(scene: Scene, reference: Reference) -> _Motion:
+def _true_motion(scene: Scene, reference: Reference) -> dict[str, Any]:
     constraints, s = Constraints(scene), reference.states
-    if constraints.m == 0 or scene.n > DENSE_BODIES:
-        return _Motion.of(scene, s, None).until(reference)
-    lam = mechanics.index1(scene, s.x, s.R, s.v, s.w, mechanics.torsion_angles(scene, s), s.t)[2]
-    return _Motion.of(scene, s, constraints.reactions(s.x, s.R, lam)).until(reference)
+    reactions = None
+    if constraints.m and scene.n <= DENSE_BODIES:
+        lam = mechanics.index1(scene, s.x, s.R, s.v, s.w, mechanics.torsion_angles(scene, s), s.t)[2]
+        reactions = constraints.reactions(s.x, s.R, lam)
+    known: dict[str, Any] = _until(_motion(scene, s, reactions), reference)
+    return known
 
 
 def quaternions(R: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:

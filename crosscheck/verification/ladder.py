@@ -253,7 +253,7 @@ def with_errors(rung: Rung, scene: Scene, states: States, truth: Reference, inte
 
     Velocities count where no impact is within a step. `over`: the sizes of quantities.
     """
-    exact = thinned(truth.states, intervals)
+    exact = truth.states.at(slice(None, None, (len(truth.t) - 1) // intervals))
     found = errors(scene, states, exact)
     off = found["position"].max
     if truth.events and math.isfinite(off):
@@ -277,9 +277,3 @@ def reference(scene: Scene) -> tuple[Scene, Reference]:
         sampled = sampled.replace(duration=float(np.floor(10 * truth.horizon) / 10) or truth.horizon)
         truth = references.truth(sampled)
     return sampled, truth
-
-
-def thinned(states: States, intervals: int) -> States:
-    """The states at `intervals` + 1 equally spaced times."""
-    every = (len(states.t) - 1) // intervals
-    return states.at(slice(None, None, every))

@@ -74,11 +74,10 @@ class Burst:
 
 @dataclasses.dataclass(frozen=True)
 class Round:
-    """The runs of one scene (a name or a path) that take turns, and the number of turns."""
+    """The runs of one scene (a name or a path) that take turns."""
 
     scene: str
     bursts: tuple[Burst, ...]
-    repeats: int = REPEATS
 
 
 def time_round(task: Round) -> list[list[Pair]]:
@@ -106,7 +105,7 @@ def time_round(task: Round) -> list[list[Pair]]:
         return _seconds_per_step(scene, task.bursts[index], short[index], PATIENCE // len(short[index]))
 
     before = kernel()
-    for function, runs, rounds in ((first, range(len(task.bursts)), 1), (further, short, task.repeats)):
+    for function, runs, rounds in ((first, range(len(task.bursts)), 1), (further, short, REPEATS)):
         for index, seconds in take_turns({index: functools.partial(function, index) for index in runs}, rounds):
             if isinstance(seconds, EngineDied):
                 raise seconds

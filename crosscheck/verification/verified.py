@@ -22,7 +22,7 @@ from crosscheck.files import cache_folder, digest, put
 from crosscheck.jobs.drive import Limits
 from crosscheck.judge.overrides import Overrides
 from crosscheck.report import exports
-from crosscheck.report.headline import headline, number, sentence, span
+from crosscheck.report.headline import ROW, headline, row, sentence
 from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.models import import_model, is_model
@@ -79,14 +79,11 @@ class Verification:
 
     def _repr_html_(self) -> str:
         """The outcome and a table with a row a run, for a notebook."""
-        titles = ("scene", "run", "outcome", "step or rtol", "order", "error of its size", "resolved", "us/step", "")
-        rows = [(record.scene, record.label, record.outcome, record.size,
-                 "" if record.order is None else number(record.order.observed, 3), number(record.off), span(record),
-                 number(record.us_per_step), "" if record.outcome == "pass" else sentence(record))
+        rows = [(*row(record), "" if record.outcome == "pass" else sentence(record))
                 for record in self.document.records]
-        lines = "".join(f"<tr>{''.join(f'<td>{html.escape(each)}</td>' for each in row)}</tr>" for row in rows)
-        return (f"<p>{html.escape(str(self))}</p><table><tr>{''.join(f'<th>{each}</th>' for each in titles)}</tr>"
-                f"{lines}</table>")
+        lines = [f"<tr>{''.join(f'<{tag}>{html.escape(each)}</{tag}>' for each in cells)}</tr>"
+                 for tag, cells in (("th", (*ROW, "")), *(("td", cells) for cells in rows))]
+        return f"<p>{html.escape(str(self))}</p><table>{''.join(lines)}</table>"
 
 
 def verify(scene: Given | Sequence[Given] | None = None, engine: str | Sequence[str] | None = None,

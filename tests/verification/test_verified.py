@@ -52,7 +52,7 @@ def test_a_wrong_engine_fails_with_findings():
     found = crosscheck.verify("single_pendulum", engine=f"{bad}:Resting", profile="smoke", jobs=1)
     assert found.outcome == "fail"
     assert {finding.status for _, _, finding in found.findings} >= {"fail"}
-    assert "<td>fail</td>" in found._repr_html_()
+    assert "<td>✗ fail</td>" in found._repr_html_()
 
 
 def test_a_scene_made_in_python_is_verified_under_its_name_and_its_command_runs():

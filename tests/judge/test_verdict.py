@@ -132,8 +132,8 @@ def test_short_runs_are_timed_in_several_turns_and_long_ones_once(monkeypatch):
         speed.Burst(Way("lieeuler", "rattle2", step)) for step in (8e-3, 4e-3))))
     assert started[8e-3] == 2  # one loads libraries
     assert 2 + speed.REPEATS <= started[4e-3] <= 2 + speed.REPEATS * speed.PATIENCE
-    assert (len(long[0]), len(short[0])) == (1, speed.REPEATS)
-    assert {round(1e6 * seconds, 9) for seconds, _ in long[0] + short[0]} == {1.0}
+    assert (len(long), len(short)) == (1, speed.REPEATS)
+    assert {round(1e6 * seconds, 9) for seconds, _ in long + short} == {1.0}
 
 
 @pytest.mark.parametrize("method", [

@@ -386,7 +386,7 @@ def _delays(case: Case) -> np.ndarray:
             slope = np.where(known[:, None], gaps(g, a, b, True) / (2 * width * s), 0.0)
             top += np.einsum("tk,tk->t", gaps(g, g.values, h, True) / s, slope)
             below += np.einsum("tk,tk->t", slope, slope)
-        still = below < 1e-4 * below.max()
+        still = below <= 1e-4 * below.max()
         delays = delays + np.where(still, 0.0, top / np.where(still, 1.0, below))
         delays = np.clip(delays, -case.t[-1], case.t[-1])
     return np.where(still, np.nan, delays)

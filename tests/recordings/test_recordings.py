@@ -257,6 +257,13 @@ def test_causes_end_where_truth_ends(wrong, tmp_path):
     assert ("gravity" if "g" in wrong else "damper") in verdict.cause, str(verdict)
 
 
+def test_a_model_at_rest_has_no_time_at_which_it_is_where_the_recording_is(tmp_path):
+    text = toml("arm", *hinged()).replace("-9.81", "0.0").replace("velocity = 1.5", "velocity = 0.0")
+    (tmp_path / "arm.toml").write_text(text)
+    verdict = crosscheck.judge_recording(tmp_path / "arm.toml", arm(), tolerance={"joint_position": 1e-5})
+    assert verdict.outcome == "fail"
+
+
 def test_causes_end_where_the_recording_itself_meets_its_stop(tmp_path):
     """Without its damper it is there sooner than truth, and rests against it in the last row that is judged."""
     text = toml("arm", *hinged(), ("monitors", {"type": "range", "joint": "pivot", "lower": -9.0, "upper": 1.2}),

@@ -3,7 +3,7 @@
 import msgspec
 from msgspec.structs import replace
 
-from crosscheck.document import Advice, Change, Machine, Meta, SceneTruth, Speed, Support, Way
+from crosscheck.document import Advice, Change, Machine, Meta, SceneTruth, Speed, Way
 from crosscheck.running import provenance
 from crosscheck.verification import job
 from crosscheck.verification.cell import run_cell
@@ -28,8 +28,6 @@ ADVICE = [
              tried="within the budget of 30 s; finest step tried 0.001 s")
      for power in range(2, 9)]
 SPEED = Speed(us_per_step=10.0, us_deviation=0.1, ratio=0.01, deviation=1e-4, repeats=3, calibration=1e3)  # made up
-SUPPORT = [Support(scene="double_pendulum", engine="mujoco", form="tree", reason=None),
-           Support(scene="double_pendulum", engine="exudyn", form="pivot", reason="one body at a pivot only")]
 
 
 def document(truths, judged, engines, profile="default", need=1.0):

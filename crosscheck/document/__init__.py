@@ -401,16 +401,6 @@ class Change(Part, frozen=True, kw_only=True):
         return f"{self.engine} {self.method}".strip()
 
 
-class Support(Part, frozen=True, kw_only=True):
-    """Which methods of an engine can run a scene in one form."""
-
-    scene: str
-    engine: str
-    form: str | None
-    reason: str | None  # why the other methods cannot; None if all can
-    methods: list[str] = []  # the methods that can
-
-
 class Advice(Part, frozen=True, kw_only=True):
     """The run that reaches a wanted error. If none was found, `method` and all that follows it are None.
 
@@ -459,7 +449,6 @@ class Document(Part, frozen=True, kw_only=True):
     outcome: Outcome  # the worst of all runs; error where a scene lacks the truth that it should have
     exit_code: int  # of the outcome
     changes: list[Change] | None = None
-    support: list[Support] | None = None
     answers: list[str] = []  # whether runs are within each tolerance that the user asked for, from `headline.answers`
     advice: list[Advice] | None = None  # from ladders of runs, where they were made
 

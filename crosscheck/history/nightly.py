@@ -211,7 +211,7 @@ def _remeasured(results: Document, doubtful: set[tuple[str, str, bool]], name: s
     records = list(results.records)
     for index, record in zip(chosen, timed, strict=True):
         records[index] = record
-    return replace(job.document(results.meta, results.scenes, records, results.support), advice=results.advice)
+    return replace(job.document(results.meta, results.scenes, records), advice=results.advice)
 
 
 def _publish(out: Path, name: str, document: Document, text: str) -> Path:

@@ -18,8 +18,6 @@ from crosscheck.adapters.base import RunSpec
 from crosscheck.errors import EngineError, Unsupported, errors_as, install, named
 from crosscheck.inspection import admissible, native
 from crosscheck.inspection.base import Deviation, Inspection, Probe
-from crosscheck.inspection.diff import Diff
-from crosscheck.inspection.diff import diff as compared
 from crosscheck.inspection.reference import deviations, reference
 from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
@@ -41,13 +39,11 @@ def inspect(scene: Scene, engines: Sequence[object] | None = None, form: str | N
 
 @overload
 def inspect(scene: str | os.PathLike[str], engines: Sequence[object] | None = None, form: str | None = None,
-            count: int = RANDOM_STATES, seed: int = 0,
-            against: str | os.PathLike[str] | None = None) -> Inspection | native.NativeInspection | Diff: ...
+            count: int = RANDOM_STATES, seed: int = 0) -> Inspection | native.NativeInspection: ...
 
 
 def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None = None, form: str | None = None,
-            count: int = RANDOM_STATES, seed: int = 0,
-            against: str | os.PathLike[str] | None = None) -> Inspection | native.NativeInspection | Diff:
+            count: int = RANDOM_STATES, seed: int = 0) -> Inspection | native.NativeInspection:
     """Probe engines at the start of a scene and at `count` random admissible states, and compare them with truth.
 
     For a model file (.xml, .urdf) this is the native check: every engine loads the file itself and is compared with the
@@ -60,15 +56,12 @@ def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None
     form : a model form; default: every form of the adapter that can model the scene
     count : number of random states besides the start
     seed : of the random states
-    against : another model or scene; the answer is then that of `crosscheck.diff`
 
     Raises
     ------
     ArgumentError, SceneError
         An engine is unknown, or the scene cannot be read. An engine that fails is named in `skipped` instead.
     """
-    if against is not None:
-        return compared(scene, against)
     if not isinstance(scene, Scene):
         if is_model(scene):
             return native.inspect(scene, engines, count, seed)

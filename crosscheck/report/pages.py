@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from crosscheck.document import EULER, LEVELS, QUANTITIES, Document, Record, Scene, Support
+from crosscheck.document import EULER, LEVELS, QUANTITIES, Document, Record, Scene
 from crosscheck.document.outcomes import worst
 from crosscheck.files import cache_folder
 from crosscheck.report import overview
@@ -177,18 +177,15 @@ def scene(document: Document, described: Scene) -> str:
     return _render("scene.html.j2", document, described.name, scene=described, records=records, sensors=sensors,
                    answers=answers(records, document.meta.need),
                    reasons={why: count for count, why in enumerate(reasons, 1)},
-                   data_file=data_file(described), compared=paper_rows(records),
-                   support=support_rows(document, described))
+                   data_file=data_file(described), compared=paper_rows(records))
 
 
 def engine(document: Document, name: str) -> str:
-    """The page of one engine: its runs, its known defects, and what it supports."""
+    """The page of one engine: its runs and its known defects."""
     records = [record for record in document.records if record.engine == name]
     titles = {each.name: each.title for each in document.scenes}
     return _render("engine.html.j2", document, f"engine {name}", name=name, records=records, titles=titles,
-                   worst=overview.worst_first(records),
-                   support=[(each, row) for each in document.scenes
-                            for row in support_rows(document, each) if row.engine == name])
+                   worst=overview.worst_first(records))
 
 
 def study(document: Document, key: str) -> str:
@@ -196,11 +193,6 @@ def study(document: Document, key: str) -> str:
     titles = {each.name: each.title for each in document.scenes}
     return _render(f"study-{key}.html.j2", document, f"study {key}", records=document.records,
                    titles=titles, title=STUDIES[key])
-
-
-def support_rows(document: Document, described: Scene) -> list[Support]:
-    """The entries of the document's support matrix for one scene."""
-    return [row for row in document.support or [] if row.scene == described.name]
 
 
 def paper_rows(records: Sequence[Record]) -> list[Record]:

@@ -14,8 +14,6 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RunSpec
-from crosscheck.jobs.drive import Crash, Limits, Place, run_tasks
-from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.scene import assembly
 from crosscheck.scene.checks import Draft
 from crosscheck.scene.file import load_scene
@@ -59,29 +57,6 @@ def matrix(names: Iterable[str] | None = None) -> tuple[Support, ...]:
         for form in adapter.forms or (None,):
             entries += [_support(adapter, form, minimal) for minimal in minimal_scenes()]
     return tuple(entries)
-
-
-def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None = None,
-              place: Place | None = None) -> list[Support]:
-    """Which engine can model which scene in which form. The scene is the `item` of each entry.
-
-    Engines that are not installed have no entries. The user's own engines are asked in a worker process, one of `place`
-    if it is given. If one fails there, its entry has the failure as its reason.
-    """
-    tasks = [(scene, name) for scene in scenes for name in names if engine_version(name) != NOT_INSTALLED]
-    risky = [task for task in tasks if adapters.is_own(task[1])]
-    answers = dict(zip(risky, run_tasks(_of_scene, risky, 1, limits=within, place=place), strict=True))
-    entries: list[Support] = []
-    for scene, name in tasks:
-        answer = answers[scene, name] if (scene, name) in answers else _of_scene((scene, name))
-        entries += [Support(name, None, "scene", scene, (), answer.message)] if isinstance(answer, Crash) else answer
-    return entries
-
-
-def _of_scene(task: tuple[str, str]) -> list[Support]:
-    name, engine = task
-    adapter, minimal = adapters.get(engine), Minimal("scene", name, load_scene(name))
-    return [dataclasses.replace(_support(adapter, form, minimal), engine=engine) for form in adapter.forms or (None,)]
 
 
 def spec(adapter: Engine, method: str, form: str | None) -> RunSpec:

@@ -26,7 +26,6 @@ from crosscheck.document import (
     Record,
     Scene,
     SceneTruth,
-    Support,
     extended,
     grouped,
     outcome_of,
@@ -41,7 +40,7 @@ from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
 from crosscheck.judge.verdict import beyond
 from crosscheck.report.headline import answers, clause
-from crosscheck.running import cluster, provenance, support, versions
+from crosscheck.running import cluster, provenance, versions
 from crosscheck.running.arguments import engine_options
 from crosscheck.scene.file import load_scene, read_scene, scene_names, tagged
 from crosscheck.verification import advice, trust
@@ -230,9 +229,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         if settings.speed:
             records, calibration = measure_speed(records, profile, alone, within)
         advised = _advice(alone, truths, engine_names, within, search)
-        rows = [Support(scene=one.item, engine=one.engine, form=one.form, reason=one.reason, methods=list(one.methods))
-                for one in support.of_scenes(scene_names, engine_names, within, near)]
-        return replace(document(meta(calibration=calibration), truths, records, rows), advice=advised or None)
+        return replace(document(meta(calibration=calibration), truths, records), advice=advised or None)
 
 
 PAUSE, SHARE = 10.0, 0.05
@@ -267,8 +264,7 @@ def _after(seconds: float, call: Callable[[], object]) -> Iterator[None]:
         timer.join()
 
 
-def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
-             rows: list[Support] | None = None) -> Document:
+def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]) -> Document:
     """The document with these records and the recommendations that follow from them."""
     records = [verdict.worded(record, meta.need) for record in records]
     scenes = []
@@ -281,7 +277,7 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     finite = msgspec.convert(plain(records), list[Record], str_keys=True)
     outcome = outcome_of(scenes, records)
     return Document(meta=meta, scenes=scenes, records=finite, outcome=outcome, exit_code=EXIT_CODES[outcome],
-                    support=rows, answers=answers(finite, meta.need, meta.tolerances))
+                    answers=answers(finite, meta.need, meta.tolerances))
 
 
 def _keys(wanted: bool) -> Callable[..., str]:

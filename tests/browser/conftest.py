@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from crosscheck.report import write_report
 from tests.browser.pages_making import write_all
-from tests.report_making import ADVICE, CHANGES, SUPPORT, small_results
+from tests.report_making import ADVICE, CHANGES, small_results
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
@@ -33,7 +33,7 @@ def browser():
 @pytest.fixture(scope="session")
 def document():
     """What the report is written from."""
-    return replace(small_results(), changes=CHANGES, support=SUPPORT, advice=ADVICE)
+    return replace(small_results(), changes=CHANGES, advice=ADVICE)
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,6 @@ from crosscheck import references, report
 from crosscheck import report as report_folder
 from crosscheck.cli.app import app
 from crosscheck.document import (
-    Support,
     Way,
 )
 from crosscheck.errors import ArgumentError, Unsupported
@@ -243,16 +242,13 @@ def unlisted(value, described, whole, place="$"):
                            if key in fitting))
 
 
-def test_changes_and_support_are_shown_where_the_document_has_them(results, tmp_path):
+def test_changes_are_shown_where_the_document_has_them(results, tmp_path):
     plain = results
-    row = Support(scene=SCENE, engine="fake", form="tree", reason="it is not made for this")
-    report.write_report(replace(plain, changes=CHANGES, support=[row]), tmp_path / "with")
+    report.write_report(replace(plain, changes=CHANGES), tmp_path / "with")
     first = (tmp_path / "with" / "index.html").read_text(encoding="utf-8")
     places = [first.index(each) for each in ("Is it right, to what", "What is wrong", "the largest error grew beyond")]
     assert places == sorted(places)
     assert "the largest error grew beyond rounding" in (tmp_path / "with" / "summary.md").read_text(encoding="utf-8")
-    for page in ("scene-single_pendulum.html", "engine-fake.html"):
-        assert "it is not made for this" in (tmp_path / "with" / page).read_text(encoding="utf-8")
     assert schema.read_document(tmp_path / "with" / "results.json").changes == CHANGES
     report.write_report(replace(plain, changes=[]), tmp_path / "none")
     assert "Nothing beyond rounding" in (tmp_path / "none" / "index.html").read_text(encoding="utf-8")

@@ -89,22 +89,3 @@ def test_pinocchio_and_lieeuler_model_everything() -> None:
             assert "velocities alone" in entry.reason
         else:
             assert entry.reason is None, entry
-
-
-def test_rows_of_scenes_say_who_can_and_why_not() -> None:
-    rows = support.of_scenes(["double_pendulum", "four_bar"], ["exudyn", "pinocchio"])
-    assert [(row.item, row.engine, row.form) for row in rows[:4]] == [
-        ("double_pendulum", "exudyn", form) for form in adapters.get("exudyn").forms] + [
-        ("double_pendulum", "pinocchio", "tree")]
-    by_form = {(row.item, row.form): row for row in rows if row.engine == "exudyn"}
-    assert by_form["double_pendulum", "pivot"].methods == ()
-    assert "one body" in by_form["double_pendulum", "pivot"].reason
-    assert set(by_form["four_bar", "maximal"].methods) == {"GeneralizedAlpha", "TrapezoidalIndex2"}
-    assert by_form["four_bar", "maximal"].reason
-    assert all(row.reason is None for row in rows if row.engine == "pinocchio")
-
-
-def test_an_engine_that_dies_when_asked_is_a_row_with_the_reason() -> None:
-    rows = support.of_scenes(["single_pendulum"], ["tests/engines/faults.py:Moody"])
-    assert [(row.methods, row.form) for row in rows] == [((), None)]
-    assert "SIGSEGV" in rows[0].reason

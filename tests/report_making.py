@@ -3,7 +3,7 @@
 import msgspec
 from msgspec.structs import replace
 
-from crosscheck.document import Advice, Change, Machine, Meta, SceneTruth, Speed, Way
+from crosscheck.document import Advice, Change, Machine, Meta, Scene, Speed, Way
 from crosscheck.running import provenance
 from crosscheck.verification import job
 from crosscheck.verification.cell import run_cell
@@ -50,8 +50,8 @@ def small_results():
 
 def failed_scene(name, failure):
     """A scene that could not be prepared."""
-    return SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
-                      truth=None, sizes=None, failure=failure)
+    return Scene(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
+                      truth=None, sizes=None, trust="", recommended=None, failure=failure)
 
 
 def made(scenes, records):

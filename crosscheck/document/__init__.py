@@ -158,8 +158,8 @@ class EngineTrust(Part, frozen=True, kw_only=True):
     text: str
 
 
-class SceneTruth(Part, frozen=True, kw_only=True, omit_defaults=True):
-    """A scene, its plan and its truth, or why there is none."""
+class Scene(Part, frozen=True, kw_only=True, omit_defaults=True):
+    """A scene, its plan, its truth or why there is none, and which of its runs to trust."""
 
     name: str
     title: str
@@ -177,12 +177,7 @@ class SceneTruth(Part, frozen=True, kw_only=True, omit_defaults=True):
     failure: str = ""  # why the scene could not be prepared at all
     details: str = ""  # more about the failure
     curves: SceneCurves = SceneCurves()
-
-
-class Scene(SceneTruth, frozen=True, kw_only=True, omit_defaults=True):
-    """A scene, its truth, and which of its runs to trust."""
-
-    trust: str
+    trust: str  # in words; "" as long as no run was judged, as of the following
     recommended: Recommended | None
     engines: list[EngineTrust] = []
     not_trusted: list[str] = []  # labels of the runs that are not to be trusted

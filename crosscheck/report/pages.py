@@ -7,13 +7,12 @@ import hashlib
 import os
 import re
 import urllib.parse
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from crosscheck.document import EULER, LEVELS, QUANTITIES, Document, Record, Scene
+from crosscheck.document import LEVELS, QUANTITIES, Document, Record, Scene
 from crosscheck.document.outcomes import worst
 from crosscheck.files import cache_folder
 from crosscheck.report import overview
@@ -177,7 +176,7 @@ def scene(document: Document, described: Scene) -> str:
     return _render("scene.html.j2", document, described.name, scene=described, records=records, sensors=sensors,
                    answers=answers(records, document.meta.need),
                    reasons={why: count for count, why in enumerate(reasons, 1)},
-                   data_file=data_file(described), compared=paper_rows(records))
+                   data_file=data_file(described))
 
 
 def engine(document: Document, name: str) -> str:
@@ -193,10 +192,3 @@ def study(document: Document, key: str) -> str:
     titles = {each.name: each.title for each in document.scenes}
     return _render(f"study-{key}.html.j2", document, f"study {key}", records=document.records,
                    titles=titles, title=STUDIES[key])
-
-
-def paper_rows(records: Sequence[Record]) -> list[Record]:
-    """The rows of the table of [P1]: its eight methods in its order, then every run of the other engines."""
-    euler = [record for method in EULER for record in records
-             if record.engine == "lieeuler" and record.method == method]
-    return euler + [record for record in records if record.engine != "lieeuler" and record.errors]

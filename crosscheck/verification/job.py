@@ -25,7 +25,6 @@ from crosscheck.document import (
     Meta,
     Record,
     Scene,
-    SceneTruth,
     extended,
     grouped,
     outcome_of,
@@ -90,7 +89,7 @@ def guarded_cell(cell: Cell) -> Record:
 Progress = Callable[[int, int, str], None]
 """Called with (number of finished tasks, number of all tasks, name of the last finished one)."""
 
-ROW_TYPES = {"truth": SceneTruth, "cell": Record, "speed": list[list[Pair]], STAGE: Ladder}
+ROW_TYPES = {"truth": Scene, "cell": Record, "speed": list[list[Pair]], STAGE: Ladder}
 """Types of the results of each stage, for `crosscheck.jobs.table`."""
 
 
@@ -206,7 +205,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
                 "reused": session.reused if session is not None else 0,
                 "reused_since": session.since if session is not None else None} | more, Meta)
 
-        truths: list[SceneTruth] = []
+        truths: list[Scene] = []
         paced = Paced(lambda records: None if on_results is None else on_results(
             document(meta(left=left), truths, records)))
 
@@ -264,7 +263,7 @@ def _after(seconds: float, call: Callable[[], object]) -> Iterator[None]:
         timer.join()
 
 
-def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]) -> Document:
+def document(meta: Meta, truths: Sequence[Scene], records: Sequence[Record]) -> Document:
     """The document with these records and the recommendations that follow from them."""
     records = [verdict.worded(record, meta.need) for record in records]
     scenes = []
@@ -272,7 +271,7 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
         own = [record for record in records if record.scene == scene.name]
         added = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own),
                 "engines": trust.by_engine(scene, own), "not_trusted": trust.not_trusted(own)}
-        scenes.append(replace(scene, **added) if isinstance(scene, Scene) else extended(Scene, scene, **added))
+        scenes.append(replace(scene, **added))
     # JSON has no infinity: values that are not finite become None.
     finite = msgspec.convert(plain(records), list[Record], str_keys=True)
     outcome = outcome_of(scenes, records)
@@ -290,7 +289,7 @@ def _keys(wanted: bool) -> Callable[..., str]:
     return lambda stage, scene, engine, *task: digest(stage, content(scene), code(engine), *task) if wanted else ""
 
 
-def _advice(stages: Stages, truths: list[SceneTruth], engines: Sequence[str], within: Limits, search: bool
+def _advice(stages: Stages, truths: list[Scene], engines: Sequence[str], within: Limits, search: bool
             ) -> list[Advice]:
     """The advice for all scenes and engines. Without `search`, for those that were made before."""
     # The user's own engines may crash when they are loaded, and engines in their own environments are slow to start.
@@ -313,19 +312,20 @@ def _advice(stages: Stages, truths: list[SceneTruth], engines: Sequence[str], wi
 
 
 def _truths(stages: Stages, keys: Callable[..., str], names: list[str], settings: Profile, asked: Asked,
-            carried: Carried) -> list[SceneTruth]:
+            carried: Carried) -> list[Scene]:
     """The truth of every scene, or why it could not be prepared."""
     prepare = functools.partial(carried.call, functools.partial(prepare_truth, asked=asked))
     tasks = [(name, settings.most_seconds, settings.most_steps) for name in names]
     prepared = stages.run("truth", prepare, tasks, [keys("truth", task[0], None, *task, asked) for task in tasks],
                           # Every run of a scene needs it.
                           [f"truth of {Path(name).name}" for name in names], retry=True)
-    return [SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
-                       truth=None, sizes=None, failure=readable(each.message), details=readable(each.details) or "")
-            if isinstance(each, Crash) else each for name, each in zip(names, prepared, strict=True)]
+    return [Scene(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
+                  truth=None, sizes=None, trust="", recommended=None, failure=readable(each.message),
+                  details=readable(each.details) or "") if isinstance(each, Crash) else each
+            for name, each in zip(names, prepared, strict=True)]
 
 
-def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, overrides: Overrides, asked: Asked
+def _planned(cells: list[Cell], truths: list[Scene], settings: Profile, overrides: Overrides, asked: Asked
              ) -> list[Cell]:
     """The cells with the plans of their scenes."""
     plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
@@ -345,7 +345,7 @@ def _failure(result: Record | Crash) -> str:
     return result.message or clause(verdict.worded(result)) or result.outcome
 
 
-def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths: list[SceneTruth], within: Limits,
+def _records(stages: Stages, keys: Callable[..., str], cells: list[Cell], truths: list[Scene], within: Limits,
              carried: Carried, on_results: Callable[[Callable[[], list[Record]]], None],
              cheap_first: bool) -> list[Record]:
     """The records of all cells, in their order, also if a worker crashed or a scene could not be prepared.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from crosscheck import references
+from crosscheck import document, references
 from crosscheck.compare.sizes import sizes
-from crosscheck.document import AS_PLANNED, Asked, Plan, SceneTruth, Truth
+from crosscheck.document import AS_PLANNED, Asked, Plan, Truth
 from crosscheck.errors import Unsupported, said
 from crosscheck.judge.rounding import rounding_of
 from crosscheck.judge.segments import end_of_truth
@@ -21,7 +21,7 @@ from crosscheck.verification.plan import outputs, plan_of
 from crosscheck.verification.task import load
 
 
-def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED) -> SceneTruth:
+def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED) -> document.Scene:
     """Compute the truth that a scene's cells need, or find it in the cache, and choose the plan.
 
     `task` is the name or path, the longest duration (s) of runs or None, and their largest number of steps (see
@@ -33,10 +33,10 @@ def prepare_truth(task: tuple[str, float | None, int], asked: Asked = AS_PLANNED
     def planned(motion: references.Reference | None, most: float | None) -> Plan:
         return plan_of(given, None if motion is None else motion.states, most_steps, most, asked)
 
-    def described(scene: Scene, plan: Plan) -> SceneTruth:
-        return SceneTruth(name=name, title=scene.name, description=scene.description, source=scene.source,
+    def described(scene: Scene, plan: Plan) -> document.Scene:
+        return document.Scene(name=name, title=scene.name, description=scene.description, source=scene.source,
                           hash=scene.hash, bodies=[body.name for body in scene.bodies], duration=scene.duration,
-                          plan=plan, truth=None, sizes=None)
+                          plan=plan, truth=None, sizes=None, trust="", recommended=None)
 
     first = load(name, planned(None, most_seconds))
     try:

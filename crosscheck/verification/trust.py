@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from crosscheck.document import EngineTrust, Recommended, Record, SceneTruth, grouped
+from crosscheck.document import EngineTrust, Recommended, Record, Scene, grouped
 from crosscheck.document.outcomes import percent
 from crosscheck.errors import counted
 from crosscheck.verification.ladder import reaching
@@ -21,7 +21,7 @@ NOISE_RATIO, NOISE_DEVIATIONS = 1.1, 4.0
 """Two times differ beyond noise if their medians differ by more than this ratio and this many median deviations."""
 
 
-def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | None:
+def recommend(scene: Scene, records: Sequence[Record]) -> Recommended | None:
     """The recommendation for one scene: the fastest of the accurate passing runs, and those equally fast within noise.
 
     None if nothing can be recommended.
@@ -59,7 +59,7 @@ def _slower(record: Record, best: Record) -> bool:
     return ratio > NOISE_RATIO and math.log(ratio) > NOISE_DEVIATIONS * max(shares)
 
 
-def sentence(scene: SceneTruth, records: Sequence[Record]) -> str:
+def sentence(scene: Scene, records: Sequence[Record]) -> str:
     """The recommendation for one scene in words."""
     if scene.failure:
         return f"No recommendation: the truth of this scene failed ({scene.failure})."
@@ -73,7 +73,7 @@ def sentence(scene: SceneTruth, records: Sequence[Record]) -> str:
     return f"Trust {_said(best)}."
 
 
-def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]:
+def by_engine(scene: Scene, records: Sequence[Record]) -> list[EngineTrust]:
     """The recommendation for each engine, in the order of the records."""
     rows, first = [], None if scene.failure or scene.no_truth else recommend(scene, records)
     for engine, own in grouped(records, lambda record: record.engine).items():

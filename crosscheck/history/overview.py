@@ -9,13 +9,13 @@ from pathlib import Path
 
 import sqlalchemy as sql
 
-from crosscheck.errors import ArgumentError, writing
+from crosscheck.errors import ArgumentError
 from crosscheck.history.changes import change_points, heights, scaled, spans_decades
 from crosscheck.history.figures import SPEED, Figure
 from crosscheck.history.runs import EMPTY, CellKey, StoredRun, recent
 from crosscheck.history.schema import METRICS, RESULTS, RUNS
 from crosscheck.report.overview import SEVERITY
-from crosscheck.report.standalone import one_file, write_page
+from crosscheck.report.standalone import one_file, page_of
 
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 900, 360, 80, 30, 320
 """Size of the plot and position of its axes in SVG units."""
@@ -164,10 +164,7 @@ def write_history(folder: Path, store: sql.Engine) -> Path:
     names = [run.name for run in runs]
     rows = [(key[0], cell.label, next((each for each in reversed(cell.outcomes) if each), ""),
              [spark(cell.figures[name]) for name in COLUMNS]) for key, cell in sorted(cells.items())]
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        write_page(
-            folder, "history.html.j2", plots=False, runs=runs, scenes=sorted({scene for scene, _ in groups}),
-            engines=runs[-1].versions["engine"], metrics=COLUMNS, rows=rows, width=ACROSS, height=TALL,
-            bar=ACROSS / len(runs), cells={pair: bars(names, outcomes) for pair, outcomes in groups.items()})
-    return folder / "index.html"
+    return page_of(
+        folder, "history.html.j2", plots=False, runs=runs, scenes=sorted({scene for scene, _ in groups}),
+        engines=runs[-1].versions["engine"], metrics=COLUMNS, rows=rows, width=ACROSS, height=TALL,
+        bar=ACROSS / len(runs), cells={pair: bars(names, outcomes) for pair, outcomes in groups.items()})

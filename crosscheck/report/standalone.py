@@ -22,33 +22,27 @@ STATIC = ("report.css", "theme.js", "site.js", "tables.js")
 PLAYED = ("pens.js", "geometry.js", "playback.js")
 
 
-def write_page(folder: Path, template: str, page: str = "index.html", plots: bool = True, **content: object) -> None:
-    """Write a page and the files that it needs into a folder. Existing files are replaced as a whole.
+def page_of(folder: Path, template: str, plots: bool = True, **content: Any) -> Path:
+    """Write a page and the files that it needs into a folder, which is made if it is not there, and return its path.
 
-    `plots` says whether the page needs Plotly; a page with something `drawn` in it plays motions.
-    """
-    if plots:
-        import plotly.offline
-
-        put(folder / "plotly.min.js", plotly.offline.get_plotlyjs())
-    for name in STATIC + (PLAYED if content.get("drawn") else ()):
-        put(folder / name, (HERE / "static" / name).read_text(encoding="utf-8"))
-    put(folder / FILE, ALONE)
-    put(folder / page, environment().get_template(template).render(**content))
-    write_neighbours(folder)
-
-
-def page_of(folder: Path, template: str, **content: Any) -> Path:
-    """The path of a page that `write_page` writes into a folder, which is made if it is not there.
-
-    Raises `ArgumentError` if a package is missing or the folder cannot be written.
+    Existing files are replaced as a whole. `plots` says whether the page needs Plotly; a page with something `drawn` in
+    it plays motions. Raises `ArgumentError` if a package is missing or the folder cannot be written.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            write_page(folder, template, **content)
+            text = environment().get_template(template).render(**content)
+            if plots:
+                import plotly.offline
+
+                put(folder / "plotly.min.js", plotly.offline.get_plotlyjs())
         except ImportError as error:
             raise ArgumentError(f"--out {folder}: no page: {missing(error)}") from None
+        for name in STATIC + (PLAYED if content.get("drawn") else ()):
+            put(folder / name, (HERE / "static" / name).read_text(encoding="utf-8"))
+        put(folder / FILE, ALONE)
+        put(folder / "index.html", text)
+        write_neighbours(folder)
     return folder / "index.html"
 
 

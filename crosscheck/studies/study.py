@@ -23,7 +23,7 @@ from crosscheck.document import Origin, Part, set_words
 from crosscheck.errors import ArgumentError, unknown, writing
 from crosscheck.files import cell, digest, plain, put
 from crosscheck.jobs.table import Session, Table
-from crosscheck.report.standalone import write_page
+from crosscheck.report.standalone import page_of
 from crosscheck.running import provenance, versions
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
@@ -76,7 +76,7 @@ def write_folder(out: Path, document: StudyDocument, rows: Sequence[object]) -> 
         writer.writeheader()
         writer.writerows(table)
     put(out / f"{study}.csv", text.getvalue())
-    write_page(out, f"{study}.html.j2", document=content, meta=content["meta"])
+    page_of(out, f"{study}.html.j2", document=content, meta=content["meta"])
 
 
 Progress = Callable[[int, int | None, str], object]

@@ -30,6 +30,8 @@ from crosscheck.errors import ArgumentError, CrosscheckError, missing
 from crosscheck.files import digest, plain, put, replacing
 from crosscheck.jobs.drive import Crash, Limits, Place, drive
 from crosscheck.jobs.table import Session, Table
+from crosscheck.report import installed
+from crosscheck.report.standalone import page_of
 from crosscheck.running import cluster, provenance, versions
 from crosscheck.running.attempt import attempt
 from crosscheck.scene.model import Scene
@@ -229,15 +231,9 @@ def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, report: summary.Rep
     names = [name for name, _ in asked.parameters]
     put(out / "request.json", json.dumps(asked.source, indent=1))
     put(out / "sweep.json", json.dumps(plain({"meta": meta, "report": report, "parameters": names}), indent=1))
-    try:
-        import jinja2  # noqa: F401
-        import plotly  # noqa: F401
-    except ImportError:
-        return
-    from crosscheck.report.standalone import write_page
-
-    document = plain(summary.document(frame, names, report, meta, str(out)))
-    write_page(out, "sweep.html.j2", document=document, meta=document["meta"])
+    if installed("jinja2", "plotly"):
+        document = plain(summary.document(frame, names, report, meta, str(out)))
+        page_of(out, "sweep.html.j2", document=document, meta=document["meta"])
 
 
 def one(source: Mapping[str, object] | str | os.PathLike[str], cell: str) -> cells.Row:

@@ -10,7 +10,7 @@ from crosscheck.document import Origin
 from crosscheck.files import plain
 from crosscheck.history.overview import write_history, write_trend
 from crosscheck.history.runs import open_store, run_from_document, save, series
-from crosscheck.report.standalone import write_page
+from crosscheck.report.standalone import page_of
 from crosscheck.running import provenance
 from crosscheck.studies.drift import Drift, DriftAsk, DriftStudy
 from crosscheck.studies.stability import Line, Stability, StabilityAsk
@@ -94,7 +94,7 @@ def sweep(out):
              **dict.fromkeys(summary.FIGURES[1:], 1e-4)} for engine, method in WAYS[1:3] for index in range(9)]
     found = summary.document(pd.DataFrame(rows), ["bodies.pendulum.mass"], summary.Report(cells=18, workers=2),
                              msgspec.convert(provenance.describe(["lieeuler"]), Origin), "reports/sweep")
-    write_page(out, "sweep.html.j2", document=plain(found), meta=plain(found)["meta"])
+    page_of(out, "sweep.html.j2", document=plain(found), meta=plain(found)["meta"])
 
 
 def history(out):

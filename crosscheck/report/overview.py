@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from typing import get_args
 
@@ -93,15 +94,9 @@ class Wrong:
 
 def worst_first(records: Sequence[Record], changes: Sequence[Change] | None = None) -> list[Wrong]:
     """Failed runs and known defects, grouped by engine and problem: new problems first, known defects last."""
-    def excess(finding: Finding | None) -> float:
-        """The factor by which a finding exceeds its bound; unknown values count as infinite."""
-        if not finding or not finding.value or not finding.bound:
-            return float("inf")
-        return finding.value / finding.bound
-
     worse = {(change.scene, change.engine, change.method) for change in changes or [] if change.bad}
     bad = [(record, record.worst) for record in records if record.outcome in ("fail", "error", "known")]
-    bad.sort(key=lambda pair: -excess(pair[1]))
+    bad.sort(key=lambda pair: -math.inf if pair[1] is None else -pair[1].severity)
     groups = grouped(bad, lambda pair: (
         pair[0].outcome, "" if pair[0].outcome == "known" else pair[0].engine, _matter(*pair)))
     wrong = [Wrong(outcome, engine, why, runs, len({record.scene for record, _ in runs}),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from crosscheck.errors import Unsupported
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import Motion, States
@@ -63,3 +64,10 @@ def at_rest(scene: Scene, motion: Motion) -> bool:
     falling = float(np.linalg.norm(scene.gravity)) * length_of(scene) or length_of(scene) ** 2
     kinetic = float(np.nanmax(mechanics.kinetic_energy(scene, motion), initial=0.0))
     return kinetic <= AT_REST * float(scene.masses.sum()) * falling
+
+
+def check_moves(scene: Scene, motion: Motion) -> None:
+    """Raises `Unsupported` where nothing moves but rounding, so that every method at every step is right."""
+    if at_rest(scene, motion):
+        raise Unsupported(f"{scene.name!r}: nothing moves but rounding, so that every step is right; give a start that "
+                          "moves, of a model file by --qpos, --qvel or --keyframe")

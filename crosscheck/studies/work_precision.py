@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from crosscheck.compare.sizes import natural_time, sizes
+from crosscheck.compare.sizes import check_moves, natural_time, sizes
 from crosscheck.compare.timing import take_turns, undisturbed
 from crosscheck.document import Part, grouped
 from crosscheck.errors import CrosscheckError, EngineDied, Unsupported, errors_as, said
@@ -307,6 +307,7 @@ class WorkPrecision:
         try:
             work.progress(0, None, f"{scene.name}: truth")
             sampled, truth = reference(scene)
+            check_moves(sampled, truth.states)
         except (Unsupported, TruthError) as error:
             results[-1] = replace(ladders, failure=said(error))
             work.keep(results)

@@ -26,6 +26,7 @@ from msgspec.structs import replace
 from crosscheck import references
 from crosscheck.adapters.base import step_text
 from crosscheck.compare.errors import up_to
+from crosscheck.compare.sizes import check_moves
 from crosscheck.compare.timing import take_turns, undisturbed
 from crosscheck.document import QUANTITIES, Advice, Way, extended
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said, unknown
@@ -74,12 +75,15 @@ def climb(scene: Scene, engine: str, wanted: Sequence[Wanted], ladder: Ladder | 
     ladder : with the runs that were made before
     every : in place of these, the largest usable step of every method is looked for
 
-    Raises `Unsupported` if the engine cannot model the scene, and `TruthError` or `Unsupported` if it has no truth.
+    Raises `Unsupported` if the engine cannot model the scene or nothing moves, and `TruthError` or `Unsupported` if it
+    has no truth.
     """
     chosen, refused = ways(scene, [engine], default_form=True)
     if not chosen:
         raise Unsupported(f"{engine} on scene {scene.name!r}: {refused[0][1] if refused else 'it has no method'}")
-    search = _Search(scene, engine, references.truth(scene), ladder, every)
+    truth = references.truth(scene)
+    check_moves(scene, truth.states)
+    search = _Search(scene, engine, truth, ladder, every)
     search.begin(chosen[0])
     for error in (USELESS,) if every else wanted:
         search.look_for(error, chosen)
@@ -222,7 +226,7 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str,
     ArgumentError, SceneError
         As in `crosscheck.run`.
     Unsupported
-        The engine cannot model the scene, or the scene has no truth.
+        The engine cannot model the scene, or the scene has no truth or does not move.
     TruthError
         The two formulations of the truth disagree.
     """

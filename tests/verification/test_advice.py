@@ -1,6 +1,7 @@
 """Advice: its choice among known runs, its ladder of runs of an engine of known errors, and a real engine."""
 
 import dataclasses
+import json
 
 import msgspec
 import numpy as np
@@ -182,6 +183,18 @@ def test_wrong_arguments_and_scenes_that_an_engine_cannot_model(pretend):
     pretend(Known(2, refuses="no such joint"))
     with pytest.raises(Unsupported, match="no such joint"):
         crosscheck.advise("single_pendulum", engine="known", error=1e-3)
+
+
+def test_a_scene_at_rest_has_no_advice(tmp_path):
+    """An engine that does nothing is right there, at any step."""
+    hanging = {"schema": 1, "name": "rest", "gravity": [0.0, 0.0, -9.81], "duration": 1.0, "samples": 11,
+               "bodies": [{"name": "bob", "mass": 1.0, "inertia": (0.01 * np.eye(3)).tolist()}],
+               "joints": [{"name": "pivot", "type": "revolute", "parent": "ground", "child": "bob",
+                           "parent_anchor": [0.0] * 3, "child_anchor": [0.0, 0.0, 0.5], "parent_axis": [0.0, 1.0, 0.0],
+                           "child_axis": [0.0, 1.0, 0.0], "position": 0.0, "velocity": 0.0}]}
+    (tmp_path / "rest.json").write_text(json.dumps(hanging))
+    with pytest.raises(Unsupported, match="nothing moves"):
+        crosscheck.advise(tmp_path / "rest.json", engine="mujoco", error=1e-3)
 
 
 def test_a_real_run_keeps_what_the_advice_promises():

@@ -195,7 +195,7 @@ def _model(subject: Subject, first: Observation, deviation: float, answer: Expla
         answer.unexplained.append("the motion differs, but neither its start nor its accelerations do")
     if found and not answer.unexplained and not known.soft:
         meant = first.states if known.undo is None else known.undo(first.states)
-        after = np.abs(scale.flat(meant) - scale.flat(altered.predict(known.model, *known.start)))
+        after = np.abs(scale.flat(meant) - scale.flat(altered.predict(known.model, first.scene.t, known.start)))
         if known.absent is not None:
             after = np.delete(after, known.absent, axis=1)
         answer.explained = float(after.max())

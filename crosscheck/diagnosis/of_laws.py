@@ -17,7 +17,7 @@ from crosscheck.diagnosis.fit import EXPLAINED, Case, altered, search, simplest
 from crosscheck.diagnosis.observe import Silent, Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.running.run import run
-from crosscheck.scene.alterations import Alteration
+from crosscheck.scene.alterations import Alteration, numbered
 from crosscheck.scene.altered import Model, of_scene
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.laws import DryFriction, Limits
@@ -108,11 +108,8 @@ def alternatives(scene: Scene) -> Iterator[Alteration]:
 
 
 def _law(kind: str, text: str, apply: Callable[[Model, float], Model], *starts: float, zero: str = "") -> Alteration:
-    """One with a number in `text`, fitted from `starts`; with the name `zero` where that number is 0."""
-    return Alteration(kind, lambda m, t: apply(m, float(t[0]) if len(t) else 0.0), tuple((start,) for start in starts)
-                      or ((),), lambda t: text.format(*(f"{value:.6g}" for value in t)), MEND,
-                      (lambda t: kind if t[0] else zero) if zero else None, lambda t: [(0.0,)] if zero else (),
-                      target=text.partition(":")[0])
+    """As `numbered`, of one joint."""
+    return numbered(kind, text, apply, *starts, mend=MEND, none=zero, target=text.partition(":")[0])
 
 
 def _with(m: Model, joint: Joint, **changes: Any) -> Model:

@@ -6,9 +6,11 @@ Each hypothesis predicts the whole observed motion of the scene and its copies. 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from crosscheck.diagnosis import fit
 from crosscheck.diagnosis.observe import FASTEST, REACH, Observation, Scale, Silent, Subject, rates, true_motion
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.references.maximal import Maximal
-from crosscheck.scene.alterations import FAILS, Alteration
+from crosscheck.scene.alterations import FAILS
 from crosscheck.scene.altered import levers
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
@@ -83,12 +85,12 @@ def diagnose(observations: list[Observation], answer: Explanation) -> bool:
             if not holds:
                 break
         if holds or after < 1e3:
-            answer.evidence.append(Evidence(f"{cause.cause}: {_words(cause)}", "report", before, after,
+            answer.evidence.append(Evidence(f"{cause.name}: {cause.words}", "report", before, after,
                                             "motion against the one predicted, over its noise", holds=holds))
         named += [cause] if holds else []
     if named:
-        answer.causes.append(NamedCause(" or ".join(sorted({each.cause for each in named})),
-                                        ", or equally ".join(map(_words, named)), named[0].mend))
+        answer.causes.append(NamedCause(" or ".join(sorted({each.name for each in named})),
+                                        ", or equally ".join(each.words for each in named), named[0].mend))
     return bool(named)
 
 
@@ -97,36 +99,39 @@ def _open(each: Observation) -> float:
     return max(AGREES, fit.EXPLAINED * each.noise)
 
 
-def _words(cause: Alteration) -> str:
-    return cause.words(np.array(cause.starts[0]))
+class Reported(NamedTuple):
+    """A cause, in words, with the states of a scene that are then reported."""
+
+    name: str
+    words: str
+    mend: str
+    states: Callable[[Scene], States]
 
 
-def _left(cause: Alteration, each: Observation) -> float:
+def _left(cause: Reported, each: Observation) -> float:
     """Largest difference between observation and prediction, over what noise may leave.
 
     Most hypotheses fail at the first two samples, which take a twentieth of the time.
     """
-    gap, theta = 0.0, np.array(cause.starts[0])
+    gap = 0.0
     for count in (2, each.scene.samples):
         scene = each.scene.replace(duration=float(each.scene.t[count - 1]), samples=count)
         try:
-            states = at_times(scene, cause.apply(scene.t, theta)) if cause.kind == "clock" else cause.apply(
-                true_motion(scene), theta)
+            left = float(np.abs(each.y[:count] - each.scale.flat(cause.states(scene))).max())
         except FAILS:
             return math.inf
-        left = float(np.abs(each.y[:count] - each.scale.flat(states)).max())
         gap = left / _open(each) if np.isfinite(left) else math.inf
         if gap > 1.0:
             break
     return gap
 
 
-def _reported(cause: str, words: str, mend: str, apply: Callable[[States], States]) -> Alteration:
-    """One of the states, with nothing left to fit."""
-    return Alteration(cause, lambda states, _: apply(states), ((),), lambda _: words, mend, kind="motion")
+def _reported(name: str, words: str, mend: str, change: Callable[[States], States]) -> Reported:
+    """That of the true states, changed."""
+    return Reported(name, words, mend, lambda scene: change(true_motion(scene)))
 
 
-def hypotheses(first: Observation) -> Iterator[Alteration]:
+def hypotheses(first: Observation) -> Iterator[Reported]:
     """All of the output that make sense for the scene. Points, axes and times are those that the first one shows."""
     scene = first.scene
     if 1 < scene.n <= MOST_ORDERS:
@@ -145,7 +150,7 @@ def picked(states: States, order: Sequence[int]) -> States:
     return States(states.t, *(getattr(states, name)[:, order] for name in ("x", "R", "v", "w")))
 
 
-def _points(first: Observation) -> Iterator[Alteration]:
+def _points(first: Observation) -> Iterator[Reported]:
     """Positions of other points of the bodies than their centres of mass, or from another origin."""
     scene, exact = first.scene, true_motion(first.scene)
     off = first.states.x - exact.x
@@ -170,12 +175,12 @@ def _points(first: Observation) -> Iterator[Alteration]:
                     "hold on the ground", lambda states: dataclasses.replace(states, x=states.x + away))
 
 
-def _attitudes(first: Observation) -> Iterator[Alteration]:
+def _attitudes(first: Observation) -> Iterator[Reported]:
     """Attitudes that are turned by a constant in each body, or mirrored."""
     scene, exact = first.scene, true_motion(first.scene)
 
     def turned(name: str, detail: str, R: Callable[[np.ndarray], np.ndarray],
-               w: Callable[[np.ndarray], np.ndarray]) -> Alteration:
+               w: Callable[[np.ndarray], np.ndarray]) -> Reported:
         return _reported(name, detail, "report the attitude of the body axes of the scene, in its world axes",
                          lambda states: dataclasses.replace(states, R=R(states.R), w=w(states.w)))
 
@@ -195,23 +200,23 @@ def _attitudes(first: Observation) -> Iterator[Alteration]:
                 yield turned("mirrored attitude", f"{letter} has the other sign {text}{more}", change, spin)
 
 
-def _filtered(first: Observation) -> Iterator[Alteration]:
+def _filtered(first: Observation) -> Iterator[Reported]:
     """Velocities that lag by a time tau behind the motion: v - tau a."""
     true = true_motion(first.scene)
     for names, text in ((("v", "w"), "all velocities"), (("v",), "velocities"), (("w",), "angular velocities")):
-        def filtered(states: States, theta: np.ndarray, names: tuple[str, ...] = names) -> States:
+        def filtered(tau: float, states: States, names: tuple[str, ...] = names) -> States:
             rates = {"v": states.a, "w": states.alpha}
             return dataclasses.replace(states, **{
-                name: getattr(states, name) - theta[0] * np.asarray(rates[name]) for name in names})
+                name: getattr(states, name) - tau * np.asarray(rates[name]) for name in names})
 
         exact, late, given = (np.concatenate([getattr(each, name).ravel() for name in names]) for each in (
-            true, filtered(true, np.ones(1)), first.states))
+            true, filtered(1.0, true), first.states))
         slopes = late - exact
         tau = float(slopes @ (given - exact) / max(float(slopes @ slopes), 1e-300))
         if abs(tau) * first.scale.rate > AGREES:
-            yield Alteration("filtered velocity", filtered, ((tau,),), lambda t, text=text: (  # type: ignore[misc]
-                f"{text} are those of v - tau dv/dt, tau = {t[0]:.5g} s"), "report the velocities of the state, not of "
-                "a filter or of a difference of positions", kind="motion")
+            yield _reported("filtered velocity", f"{text} are those of v - tau dv/dt, tau = {tau:.5g} s", "report the "
+                            "velocities of the state, not of a filter or of a difference of positions",
+                            functools.partial(filtered, tau))
 
 
 def _vector(values: np.ndarray) -> str:
@@ -221,7 +226,7 @@ def _vector(values: np.ndarray) -> str:
 # --- times ------------------------------------------------------------------------------------------------------------
 
 
-def _times(first: Observation) -> Iterator[Alteration]:
+def _times(first: Observation) -> Iterator[Reported]:
     """An offset of all times, and a clock that runs at another pace."""
     few = first.scene.replace(samples=len(first.y[::THIN]))
     delays = shifts(few, first.scale, first.y[::THIN])
@@ -231,14 +236,13 @@ def _times(first: Observation) -> Iterator[Alteration]:
         delays[1:] / few.t[1:]))
     # A motion that starts late, and rests in half of the samples, has the delay of the last one.
     for offset in (middle, last) if abs(last - middle) > LATER * abs(last) else (middle,):
-        yield Alteration("time offset", lambda t, by: np.maximum(t + by[0], 0.0), ((offset,),), lambda by: (
-            f"it stands still in the first {-by[0]:.6g} s, at least" if by[0] <= -(1.0 - AGREES) * few.duration else
-            f"the motion of {by[0]:+.6g} s later"), "start at the scene's start, and report each state at its time",
-            kind="clock")
+        words = (f"it stands still in the first {-offset:.6g} s, at least" if offset <= -(1.0 - AGREES) * few.duration
+                 else f"the motion of {offset:+.6g} s later")
+        yield Reported("time offset", words, "start at the scene's start, and report each state at its time",
+                       lambda scene, by=offset: at_times(scene, np.maximum(scene.t + by, 0.0)))  # type: ignore[misc]
     if pace > STOPPED - 1.0:
-        yield Alteration("time scale", lambda t, by: (1.0 + by[0]) * t, ((pace,),), lambda by: (
-            f"times are those of a clock {1 + by[0]:.6g} as fast"), "check the unit of time and the step that is "
-            "really made", kind="clock")
+        yield Reported("time scale", f"times are those of a clock {1 + pace:.6g} as fast", "check the unit of time and "
+                       "the step that is really made", lambda scene: at_times(scene, (1.0 + pace) * scene.t))
 
 
 def at_times(scene: Scene, times: np.ndarray) -> States:

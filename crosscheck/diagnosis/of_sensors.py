@@ -10,14 +10,13 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from crosscheck.diagnosis.observe import Scale, Silent, Subject
 from crosscheck.diagnosis.result import Evidence, Explanation
 from crosscheck.scene import mechanics
-from crosscheck.scene.alterations import Alteration
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, Sensor, quaternion_product
 from crosscheck.scene.sensors import SENSOR_TYPES, Reader, gap, read
 from crosscheck.scene.states import States
@@ -47,10 +46,17 @@ MENDS = {"gravity": "an accelerometer reads a - g, an acceleration a",
          "lever": "read at the site, with its lever from the centre of mass"}
 
 
-def _reading(cause: str, words: str, values: np.ndarray) -> Alteration:
-    """A mistake with its readings (T, ...)."""
-    return Alteration(cause, lambda right, _: values, ((),), lambda _: words, MENDS.get(
-        cause, "read the sensor as a scene defines it: point, axes, sign and what it contains"), kind="output")
+class Misread(NamedTuple):
+    """A mistake, in words, with the readings (T, ...) that it gives."""
+
+    cause: str
+    words: str
+    values: np.ndarray
+
+    @property
+    def mend(self) -> str:
+        """What to change."""
+        return MENDS.get(self.cause, "read the sensor as a scene defines it: point, axes, sign and what it contains")
 
 
 def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer: Explanation) -> None:
@@ -69,7 +75,7 @@ def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer
         if left <= AGREES:
             continue
         label = f"sensor {sensor.name!r}"
-        words = f"{label}: {cause.words(np.zeros(0))}" if cause else label
+        words = f"{label}: {cause.words}" if cause else label
         if not answer.test(Evidence(cause.cause if cause else "sensor", "report", left, after, "difference of a "
                                     "reading from that of the same states, over its size", words, cause is not None),
                            cause.mend if cause else ""):
@@ -77,7 +83,7 @@ def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer
 
 
 def named(scene: Scene, states: States, sensor: Sensor, given: np.ndarray
-          ) -> tuple[float, float | None, Alteration | None]:
+          ) -> tuple[float, float | None, Misread | None]:
     """(difference of readings from those of the states over their size, what a mistake leaves of it, that mistake)."""
     bare = States(states.t, states.x, states.R, states.v, states.w)
     both = [bare] if states.a is None else [bare, dataclasses.replace(bare, a=states.a, alpha=states.alpha)]
@@ -89,8 +95,7 @@ def named(scene: Scene, states: States, sensor: Sensor, given: np.ndarray
         exact = itertools.chain(mistakes(reader, sensor, right), _followed(given, right))
         for cause, share in itertools.chain(((each, EXPLAINED) for each in exact),
                                             ((each, FOLLOWED) for each in filtered(given, right))):
-            values = cause.apply(right, np.zeros(0))
-            after = _left(given, values) / size if values.shape == given.shape else math.inf
+            after = _left(given, cause.values) / size if cause.values.shape == given.shape else math.inf
             if after <= max(AGREES, share * before):
                 return before, after, cause
     return before, None, None
@@ -106,12 +111,12 @@ def _is_attitude(values: np.ndarray) -> bool:
     return values.shape[1:] == (4,)
 
 
-def mistakes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alteration]:
+def mistakes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Misread]:
     """All mistakes that the type of the sensor can have, the plainest first."""
     for lag in LAGS:
         shifted = np.full_like(right, np.nan)
         shifted[max(lag, 0):len(right) + min(lag, 0)] = right[max(-lag, 0):len(right) - max(lag, 0)]
-        yield _reading("one step late" if lag == 1 else "late" if lag > 0 else "early",
+        yield Misread("one step late" if lag == 1 else "late" if lag > 0 else "early",
                        f"readings come {abs(lag)} step{'s' * (abs(lag) > 1)} {'late' if lag > 0 else 'early'}", shifted)
     if _is_attitude(right):
         yield from _attitudes(reader, sensor, right)
@@ -122,38 +127,38 @@ def mistakes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alte
     if sensor.joint is not None:
         joint = reader.joints[sensor.joint]
         yield from _of_joint(reader, sensor, joint, right)
-    yield _reading("sign", "the reading has the other sign", -right)
+    yield Misread("sign", "the reading has the other sign", -right)
 
 
-def _followed(given: np.ndarray, right: np.ndarray) -> Iterator[Alteration]:
+def _followed(given: np.ndarray, right: np.ndarray) -> Iterator[Misread]:
     """Mistakes whose size is fitted to the reading: a factor, an offset, an order of components, a clamp, rounding."""
     if right.ndim == 2 and right.shape[1] == 3:
         for order in list(itertools.permutations(range(3)))[1:]:
-            yield _reading("order of components", f"components are {', '.join('xyz'[k] for k in order)}",
+            yield Misread("order of components", f"components are {', '.join('xyz'[k] for k in order)}",
                            right[:, order])
         for k in range(3):
-            yield _reading("sign", f"component {'xyz'[k]} has the other sign",
+            yield Misread("sign", f"component {'xyz'[k]} has the other sign",
                            right * np.where(np.arange(3) == k, -1.0, 1.0))
-    yield _reading("zero", "the reading is always zero", 0.0 * right)
+    yield Misread("zero", "the reading is always zero", 0.0 * right)
     square = float(np.nansum(right**2))
     factor = float(np.nansum(given * right)) / square if square else 1.0
     if abs(factor) > 0:
         unit = {"degrees": 180 / np.pi, "radians": np.pi / 180}
         name = next((word for word, value in unit.items() if abs(factor / value - 1) < 1e-6), "gear")
-        yield _reading(name if name == "gear" else "unit", f"readings are {factor:.6g} times what they should be"
+        yield Misread(name if name == "gear" else "unit", f"readings are {factor:.6g} times what they should be"
                        + (f", {name}" if name != "gear" else ""), factor * right)
     away = np.nanmean(given - right, axis=0)
-    yield _reading("offset", f"readings are off by {np.array2string(away, precision=5)}", right + away)
+    yield Misread("offset", f"readings are off by {np.array2string(away, precision=5)}", right + away)
     lower, upper = np.nanmin(given), np.nanmax(given)
     if lower > np.nanmin(right) or upper < np.nanmax(right):
-        yield _reading("clamp", f"readings are cut to {lower:.4g} and {upper:.4g}", np.clip(right, lower, upper))
+        yield Misread("clamp", f"readings are cut to {lower:.4g} and {upper:.4g}", np.clip(right, lower, upper))
     turns = 2 * np.pi * np.round((given - right) / (2 * np.pi))
-    yield _reading("wrapped angle", "angles jump by whole turns", right + turns)
+    yield Misread("wrapped angle", "angles jump by whole turns", right + turns)
     for digits in range(1, 7):
-        yield _reading("rounded output", f"readings are rounded to {digits} decimals", np.round(right, digits))
+        yield Misread("rounded output", f"readings are rounded to {digits} decimals", np.round(right, digits))
 
 
-def filtered(given: np.ndarray, right: np.ndarray) -> Iterator[Alteration]:
+def filtered(given: np.ndarray, right: np.ndarray) -> Iterator[Misread]:
     """Low-pass filters in the forms that loops over steps have, and means over some samples."""
     change = given[1:] - given[:-1]
     for now in (1.0, 0.0, 0.5):
@@ -163,35 +168,35 @@ def filtered(given: np.ndarray, right: np.ndarray) -> Iterator[Alteration]:
             made = given.copy()
             for k in range(len(change)):
                 made[k + 1] = made[k] + share * (drive[k] - made[k])
-            yield _reading("filtered", f"a low-pass filter, each step closes {share:.3g} of the gap", made)
+            yield Misread("filtered", f"a low-pass filter, each step closes {share:.3g} of the gap", made)
     for count in range(2, 11):
         made = np.full_like(right, np.nan)
         for k in range(count - 1, len(right)):
             made[k] = right[k - count + 1:k + 1].mean(axis=0)
-        yield _reading("filtered", f"readings are means over {count} samples", made)
+        yield Misread("filtered", f"readings are means over {count} samples", made)
 
 
-def _others(reader: Reader, sensor: Sensor) -> Iterator[Alteration]:
+def _others(reader: Reader, sensor: Sensor) -> Iterator[Misread]:
     """The reading of another site or joint in place of the sensor's."""
     scene = reader.scene
     for site in scene.sites if sensor.site is not None else ():
         if site.name != sensor.site:
-            yield _reading("another site", f"it is the reading at site {site.name!r}",
+            yield Misread("another site", f"it is the reading at site {site.name!r}",
                            read(reader, dataclasses.replace(sensor, site=site.name)))
     kind = None if sensor.joint is None else reader.joints[sensor.joint].kind
     for joint in scene.joints if kind is not None else ():
         if joint.name != sensor.joint and joint.kind.coordinates == kind.coordinates:  # type: ignore[union-attr]
-            yield _reading("another joint", f"it is the reading of joint {joint.name!r}",
+            yield Misread("another joint", f"it is the reading of joint {joint.name!r}",
                            read(reader, dataclasses.replace(sensor, joint=joint.name)))
 
 
-def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alteration]:
+def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Misread]:
     """Axes, lever, gravity and rate terms of a vector at a site."""
     scene, site = reader.scene, reader.sites[sensor.site or ""]
     world = read(reader, dataclasses.replace(sensor, frame="world"))
     in_site = sensor.frame == "site"
     turned = dataclasses.replace(sensor, frame="world" if in_site else "site")
-    yield _reading("world for site axes" if in_site else "site for world axes",
+    yield Misread("world for site axes" if in_site else "site for world axes",
                    f"the reading is in {turned.frame} axes", read(reader, turned))
 
     def in_axes(axes: np.ndarray, vector: np.ndarray = world) -> np.ndarray:
@@ -200,21 +205,21 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alte
     def read_as(vector: np.ndarray) -> np.ndarray:
         return in_axes(reader.axes(site), vector) if in_site else np.broadcast_to(vector, world.shape)
 
-    yield _reading("frame of the body", "the reading is in the axes of the body, without the attitude of the site",
+    yield Misread("frame of the body", "the reading is in the axes of the body, without the attitude of the site",
                    in_axes(reader.R[:, site.body]))
     if in_site:
-        yield _reading("inverse rotation", "the vector is turned from the site to the world once more",
+        yield Misread("inverse rotation", "the vector is turned from the site to the world once more",
                        np.einsum("tij,tj->ti", reader.axes(site), world))
     for body in range(GROUND, scene.n):
         if body == site.body:
             continue
         name = "the ground" if body == GROUND else f"body {scene.bodies[body].name!r}"
         other = dataclasses.replace(site, body=body)
-        yield _reading("frame of another body", f"the reading is in axes of {name}", in_axes(reader.R[:, body]))
-        yield _reading("frame of another body", f"the reading is in the axes that the site would have on {name}",
+        yield Misread("frame of another body", f"the reading is in axes of {name}", in_axes(reader.R[:, body]))
+        yield Misread("frame of another body", f"the reading is in the axes that the site would have on {name}",
                        in_axes(reader.axes(other)))
         if sensor.type in ("angular_velocity", "gyroscope"):
-            yield _reading("relative to another body", f"the turning is that against {name}",
+            yield Misread("relative to another body", f"the turning is that against {name}",
                            right - read_as(reader.turned(body, reader.w[:, body])))
     g, w = scene.gravity, reader.w[:, site.body]
     arm, spin = site.position, reader.turned(site.body, w)
@@ -222,7 +227,7 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alte
         words = {1: "gravity is missing", -1: "gravity counts twice", 2: "gravity has the other sign"} if (
             sensor.type == "accelerometer") else {-1: "it is a - g, as an accelerometer reads", 1: "it is a + g"}
         for times, text in words.items():
-            yield _reading("gravity", text, right + times * read_as(g))
+            yield Misread("gravity", text, right + times * read_as(g))
         inward = reader.turned(site.body, cross(w, cross(w, arm)))
         tangent = reader.turned(site.body, cross(reader.alpha[:, site.body], arm))
         coriolis = cross(spin, reader.velocity(site))
@@ -232,42 +237,42 @@ def _of_site(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alte
                            ("it is the derivative of the velocity in body axes, without w x v", -coriolis),
                            ("w x v counts twice", coriolis), ("w x v of the centre of mass is left out", -central),
                            ("2 w x v is added", 2 * coriolis)):
-            yield _reading("Coriolis or centripetal term", text, right + read_as(part))
+            yield Misread("Coriolis or centripetal term", text, right + read_as(part))
     for text, place in (("left out", 0.0 * arm), ("taken with the other sign", -arm)):
-        yield _reading("lever", f"the lever of the site is {text}", _moved(reader, sensor, position=place))
+        yield Misread("lever", f"the lever of the site is {text}", _moved(reader, sensor, position=place))
     if SENSOR_TYPES[sensor.type].dynamic and sensor.joint is None:
         s = reader.states
         free = mechanics.applied_forces(scene, s.x, s.R, s.v, s.w, reader.angles, s.t) @ mechanics.inverse_mass(scene)
         a, alpha = np.split(free.reshape(len(s.t), scene.n, 6), 2, axis=2)
-        yield _reading("before the constraint solve", "the reading is that of bodies on which no constraint acts yet",
+        yield Misread("before the constraint solve", "the reading is that of bodies on which no constraint acts yet",
                        read(Reader(scene, dataclasses.replace(s, a=a, alpha=alpha)), sensor))
 
 
-def _of_joint(reader: Reader, sensor: Sensor, joint: Joint, right: np.ndarray) -> Iterator[Alteration]:
+def _of_joint(reader: Reader, sensor: Sensor, joint: Joint, right: np.ndarray) -> Iterator[Misread]:
     """Parts of a wrench or of an effort."""
     scene = reader.scene
     if sensor.type == "joint_effort":
         for force in scene.loads:
             if force.joint == joint.name and not force.is_spring:
                 rest = scene.replace(forces=tuple(each for each in scene.forces if each is not force))
-                yield _reading(UNCOUNTED, f"the {force.type} is left out", read(Reader(rest, reader.states), sensor))
+                yield Misread(UNCOUNTED, f"the {force.type} is left out", read(Reader(rest, reader.states), sensor))
             elif force.joint == joint.name:
                 on_child = mechanics.force_on_bodies(scene, force, reader.states, reader.angles)[:, joint.child]
                 along = on_child[:, :3] if force.type == "slide_spring" else reader.turned(joint.child, on_child[:, 3:])
-                yield _reading(UNCOUNTED, "the spring and damper of the joint count as a drive", right + np.einsum(
+                yield Misread(UNCOUNTED, "the spring and damper of the joint count as a drive", right + np.einsum(
                             "tk,tk->t", along, reader.turned(joint.child, joint.child_axis)))
     if sensor.type not in ("force", "torque"):
         return
-    yield _reading("force on the parent", "it is what the child exerts on the parent", -right)
+    yield Misread("force on the parent", "it is what the child exerts on the parent", -right)
     for name, text, *pair in _parts(reader, sensor, joint):
         part = pair[sensor.type == "torque"]
         if sensor.frame == "site":
             part = np.einsum("tji,tj->ti", reader.axes(reader.sites[sensor.site or ""]), part)
-        yield _reading(name, text, right + part)
+        yield Misread(name, text, right + part)
     for text, borne in _borne(reader, joint):
         lighter = Reader(scene, reader.states)
         lighter.__dict__["_borne"] = {**reader._borne, joint.name: borne}
-        yield _reading(UNCOUNTED, text, read(lighter, sensor))
+        yield Misread(UNCOUNTED, text, read(lighter, sensor))
 
 
 def _parts(reader: Reader, sensor: Sensor, joint: Joint) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
@@ -331,23 +336,23 @@ def _moved(reader: Reader, sensor: Sensor, **changes: Any) -> np.ndarray:
     return read(Reader(reader.scene.replace(sites=sites), reader.states), sensor)
 
 
-def _attitudes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Alteration]:
+def _attitudes(reader: Reader, sensor: Sensor, right: np.ndarray) -> Iterator[Misread]:
     """Conventions of quaternions, and attitudes of other frames."""
-    yield _reading("inverse rotation", "it is the attitude of the world in the site", right * [1.0, -1.0, -1.0, -1.0])
-    yield _reading("order of components", "the scalar comes last", right[:, [1, 2, 3, 0]])
-    yield _reading("order of components", "the scalar is taken as the last", right[:, [3, 0, 1, 2]])
+    yield Misread("inverse rotation", "it is the attitude of the world in the site", right * [1.0, -1.0, -1.0, -1.0])
+    yield Misread("order of components", "the scalar comes last", right[:, [1, 2, 3, 0]])
+    yield Misread("order of components", "the scalar is taken as the last", right[:, [3, 0, 1, 2]])
     if sensor.site is None:
         return
     scene, site = reader.scene, reader.sites[sensor.site]
 
     at = functools.partial(_moved, reader, sensor)
-    yield _reading("frame of the body", "it is the attitude of the body", at(attitude=np.array([1.0, 0.0, 0.0, 0.0])))
+    yield Misread("frame of the body", "it is the attitude of the body", at(attitude=np.array([1.0, 0.0, 0.0, 0.0])))
     for body in range(scene.n):
         if body != site.body:
             name = f"body {scene.bodies[body].name!r}"
-            yield _reading("frame of another body", f"it is the attitude that the site would have on {name}",
+            yield Misread("frame of another body", f"it is the attitude that the site would have on {name}",
                            at(body=body))
             its = at(body=body, attitude=np.array([1.0, 0.0, 0.0, 0.0])) * [1.0, -1.0, -1.0, -1.0]
-            yield _reading("relative to another body", f"it is the attitude in {name}", quaternion_product(its, right))
+            yield Misread("relative to another body", f"it is the attitude in {name}", quaternion_product(its, right))
     swapped = site.attitude * np.array([1.0, -1.0, -1.0, -1.0])
-    yield _reading("inverse rotation", "the attitude of the site is taken the other way", at(attitude=swapped))
+    yield Misread("inverse rotation", "the attitude of the site is taken the other way", at(attitude=swapped))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.compare.order import observed_order
-from crosscheck.diagnosis import altered, fit, misreadings, of_output, of_run
+from crosscheck.diagnosis import fit, misreadings, of_output, of_run
 from crosscheck.diagnosis.observe import (
     REACH,
     ROUNDING,
@@ -34,7 +34,6 @@ from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.diagnosis.variants import close
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
 
 COUNTS = {1: (32, 64, 128, 256), 2: (8, 16, 32, 64), 4: (4, 8, 16, 32), 5: (3, 4, 6, 8, 12), 7: (2, 3, 4, 6, 8)}
 """Steps per 1 / W from which the order follows, by documented order, or the next lower one."""
@@ -54,21 +53,8 @@ resolved. Coarse steps of stiff models seem to have a lower order, so that it ha
 EXPLODED = 1.0
 """Error of y above which a run says nothing about its order: it is larger than what is computed."""
 
-ALIKE = 0.02
-"""Part of its error by which two runs of one method may differ: by rounding, and by truncated maps of the group."""
-
 FLAT = 1e-6
 """Largest change of the unit normal of a plane in a motion that stays in this plane."""
-
-MOST_SUBSTEPS = 64
-"""Largest number of sub-steps that is looked for."""
-NO_SUBSTEPS = 1.2
-"""Number of sub-steps below which the errors are those of the steps that were asked for."""
-
-HIDDEN = "{:g} steps for each that is asked for: {}"
-MEND_HIDDEN = "switch off adaptive or internal steps, or count them where speeds are compared"
-
-NO_GAIN = (0.0, 0.0)
 
 PUSH = 1e-2
 """Part of the length by which a start violates the joints, so that stabilisation shows. Constraint accelerations are
@@ -101,10 +87,9 @@ def diagnose(subject: Subject, first: Observation, known: Known, answer: Explana
     if ordered is not None and low:
         answer.ask(_lower_order, subject, first, order, known, ordered, answer)
     if "acceleration" in subject.held(first.scene) and not known.soft and known.model.centripetal == 1.0:
-        gain = answer.ask(_gain, subject, first, known, answer, otherwise=NO_GAIN)
-        known = dataclasses.replace(known, model=known.model.replace(gain=gain))
+        answer.ask(_gain, subject, first, known, answer)
     if not low:
-        answer.ask(_substeps, subject, first, order, known, answer)
+        answer.ask(_substeps, subject, first, order, answer)
 
 
 def limited(subject: Subject, first: Observation) -> NamedCause | None:
@@ -257,66 +242,17 @@ def _lower_order(subject: Subject, first: Observation, order: int, known: Known,
 # --- hidden sub-steps -------------------------------------------------------------------------------------------------
 
 
-def _substeps(subject: Subject, first: Observation, order: int, known: Known, answer: Explanation) -> None:
-    scene, scale = first.scene, first.scale
-    count = None if known.soft else {1: 16, 4: 4}.get(order)
-    brief = scene.replace(duration=1.0 / scale.rate, samples=2)
-    model = known.model.altered(duration=brief.duration, samples=2)
-    asked = count or 16
+def _substeps(subject: Subject, first: Observation, order: int, answer: Explanation) -> None:
+    """Name steps that the engine itself counts beyond those that were asked for."""
+    brief, asked = first.scene.replace(duration=1.0 / first.scale.rate, samples=2), 4 if order == 4 else 16
     try:
-        raw = subject.run(brief, brief.duration / asked)
-        if raw.steps > asked:
-            answer.test(Evidence("hidden sub-steps", "numerics", float(asked), float(raw.steps), "steps asked for and "
-                                 "taken", HIDDEN.format(raw.steps / asked, "its own count of steps says so"), True),
-                        MEND_HIDDEN)
-            return
-        if count is None:
-            return
-        coarse = _meant(raw.states, scale, known)
-        fine = [_meant(subject.run(brief, brief.duration / (asked * k)).states, scale, known) for k in (2, 4, 8)]
+        steps = subject.run(brief, brief.duration / asked).steps
     except Silent:
         return
-    limit = extrapolated(fine, (2, 4, 8), order)
-    error = coarse - limit
-    size = float(np.abs(error).max())
-    if size < 1e3 * ROUNDING:
-        return
-    for name in ("bodies", "joints") if altered.Joints.fit(model.scene) else ("bodies",):
-        def at(k: int, name: str = name) -> np.ndarray:
-            end = altered.stepped(model, *known.start, order, asked * k, name == "joints")
-            return _there(scale.flat(end)[0], known)
-
-        guess = _fewer(float(np.abs(at(1) - limit).max()), size, order)
-        if not NO_SUBSTEPS <= guess <= MOST_SUBSTEPS:
-            answer.tried += 1
-            continue
-        # Each error is the distance from its own limit: fitted magnitudes of the model are less exact than that.
-        settled = _there(scale.flat(altered.predict(model, *known.start))[-1], known)
-        off: dict[int, np.ndarray] = {}
-        k = max(2, round(guess))
-        while k not in off:  # coarse steps do not show the order yet; the estimate gets better from step to step
-            off[k] = at(k) - settled
-            k = int(np.clip(round(k * _fewer(float(np.abs(off[k]).max()), size, order)), 2, MOST_SUBSTEPS))
-        left, k = min((float(np.abs(each - error).max()), k) for k, each in off.items())
-        if answer.test(Evidence("hidden sub-steps", "numerics", size, left, f"state, against a plain method of order "
-                                f"{order} in coordinates of the {name}", HIDDEN.format(k, f"its error is that of {k} "
-                                f"steps of a plain method of order {order}"), left <= ALIKE * size), MEND_HIDDEN):
-            return
-
-
-def _fewer(plain: float, size: float, order: int) -> float:
-    """Factor of the number of steps that reduces errors of the size `plain` to `size`."""
-    return float((plain / size) ** (1 / order)) if np.isfinite(plain) else 0.0
-
-
-def _meant(states: States, scale: Scale, known: Known) -> np.ndarray:
-    """y at the end of a run after misreports are corrected."""
-    return _there(scale.flat(states if known.undo is None else known.undo(states))[-1], known)
-
-
-def _there(y: np.ndarray, known: Known) -> np.ndarray:
-    """y without the body that the engine does not have."""
-    return y if known.absent is None else np.delete(y, known.absent, axis=0)
+    if steps > asked:
+        answer.test(Evidence("hidden sub-steps", "numerics", float(asked), float(steps), "steps asked for and taken",
+                             f"{steps / asked:g} steps for each that is asked for, by its own count", True),
+                    "switch off adaptive or internal steps, or refuse the steps that are not made")
 
 
 # --- stabilisation ----------------------------------------------------------------------------------------------------
@@ -330,26 +266,23 @@ def pushed(scene: Scene, scale: Scale) -> Scene:
         for body in scene.bodies))
 
 
-def _gain(subject: Subject, first: Observation, known: Known, answer: Explanation) -> tuple[float, float]:
-    """Fit G du/dt + gamma = -2 alpha G u - beta^2 Phi to the motion after a small violation of the joints.
-
-    Returns alpha (1/s) and beta^2 (1/s^2), or zeros if there is no gain.
-    """
+def _gain(subject: Subject, first: Observation, known: Known, answer: Explanation) -> None:
+    """Fit G du/dt + gamma = -2 alpha G u - beta^2 Phi to the motion after a small violation of the joints."""
     scene, scale = first.scene, first.scale
     there = [joint for joint in scene.joints if known.absent not in (joint.parent, joint.child)]
     if not there or any(joint.kind.keeps_attitude for joint in there):
-        return NO_GAIN
+        return
     try:
         seen = observe(subject, pushed(scene, scale), scale)
     except Silent:
-        return NO_GAIN
+        return
     states, constraints = seen.states if known.undo is None else known.undo(seen.states), Constraints(scene)
     inner = slice(REACH, len(states.t) - REACH)
     x, R, v, w = (getattr(states, name)[inner] for name in ("x", "R", "v", "w"))
     rows = constraints.rows_without(known.absent)
     gaps = constraints.position(x, R)[:, rows] / scale.length
     if float(np.abs(gaps).max()) < 0.01 * PUSH:
-        return NO_GAIN  # joint coordinates and projections close the joints at once
+        return  # joint coordinates and projections close the joints at once
     interval = scene.interval
     slopes, error = rates(scale.flat(states)[:, :, 12:], interval)
     a, alpha = slopes[:, :, :3] * scale.length * scale.rate, slopes[:, :, 3:] * scale.rate
@@ -361,16 +294,15 @@ def _gain(subject: Subject, first: Observation, known: Known, answer: Explanatio
     (damping, stiffness), *_ = np.linalg.lstsq(design, left.ravel(), rcond=None)
     after = float(np.abs(left.ravel() - design @ [damping, stiffness]).max()) / noise
     if before <= fit.SEEN:
-        return NO_GAIN
+        return
     holds = after <= fit.EXPLAINED
     if not holds and "position" in subject.held(scene):
-        return NO_GAIN  # joint coordinates may take the anchors from the start, violated or not
+        return  # joint coordinates may take the anchors from the start, violated or not
     gains = f"alpha = {damping * scale.rate:.4g} 1/s, beta^2 = {stiffness * scale.rate**2:.4g} 1/s^2"
     if not answer.test(Evidence("stabilisation gain", "constraint", before, after, "constraint acceleration after a "
                                 "small violation, over its noise", gains, holds), "the method is documented to enforce "
                        "accelerations exactly: set the gains to zero, or document them"):
         answer.unexplained.append("constraint errors change by no law of constant gains")
-    return (damping * scale.rate, stiffness * scale.rate**2) if holds else NO_GAIN
 
 
 # --- rounding that adds up --------------------------------------------------------------------------------------------

@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from crosscheck.adapters.lieeuler import motion
-from crosscheck.diagnosis.altered import Flow
+from crosscheck.diagnosis.altered import predict
 from crosscheck.diagnosis.fit import gauss_newton
 from crosscheck.diagnosis.misreadings import placed, rolled
 from crosscheck.diagnosis.of_laws import alternatives
 from crosscheck.diagnosis.of_sensors import filtered, mistakes
-from crosscheck.diagnosis.stepping import munthe_kaas
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import ArgumentError
 from crosscheck.recordings.comparing import POSES, RATES, Differences, Outputs, gaps, norms, part_of, restored
@@ -27,13 +26,12 @@ from crosscheck.recordings.reading import Recording
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.alterations import FAILS, Alteration, alterations
 from crosscheck.scene.altered import Model, levers, of_scene
-from crosscheck.scene.batch import State, integrate
+from crosscheck.scene.batch import integrate
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.model import Scene, quaternion_from_rotation
 from crosscheck.scene.sensors import Reader, read
 from crosscheck.scene.starts import Configuration, bodies_at
-from crosscheck.scene.states import States
 from crosscheck.scene.touching import Touching
 from crosscheck.scene.vectors import exponential
 
@@ -367,9 +365,9 @@ def _sensed(case: Case) -> Iterator[Cause]:
             reader, sensor = Reader(case.scene, case.states), sensors[group.owner]
             right = read(reader, sensor)
             for each in mistakes(reader, sensor, right):
-                flat = (values := each.apply(right, ())).reshape(len(values), -1)
+                flat = each.values.reshape(len(right), -1)
                 if flat.shape[1] > max(group.parts):
-                    yield case.cause(each.cause, f"sensor {group.owner!r}: {each.words(np.zeros(0))}",
+                    yield case.cause(each.cause, f"sensor {group.owner!r}: {each.words}",
                                      {k: flat[:, list(group.parts)]})
 
 
@@ -449,9 +447,8 @@ def _samples(case: Case) -> Iterator[Cause]:
             yield case.cause("interpolated output", f"straight lines over {len(t) / len(knots):.3g} samples",
                              case.shaped(np.stack([np.interp(t, t[knots], part[knots]) for part in true.T], axis=1)))
         for each in filtered(given, true):
-            values = each.apply(true, ())
-            yield case.cause(each.cause, each.words(np.zeros(0)), case.shaped(np.where(
-                np.isnan(values), given, values)), 1)
+            yield case.cause(each.cause, each.words, case.shaped(np.where(np.isnan(each.values), given, each.values)),
+                             1)
     clamped, said = {}, []
     for k, group in enumerate(case.groups):
         low, high = group.values.min(axis=0), group.values.max(axis=0)
@@ -545,7 +542,7 @@ def _run(case: Case, made: Scene | Model | None, rows: int | None = None) -> Val
     times = np.unique(np.concatenate([[0.0], case.t[:rows]]))
     try:
         if isinstance(made, Model):
-            states = _stepped(case, made, times)
+            states = predict(made, times, step=2 * case.step)
         elif made is not None:
             states = motion(made, "rkmk853", case.step, times)
         else:
@@ -555,19 +552,6 @@ def _run(case: Case, made: Scene | Model | None, rows: int | None = None) -> Val
     shown = case.outputs if isinstance(made, Model) else Outputs(made, case.groups)
     values = [value[len(states.t) - len(case.t[:rows]):] for value in shown.of(states)]
     return case.whole(values, values)
-
-
-def _stepped(case: Case, model: Model, times: np.ndarray) -> States:
-    """States at `times`; steps are fixed, since friction in nonsensical magnitudes would make those of others tiny."""
-    flow, scene = Flow(model).flow, model.scene
-    rows: list[State] = [[part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)]]
-    for begin, end in itertools.pairwise(times):
-        count, state = int(np.ceil((end - begin) / (0.7 * case.step))), rows[-1]
-        h = np.array([(end - begin) / count])
-        for k in range(count):
-            state = munthe_kaas(flow, begin + k * h, state, h)
-        rows.append(state)
-    return States(times, *(np.concatenate(part) for part in zip(*rows, strict=True)))
 
 
 def _fitted(case: Case, build: Callable[[np.ndarray], Scene | Model | None], start: Sequence[float]

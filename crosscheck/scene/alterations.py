@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -13,7 +14,7 @@ import numpy as np
 from crosscheck.errors import CrosscheckError
 from crosscheck.scene.altered import Model, levers
 from crosscheck.scene.functions import TimeFunction
-from crosscheck.scene.model import Body, Force, Joint, Scene
+from crosscheck.scene.model import Force, Joint, Scene
 
 Say = Callable[[np.ndarray], str]
 Special = Callable[[np.ndarray], Sequence[tuple[float, ...]]]
@@ -75,14 +76,14 @@ held ones."""
 
 @dataclasses.dataclass(frozen=True)
 class Alteration:
-    """A hypothesis: `apply` alters what its `kind` says by the magnitudes theta, whose fit begins at `starts`.
+    """A hypothesis: `apply` alters a model by the magnitudes theta, whose fit begins at `starts`.
 
     `title` names the cause by its magnitudes if one name is not enough. `special` lists magnitudes near fitted ones
     that have a name of their own, the simplest first.
     """
 
     cause: str
-    apply: Callable[..., Any]  # (what is altered, theta) -> the same, altered
+    apply: Callable[[Model, np.ndarray], Model]
     starts: tuple[tuple[float, ...], ...]  # ((),): nothing to fit
     words: Say
     mend: str
@@ -96,8 +97,6 @@ class Alteration:
     """Whether it is never part of a pair."""
     last: bool = False
     """Whether it is tried only if no pair explains: with its many magnitudes it would stand for several others."""
-    kind: Literal["scene", "motion", "output", "clock"] = "scene"
-    """What it alters: a `Model`; `States`, given their scene; values (T, ...) of one output; times (T,) in s."""
 
     def name(self, theta: np.ndarray) -> str:
         """The cause in a few words."""
@@ -134,15 +133,15 @@ def alterations(scene: Scene, as_given: bool = False) -> list[Alteration]:
     named += [cause for k in range(len(scene.loads)) for cause in _force(scene, k)]
     constant = [force.type not in ("servo", *RESTS) and not force.functions for force in scene.loads]
     if sum(constant) > 1:
-        named.append(Alteration("load", lambda m, t: m.with_force(None, lambda force: _scaled(force, t[0]) if (
-            force.type not in RESTS and not force.functions) else {}), ((1.0,),), lambda t: (
-                f"all constant loads times {t[0]:.6g}"), "check the loads on their way into the engine", None, _none))
+        named.append(numbered("load", "all constant loads times {}", lambda m, t: m.with_force(
+            None, lambda force: _scaled(force, t) if force.type not in RESTS and not force.functions else {}), 1.0,
+            mend="check the loads on their way into the engine", none="load"))
     if any(force.is_spring for force in scene.loads):
         named += list(_every_spring(scene))
     if len(scene.functions) > 1:
-        named.append(Alteration("drive delay", lambda m, t: m.replace(scene=m.scene.delayed(float(t[0]))), (
-            (1e-2,), (-1e-2,)), lambda t: f"all functions of time come {t[0]:.6g} s late", "evaluate what depends on "
-            "time at its time", lambda t: "delay of a drive"))
+        named.append(numbered("drive delay", "all functions of time come {} s late", lambda m, t: m.replace(
+            scene=m.scene.delayed(t)), 1e-2, -1e-2, mend="evaluate what depends on time at its time",
+            title=lambda t: "delay of a drive"))
     return [*named, *_rotors(scene), *_slowed(scene), *_terms(scene)]
 
 
@@ -176,6 +175,19 @@ def _gravity(scene: Scene) -> Alteration:
                       "check sign, size and axis of the gravity the engine is given", title, special, mistakes)
 
 
+def numbered(cause: str, text: str, apply: Callable[[Model, float], Model], *starts: float, mend: str, none: str = "",
+             shown: Callable[[float], float] = float, **more: Any) -> Alteration:
+    """One with a number, of which `text` says what is `shown`, fitted from `starts`; without these there is none.
+
+    `none` is its name where that number is 0, which is tried for itself.
+    """
+    if none:
+        more = {"title": lambda t: none if abs(t[0]) < GONE * (abs(starts[0]) or 1.0) else cause,
+                "special": lambda t: [(0.0,)]} | more
+    return Alteration(cause, lambda m, t: apply(m, float(t[0]) if len(t) else 0.0), tuple((start,) for start in starts)
+                      or ((),), lambda t: text.format(*(f"{shown(float(value)):.6g}" for value in t)), mend, **more)
+
+
 def _vector(values: np.ndarray) -> str:
     """Three numbers without the noise of the fit."""
     size = float(np.abs(values).max())
@@ -202,18 +214,17 @@ def _inertias(scene: Scene, where: str, bodies: tuple[int, ...], as_given: bool)
         return (f"{where}: inertia turned by {np.degrees(size):.5g} deg about {_vector(t / max(size, 1e-300))}, body "
                 "axes")
 
+    def reframed(turn: Any, given: bool) -> Callable[[Model, float], Model]:
+        return lambda m, _: m.with_bodies(lambda k, body: {
+            "inertia": turn((m.scene.R0 if given else m.starts)[k], body.inertia)}, bodies)
+
     if any(s[k].any() for k in bodies):
         yield Alteration("inertia point", _inertia(moved, bodies), ((0.2,), (1.0,), (-0.2,)),
                          lambda t: f"{where}: inertia off by {t[0]:+.6g} times mass (s^2 I - s s^T), s from the centre "
                                    "of mass to the joint; +1 would be the inertia about the joint",
                          "give the inertia about the point the engine expects: the centre of mass, or the joint")
     for given, (text, turn) in itertools.product((False, True) if as_given else (False,), TURNED):
-        def reframed(m: Model, _: np.ndarray, given: bool = given, turn: Any = turn) -> Model:
-            R = m.scene.R0 if given else m.starts
-            return m.with_bodies(lambda k, body: {"inertia": turn(R[k], body.inertia)}, bodies)
-
-        yield Alteration("inertia frame", reframed, ((),), lambda t, text=text: f"{where}: {text}",  # type: ignore[misc]
-                         axes)
+        yield numbered("inertia frame", f"{where}: {text}", reframed(turn, given), mend=axes)
     yield Alteration("inertia frame", _inertia(rotated, bodies),
                      ((0.1, 0.1, 0.1), (0.7, -0.5, 0.3), (-0.5, 0.8, -0.9)), angle, axes)
 
@@ -234,21 +245,22 @@ def _inertia(change: Callable[[np.ndarray, int, np.ndarray], np.ndarray], bodies
     return lambda m, t: m.with_bodies(lambda k, body: {"inertia": change(body.inertia, k, t)}, bodies)
 
 
-def _heavier(factor: float, body: Body, inertia: bool) -> dict[str, Any]:
-    return {"mass": factor * body.mass} | ({"inertia": factor * body.inertia} if inertia else {})
+def _heavier(text: str, mend: str, starts: Sequence[float], inertia: bool, bodies: tuple[int, ...] | None = None,
+             **more: Any) -> Alteration:
+    """Masses, and inertias with them, times the exponential of the number."""
+    def apply(m: Model, t: float) -> Model:
+        return m.with_bodies(lambda _, body: {"mass": math.exp(t) * body.mass} | (
+            {"inertia": math.exp(t) * body.inertia} if inertia else {}), bodies)
+
+    return numbered("mass", text, apply, *starts, mend=mend, shown=math.exp, **more)
 
 
 def _masses(scene: Scene, k: int) -> Iterator[Alteration]:
     name = scene.bodies[k].name
-    for inertia, text, starts in ((True, "mass and inertia of body {!r} times {:.6g}", ((0.1,), (-1.0,), (-5.0,))),
-                                  (False, "mass of body {!r} times {:.6g}, inertia as it is", ((0.1,), (-1.0,)))):
-        yield Alteration(
-            "mass", lambda m, t, inertia=inertia: m.with_bodies(
-                lambda _, body: _heavier(np.exp(t[0]), body, inertia), (k,)),
-            starts, lambda t, text=text: text.format(name, np.exp(t[0])),  # type: ignore[misc]
-            f"check that body {name!r} and its mass reach the engine",
-            lambda t, inertia=inertia: "missing body" if inertia and np.exp(t[0]) < MASSLESS  # type: ignore[misc]
-            else "mass", target=name)
+    mend = f"check that body {name!r} and its mass reach the engine"
+    yield _heavier(f"mass and inertia of body {name!r} times {{}}", mend, (0.1, -1.0, -5.0), True, (k,), target=name,
+                   title=lambda t: "missing body" if np.exp(t[0]) < MASSLESS else "mass")
+    yield _heavier(f"mass of body {name!r} times {{}}, inertia as it is", mend, (0.1, -1.0), False, (k,), target=name)
 
 
 def _scaled(force: Force, factor: float) -> dict[str, Any]:
@@ -265,47 +277,44 @@ def _force(scene: Scene, k: int) -> Iterator[Alteration]:
     where, p = f"{f'joint {force.joint!r}' if own < 0 else f'forces[{own}]'} ({force.type})", force.parameters
     mend = f"check {where} on its way into the engine"
 
-    def entry(kind: str, key: str, value: float, text: str, title: Say | None = None) -> Alteration:
-        return Alteration(kind, lambda m, t: m.with_force(k, lambda _: {key: float(t[0])}), ((value,),),
-                          lambda t: f"{where}: {text} {t[0]:.6g} instead of {value:.6g}", mend, title, _none,
-                          target=where)
+    def entry(kind: str, key: str, value: float, text: str | None = None, **more: Any) -> Alteration:
+        return numbered(kind, f"{where}: {text or key} {{}} instead of {value:.6g}",
+                        lambda m, t: m.with_force(k, lambda _: {key: t}), value, mend=mend, target=where, **more)
 
     if force.type in ("linear_spring", "constant_force"):
-        yield Alteration("moment of a force", lambda m, t: m.replace(levers={**m.levers, k: t[0]}), ((1.0,),),
-                         lambda t: f"{where}: its moments about the centres of mass times {t[0]:.6g}",
-                         "apply the force at its point: it has a moment about the centre of mass", None, _none,
-                         target=where)
+        yield numbered("moment of a force", f"{where}: its moments about the centres of mass times {{}}",
+                       lambda m, t: m.replace(levers={**m.levers, k: t}), 1.0, none="moment of a force", target=where,
+                       mend="apply the force at its point: it has a moment about the centre of mass")
         yield Alteration("point of a force", lambda m, t: m.with_force(k, lambda each: {
             "child_point": tuple(each.parameters["child_point"] + t)}), ((0.0,) * 3,), lambda t: f"{where}: its point "
                          f"on body {scene.bodies[force.child].name!r} off by {_vector(t)} m", mend, target=where,
                          alone=True)
     if force.type in ("constant_force", "constant_torque"):
         other = "world" if p["frame"] == "body" else "body"
-        yield Alteration("frame of a load", lambda m, t: m.with_force(k, lambda _: {"frame": other}), ((),),
-                         lambda t: f"{where}: its components are those of {p['frame']} axes and are taken in the other "
-                         "ones", mend, target=where)
+        yield numbered("frame of a load", f"{where}: its components are those of {p['frame']} axes and are taken in "
+                       "the other ones", lambda m, _: m.with_force(k, lambda _: {"frame": other}), mend=mend,
+                       target=where)
     if force.functions:
         yield from _drive(scene, k, where, mend)
     elif not force.is_spring and force.type != "servo":
-        yield Alteration("load", lambda m, t: m.with_force(k, lambda each: _scaled(each, t[0])), ((1.0,),),
-                         lambda t: f"{where}: factor of the load {t[0]:.6g} instead of 1", mend, None, _none,
-                         target=where)
+        yield numbered("load", f"{where}: factor of the load {{}} instead of 1",
+                       lambda m, t: m.with_force(k, lambda each: _scaled(each, t)), 1.0, mend=mend, none="load",
+                       target=where)
     if not force.is_spring:
         return
     rest = RESTS[force.type]
     unit, value = "rad" if force.type == "torsional_spring" else "m", p[rest]
     stiffness, damping = p["stiffness"], p["damping"]
     if stiffness:
-        yield entry("spring stiffness", "stiffness", stiffness, "stiffness",
-                    lambda t: "missing spring" if abs(t[0]) < GONE * stiffness else "spring stiffness")
+        yield entry("spring stiffness", "stiffness", stiffness, none="missing spring")
         if not force.functions:
-            yield entry("spring free length", rest, value, f"{rest} ({unit})", lambda t: "wrapped angle" if
-                        unit == "rad" and round(abs(t[0] - value) / math.tau, 6) in (1, 2, 3) else "spring free length")
-        yield Alteration("missing spring", lambda m, t: m.with_force(k, lambda _: {"stiffness": 0.0, "damping": 0.0}),
-                         ((),), lambda t: f"{where} is not there", mend)
-    yield entry("damping", "damping", damping, "damping",
-                lambda t: "extra damping" if not damping else "missing damper" if abs(t[0]) < GONE * damping
-                else "damping")
+            yield entry("spring free length", rest, value, f"{rest} ({unit})", none="spring free length",
+                        title=lambda t: "wrapped angle" if unit == "rad" and round(
+                            abs(t[0] - value) / math.tau, 6) in (1, 2, 3) else "spring free length")
+        yield numbered("missing spring", f"{where} is not there", lambda m, _: m.with_force(k, lambda _: {
+            "stiffness": 0.0, "damping": 0.0}), mend=mend)
+    named: dict[str, Any] = {} if damping else {"title": lambda t: "extra damping"}
+    yield entry("damping", "damping", damping, none="missing damper", **named)
 
 
 RESTS = {"linear_spring": "free_length", "slide_spring": "rest_position", "torsional_spring": "rest_angle"}
@@ -318,90 +327,82 @@ UNITS = ((0.0, "missing drive"), (-1.0, "sign of a drive"), (math.degrees(1.0), 
 
 def _drive(scene: Scene, k: int, where: str, mend: str) -> Iterator[Alteration]:
     """Alterations of the function of time in a force: its size, its delay and its phase."""
-    def shifted(change: Callable[[TimeFunction, float], TimeFunction]) -> Callable[[Model, np.ndarray], Model]:
+    def shifted(change: Callable[[TimeFunction, float], TimeFunction]) -> Callable[[Model, float], Model]:
         return lambda m, t: m.with_force(k, lambda force: {
-            key: change(value, float(t[0])) for key, value in force.parameters.items() if value in force.functions})
+            key: change(value, t) for key, value in force.parameters.items() if value in force.functions})
 
     def named(t: np.ndarray) -> str:
         return next((name for factor, name in UNITS if abs(t[0] - factor) <= GONE * max(1.0, abs(factor))),
                     "amplitude of a drive")
 
-    yield Alteration("drive", lambda m, t: m.with_force(k, lambda force: _scaled(force, t[0])), ((1.0,), (-1.0,)),
-                     lambda t: f"{where}: its function of time times {t[0]:.6g}", mend, named,
-                     lambda t: [(factor,) for factor, _ in UNITS], target=where)
+    yield numbered("drive", f"{where}: its function of time times {{}}",
+                   lambda m, t: m.with_force(k, lambda force: _scaled(force, t)), 1.0, -1.0, mend=mend, title=named,
+                   special=lambda t: [(factor,) for factor, _ in UNITS], target=where)
     terms = scene.loads[k].functions[0].terms
     alike = f", which is a phase of {{:.6g}} rad at {terms[0][1]:g} rad/s" if len(terms) == 1 else ""
-    yield Alteration("drive delay", shifted(lambda function, by: function.delayed(by)), ((1e-2,), (-1e-2,)),
+    yield Alteration("drive delay", lambda m, t: shifted(TimeFunction.delayed)(m, float(t[0])), ((1e-2,), (-1e-2,)),
                      lambda t: f"{where}: its function of time comes {t[0]:.6g} s late"
                      + (alike.format(-terms[0][1] * t[0]) if alike else ""), mend,
                      lambda t: "phase or delay of a drive" if alike else "delay of a drive", target=where)
     if len(terms) > 1:
-        yield Alteration("drive phase", shifted(lambda function, by: dataclasses.replace(function, terms=tuple(
-            (a, w, phase + by) for a, w, phase in function.terms))), ((0.1,), (-0.1,)),
-                         lambda t: f"{where}: {t[0]:.6g} rad added to the phases of its sines", mend,
-                         lambda t: "phase of a drive", target=where)
+        yield numbered("drive phase", f"{where}: {{}} rad added to the phases of its sines", shifted(
+            lambda function, by: dataclasses.replace(function, terms=tuple(
+                (a, w, phase + by) for a, w, phase in function.terms))), 0.1, -0.1, mend=mend,
+            title=lambda t: "phase of a drive", target=where)
 
 
 def _every_spring(scene: Scene) -> Iterator[Alteration]:
     """The same mistake in every spring, also in those that copies of the scene have."""
+    def times(keys: tuple[str, ...], linear: bool = False) -> Callable[[Model, float], Model]:
+        return lambda m, t: m.with_force(None, lambda each: {
+            key: t * value for key, value in each.parameters.items() if key in keys and isinstance(value, int | float)
+            and (each.type == "linear_spring" if linear else each.is_spring)})
+
     for kind, keys, text, none in (
             ("spring stiffness", ("stiffness",), "stiffness", "missing spring"),
             ("spring free length", tuple(RESTS.values()), "free length or rest angle", "spring free length"),
             ("damping", ("damping",), "damping", "missing damper")):
-        def times(m: Model, t: np.ndarray, keys: tuple[str, ...] = keys) -> Model:
-            return m.with_force(None, lambda each: {key: t[0] * value for key, value in each.parameters.items() if
-                                                    each.is_spring and key in keys and isinstance(value, int | float)})
-
         if any(force.parameters.get(key) for force in scene.loads for key in keys if force.is_spring):
-            yield Alteration(kind, times, ((1.0,),),
-                             lambda t, text=text: f"{text} of every spring times {t[0]:.6g}",  # type: ignore[misc]
-                             EVERY, lambda t, kind=kind, none=none: none if abs(t[0]) < GONE  # type: ignore[misc]
-                             else kind, _none)
-    if any(force.type == "linear_spring" and force.parameters["damping"] for force in scene.loads):
-        yield Alteration("spring stiffness", lambda m, t: m.with_force(None, lambda force: {
-            key: t[0] * force.parameters[key] for key in ("stiffness", "damping")} if (
-                force.type == "linear_spring") else {}), ((1.0,),), lambda t: (
-                    f"stiffness and damping of all linear springs times {t[0]:.6g}"), EVERY, lambda t: (
-                        "missing spring" if abs(t[0]) < GONE else "spring stiffness"), _none, alone=True)
-    if any(force.type == "linear_spring" for force in scene.loads):
-        yield Alteration("moment of a force", lambda m, t: m.replace(levers=dict.fromkeys(m.numbers, t[0])), ((1.0,),),
-                         lambda t: f"moments about the centres of mass of every spring times {t[0]:.6g}", EVERY, None,
-                         _none)
+            yield numbered(kind, f"{text} of every spring times {{}}", times(keys), 1.0, mend=EVERY, none=none)
+    linear = [force for force in scene.loads if force.type == "linear_spring"]
+    if any(force.parameters["damping"] for force in linear):
+        yield numbered("spring stiffness", "stiffness and damping of all linear springs times {}",
+                       times(("stiffness", "damping"), True), 1.0, mend=EVERY, none="missing spring", alone=True)
+    if linear:
+        yield numbered("moment of a force", "moments about the centres of mass of every spring times {}",
+                       lambda m, t: m.replace(levers=dict.fromkeys(m.numbers, t)), 1.0, mend=EVERY,
+                       none="moment of a force")
 
 
 EVERY = "check how springs are converted for the engine"
-
-
-def _none(_theta: np.ndarray) -> list[tuple[float, ...]]:
-    """The special magnitude of a term that may be missing."""
-    return [(0.0,)]
-
 
 WITHOUT_FRICTION = "switch off damping, friction and armature that the scene does not have"
 
 
 def _slowed(scene: Scene) -> Iterator[Alteration]:
     """Damping and friction that the scene does not have."""
-    for kind, text, *fields in (
-            *((("extra damping", "{:.6g} N m s/rad at every joint", "joint_damping"),) if scene.joints else ()),
-            ("extra damping", "velocities decay at {:.6g} 1/s", "drag", "spin_drag"),
-            ("extra damping", "angular velocities decay at {:.6g} 1/s", "spin_drag"),
-            ("extra damping", "velocities of the centres of mass decay at {:.6g} 1/s", "drag"),
-            ("quadratic drag", "a force of {:.6g} 1/m times m |v| v against the velocity of every body", "quadratic"),
-            *((("Coulomb friction", "a moment of {:.6g} N m against the turning at every joint", "coulomb"),)
-              if scene.joints else ())):
-        yield Alteration(kind, lambda m, t, fields=fields: m.replace(**dict.fromkeys(fields, t[0])),
-                         ((0.0,),), lambda t, text=text: text.format(t[0]),  # type: ignore[misc]
-                         WITHOUT_FRICTION)
-    sprung = {force.joint for force in scene.loads if force.is_spring}
-    for joint in scene.joints if len(scene.joints) > 1 else ():
-        if (joint.kind.turns or joint.kind.is_ball) and joint.name not in sprung:
-            def damped(m: Model, t: np.ndarray, joint: Joint = joint) -> Model:
-                there = any((each.name, each.type) == (joint.name, joint.type) for each in m.scene.joints)
-                return m.replace(damped={**m.damped, joint.name: t[0]}) if there else m
+    def slowed(kind: str, text: str, *fields: str) -> Alteration:
+        return numbered(kind, text, lambda m, t: m.replace(**dict.fromkeys(fields, t)), 0.0, mend=WITHOUT_FRICTION)
 
-            yield Alteration("extra damping", damped, ((0.0,),), lambda t, name=joint.name: (  # type: ignore[misc]
-                f"{t[0]:.6g} N m s/rad at joint {name!r}"), WITHOUT_FRICTION, target=joint.name)
+    def damped(joint: Joint) -> Alteration:
+        def apply(m: Model, t: float) -> Model:
+            there = any((each.name, each.type) == (joint.name, joint.type) for each in m.scene.joints)
+            return m.replace(damped={**m.damped, joint.name: t}) if there else m
+
+        return numbered("extra damping", f"{{}} N m s/rad at joint {joint.name!r}", apply, 0.0, mend=WITHOUT_FRICTION,
+                        target=joint.name)
+
+    if scene.joints:
+        yield slowed("extra damping", "{} N m s/rad at every joint", "joint_damping")
+    yield slowed("extra damping", "velocities decay at {} 1/s", "drag", "spin_drag")
+    yield slowed("extra damping", "angular velocities decay at {} 1/s", "spin_drag")
+    yield slowed("extra damping", "velocities of the centres of mass decay at {} 1/s", "drag")
+    yield slowed("quadratic drag", "a force of {} 1/m times m |v| v against the velocity of every body", "quadratic")
+    if scene.joints:
+        yield slowed("Coulomb friction", "a moment of {} N m against the turning at every joint", "coulomb")
+    sprung = {force.joint for force in scene.loads if force.is_spring}
+    yield from (damped(joint) for joint in scene.joints if len(scene.joints) > 1 and joint.name not in sprung and (
+        joint.kind.turns or joint.kind.is_ball))
 
     # No wind is vertical.
     across = np.linalg.svd(scene.gravity[None])[2][1:] if scene.gravity.any() else np.eye(3)
@@ -419,18 +420,19 @@ def _slowed(scene: Scene) -> Iterator[Alteration]:
 def _rotors(scene: Scene) -> Iterator[Alteration]:
     """Rotor inertias of joints: all of them, or one, also where the scene has none."""
     def scaled(keys: Sequence[tuple[Joint, int]], where: str, size: float, begin: float) -> Alteration:
-        def apply(m: Model, t: np.ndarray) -> Model:
+        def turned(each: Joint, k: int, t: float) -> Joint:
+            given = list(each.armature or (0.0,) * len(each.kind.coordinates))
+            given[k] = abs(t) * (given[k] if len(keys) > 1 else 1.0)
+            return dataclasses.replace(each, armature=tuple(given)) if each.kind.is_elastic else each
+
+        def apply(m: Model, t: float) -> Model:
             for joint, k in keys:
-                m = m.with_joint(joint.name, lambda each, k=k: dataclasses.replace(  # type: ignore[misc]
-                    each, armature=tuple(abs(t[0]) * (value if len(keys) > 1 else 1.0) if at == k else value
-                                         for at, value in enumerate(each.armature or (0.0,) * len(
-                                             each.kind.coordinates)))) if each.kind.is_elastic else each)
+                m = m.with_joint(joint.name, functools.partial(turned, k=k, t=t))
             return m
 
-        return Alteration("armature", apply, ((begin,),), lambda t: f"{where} {abs(t[0]):.6g} instead of {size:.6g}",
-                          "check the armature that the engine is given", lambda t: "extra armature" if not size else
-                          "missing armature" if abs(t[0]) < GONE * size else "armature", _none, target=where,
-                          alone=not size)
+        return numbered("armature", f"{where} {{}} instead of {size:.6g}", apply, begin, shown=abs, target=where,
+                        mend="check the armature that the engine is given", alone=not size, none="missing armature",
+                        **({} if size else {"title": lambda t: "extra armature"}))
 
     every = [(joint, k) for joint in scene.joints if joint.kind.is_elastic for k in range(len(joint.kind.coordinates))]
     given = [(joint, k) for joint, k in every if joint.armature and joint.armature[k]]
@@ -443,68 +445,70 @@ def _rotors(scene: Scene) -> Iterator[Alteration]:
 
 def _terms(scene: Scene) -> Iterator[Alteration]:
     """Terms of the equations of motion left out or scaled."""
-    for k, body in enumerate([None, *(scene.bodies if scene.n > 1 else ())]):
-        def turning(m: Model, t: np.ndarray, k: int = k) -> Model:
+    def turning(k: int | slice) -> Callable[[Model, float], Model]:
+        def apply(m: Model, t: float) -> Model:
             factors = np.array(np.broadcast_to(m.gyroscopic, (scene.n,)), dtype=float)
-            factors[slice(None) if k == 0 else k - 1] = t[0]
+            factors[k] = t
             return m.replace(gyroscopic=factors)
 
-        of = "" if body is None else f" of body {body.name!r}"
-        yield Alteration("gyroscopic term", turning, ((1.0,),),
-                         lambda t, of=of: f"w x J w{of} times {t[0]:.6g}",  # type: ignore[misc]
-                         "check the term w x J w of the rotational equations", None, _none,
-                         target="" if body is None else body.name)
+        return apply
+
+    one = [(k, body.name) for k, body in enumerate(scene.bodies)] if scene.n > 1 else []
+    every: list[tuple[int | slice, str]] = [(slice(None), ""), *one]
+    for k, name in every:
+        of = f" of body {name!r}" if name else ""
+        yield numbered("gyroscopic term", f"w x J w{of} times {{}}", turning(k), 1.0, none="gyroscopic term",
+                       mend="check the term w x J w of the rotational equations", target=name)
     if scene.joints:
-        yield Alteration("centripetal term", lambda m, t: m.replace(centripetal=t[0]), ((1.0,),),
-                         lambda t: f"gamma of G du/dt + gamma = 0 times {t[0]:.6g}", "check the terms of the "
-                         "constraints' second derivative that are quadratic in the velocities", None, _none)
+        yield numbered("centripetal term", "gamma of G du/dt + gamma = 0 times {}",
+                       lambda m, t: m.replace(centripetal=t), 1.0, none="centripetal term", mend="check the terms of "
+                       "the constraints' second derivative that are quadratic in the velocities")
 
 
 def _sizes(scene: Scene, where: str, bodies: tuple[int, ...]) -> Iterator[Alteration]:
     """Masses of all bodies; sizes, products and entries of inertias, of all bodies or of one."""
     mend = f"check the inertia that the engine is given, {where}"
     whole = len(bodies) == scene.n
-
-    def heavier(inertia: bool, text: str, unit: str, **more: Any) -> Alteration:
-        return Alteration("mass", lambda m, t: m.with_bodies(lambda _, body: _heavier(np.exp(t[0]), body, inertia)),
-                          ((0.1,),), lambda t: text.format(np.exp(t[0])), f"check the unit{unit}", **more)
-
     if whole and scene.n > 1:
-        yield heavier(False, "masses of all bodies times {:.6g}, inertias as they are", " of masses", target=where)
+        yield _heavier("masses of all bodies times {}, inertias as they are", "check the unit of masses", (0.1,), False,
+                       target=where)
     if whole and scene.loads:
-        yield heavier(True, "masses and inertias of all bodies times {:.6g}", "s of masses, inertias and forces")
+        yield _heavier("masses and inertias of all bodies times {}", "check the units of masses, inertias and forces",
+                       (0.1,), True)
     yield Alteration("inertia size", _inertia(lambda J, _, t: np.exp(t[0]) * J, bodies), ((0.1,), (-1.0,)),
                      lambda t: f"{where}: inertia times {np.exp(t[0]):.6g}", mend, target=where)
-    for factor, text in ((0.0, "left out"), (-1.0, "with the other sign")) if np.any(
-            scene.inertias[list(bodies)] * ~DIAGONAL) else ():
-        yield Alteration("products of inertia", _inertia(
-            lambda J, _, t, factor=factor: np.where(DIAGONAL, J, factor * J), bodies), ((),),  # type: ignore[misc]
-            lambda t, text=text: f"{where}: products of inertia {text}", mend, target=where)  # type: ignore[misc]
-    if len(bodies) == 1:
-        def entries(J: np.ndarray, _: int, t: np.ndarray) -> np.ndarray:
-            return np.asarray(J + np.array([[t[0], t[3], t[4]], [t[3], t[1], t[5]], [t[4], t[5], t[2]]]))
 
-        for name, unit in zip(("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"), np.eye(6), strict=True):
-            yield Alteration("inertia entries", _inertia(
-                lambda J, k, t, unit=unit: entries(J, k, t[0] * unit), bodies), ((0.0,),),  # type: ignore[misc]
-                lambda t, name=name: f"{where}: {name} off by {t[0]:+.6g} kg m^2", mend,  # type: ignore[misc]
-                target=where, alone=True)
-        yield Alteration("inertia entries", _inertia(entries, bodies), ((0.0,) * 6,), lambda t: f"{where}: Jxx, Jyy, "
-                         f"Jzz, Jxy, Jxz, Jyz off by {', '.join(f'{value:+.4g}' for value in t)}", mend, target=where,
-                         alone=True, last=True)
+    def products(factor: float, text: str) -> Alteration:
+        return Alteration("products of inertia", _inertia(lambda J, _, t: np.where(DIAGONAL, J, factor * J), bodies),
+                          ((),), lambda t: f"{where}: products of inertia {text}", mend, target=where)
+
+    if np.any(scene.inertias[list(bodies)] * ~DIAGONAL):
+        yield from (products(0.0, "left out"), products(-1.0, "with the other sign"))
+
+    def entries(basis: np.ndarray, names: str, form: str, last: bool) -> Alteration:
+        def change(J: np.ndarray, _: int, t: np.ndarray) -> np.ndarray:
+            xx, yy, zz, xy, xz, yz = t @ basis
+            return np.asarray(J + np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+        return Alteration("inertia entries", _inertia(change, bodies), ((0.0,) * len(basis),), lambda t: (
+            f"{where}: {names} off by {', '.join(format(value, form) for value in t)}" + " kg m^2" * (not last)), mend,
+                          target=where, alone=True, last=last)
+
+    if len(bodies) == 1:
+        names, unit = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"), np.eye(6)
+        yield from (entries(unit[k:k + 1], name, "+.6g", False) for k, name in enumerate(names))
+        yield entries(unit, ", ".join(names), "+.4g", True)
 
 
 def _exchanged(scene: Scene) -> Iterator[Alteration]:
     """Masses, inertias or both of two bodies exchanged."""
+    def swapped(pair: tuple[int, int], keys: Sequence[str]) -> Callable[[Model, float], Model]:
+        return lambda m, _: m.with_bodies(lambda k, body: {
+            key: getattr(m.scene.bodies[sum(pair) - k], key) for key in keys}, pair)
+
     for one, other in itertools.combinations(range(scene.n), 2):
         names = f"{scene.bodies[one].name!r} and {scene.bodies[other].name!r}"
         for keys, text in ((("mass",), "masses"), (("inertia",), "inertias"),
                            (("mass", "inertia"), "masses and inertias")):
-            def swapped(m: Model, _: np.ndarray, pair: tuple[int, int] = (one, other), keys: tuple[str, ...] = keys
-                        ) -> Model:
-                return m.with_bodies(lambda k, body: {key: getattr(m.scene.bodies[sum(pair) - k], key) for key in keys},
-                                     pair)
-
-            yield Alteration(f"{text} swapped", swapped, ((),),
-                             lambda t, names=names: f"of bodies {names}",  # type: ignore[misc]
-                             "check the order in which bodies reach the engine", target=names, alone=True)
+            yield numbered(f"{text} swapped", f"of bodies {names}", swapped((one, other), keys), mend="check the order "
+                           "in which bodies reach the engine", target=names, alone=True)

@@ -41,7 +41,6 @@ class Model:
     centripetal: float = 1.0  # factor of gamma in G du/dt + gamma = 0
     levers: Mapping[int, float] = dataclasses.field(default_factory=dict)
     """By the number of a force, the factor of its moments about the centres of mass."""
-    gain: tuple[float, float] = (0.0, 0.0)  # alpha (1/s), beta^2 (1/s^2): G du/dt + gamma = -2 alpha G u - beta^2 Phi
 
     def replace(self, **changes: Any) -> Model:
         """A copy with some entries changed."""
@@ -181,9 +180,6 @@ class Accelerations:
         target = m.centripetal * gamma
         if soft:
             target = -(G[:, :gamma.shape[1], :6 * scene.n] @ p.rates.reshape(len(G), -1, 1))[..., 0]
-        if any(m.gain):
-            target = target + 2 * m.gain[0] * index1.constraints.velocity(p.x, p.R, p.v, p.w, p.t) + (
-                m.gain[1] * index1.constraints.position(p.x, p.R, p.t))
         rates = index1.free(self.forces(m).reshape(len(p.x), -1))
         if G.shape[1]:
             rates, _ = index1.bound(rates, G, np.concatenate([target, bias], axis=1), solve)

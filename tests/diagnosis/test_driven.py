@@ -53,7 +53,7 @@ def test_a_restart_goes_on_at_its_own_time():
     later = of_run.restarted(scene, states, 2, 0.4, 3)
     np.testing.assert_allclose(Maximal(later).run().x, states.x[2:], rtol=0, atol=1e-11)
     free = scene.replace(joints=scene.joints, forces=scene.forces, duration=0.4, samples=3)
-    predicted = altered.predict(of_scene(free), free.R0, free.w0)
+    predicted = altered.predict(of_scene(free), free.t)
     np.testing.assert_allclose(predicted.x, states.x[:3], rtol=0, atol=1e-10)
 
 

@@ -232,9 +232,10 @@ class Stepper(Turning):
         return super().told(scene, t, state)
 
     def run(self, scene, spec):
-        """With the time that it takes."""
+        """With the time that it takes, and its own count of steps."""
         began, raw = time.perf_counter(), super().run(scene, spec)
-        return dataclasses.replace(raw, wall_time=time.perf_counter() - began, form="maximal")
+        return dataclasses.replace(raw, wall_time=time.perf_counter() - began, form="maximal",
+                                   steps=raw.steps * self.flaws.substeps)
 
 
 HONEST = {"first": "DAE1L_LSE", "second": "rattle2", "fourth": "rkmk4"}

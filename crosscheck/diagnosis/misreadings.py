@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck.diagnosis.observe import Observation
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
-from crosscheck.scene.starts import Configuration, bodies_at
+from crosscheck.scene.starts import started
 from crosscheck.scene.states import States
 
 TURNING = ("spherical",)
@@ -70,9 +70,11 @@ def misread(scene: Scene, attitude: Misreading | None, spin: Misreading | None, 
     A body on a hinge keeps its angle and its rate, since joint coordinates have no quaternion there.
     """
     if mode == "joints before":
-        return misread(_started(scene, *misread(scene, None, spin)), attitude, None, "joints")
+        R, w = misread(scene, None, spin)
+        return misread(started(scene, scene.x0, R, scene.v0, w), attitude, None, "joints")
     if mode == "joints after":
-        return misread(_started(scene, *misread(scene, attitude, None, "joints")), None, spin)
+        R, w = misread(scene, attitude, None, "joints")
+        return misread(started(scene, scene.x0, R, scene.v0, w), None, spin)
     joints = {joint.child: joint for joint in scene.joints}
     R, w = scene.R0.copy(), scene.w0.copy()
     for body in parents_first(scene):
@@ -95,11 +97,6 @@ def misread(scene: Scene, attitude: Misreading | None, spin: Misreading | None, 
             carried = np.zeros(3) if parent == GROUND else frame.T @ base @ scene.w0[parent]
             w[body] = spin.spin(scene.w0[body], frame, carried)
     return R, w
-
-
-def _started(scene: Scene, R: np.ndarray, w: np.ndarray) -> Scene:
-    """The scene with other attitudes and angular velocities; its positions stay."""
-    return scene.replace(bodies=bodies_at(scene, Configuration(scene.x0, quaternion_from_rotation(R), scene.v0, w)))
 
 
 def parents_first(scene: Scene) -> list[int]:

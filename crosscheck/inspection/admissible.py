@@ -10,9 +10,9 @@ import numpy as np
 from crosscheck.scene import mechanics
 from crosscheck.scene.assembly import projected
 from crosscheck.scene.constraints import Constraints
-from crosscheck.scene.model import Scene, quaternion_from_rotation
+from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import EntryError
-from crosscheck.scene.starts import Configuration, bodies_at
+from crosscheck.scene.starts import started
 from crosscheck.scene.states import States
 
 TURN = 0.1, 0.4
@@ -52,15 +52,13 @@ def states(scene: Scene, count: int, seed: int) -> States:
 
 def posed(scene: Scene, at: States, k: int) -> Scene:
     """The scene with its bodies in the k-th state of `at`."""
-    state = Configuration(at.x[k], quaternion_from_rotation(at.R[k]), at.v[k], at.w[k])
-    return scene.replace(bodies=bodies_at(scene, state))
+    return started(scene, at.x[k], at.R[k], at.v[k], at.w[k])
 
 
 def near(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> Scene | None:
     """The scene in an admissible state close to a given one, (n, ...); None if its joints cannot be closed there."""
-    state = Configuration(x, quaternion_from_rotation(R), v, w)
     try:
-        return projected(scene, scene.replace(bodies=bodies_at(scene, state)))
+        return projected(scene, started(scene, x, R, v, w))
     except EntryError:
         return None
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.motion import JointSpace, TreeSpace, checked, of_coordinates, placed, responses
+from crosscheck.jointspace.motion import Bodies, JointSpace, TreeSpace, checked, of_coordinates, placed, responses
 from crosscheck.jointspace.sources import allowed, condition, taken
 from crosscheck.references.base import TruthError
 from crosscheck.scene import file as scene_file
@@ -148,8 +148,7 @@ def linearised(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     n, w, R = space.scene.n, np.real(space.start.w), np.real(space.start.R)
     names = ("x", "R", "v", "w", "a", "alpha", "values", "slopes")
 
-    def states(change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-        bodies = space.bodies(change, speeds)
+    def states(bodies: Bodies) -> np.ndarray:
         return np.concatenate([np.ravel(getattr(bodies, name)) for name in names])
 
     ends = np.cumsum([getattr(space.start, name).size for name in names])[:-1]
@@ -192,11 +191,8 @@ def tangent_space(scene: Scene) -> Tangent:
     pose = np.moveaxis(changes.reshape(2, scene.n, 6, -1)[0], 2, 0)
     x, R = (np.broadcast_to(each, (len(pose), *each.shape)) for each in (scene.x0, scene.R0))
 
-    def accelerations_at(change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-        states = space.bodies(change, speeds).states
-        return np.concatenate([responses(scene, states, later)[0] for later in (False, True)])
-
-    v, a = np.split(np.concatenate(space.derivative(accelerations_at), axis=1) @ free, 2)
+    v, a = (np.concatenate(space.derivative(lambda bodies, later=later: responses(  # type: ignore[misc]
+        scene, bodies.states, later)[0]), axis=1) @ free for later in (False, True))
     q = of_coordinates(scene, States(np.zeros(len(pose)), x, R, pose[..., :3], pose[..., 3:])).T
     return Tangent(changes, q, v, a)
 

@@ -17,7 +17,7 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jointspace.derivatives import WEIGHTS
-from crosscheck.jointspace.motion import JointSpace, angles, between, coordinates, posed
+from crosscheck.jointspace.motion import JointSpace, angles, between, coordinates
 from crosscheck.references import compute
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
@@ -26,6 +26,7 @@ from crosscheck.running.attempt import Ran, Way, attempt
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
 from crosscheck.scene.paths import changed, content_of, number_at, size_at
+from crosscheck.scene.starts import started
 from crosscheck.scene.states import States
 
 AGREED = 1e-7
@@ -138,17 +139,14 @@ def jet(space: JointSpace) -> np.ndarray:
     integrator.propagate_until(scene.duration)
     state = np.array(integrator.state)
     first = np.array([state[integrator.get_vslice(order=1, component=k)] for k in range(size)])
-    last = JointSpace(posed(scene, space.at(state[:size].tolist())))
+    end = space.at(state[:size].tolist())
+    last = JointSpace(started(scene, *(np.real(each) for each in (end.x, end.R, end.v, end.w))))
     for link in last.links:
         place = last.equations.tree.coordinates[link.body].start
         if link.turn == FREE and state[place:place + 4] @ last.equations.initial[place:place + 4] < 0.0:
             first[place:place + 4] *= -1.0  # one attitude has two quaternions
-    return np.asarray(np.linalg.pinv(_tangent(last)) @ first @ _tangent(space))
-
-
-def _tangent(space: JointSpace) -> np.ndarray:
-    """Derivatives of the state vector of the formulation by (q, v)."""
-    return np.concatenate(space.derivative(lambda change, speeds: np.array(space.state(change, speeds))), axis=1)
+    after, before = (np.concatenate(each.derivative(lambda bodies: bodies.state), axis=1) for each in (last, space))
+    return np.asarray(np.linalg.pinv(after) @ first @ before)
 
 
 def _exact(scene: Scene) -> End:

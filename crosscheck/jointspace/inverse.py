@@ -77,7 +77,7 @@ def friction(scene: Scene, v: np.ndarray) -> np.ndarray:
 def exact(scene: Scene, a: np.ndarray) -> np.ndarray:
     """By the mass matrix and accelerations of the articulated formulation; checked by the balance of momentum."""
     space = JointSpace(scene)
-    free = np.real(space.accelerations(np.zeros(space.size), space.speeds))
+    free = np.real(space.accelerations(space.start))
     force = space.mass @ (a - free)
     bodies = np.real(np.concatenate([space.start.a, space.start.alpha], axis=1)).ravel() + space.motions @ (a - free)
     pulls, turns = np.split(bodies.reshape(-1, 6), 2, axis=1)

@@ -107,7 +107,7 @@ def _coefficients(space: TreeSpace) -> np.ndarray:
     """(2 size, 2 size) of the changes of coordinates and speeds, before any restriction."""
     size = space.size
     A = np.zeros((2 * size, 2 * size))
-    A[size:, :size], A[size:, size:] = space.derivative(lambda change, speeds: space.bodies(change, speeds).rates)
+    A[size:, :size], A[size:, size:] = space.derivative(lambda bodies: bodies.rates)
     A[:size, size:] = np.eye(size)
     for link in space.links:
         own = space.slots[link.body]

@@ -32,8 +32,8 @@ from crosscheck.references.tree import FREE, Link
 from crosscheck.references.tree_loads import angle_rate
 from crosscheck.scene.coordinates import histories, rates, starting
 from crosscheck.scene.functions import at
-from crosscheck.scene.model import SMOOTH, Scene, quaternion_from_rotation, quaternion_from_turn
-from crosscheck.scene.starts import Configuration, at_coordinates, bodies_at
+from crosscheck.scene.model import SMOOTH, Scene, quaternion_from_turn
+from crosscheck.scene.starts import at_coordinates, bodies_at, started
 from crosscheck.scene.states import Motion, States
 from crosscheck.scene.vectors import exponential
 
@@ -45,7 +45,8 @@ STEP = 1e-30
 class Bodies:
     """x, v, a (n, 3) world, R (n, 3, 3), w, alpha (n, 3) body axes, and the values and rates of what closes loops.
 
-    `rates` are the derivatives of the speeds of all links, in the order of the coordinates.
+    `rates` are the derivatives of the speeds of all links, in the order of the coordinates; `state` is the state vector
+    of the formulation.
     """
 
     x: np.ndarray
@@ -57,6 +58,7 @@ class Bodies:
     rates: np.ndarray
     values: np.ndarray
     slopes: np.ndarray
+    state: np.ndarray
 
     @property
     def states(self) -> States:
@@ -99,7 +101,6 @@ class TreeSpace:
         except ModuleNotFoundError as error:
             raise Unsupported(f"derivatives of {scene.name!r} need {error.name}; {install('heyoka')}") from None
         self.scene = scene
-        self._known: dict[tuple[bytes, bytes], Bodies] = {}
         self.links = self.equations.tree.by_body
         rods = [link for link in self.links if link.shift == "sphere"]
         if rods:
@@ -145,11 +146,8 @@ class TreeSpace:
         return state
 
     def bodies(self, change: np.ndarray, speeds: np.ndarray) -> Bodies:
-        """What follows from a change of position and from speeds, which may be complex; kept for who asks again."""
-        asked = change.tobytes(), speeds.tobytes()
-        if asked not in self._known:
-            self._known[asked] = self.at(self.state(change, speeds))
-        return self._known[asked]
+        """What follows from a change of position and from speeds, which may be complex."""
+        return self.at(self.state(change, speeds))
 
     def at(self, state: list[Any]) -> Bodies:
         """What follows from a state vector of the formulation."""
@@ -157,7 +155,8 @@ class TreeSpace:
         loads, alpha, A, speeding = equations._solved(state, functools.partial(at, t=0.0))
         placed = loads.placed or equations.tree.world(loads.frames)
         moved = Bodies(*(np.zeros(shape, complex) for shape in ((n, 3), (n, 3, 3), *[(n, 3)] * 4)),
-                       *np.zeros((3, 0)))
+                       *np.zeros((4, 0)))
+        moved.state = np.array(state)
         for body in range(n):
             frame, (R, point, velocity) = loads.frames[body], placed[body]
             pull = add(A[body], cross(alpha[body], frame.lever), centripetal(frame.w, frame.lever))
@@ -173,15 +172,15 @@ class TreeSpace:
             moved.slopes = np.array([row.rate for row in rows])
         return moved
 
-    def derivative(self, function: Callable[[np.ndarray, np.ndarray], Any]) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of a function of (change, speeds) at the start, (values, size) each."""
-        zero, columns = np.zeros(self.size), []
-        for part in range(2):
-            for k in range(self.size):
-                step = [zero.astype(complex), self.speeds.astype(complex)]
-                step[part][k] += STEP * 1j
-                columns.append(np.imag(np.asarray(function(*step), dtype=complex)) / STEP)
-        stacked = np.array(columns).T
+    @functools.cached_property
+    def _near(self) -> list[Bodies]:
+        """The bodies a complex step away in each coordinate, then in each speed."""
+        steps = STEP * 1j * np.eye(2 * self.size)
+        return [self.bodies(step[:self.size], self.speeds + step[self.size:]) for step in steps]
+
+    def derivative(self, function: Callable[[Bodies], Any]) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of a function of the bodies by coordinates and by speeds at the start, (values, size) each."""
+        stacked = np.array([np.imag(np.asarray(function(near), dtype=complex)) / STEP for near in self._near]).T
         return stacked[:, :self.size], stacked[:, self.size:]
 
 
@@ -227,23 +226,22 @@ class JointSpace(TreeSpace):
     @functools.cached_property
     def _from_tree(self) -> np.ndarray:
         """(2 size, 2 size): changes of the tree's coordinates and speeds by those of the scene's and their rates."""
-        by_change, by_speed = super().derivative(
-            lambda change, speeds: of_coordinates(self.scene, self.bodies(change, speeds).states)[0])
+        by_change, by_speed = super().derivative(lambda bodies: of_coordinates(self.scene, bodies.states)[0])
         return np.linalg.inv(np.block([[by_speed, 0 * by_speed], [by_change, by_speed]]))
 
-    def derivative(self, function: Callable[[np.ndarray, np.ndarray], Any]) -> tuple[np.ndarray, np.ndarray]:
+    def derivative(self, function: Callable[[Bodies], Any]) -> tuple[np.ndarray, np.ndarray]:
         """As that of the tree, but by the coordinates of the scene and their rates."""
         by_q, by_v = np.split(np.concatenate(super().derivative(function), axis=1) @ self._from_tree, 2, axis=1)
         return by_q, by_v
 
-    def accelerations(self, change: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-        """Second derivatives of the scene's coordinates, (size,), for changes of the tree's and its speeds."""
-        return np.asarray(of_coordinates(self.scene, self.bodies(change, speeds).states, True)[0])
+    def accelerations(self, bodies: Bodies) -> np.ndarray:
+        """Second derivatives of the scene's coordinates, (size,)."""
+        return np.asarray(of_coordinates(self.scene, bodies.states, True)[0])
 
     @functools.cached_property
     def motions(self) -> np.ndarray:
         """V, (6n, size): body velocities (v world, w body axes) of unit rates."""
-        return self.derivative(lambda *change: np.concatenate([(made := self.bodies(*change)).v, made.w], 1).ravel())[1]
+        return self.derivative(lambda bodies: np.concatenate([bodies.v, bodies.w], 1).ravel())[1]
 
     @functools.cached_property
     def mass(self) -> np.ndarray:
@@ -371,12 +369,5 @@ def placed(scene: Scene, q: np.ndarray, v: np.ndarray) -> Scene:
 def shifted(scene: Scene, change: np.ndarray) -> Scene:
     """The scene with its start moved by (12n,), see `crosscheck.jointspace.derivatives.linearised`; joints may open."""
     pose, speed = change.reshape(2, scene.n, 6)
-    return scene.replace(bodies=bodies_at(scene, Configuration(
-        scene.x0 + pose[:, :3], quaternion_from_rotation(scene.R0 @ exponential(pose[:, 3:])),
-        scene.v0 + speed[:, :3], scene.w0 + speed[:, 3:])))
-
-
-def posed(scene: Scene, bodies: Bodies) -> Scene:
-    """The scene with its start in the states of bodies."""
-    x, R, v, w = (np.real(each) for each in (bodies.x, bodies.R, bodies.v, bodies.w))
-    return scene.replace(bodies=bodies_at(scene, Configuration(x, quaternion_from_rotation(R), v, w)))
+    return started(scene, scene.x0 + pose[:, :3], scene.R0 @ exponential(pose[:, 3:]), scene.v0 + speed[:, :3],
+                   scene.w0 + speed[:, 3:])

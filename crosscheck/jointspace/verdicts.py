@@ -213,7 +213,7 @@ def _steps(scene: Scene, exact: Derivatives, wrong: dict[str, np.ndarray]) -> Mi
     name, values = next(iter(wrong.items()))
     factor = float(np.sum(values * exact.blocks[name]) / np.sum(exact.blocks[name] ** 2))
     yield f"it is {factor:.10g} times as large", {key: factor * each for key, each in exact.blocks.items()}
-    a = np.real(space.accelerations(np.zeros(space.size), space.speeds))
+    a = np.real(space.accelerations(space.start))
     for step in (10.0**-k for k in range(14, 6, -1)):  # they are whole numbers of the last digit of the accelerations
         with np.errstate(over="ignore"):  # of an acceleration that is 0
             digits = values * step / np.spacing(np.abs(a))[:, None]

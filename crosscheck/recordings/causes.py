@@ -29,9 +29,9 @@ from crosscheck.scene.altered import Model, levers, of_scene
 from crosscheck.scene.batch import integrate
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import histories
-from crosscheck.scene.model import Scene, quaternion_from_rotation
+from crosscheck.scene.model import Scene
 from crosscheck.scene.sensors import Reader, read
-from crosscheck.scene.starts import Configuration, bodies_at
+from crosscheck.scene.starts import started
 from crosscheck.scene.touching import Touching
 from crosscheck.scene.vectors import exponential
 
@@ -588,10 +588,8 @@ def _started(case: Case) -> Iterator[Cause]:
 
     def build(theta: np.ndarray) -> Scene | None:
         pose, rate = ((free @ part).reshape(scene.n, 6) for part in np.split(theta, 2))
-        R = scene.R0 @ exponential(pose[:, 3:])
-        state = Configuration(scene.x0 + pose[:, :3], quaternion_from_rotation(R), scene.v0 + rate[:, :3],
-                              scene.w0 + rate[:, 3:])
-        return close(scene.replace(bodies=bodies_at(scene, state)))
+        return close(started(scene, scene.x0 + pose[:, :3], scene.R0 @ exponential(pose[:, 3:]),
+                             scene.v0 + rate[:, :3], scene.w0 + rate[:, 3:]))
 
     theta, left = _fitted(case, build, (0.0,) * (2 * count))
     turn, speed = (float(np.abs(part).max()) for part in np.split(theta, 2))

@@ -42,14 +42,18 @@ def bodies_at(scene: Scene, state: Configuration) -> tuple[Body, ...]:
                                      angular_velocity=state.w[k]) for k, body in enumerate(scene.bodies))
 
 
+def started(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> Scene:
+    """The scene with its bodies at other positions (n, 3), attitudes (n, 3, 3), velocities and angular velocities."""
+    return scene.replace(bodies=bodies_at(scene, Configuration(x, quaternion_from_rotation(R), v, w)))
+
+
 def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: int = 2) -> Scene:
     """The scene started from the state of a motion at sample k, which becomes time zero.
 
     Hinges go on with their whole turns. What a sampled servo holds is not known here.
     """
-    state = Configuration(motion.x[k], quaternion_from_rotation(motion.R[k]), motion.v[k], motion.w[k])
-    begun = scene.delayed(-float(motion.t[k])).replace(duration=duration, samples=samples,
-                                                       bodies=bodies_at(scene, state))
+    begun = started(scene.delayed(-float(motion.t[k])).replace(duration=duration, samples=samples),
+                    motion.x[k], motion.R[k], motion.v[k], motion.w[k])
     return begun.replace(joints=tuple(
         dataclasses.replace(joint, start=_coordinates_at(scene, joint, motion, k)) if joint.start is not None
         or any(word.startswith("turn") for word in joint.kind.coordinates) else joint for joint in begun.joints))

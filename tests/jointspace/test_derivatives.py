@@ -39,7 +39,7 @@ def hanging():
     scene = arm(stiffness=0.0, forces=[])
     for _ in range(30):  # Newton's method for no acceleration
         space = JointSpace(scene)
-        a = np.real(space.accelerations(np.zeros(2), np.zeros(2)))
+        a = np.real(space.accelerations(space.bodies(np.zeros(2), np.zeros(2))))
         scene = space.moved(-np.linalg.solve(space.derivative(space.accelerations)[0], a), -space.rates)
     return scene
 
@@ -103,12 +103,11 @@ def test_the_generator_of_a_tree_follows_from_its_blocks():
     V = space.motions
     # rates of the change of pose, of the shifts in the world: B^T V dv, where B spans what V does
     T = exact.basis.T @ V
-    bodies = space.derivative(lambda q, v: np.concatenate([space.bodies(q, v).v, space.bodies(q, v).w], 1).ravel())
+    bodies = space.derivative(lambda bodies: np.concatenate([bodies.v, bodies.w], 1).ravel())
     k = space.size
     # d(pose)' = d(velocity), up to the turning axes of bodies; the lower right block maps rates of coordinates
     lower = exact.matrix[k:]
-    accelerated = space.derivative(lambda q, v: np.concatenate([space.bodies(q, v).a, space.bodies(q, v).alpha],
-                                                               1).ravel())
+    accelerated = space.derivative(lambda bodies: np.concatenate([bodies.a, bodies.alpha], 1).ravel())
     into = np.block([[T, np.zeros((k, k))], [exact.basis.T @ bodies[0], T]])
     np.testing.assert_allclose(lower @ into, exact.basis.T @ np.concatenate(accelerated, axis=1), atol=1e-10)
 
@@ -352,7 +351,7 @@ def by_differences(step, central=False):
         space = JointSpace(scene)
 
         def accelerated(q, v):
-            return np.real(space.accelerations(q, space.speeds + v))
+            return np.real(space.accelerations(space.bodies(q, space.speeds + v)))
 
         zero, both = np.zeros(space.size), []
         for part in range(2):

@@ -39,11 +39,9 @@ from crosscheck.errors import ArgumentError, EngineError, OutOfTime, Unsupported
 from crosscheck.running.arguments import best_method, engine_options
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
+from crosscheck.scene.starts import ALLOWED_VIOLATION
 
 __all__ = ["Evidence", "Explanation", "NamedCause", "explain"]
-
-AGREES = 1e-8
-"""Normalised distance from truth below which a limit agrees: scene files close their joints no better."""
 
 UNSURE = 1e-3
 """Normalised error of a limit above which it cannot be compared: the runs do not converge."""
@@ -165,7 +163,7 @@ def _judge(subject: Subject, first: Observation, noise: Noise | None, answer: Ex
                 noise.cause is not None and of_output.between_samples(first.y, exact) is not None):
             return
     known: Known | None = Known.of(scene)
-    if deviation > max(AGREES, fit.EXPLAINED * first.noise):
+    if deviation > max(ALLOWED_VIOLATION, fit.EXPLAINED * first.noise):
         if (limited := of_stepping.limited(subject, first)) is not None:
             answer.causes.append(limited)
             return
@@ -201,7 +199,7 @@ def _model(subject: Subject, first: Observation, deviation: float, answer: Expla
         answer.explained = float(after.max())
         # Magnitudes are fitted to accelerations and as uncertain as these. Over the time 1 / W that is a velocity.
         unsure = fit.EXPLAINED * copies.accelerations(first)[1]
-        if answer.explained > max(AGREES, 10 * fit.EXPLAINED * first.noise, unsure):
+        if answer.explained > max(ALLOWED_VIOLATION, 10 * fit.EXPLAINED * first.noise, unsure):
             answer.unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
         elif answer.explained > fit.CLEAR * deviation:
             answer.unexplained.append(f"the altered model leaves {answer.explained / deviation:.0%} of the difference")

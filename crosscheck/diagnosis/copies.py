@@ -12,9 +12,6 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.altered import Accelerations, Points, of_scene
 from crosscheck.scene.states import States
 
-FAITHFUL = 1e-8
-"""Normalised difference below which a start or a velocity is that of the scene: scene files are exact to 1e-8."""
-
 AMPLIFIED = 2.2
 """Sum of the absolute coefficients of the nine-point difference: the largest factor of independent errors."""
 

@@ -34,6 +34,9 @@ PART = 0.5
 NEAR = 1e3
 """Times `EXPLAINED` that a quick fit may leave and be fitted in full: it ends before the last digits."""
 
+ALTERNATIVES = 4
+"""Most explanations of equal simplicity that are named together. More of them name nothing."""
+
 THIN = 3
 """The search uses one in so many instants, the full fit all of them."""
 

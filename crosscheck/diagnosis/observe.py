@@ -25,9 +25,6 @@ SAMPLES = 21
 """Number of output times of an observation. They are 0.05 rad of the scene's rate apart, so that for a motion of three
 times that rate a nine-point difference is off by 0.15^8 / 630, about 4e-10 of the derivative."""
 
-TURN = 1.0
-"""Length of an observation in units of 1 / W. A longer one shows nothing more of the model."""
-
 LADDERS = {1: (1, 2, 4, 8, 16), 2: (1, 2, 4, 8), 4: (1, 2, 4)}
 """Steps per sample interval from which the limit follows, by documented order, or the next lower one."""
 
@@ -175,7 +172,7 @@ class Subject:
 
 def window(scene: Scene, scale: Scale) -> Scene:
     """The beginning of a scene, at the output times of an observation."""
-    return scene.replace(duration=min(TURN / (scale.rate * scale.fast), scene.duration), samples=SAMPLES)
+    return scene.replace(duration=min(1.0 / (scale.rate * scale.fast), scene.duration), samples=SAMPLES)
 
 
 def first_look(subject: Subject, scene: Scene, scale: Scale, noise: float) -> Observation:

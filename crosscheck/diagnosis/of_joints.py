@@ -15,22 +15,20 @@ from collections.abc import Iterable
 import numpy as np
 
 from crosscheck.diagnosis import fit
-from crosscheck.diagnosis.copies import FAITHFUL, ObservedCopy, data, points_of
+from crosscheck.diagnosis.copies import ObservedCopy, data, points_of
 from crosscheck.diagnosis.observe import REACH
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.scene import mechanics
+from crosscheck.scene.alterations import GONE
 from crosscheck.scene.altered import Accelerations, of_scene
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.model import GROUND, Joint, Mimic, Scene
+from crosscheck.scene.starts import ALLOWED_VIOLATION
 from crosscheck.scene.vectors import cross
 
 SIDES = (("child_anchor",), ("parent_anchor",), ("child_anchor", "parent_anchor"))
 AXES = (("child_axis",), ("parent_axis",), ("child_axis", "parent_axis"))
-
-LEFT = 0.1
-"""Share of the speed at which a joint opens that other anchors may leave. Where runs hardly converge, that speed is of
-the size of its noise, and many anchors take a part of it away."""
 
 Moves = dict[str, np.ndarray]
 """Displacements (m) of the anchors of one joint and changes of its axes, in the axes of their bodies."""
@@ -94,7 +92,7 @@ def fitted_axes(copy: ObservedCopy, k: int) -> tuple[float, Moves | None]:
     """(gap over its noise by which the k-th joint leaves its axes, the fewest moved axes that it keeps to, or None)."""
     scene, scale, s = copy.observation.scene, copy.observation.scale, copy.states
     joint = scene.joints[k]
-    noise = (FAITHFUL + fit.EXPLAINED * copy.observation.noise) * max(1.0, scale.length)
+    noise = (ALLOWED_VIOLATION + fit.EXPLAINED * copy.observation.noise) * max(1.0, scale.length)
     bases = {field: np.linalg.svd(getattr(joint, field)[None])[2][1:] for field in AXES[2]}
 
     def fields(sides: tuple[str, ...], theta: np.ndarray) -> Moves:
@@ -112,7 +110,7 @@ def fitted_axes(copy: ObservedCopy, k: int) -> tuple[float, Moves | None]:
         return before, {}
     for sides in AXES:
         theta = fit.gauss_newton(functools.partial(leaving, sides), np.zeros(2 * len(sides)))
-        if float(np.abs(leaving(sides, theta)).max()) <= min(1.0, LEFT * before):
+        if float(np.abs(leaving(sides, theta)).max()) <= min(1.0, fit.CLEAR * before):
             return before, fields(sides, theta)
     return before, None
 
@@ -128,7 +126,7 @@ def fitted_anchors(copies: list[ObservedCopy], k: int) -> tuple[float, Moves | N
     gaps, starts = [], []
     for each in copies:
         scene, scale, states = each.observation.scene, each.observation.scale, each.states
-        joint, noise = scene.joints[k], FAITHFUL + fit.EXPLAINED * each.observation.noise
+        joint, noise = scene.joints[k], ALLOWED_VIOLATION + fit.EXPLAINED * each.observation.noise
         gap = np.zeros((len(states.t), 3))
         for sign, body, side in ((1.0, joint.child, "child_anchor"), (-1.0, joint.parent, "parent_anchor")):
             if body == GROUND:
@@ -148,16 +146,13 @@ def fitted_anchors(copies: list[ObservedCopy], k: int) -> tuple[float, Moves | N
             columns = [np.concatenate(rows[side]) for side in sides] + ([constant] if kept else [])
             design = np.column_stack(columns)
             shifts = np.linalg.lstsq(design, -opening, rcond=1e-9)[0]
-            if float(np.abs(opening + design @ shifts).max()) <= min(1.0, LEFT * before):
+            if float(np.abs(opening + design @ shifts).max()) <= min(1.0, fit.CLEAR * before):
                 return before, {side: shifts[3 * place:3 * place + 3] for place, side in enumerate(sides)}
     return before, None
 
 
 # --- mimics -----------------------------------------------------------------------------------------------------------
 
-
-EXACT = 1e-6
-"""Relative: a fitted ratio nearer than this to one that has a name is that one."""
 
 
 def mimics(copies: list[ObservedCopy], answer: Explanation) -> bool:
@@ -196,7 +191,7 @@ def fitted_mimic(copies: list[ObservedCopy], joint: Joint, mimic: Mimic) -> tupl
         moved = histories(scene, each.states)
         follower, leader = moved[joint.name], moved[mimic.joint]
         size = scale.length if joint.kind.slides else 1.0
-        noise = size * (FAITHFUL + fit.EXPLAINED * each.observation.noise) * (1.0 + abs(mimic.ratio))
+        noise = size * (ALLOWED_VIOLATION + fit.EXPLAINED * each.observation.noise) * (1.0 + abs(mimic.ratio))
         gaps.append((follower.position - mimic.ratio * leader.position - mimic.offset) / noise)
         rates.append(np.column_stack([follower.velocity, leader.velocity]) / (noise * scale.rate))
         turns.append((follower.position, leader.position))
@@ -206,7 +201,7 @@ def fitted_mimic(copies: list[ObservedCopy], joint: Joint, mimic: Mimic) -> tupl
         return gap, mimic
     ratio = float(speed @ leading / max(leading @ leading, 1e-300))
     ratio = next((value for value in (mimic.ratio, -mimic.ratio, 1 / mimic.ratio if mimic.ratio else 0.0)
-                  if abs(ratio - value) <= EXACT * abs(value)), ratio)
+                  if abs(ratio - value) <= GONE * abs(value)), ratio)
     if np.abs(speed - ratio * leading).max() > 1.0:
         return gap, None
     # If the ratio is another one, the offset is that of the start, whatever it is.
@@ -241,7 +236,7 @@ def gives_way(copy: ObservedCopy, absent: int | None) -> bool:
     if not rows.size:
         return False
     gaps = np.abs(constraints.position(states.x, states.R)[:, rows]) / scale.length
-    limit = FAITHFUL + fit.EXPLAINED * copy.observation.noise
+    limit = ALLOWED_VIOLATION + fit.EXPLAINED * copy.observation.noise
     opening = float(gaps.max())
     return bool(gaps[0].max() <= limit < opening)
 

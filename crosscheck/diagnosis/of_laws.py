@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.diagnosis.fit import EXPLAINED, Case, altered, search, simplest
+from crosscheck.diagnosis.fit import CLEAR, EXPLAINED, Case, altered, search, simplest
 from crosscheck.diagnosis.observe import Silent, Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.running.run import run
@@ -27,9 +27,9 @@ from crosscheck.scene.states import Motion
 STEPS, RTOLS, ACCURATE = 2000, (1e-8, 1e-10), 1e-10
 """Steps of the coarser of two runs of an engine over a scene, or their tolerances; that of altered scenes."""
 
-LEFT, SEEN, CLEAR = 0.3, 1e-7, 0.1
-"""Part of the difference of the two runs that their limit may be off by; the least difference (rad or m) that is
-looked into; and what an explanation may leave of it."""
+LEFT, SEEN = 0.3, 1e-7
+"""Part of the difference of the two runs that their limit may be off by; the least difference (rad or m) looked into.
+"""
 
 FAR = 1e3
 """Difference (rad or m) that counts where an altered scene cannot run."""

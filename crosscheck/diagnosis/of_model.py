@@ -9,12 +9,13 @@ from collections.abc import Callable
 import numpy as np
 
 from crosscheck.diagnosis import fit, misreadings, of_joints, of_output, of_run, variants
-from crosscheck.diagnosis.copies import AMPLIFIED, FAITHFUL, ObservedCopy, data, points_of, undone
+from crosscheck.diagnosis.copies import AMPLIFIED, ObservedCopy, data, points_of, undone
 from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, observe, rates, window
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.scene.alterations import alterations
 from crosscheck.scene.altered import Accelerations, Model, of_scene
 from crosscheck.scene.model import Scene
+from crosscheck.scene.starts import ALLOWED_VIOLATION
 from crosscheck.scene.states import States
 
 CONSTANT = 1e-14
@@ -22,9 +23,6 @@ CONSTANT = 1e-14
 
 COPIES = 2
 """Number of further starts that are observed, for each joint structure."""
-
-ALTERNATIVES = 4
-"""Largest number of equally simple explanations that are named together. More of them name nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +51,7 @@ def diagnose(subject: Subject, first: Observation, answer: Explanation, alone: b
     scene, scale = first.scene, first.scale
     R = first.states.R
     off = float(np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max())
-    if off > FAITHFUL + fit.EXPLAINED * first.noise:
+    if off > ALLOWED_VIOLATION + fit.EXPLAINED * first.noise:
         answer.causes.append(NamedCause("attitudes off the group", f"R^T R - I reaches {off:.2g} at vanishing steps",
                                         "report rotations: check what attitudes are converted from"))
         return None
@@ -121,13 +119,13 @@ def _reports(observations: list[Observation], answer: Explanation) -> misreading
         return max(pairs, key=lambda pair: pair[0] - fit.EXPLAINED * pair[1])
 
     gap, noise = worst(None)
-    limit = max(fit.EXPLAINED * noise, FAITHFUL)
+    limit = max(fit.EXPLAINED * noise, ALLOWED_VIOLATION)
     if gap <= limit:
         return None
     fitting = []
     for report in misreadings.REPORTS:
         after, noise = worst(report)
-        good = after <= max(fit.EXPLAINED * noise, FAITHFUL)
+        good = after <= max(fit.EXPLAINED * noise, ALLOWED_VIOLATION)
         answer.evidence.append(Evidence(f"{report.cause}: {report.detail}", "report", gap, after,
                                         "velocities against derivatives of poses, over W", holds=good))
         answer.tried += 1
@@ -143,10 +141,11 @@ def _reports(observations: list[Observation], answer: Explanation) -> misreading
 def _frozen(copies: list[ObservedCopy], answer: Explanation) -> int | None:
     """Name a body that always stays at rest as missing in the engine's model; its number."""
     moves = np.max([np.abs(each.observation.y - each.observation.y[0]).max(axis=(0, 2)) for each in copies], axis=0)
-    still = [int(k) for k in np.flatnonzero(moves <= FAITHFUL)]
+    still = [int(k) for k in np.flatnonzero(moves <= ALLOWED_VIOLATION)]
     scene = copies[0].observation.scene
     expected = Accelerations(points_of(copies[0]))(of_scene(scene))
-    moving = [k for k in still if scene.v0[k].any() or scene.w0[k].any() or np.abs(expected[:, k]).max() > FAITHFUL]
+    moving = [k for k in still if scene.v0[k].any() or scene.w0[k].any() or (
+        np.abs(expected[:, k]).max() > ALLOWED_VIOLATION)]
     if len(moving) != 1 or scene.n == 1 or any(joint.parent == moving[0] for joint in scene.joints):
         return None
     name = scene.bodies[moving[0]].name
@@ -162,7 +161,7 @@ def _frozen(copies: list[ObservedCopy], answer: Explanation) -> int | None:
 def _starts(copies: list[ObservedCopy], absent: int | None, answer: Explanation) -> misreadings.Pose:
     """The engine's start on the scene. The misreading that leads to it is named, if it is not the scene's."""
     observations, scene = [each.observation for each in copies], copies[0].observation.scene
-    limit = FAITHFUL + max(fit.EXPLAINED * each.noise for each in observations)
+    limit = ALLOWED_VIOLATION + max(fit.EXPLAINED * each.noise for each in observations)
 
     def worst(attitude: misreadings.Misreading | None, spin: misreadings.Misreading | None, mode: str) -> float:
         return max(misreadings.gap(each, *misreadings.misread(each.scene, attitude, spin, mode), absent)
@@ -211,7 +210,7 @@ def _accelerations(subject: Subject, copies: list[ObservedCopy], absent: int | N
             answer.unexplained.append("accelerations differ by little more than their noise")
         return None, False
     # An inertia may be converted before attitudes are misread.
-    candidates = alterations(scene, any(np.abs(each.states.R[0] - each.observation.scene.R0).max() > FAITHFUL
+    candidates = alterations(scene, any(np.abs(each.states.R[0] - each.observation.scene.R0).max() > ALLOWED_VIOLATION
                                         for each in copies))
     if soft:
         fits, _ = fit.search(hard, data(copies, absent, False, fit.THIN), candidates, pairing=False)
@@ -258,7 +257,7 @@ def _name(fits: list[fit.Fit], data: fit.Data, answer: Explanation) -> Model | N
     fits = fit.simplest(fits)
     names = sorted({each.names for each in fits})
     best = min(fits, key=lambda each: each.left)
-    if len(names) > ALTERNATIVES:
+    if len(names) > fit.ALTERNATIVES:
         answer.unexplained.append("more than one cause explains the accelerations")
         answer.candidates += [" and ".join(each) for each in names]
         return None

@@ -15,19 +15,14 @@ from typing import NamedTuple
 import numpy as np
 
 from crosscheck.diagnosis import fit
-from crosscheck.diagnosis.observe import FASTEST, REACH, Observation, Scale, Silent, Subject, rates, true_motion
+from crosscheck.diagnosis.observe import FASTEST, REACH, RTOLS, Observation, Scale, Silent, Subject, rates, true_motion
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.references.maximal import Maximal
-from crosscheck.scene.alterations import FAILS
+from crosscheck.scene.alterations import FAILS, GONE
 from crosscheck.scene.altered import levers
 from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.starts import ALLOWED_VIOLATION
 from crosscheck.scene.states import States
-
-AGREES = 1e-8
-"""Normalised difference below which a prediction is right, whatever the noise: scene files are exact to 1e-8."""
-
-STOPPED = 1e-6
-"""Pace of a clock below which it stands still: such an engine does not move at all."""
 
 MOST_ORDERS = 4
 """Largest number of bodies of which all orders are tried."""
@@ -35,9 +30,6 @@ MOST_ORDERS = 4
 ROUGH, SIXTH = 0.05, math.sqrt(math.comb(12, 6))
 """Part of a difference from truth that has to jump from sample to sample for it to be noise, and the factor by which
 sixth differences magnify independent errors. Samples of a smooth motion 0.05 rad apart leave a millionth."""
-
-POINT = 1e-6
-"""Distance, as a part of the length, below which a fitted point is the joint."""
 
 LATER = 0.1
 """Relative difference of delays that makes two of them."""
@@ -51,7 +43,7 @@ THIN = 4
 SEEN = 1e-10
 """Noise of y below which it is rounding in double precision, or the tolerance of the engine's own solver."""
 
-FINE, TIGHT = 4, 1e-12
+FINE = 4
 """Steps per sample, or rtol, of the runs in which noise is looked for."""
 
 COARSER, GROWS = 4, 2.5
@@ -96,7 +88,7 @@ def diagnose(observations: list[Observation], answer: Explanation) -> bool:
 
 def _open(each: Observation) -> float:
     """What noise may leave of y."""
-    return max(AGREES, fit.EXPLAINED * each.noise)
+    return max(ALLOWED_VIOLATION, fit.EXPLAINED * each.noise)
 
 
 class Reported(NamedTuple):
@@ -155,7 +147,7 @@ def _points(first: Observation) -> Iterator[Reported]:
     scene, exact = first.scene, true_motion(first.scene)
     off = first.states.x - exact.x
     away, s = off.mean(axis=(0, 1)), np.einsum("tnji,tnj->ni", exact.R, off) / len(off)
-    joint = np.abs(s - levers(scene)).max() <= POINT * first.scale.length
+    joint = np.abs(s - levers(scene)).max() <= GONE * first.scale.length
     fitted = ", ".join(_vector(each) for each in s)
     name, text = ("position of the joint", "the joint that carries the body") if joint else (
         "position of another point", f"points off by {fitted} m from the centres of mass, body axes")
@@ -188,7 +180,7 @@ def _attitudes(first: Observation) -> Iterator[Reported]:
     Q = U @ V
     cosines = np.clip((np.trace(Q, axis1=1, axis2=2) - 1) / 2, -1, 1)
     angles = [f"body {body.name!r} by {np.degrees(np.arccos(cosine)):.5g} deg"
-              for body, cosine in zip(scene.bodies, cosines, strict=True) if cosine < 1 - AGREES]
+              for body, cosine in zip(scene.bodies, cosines, strict=True) if cosine < 1 - ALLOWED_VIOLATION]
     for text, spin in (("", lambda w: w), (", with its angular velocity", lambda w: np.einsum("nji,tnj->tni", Q, w))):
         if angles and np.linalg.det(Q).min() > 0:
             yield turned("turned attitude", "; ".join(angles) + text, lambda R: R @ Q, spin)
@@ -213,7 +205,7 @@ def _filtered(first: Observation) -> Iterator[Reported]:
             true, filtered(1.0, true), first.states))
         slopes = late - exact
         tau = float(slopes @ (given - exact) / max(float(slopes @ slopes), 1e-300))
-        if abs(tau) * first.scale.rate > AGREES:
+        if abs(tau) * first.scale.rate > ALLOWED_VIOLATION:
             yield _reported("filtered velocity", f"{text} are those of v - tau dv/dt, tau = {tau:.5g} s", "report the "
                             "velocities of the state, not of a filter or of a difference of positions",
                             functools.partial(filtered, tau))
@@ -236,11 +228,11 @@ def _times(first: Observation) -> Iterator[Reported]:
         delays[1:] / few.t[1:]))
     # A motion that starts late, and rests in half of the samples, has the delay of the last one.
     for offset in (middle, last) if abs(last - middle) > LATER * abs(last) else (middle,):
-        words = (f"it stands still in the first {-offset:.6g} s, at least" if offset <= -(1.0 - AGREES) * few.duration
-                 else f"the motion of {offset:+.6g} s later")
+        words = (f"it stands still in the first {-offset:.6g} s, at least" if offset <= (GONE - 1.0) * few.duration else
+                 f"the motion of {offset:+.6g} s later")
         yield Reported("time offset", words, "start at the scene's start, and report each state at its time",
                        lambda scene, by=offset: at_times(scene, np.maximum(scene.t + by, 0.0)))  # type: ignore[misc]
-    if pace > STOPPED - 1.0:
+    if pace > GONE - 1.0:
         yield Reported("time scale", f"times are those of a clock {1 + pace:.6g} as fast", "check the unit of time and "
                        "the step that is really made", lambda scene: at_times(scene, (1.0 + pace) * scene.t))
 
@@ -270,25 +262,27 @@ def shifts(scene: Scene, scale: Scale, y: np.ndarray) -> np.ndarray | None:
 
 
 def late(subject: Subject, first: Observation) -> NamedCause | None:
-    """The cause if the error at a finite step is one of the output times, or of interpolation between states."""
+    """The cause if the error at a finite step is one of times: of the outputs, or of functions of time."""
     scene, scale = first.scene, first.scale
-    step = scene.interval
-    mend = "report states at the output times: let steps end on them, or use dense output of the method's order"
     try:
-        raw = subject.run(scene, step)
+        y, exact = (scale.flat(each) for each in (subject.run(scene, scene.interval).states, true_motion(scene)))
     except Silent:
         return None
-    y = scale.flat(raw.states)
-    exact = scale.flat(true_motion(scene))
+    return _late_output(scene, scale, y, exact) or (_late_drive(scene, scale, y, exact) if scene.timed else None)
+
+
+def _late_output(scene: Scene, scale: Scale, y: np.ndarray, exact: np.ndarray) -> NamedCause | None:
+    """States at other times, or interpolated between states."""
+    mend = "report states at the output times: let steps end on them, or use dense output of the method's order"
     error = float(np.abs(y - exact)[1:].max())
     delays = shifts(scene, scale, y)
-    if delays is None or error < AGREES:
+    if delays is None or error < ALLOWED_VIOLATION:
         return None
     delays[0] = 0.0
     there = scale.flat(at_times(scene, np.maximum(scene.t + delays, 0.0)))
     mean = float(np.median(delays[1:]))
     if float(np.abs(y - there)[1:].max()) <= 0.1 * error:
-        steps = mean / step
+        steps = mean / scene.interval
         if np.abs(delays[1:] - mean).max() <= 0.1 * abs(mean):
             return NamedCause("late output" if mean < 0 else "early output", f"each sample shows the motion "
                               f"{abs(steps):.3g} steps {'before' if mean < 0 else 'after'} its time", mend)
@@ -305,29 +299,20 @@ def late(subject: Subject, first: Observation) -> NamedCause | None:
     return None
 
 
-def behind(subject: Subject, first: Observation) -> NamedCause | None:
-    """The cause if the error at a finite step is that of functions of time which come late by a part of the step."""
-    scene, scale = first.scene, first.scale
-    step = scene.interval
-    if not scene.timed:
-        return None
-    try:
-        y = scale.flat(subject.run(scene, step).states)
-    except Silent:
-        return None
-    exact = scale.flat(true_motion(scene))
+def _late_drive(scene: Scene, scale: Scale, y: np.ndarray, exact: np.ndarray) -> NamedCause | None:
+    """Functions of time which come late by a part of the step."""
     for which in (None, *(k for k, force in enumerate(scene.forces) if force.functions)):
-        def late(by: float, which: int | None = which) -> np.ndarray:
-            given = scene.delayed(by)
+        def delayed(part: float, which: int | None = which) -> np.ndarray:
+            given = scene.delayed(part * scene.interval)
             if which is not None:
                 given = scene.replace(forces=(*scene.forces[:which], given.forces[which], *scene.forces[which + 1:]))
             return scale.flat(true_motion(given))
 
         part = 1.0
         for _ in range(3):  # the change is nearly linear in the delay
-            change = late(part * step) - exact
+            change = delayed(part) - exact
             part *= float(np.sum(change * (y - exact)) / max(float(np.sum(change**2)), 1e-300))
-        if np.abs(y - late(part * step)).max() <= 0.1 * np.abs(y - exact).max():
+        if np.abs(y - delayed(part)).max() <= 0.1 * np.abs(y - exact).max():
             where = "functions of time come" if which is None else f"the function of time of forces[{which}] comes"
             return NamedCause("delay of a drive", f"{where} {part:.3g} steps late", "evaluate what depends on time at "
                               "the times of the stages, not at the start of a step or of the one before")
@@ -353,7 +338,7 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
     scene = scene.replace(duration=scene.duration / FASTEST)
     finest = scene.interval / FINE
     asked = ((finest, None), (finest, None), (COARSER * finest, None)) if subject.order(scene) is not None else (
-        (None, TIGHT), (None, TIGHT), (None, COARSER**2 * TIGHT))
+        (None, RTOLS[1]), (None, RTOLS[1]), (None, COARSER**2 * RTOLS[1]))
     try:
         one, two, coarse = (subject.run(scene, *each).states for each in asked)
     except Silent:

@@ -15,6 +15,7 @@ from crosscheck.diagnosis import of_output
 from crosscheck.diagnosis.observe import FINER, SAMPLES, Observation, Scale, Silent, Subject, window
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.references.base import TruthError
+from crosscheck.scene.alterations import GONE
 from crosscheck.scene.batch import integrate
 from crosscheck.scene.coordinates import hinge_angles, starting
 from crosscheck.scene.model import Scene
@@ -57,9 +58,6 @@ SHIFTED = 1e-3
 
 CLOSER = 16
 """Factor of the samples near a defect: a number may be clamped for a short time only."""
-
-MOVING = 1e-6
-"""Part of the largest velocity or position below which a change counts as none."""
 
 UNCLAMPED = "leave states as large as they are"
 
@@ -218,7 +216,7 @@ def clamped(states: States, k: int = 0, rounding: float = 0.0) -> str | None:
         values = getattr(states, name).reshape(len(states.t), -1)
         steady = np.abs(np.diff(values[k:], axis=0)) <= rounding * np.abs(values).max()
         still = np.lib.stride_tricks.sliding_window_view(steady, REPEATED - 1, axis=0)
-        same = still.all(axis=-1) & (values[:k + 1 if k else None].std(axis=0) > MOVING * np.abs(values).max())
+        same = still.all(axis=-1) & (values[:k + 1 if k else None].std(axis=0) > GONE * np.abs(values).max())
         if same.any():
             at, index = np.argwhere(same)[0]
             return f"{what} stays at {values[k + at, index]:.6g}"

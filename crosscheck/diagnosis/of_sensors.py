@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from crosscheck.diagnosis.observe import Scale, Silent, Subject
+from crosscheck.diagnosis.observe import RTOLS, Scale, Silent, Subject
 from crosscheck.diagnosis.result import Evidence, Explanation
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, Sensor, quaternion_product
@@ -24,9 +24,6 @@ from crosscheck.scene.vectors import cross
 
 STEPS, TURN = 60, 0.03
 """Number of steps of the run that is looked at, each with an output time, and their size in units of 1 / W."""
-
-RTOL = 1e-11
-"""Relative tolerance of the run of an adaptive method."""
 
 AGREES = 1e-7
 """Difference of a reading from that of the states, over its size, that counts as none."""
@@ -65,7 +62,7 @@ def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer
     brief = scene.replace(duration=STEPS * interval, samples=STEPS + 1)
     fixed = subject.order(scene) is not None
     try:
-        states = subject.run(brief, interval if fixed else None, None if fixed else RTOL).states
+        states = subject.run(brief, interval if fixed else None, None if fixed else RTOLS[1]).states
     except Silent:
         return
     for sensor in scene.sensors:

@@ -32,6 +32,7 @@ from crosscheck.diagnosis.observe import (
 from crosscheck.diagnosis.of_model import Known
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.diagnosis.variants import close
+from crosscheck.scene.alterations import GONE
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 
@@ -53,9 +54,6 @@ resolved. Coarse steps of stiff models seem to have a lower order, so that it ha
 EXPLODED = 1.0
 """Error of y above which a run says nothing about its order: it is larger than what is computed."""
 
-FLAT = 1e-6
-"""Largest change of the unit normal of a plane in a motion that stays in this plane."""
-
 PUSH = 1e-2
 """Part of the length by which a start violates the joints, so that stabilisation shows. Constraint accelerations are
 exact for the violated state. With a smaller violation noise would hide small gains."""
@@ -75,7 +73,7 @@ def diagnose(subject: Subject, first: Observation, known: Known, answer: Explana
     if order is None:
         return
     if first.order is not None and first.order < order - CLEAR and not known.altered:
-        shown = of_output.late(subject, first) or of_output.behind(subject, first)
+        shown = of_output.late(subject, first)
         answer.tried += shown is None
         if shown is not None:
             answer.test(Evidence(shown.name, "report", first.order, None, f"observed order, documented {order}",
@@ -174,7 +172,7 @@ def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
     given = [vector / np.linalg.norm(vector) for vector in (scene.gravity, gravity) if vector.any()]
     down = given[0] if given else np.array([0.0, 0.0, -1.0])
     normal = np.cross(down, given[-1]) if given else np.zeros(3)
-    if np.linalg.norm(normal) < FLAT:
+    if np.linalg.norm(normal) < GONE:
         normal = np.cross(down, [1.0, 0.0, 0.0] if abs(down[0]) < 0.9 else [0.0, 1.0, 0.0])
     normal /= np.linalg.norm(normal)
     flat = np.eye(3) - np.outer(normal, normal)
@@ -202,7 +200,7 @@ def keeps_plane(subject: Subject, copy: Scene, scale: Scale) -> bool:
         return False
     normal = copy.w0[0] / np.linalg.norm(copy.w0[0])
     turns = states.R @ np.swapaxes(states.R[:1], -1, -2)
-    return bool(np.abs(turns @ normal - normal).max() <= FLAT)
+    return bool(np.abs(turns @ normal - normal).max() <= GONE)
 
 
 def _lower_order(subject: Subject, first: Observation, order: int, known: Known, ordered: Order,

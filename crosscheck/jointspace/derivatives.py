@@ -14,7 +14,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.motion import Bodies, JointSpace, TreeSpace, checked, of_coordinates, placed, responses
+from crosscheck.jointspace.motion import NONE, Bodies, JointSpace, TreeSpace, checked, of_coordinates, placed, responses
 from crosscheck.jointspace.sources import allowed, condition, taken
 from crosscheck.references.base import TruthError
 from crosscheck.scene import file as scene_file
@@ -25,9 +25,6 @@ from crosscheck.scene.vectors import exponential
 
 AGREED = 1e-8
 """Largest relative difference of the two routes of truth; what it is counts as the error of the truth."""
-
-DEPENDENT = 1e-9
-"""Relative size below which a singular value of rows is that of a dependent one."""
 
 DIFFERENCE = 5e-3
 """Step of the second route, rad or m and per second. Its truncation is 1e-18 times a ninth derivative."""
@@ -131,7 +128,7 @@ def generator(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, float]:
     tangent, flow, _ = linearised(space)
     poses = tangent[:6 * space.scene.n]
     U, sizes, _ = np.linalg.svd(poses)
-    basis = U[:, :int(np.count_nonzero(sizes > DEPENDENT * sizes[0]))] if sizes.size and sizes[0] else poses[:, :0]
+    basis = U[:, :int(np.count_nonzero(sizes > NONE * sizes[0]))] if sizes.size and sizes[0] else poses[:, :0]
     k = basis.shape[1]
     both = np.kron(np.eye(2), basis)
     made = both.T @ flow @ np.linalg.pinv(both.T @ tangent)
@@ -164,7 +161,7 @@ def linearised(space: TreeSpace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     free = np.eye(2 * space.size)
     if len(rows):
         _, sizes, V = np.linalg.svd(rows)
-        free = V[int(np.count_nonzero(sizes > DEPENDENT * sizes[0])):].T
+        free = V[int(np.count_nonzero(sizes > NONE * sizes[0])):].T
     return changes @ free, rates @ free, free
 
 

@@ -9,11 +9,9 @@ from __future__ import annotations
 import dataclasses
 
 from crosscheck.errors import Unsupported
+from crosscheck.jointspace.motion import NONE
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.model import Force, Joint, Scene
-
-NEAR = 1e-9
-"""Distance from a change of a law, rad or m and per second, below which a state counts as at it."""
 
 
 def smooth(scene: Scene) -> Scene:
@@ -53,11 +51,11 @@ def _piece(scene: Scene, joint: Joint) -> tuple[float, float, float]:
     q, rate = (float(each[0]) for each in at_start(scene)[joint.name])
     stiffness = damping = effort = 0.0
     for friction in filter(None, joint.dry_friction):
-        if abs(rate) < NEAR:
+        if abs(rate) < NONE:
             raise refuse("is at rest with dry friction")
         effort += float(friction.force(rate))
     for limits in filter(None, joint.limits):
-        if min(abs(q - limits.lower), abs(q - limits.upper)) < NEAR or (limits.rigid and limits.depth(q)):
+        if min(abs(q - limits.lower), abs(q - limits.upper)) < NONE or (limits.rigid and limits.depth(q)):
             raise refuse("is at its limit")
         push = float(limits.force(q, rate))
         if push:

@@ -17,14 +17,11 @@ import numpy as np
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.jointspace.derivatives import linearised
 from crosscheck.jointspace.laws import smooth
-from crosscheck.jointspace.motion import TreeSpace
+from crosscheck.jointspace.motion import NONE, TreeSpace
 from crosscheck.references.tree import FREE
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene, quaternion_from_rotation, quaternion_product
 from crosscheck.scene.vectors import exponential
-
-STEADY = 1e-9
-"""Largest acceleration of a coordinate that counts as none, relative to gravity and the square of the rates."""
 
 LATER = 0.37
 """s after the start, at which the coefficients have to be the same: no multiple of a period of a round number."""
@@ -132,7 +129,7 @@ def _spin(space: TreeSpace, link: Any) -> np.ndarray:
         return np.zeros((3, 3))
     down = np.real(space.start.R[link.body]).T @ space.scene.gravity
     across = np.cross(e, down)
-    upright = np.linalg.norm(across) <= STEADY * max(1.0, float(np.linalg.norm(down)))
+    upright = np.linalg.norm(across) <= NONE * max(1.0, float(np.linalg.norm(down)))
     rate = float(w @ e) if upright else float(np.cross(w, down) @ across / (across @ across))
     return rate * np.cross(e, np.eye(3)).T
 
@@ -142,7 +139,7 @@ def symmetry(inertia: np.ndarray) -> np.ndarray | None:
     moments, axes = np.linalg.eigh(inertia)
     for k in range(3):
         one, other = (moments[j] for j in range(3) if j != k)
-        if abs(one - other) <= STEADY * moments[2]:
+        if abs(one - other) <= NONE * moments[2]:
             return np.asarray(axes[:, k])
     return None
 
@@ -162,7 +159,7 @@ def _check_steady(space: TreeSpace, A: np.ndarray) -> None:
             along = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
             rates[turn] += spin @ w
             down = scene.R0[link.body].T @ scene.gravity
-            if np.abs(np.cross(w - along, down)).max() > STEADY * max(1.0, np.abs(w).max() * np.abs(down).max()):
+            if np.abs(np.cross(w - along, down)).max() > NONE * max(1.0, np.abs(w).max() * np.abs(down).max()):
                 raise Unsupported(f"modes of {scene.name!r}: the start is no steady motion, body "
                                   f"{scene.bodies[link.body].name!r} turns against gravity")
             axes[turn, turn] = exponential(LATER * along)
@@ -170,7 +167,7 @@ def _check_steady(space: TreeSpace, A: np.ndarray) -> None:
             speeds[turn] = axes[turn, turn].T @ w
             own = slice(own.start + 3, own.stop)
         later[own] = LATER * space.speeds[own]
-    limit = STEADY * max(1.0, float(np.linalg.norm(scene.gravity)), float(np.abs(space.speeds).max(initial=0.0)) ** 2)
+    limit = NONE * max(1.0, float(np.linalg.norm(scene.gravity)), float(np.abs(space.speeds).max(initial=0.0)) ** 2)
     if np.abs(rates).max(initial=0.0) > limit:
         raise Unsupported(f"modes of {scene.name!r}: the start is neither an equilibrium nor a steady motion, a "
                           f"coordinate accelerates by {np.abs(rates).max():.2g} (SI)")

@@ -40,6 +40,9 @@ from crosscheck.scene.vectors import exponential
 STEP = 1e-30
 """Its square times anything in a scene is below rounding."""
 
+NONE = 1e-9
+"""Part of a scale, or rad, m and per second, below which a number counts as none."""
+
 
 @dataclasses.dataclass
 class Bodies:

@@ -15,7 +15,7 @@ from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.adapters.common import open_tree
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
 from crosscheck.inspection import probe
-from crosscheck.jointspace.motion import JointSpace, of_coordinates, positions, responses, shifted
+from crosscheck.jointspace.motion import NONE, JointSpace, of_coordinates, positions, responses, shifted
 from crosscheck.running.attempt import Ran, Way, attempt
 from crosscheck.scene.assembly import projected
 from crosscheck.scene.coordinates import starting
@@ -36,9 +36,6 @@ NEAR, THIRD = 1e-6, np.array([1.0, -3.0, 3.0, -1.0])
 PROXIMAL = 1e-4
 """Regularisation by which Pinocchio takes dependent rows of loops; its iterations remove the effect. Where rows depend
 on each other it divides rounding: on `bricard` 1e-10 leaves 1.7e-5, and 1e-3 to 1e-5 leave 9e-11."""
-
-SAME = 1e-9
-"""Largest entry by which rates of an engine may differ from signed rates of the scene."""
 
 
 Where = tuple[np.ndarray, np.ndarray]
@@ -136,7 +133,7 @@ def signed(scene: Scene, unit: States, who: str) -> Where:
     """From the velocities of a unit rate of the engine at each time of `unit`; joints that close loops follow."""
     T = of_coordinates(scene, unit).T
     signs = np.round(T)
-    rows = np.flatnonzero((np.abs(T - signs).max(axis=1, initial=0.0) < SAME) & (np.abs(signs).sum(axis=1) == 1))
+    rows = np.flatnonzero((np.abs(T - signs).max(axis=1, initial=0.0) < NONE) & (np.abs(signs).sum(axis=1) == 1))
     if len(rows) != len(unit.t) or not np.array_equal(np.abs(signs[rows]).sum(axis=0), np.ones(len(rows))):
         raise Unsupported(f"{who} on {scene.name!r}: its coordinates turn against those of the scene")
     return rows, signs[rows]

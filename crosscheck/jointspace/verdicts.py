@@ -16,8 +16,8 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.errors import EngineError, Unsupported
-from crosscheck.jointspace.derivatives import DEPENDENT, Derivatives, of, tangent_space, truth
-from crosscheck.jointspace.motion import JointSpace, TreeSpace, placed, responses
+from crosscheck.jointspace.derivatives import Derivatives, of, tangent_space, truth
+from crosscheck.jointspace.motion import NONE, JointSpace, TreeSpace, placed, responses
 from crosscheck.jointspace.sources import GIVEN, Blocks, acceleration, allowed, condition, taken
 from crosscheck.scene import mechanics
 from crosscheck.scene.alterations import FAILS, alterations
@@ -90,7 +90,7 @@ def _on_loops(scene: Scene, source: object, known: float) -> Verdict:
     mass = motions.T @ np.linalg.inv(mechanics.inverse_mass(scene)) @ motions
     rows = Constraints(scene).jacobian(scene.x0[None], scene.R0[None])[0]
     sizes = np.linalg.svd(rows @ mechanics.inverse_mass(scene) @ rows.T, compute_uv=False)
-    worst = max(condition(mass), float(sizes[0] / sizes[sizes > DEPENDENT * sizes[0]].min()))
+    worst = max(condition(mass), float(sizes[0] / sizes[sizes > NONE * sizes[0]].min()))
     rate = float(max(np.abs(scene.v0).max(), np.abs(scene.w0).max()))
     bound, error, cause = max(allowed(blocks, size, worst, rate), known), off(exact.a), ""
     if not error <= bound and blocks.order == 1 and isinstance(source, str):  # no mistake of a model grows with a step

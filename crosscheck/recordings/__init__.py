@@ -18,6 +18,7 @@ import numpy as np
 
 from crosscheck.compare.apart import largest, spread
 from crosscheck.compare.order import MARGIN, SAFETY, Limit, cancelling, differ, floor_of, limit, observed_order
+from crosscheck.diagnosis.fit import ALTERNATIVES, CLEAR
 from crosscheck.document.outcomes import EXIT_CODES, KINDS, Outcome
 from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported, unknown
 from crosscheck.files import finite
@@ -26,8 +27,6 @@ from crosscheck.recordings import causes as find_causes
 from crosscheck.recordings import comparing, validation
 from crosscheck.recordings.columns import Row, assigned, clock
 from crosscheck.recordings.comparing import (
-    POSES,
-    RATES,
     UNITS,
     Differences,
     Outputs,
@@ -35,6 +34,7 @@ from crosscheck.recordings.comparing import (
     gaps,
     norms,
     part_of,
+    rated,
 )
 from crosscheck.recordings.deciding import Reading, decided, read_as, recorded_start
 from crosscheck.recordings.page import write_all as write_all
@@ -45,7 +45,7 @@ from crosscheck.recordings.tables import Progress
 from crosscheck.references import dense
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
-from crosscheck.scene.starts import restarted
+from crosscheck.scene.starts import ALLOWED_VIOLATION, restarted
 from crosscheck.scene.vectors import exponential
 
 if TYPE_CHECKING:
@@ -55,12 +55,6 @@ JUMP, STANDING_OUT, ONCE = 0.3, 30.0, 0.8
 """A defect is a jump if it is this part of the largest change over one interval, and so many times the median defect
 before it, and the next one is below this part of it."""
 
-SAME_START = 1e-8
-"""Difference from the scene's start that a recorded start may have besides its digits: scene files close no better."""
-
-MOST_ALIKE = 4
-"""Causes that explain equally well and are still named together."""
-
 PARALLEL = 0.35
 """Errors at two steps tell an order if they are parallel up to this part."""
 
@@ -69,9 +63,6 @@ ASYMPTOTIC, FEWEST = 0.1, 8
 
 EXACT = 10.0
 """Times what printed digits leave open below which an error has no cause."""
-
-LEAVES = 0.1
-"""Part of what is beyond the noise that a cause of all of it may leave."""
 
 STARTS = ("scene", "recorded", "either")
 
@@ -308,7 +299,7 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
             "" if seen.since is None else f" from {seen.since:.4g} s") + f", {size:.3g} times the noise")
         if found.causes:
             left = found.causes[0].left
-            part = "" if found.explained > 1 - LEAVES and left < validation.COVER else ", in part"
+            part = "" if found.explained > 1 - CLEAR and left < validation.COVER else ", in part"
             several = "one of these, which make the same motion here: " if len(found.causes) > 1 else ""
             verdict.cause = " or ".join(cause.name for cause in found.causes)
             lines.append(f"cause{part}: {several}{'; or '.join(cause.said for cause in found.causes)} (explains "
@@ -443,7 +434,7 @@ def _truth(scene: Scene, recording: Recording, truth: Any, start: str
     seen = compare(scene, first, truth)
     away = [f"{group.label} by {sizes[0]:.3g} {group.unit}" for group, sizes, floor in zip(
         first.groups, seen.sizes, seen.floor, strict=True)
-        if sizes[0] > 3 * floor[0] + SAME_START * max(1.0, float(np.abs(group.values[0]).max()))]
+        if sizes[0] > 3 * floor[0] + ALLOWED_VIOLATION * max(1.0, float(np.abs(group.values[0]).max()))]
     if away:
         where = "where the scene starts" if recording.t[0] == 0 else f"where truth is at {recording.t[0]:g} s"
         notes.append(f"the recording does not start {where}: {', '.join(away)}; --start recorded judges from its first "
@@ -482,19 +473,12 @@ def _sizes(diff: Differences, allowed: Mapping[str, float], lines: list[str]) ->
 def _kinds(diff: Differences, notes: list[str]) -> list[str]:
     """Rates that are not the derivatives of what is recorded beside them, and attitudes that are no rotations."""
     failed, t = [], diff.recording.t
-    groups = {(g.key, g.owner): k for k, g in enumerate(diff.recording.groups)}
-    for (key, owner), k in groups.items():
-        if key not in POSES or len(t) < 8:
-            continue
-        rate = groups.get((RATES[POSES.index(key)], owner))
-        pose, speed = diff.recording.groups[k], diff.recording.groups[rate or 0]
-        if rate is None or pose.frame or speed.frame or (
-                len(speed.parts) < 3 if key == "attitude" else pose.parts != speed.parts):
-            continue
-        tau = np.diff(t)
+    tau = np.diff(t)
+    for k, rate in rated(diff.recording) if len(t) >= 8 else ():
+        pose, speed = diff.recording.groups[k], diff.recording.groups[rate]
         moved = np.diff(diff.gap[k], axis=0) / tau[:, None]
         mean = 0.5 * (diff.gap[rate][1:] + diff.gap[rate][:-1])
-        if key == "attitude":  # the rotation vector between them turns with the body
+        if pose.key == "attitude":  # the rotation vector between them turns with the body
             w = 0.5 * (diff.values[rate][1:] + diff.values[rate][:-1])
             moved = moved + np.cross(w, 0.5 * (diff.gap[k][1:] + diff.gap[k][:-1]))
         off = norms(moved - mean)
@@ -628,7 +612,7 @@ def _cause(scene: Scene, begun: Callable[[Scene], Scene], diff: Differences, unt
         return named[0].name, [
             f"cause{part}: {named[0]} (explains {100 * (1 - named[0].left):.3g} % of the difference)"]
     if named:
-        alike = " or ".join(each.name for each in named) if len(named) <= MOST_ALIKE else None
+        alike = " or ".join(each.name for each in named) if len(named) <= ALTERNATIVES else None
         return alike, ["cause: one of these, which make the same motion here: " + "; or ".join(map(str, named[:6]))]
     if jumps:
         return "jump", [f"cause: a jump, which no model makes here: {jumps[0]}"]

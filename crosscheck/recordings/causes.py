@@ -21,7 +21,7 @@ from crosscheck.diagnosis.of_laws import alternatives
 from crosscheck.diagnosis.of_sensors import filtered, mistakes
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import ArgumentError
-from crosscheck.recordings.comparing import POSES, RATES, Differences, Outputs, gaps, norms, part_of, restored
+from crosscheck.recordings.comparing import POSES, RATES, Differences, Outputs, gaps, norms, part_of, restored, shown
 from crosscheck.recordings.reading import Recording
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.alterations import FAILS, Alteration, alterations
@@ -47,9 +47,6 @@ CERTAIN = 0.02
 
 ROWS, NEIGHBOURS = 160, 2000
 """Rows over the whole recording in which motions are compared, and rows in a row in which neighbours are."""
-
-SHOWS = 0.02
-"""Part of the difference that a time shift makes in the first row if it can be told from the error of a step."""
 
 HOPELESS = 0.6
 """Part of the difference in the first rows that a hypothesis may leave there and still be fitted to all."""
@@ -405,7 +402,7 @@ def _times(near: Case, far: Case) -> Iterator[Cause]:
                             f"{abs(count):.0f} sample interval{'s' * (abs(count) > 1.5)} {side} its time", values)
             continue
         first = far.residual(values, slice(0, 1)) - far.residual(far.values, slice(0, 1))
-        alone = np.abs(first).max() > SHOWS  # otherwise a method of order one looks the same
+        alone = np.abs(first).max() > CERTAIN  # otherwise a method of order one looks the same
         yield far.cause(*(("time shift", f"the motion of {late:+.6g} s") if alone else (
             "time shift or large step", f"the motion of {late:+.6g} s, as semi-implicit Euler shows it with steps of "
             f"{2 * abs(late):.4g} s")), values, 1)
@@ -539,19 +536,12 @@ def _steps_missed(case: Case, piece: Recording, pairs: list[tuple[int, int | Non
 
 def _run(case: Case, made: Scene | Model | None, rows: int | None = None) -> Values | None:
     """The values of an altered scene, by lieeuler, or of terms that no scene has, in Python; None if it cannot run."""
-    times = np.unique(np.concatenate([[0.0], case.t[:rows]]))
-    try:
-        if isinstance(made, Model):
-            states = predict(made, times, step=2 * case.step)
-        elif made is not None:
-            states = motion(made, "rkmk853", case.step, times)
-        else:
-            return None
-    except FAILS:
+    if made is None:
         return None
-    shown = case.outputs if isinstance(made, Model) else Outputs(made, case.groups)
-    values = [value[len(states.t) - len(case.t[:rows]):] for value in shown.of(states)]
-    return case.whole(values, values)
+    scene = made.scene if isinstance(made, Model) else made
+    values = shown(scene, case.groups, case.t[:rows], lambda times: predict(made, times, step=2 * case.step) if (
+        isinstance(made, Model)) else motion(made, "rkmk853", case.step, times))
+    return None if values is None else case.whole(values, values)
 
 
 def _fitted(case: Case, build: Callable[[np.ndarray], Scene | Model | None], start: Sequence[float]
@@ -570,7 +560,7 @@ def _fitted(case: Case, build: Callable[[np.ndarray], Scene | Model | None], sta
             theta = gauss_newton(residual, theta)
         except FAILS:
             return theta, np.inf
-        if part < rows and np.linalg.norm(before) > SHOWS * whole and (  # what acts later shows nothing yet
+        if part < rows and np.linalg.norm(before) > CERTAIN * whole and (  # what acts later shows nothing yet
                 np.linalg.norm(residual(theta)) > HOPELESS * np.linalg.norm(before)):
             return theta, np.inf
     values = _run(case, build(theta))

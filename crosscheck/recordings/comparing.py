@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -18,7 +18,8 @@ from crosscheck.compare.apart import turn
 from crosscheck.judge.crossings import Crossed, across
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.scene import mechanics
-from crosscheck.scene.batch import integrate
+from crosscheck.scene.alterations import FAILS
+from crosscheck.scene.batch import TURN, integrate
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import hinge_angles, histories
 from crosscheck.scene.model import Scene
@@ -37,9 +38,6 @@ stops or servos, which remember the interval before, they follow each other, and
 
 MOST_FIGURES = 20_000
 """Rows of which energy, momentum and levels are computed."""
-
-TURN = 0.1
-"""Turn (rad) of the fastest motion in one step of the integration of an interval."""
 
 STEP = 1e-6
 """Of central differences of recorded quantities by states (rad, m)."""
@@ -139,6 +137,17 @@ class Differences:
         return which, int(np.nanargmax(beyond[which]))
 
 
+def shown(scene: Scene, groups: Sequence[Group], t: np.ndarray, move: Callable[[np.ndarray], Motion]
+          ) -> list[np.ndarray] | None:
+    """The values of groups at times t by a motion of the scene, of which `move` gives the states at times from 0 on;
+    None where that fails."""
+    try:
+        states = move(np.unique(np.concatenate([[0.0], t])))
+    except FAILS:
+        return None
+    return [value[-len(t):] for value in Outputs(scene, groups).of(states)] if len(states.t) >= len(t) else None
+
+
 def part_of(recording: Recording, index: Any) -> Recording:
     """Some rows of a recording."""
     groups = [dataclasses.replace(group, values=group.values[index], floor=group.floor[index])
@@ -182,23 +191,29 @@ def compare(scene: Scene, recording: Recording, truth: Any, since: float = 0.0) 
     return Differences(shown, recording, truth, t, joined, gap, floor)
 
 
+def rated(recording: Recording) -> Iterator[tuple[int, int]]:
+    """The numbers of the groups of poses, and of all their rates in the same parts and the usual axes."""
+    places = {(group.key, group.owner): k for k, group in enumerate(recording.groups)}
+    for (key, owner), k in places.items():
+        other = places.get((RATES[POSES.index(key)], owner)) if key in POSES else None
+        if other is not None:
+            pose, rate = recording.groups[k], recording.groups[other]
+            alike = len(rate.parts) == 3 if key == "attitude" else pose.parts == rate.parts
+            if alike and not pose.frame and not rate.frame:
+                yield k, other
+
+
 def differenced(recording: Recording) -> dict[int, tuple[int, float]]:
     """Recorded rates that are differences of the positions beside them: by group, that of the positions, and the error.
 
     A difference over one row is the rate half a row away, one over two rows the rate but for its curvature.
     """
-    places = {(group.key, group.owner): k for k, group in enumerate(recording.groups)}
     made: dict[int, tuple[int, float]] = {}
     t = recording.t
-    for (key, owner), k in places.items():
-        if key not in POSES or key == "attitude" or len(t) < 5:
-            continue
-        rate = places.get((RATES[POSES.index(key)], owner))
-        if rate is None:
-            continue
+    for k, rate in rated(recording):
         q, v = recording.groups[k], recording.groups[rate]
-        if q.parts != v.parts or q.frame or v.frame or q.point != v.point or not np.isfinite(
-                q.values).all() or not np.isfinite(v.values).all():
+        if len(t) < 5 or q.key == "attitude" or q.point != v.point or not (
+                np.isfinite(q.values).all() and np.isfinite(v.values).all()):
             continue
         moved, change = np.diff(q.values, axis=0) / np.diff(t)[:, None], np.abs(np.diff(v.values, axis=0)).max(axis=1)
         digits = 4 * (q.floor.max() / np.diff(t).min() + v.floor.max()) + 1e-12 * np.abs(v.values).max()

@@ -17,22 +17,17 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.lieeuler import motion
-from crosscheck.errors import CrosscheckError
-from crosscheck.recordings.comparing import Outputs, differenced, first_rows, gaps, norms, part_of, restored
+from crosscheck.diagnosis.fit import CLEAR
+from crosscheck.recordings.causes import TURN
+from crosscheck.recordings.comparing import differenced, first_rows, gaps, norms, part_of, restored, shown
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.model import Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
 
-CLEARER = 0.1
-"""A reading is taken if the motion from its start misses its rows by this part, or less, of what the others miss."""
-
 ROWS = 120
 """Rows over which readings are tried."""
-
-TURN = 0.15
-"""Turn (rad) of the fastest motion in a step of the motion that is tried."""
 
 Change = Callable[[Group], Group]
 
@@ -172,16 +167,12 @@ def missed(scene: Scene, recording: Recording, truth: Any, recorded_start: bool,
         return np.inf
     t = piece.t - since
     rate = max(float(np.linalg.norm(begun.w0, axis=-1).max()), fastest(scene), 1.0)
-    shown = Outputs(begun, piece.groups)
-    try:
-        states = motion(begun, "rkmk853", TURN / rate, np.unique(np.concatenate([[0.0], t])))
-    except (CrosscheckError, np.linalg.LinAlgError, FloatingPointError):
-        return np.inf
-    if len(states.t) < len(t):
+    moved = shown(begun, piece.groups, t, lambda times: motion(begun, "rkmk853", TURN / rate, times))
+    if moved is None:
         return np.inf
     worst = 0.0
-    for group, values in zip(piece.groups, shown.of(states), strict=True):
-        gap = norms(gaps(group, group.values, values[len(states.t) - len(t):], True))
+    for group, values in zip(piece.groups, moved, strict=True):
+        gap = norms(gaps(group, group.values, values, True))
         size = float(np.nanmax(norms(gaps(group, group.values, group.values[:1], True)), initial=0.0))
         seen = np.sqrt(np.nanmean(np.maximum(gap - 2 * group.floor, 0.0) ** 2))
         worst = max(worst, float(seen) / max(size, float(group.floor.max()), 1e-12))
@@ -195,12 +186,12 @@ def decided(scene: Scene, recording: Recording, truth: Any, recorded_start: bool
                             recorded_start) for choice in itertools.product((0, 1), repeat=len(asked)) if asked}
     usual = (0,) * len(asked)
     best = min(every, key=lambda choice: every[choice], default=usual)
-    if every and every[best] > CLEARER * every[usual]:
+    if every and every[best] > CLEAR * every[usual]:
         best = usual
     made = []
     for k, pair in enumerate(asked):
         other = tuple(1 - c if j == k else c for j, c in enumerate(best))
-        sure = np.isfinite(every[best]) and every[best] <= CLEARER * every[other]
+        sure = np.isfinite(every[best]) and every[best] <= CLEAR * every[other]
         made.append(dataclasses.replace(pair[best[k]], said=pair[best[k]].said + (
             " (the data decide)" if sure else " (the data do not tell)")))
     return made
@@ -220,14 +211,14 @@ def recorded_start(scene: Scene, recording: Recording, truth: Any) -> tuple[Stat
     plain = start_of(scene, recording, truth)
     off = missed(scene, recording, truth, True)
     rates = differenced(recording)
-    if rates and missed(scene, recording, truth, True, rates) < CLEARER * off:
+    if rates and missed(scene, recording, truth, True, rates) < CLEAR * off:
         start = start_of(scene, recording, truth, rates)
         if start is not None:
             named = ", ".join(recording.groups[k].label for k in rates)
             return *start, f"{named} from the positions, of which the recorded ones are differences"
-    if off > CLEARER**2:
+    if off > CLEAR**2:
         best, said = recording, ""
-        least = CLEARER * off
+        least = CLEAR * off
         for mistake in mistakes(recording.groups):
             made = read_as(recording, [mistake])
             left = missed(scene, made, truth, True)

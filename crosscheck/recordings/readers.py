@@ -94,6 +94,7 @@ def _mat(path: Path, scene: Scene) -> Source:
 
 def _mcap(path: Path, scene: Scene) -> Source:
     """The numbers of all messages of ROS 2 or in JSON, a row a message, at its stamp or when it was logged."""
+    import pandas as pd
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
@@ -113,12 +114,8 @@ def _mcap(path: Path, scene: Scene) -> Source:
     if not any(row for _, row in rows):
         raise ArgumentError(f"{path}: no message of ROS 2 or in JSON holds numbers")
     rows.sort(key=lambda pair: pair[0])
-    first = rows[0][0]
-    columns = {name: np.full(len(rows), np.nan) for name in dict.fromkeys(name for _, row in rows for name in row)}
-    for k, (_, row) in enumerate(rows):
-        for name, value in row.items():
-            columns[name][k] = value
-    return Source(str(path), {"t": np.array([t - first for t, _ in rows]), **columns})
+    frame = pd.DataFrame([{"t": t - rows[0][0], **row} for t, row in rows], dtype=float)
+    return Source(str(path), _of_frame(frame))
 
 
 READERS: dict[str, Callable[[Path, Scene], Source]] = {".npz": _npz, ".parquet": _parquet, ".mat": _mat, ".mcap": _mcap}

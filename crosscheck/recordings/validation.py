@@ -16,12 +16,13 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import chdtr
 
+from crosscheck.diagnosis.fit import PART
 from crosscheck.errors import ArgumentError, Unsupported, unknown
 from crosscheck.recordings.columns import EFFORTS
 from crosscheck.recordings.inputs import OF_JOINTS, System
@@ -76,9 +77,6 @@ MISSED = 1.645
 ALIKE = 9.2
 """Difference of chi^2 up to which causes are told together: a likelihood of one hundredth."""
 
-EXPLAINS = 0.5
-"""Least part of what a log misses beyond its noise that a cause has to explain."""
-
 STATED = ("mass", "friction", "delay")
 """Of which every answer states the smallest that would have shown."""
 
@@ -86,38 +84,51 @@ BY_NAME = {each.what: each for each in QUANTITIES}
 
 
 @dataclasses.dataclass
-class Cause:
+class Sized:
     """An alteration of the model, its size and its standard deviation in SI (relative for %)."""
 
     what: str
     owner: str
     unit: str
-    size: float
-    sigma: float
-    chi2: float
-    free: int
-    second: Cause | None = None  # that acts at the same time
-    since: float | None = None  # s, where it acts from some time on alone
-    way: str = ""  # of a sign: what has the other one
+    size: float = 0.0
+    sigma: float = math.inf
 
     @property
     def name(self) -> str:
         """Without its size."""
-        own = f"sign of {self.owner}'s {self.way}" if self.way else BY_NAME[self.what].of_owner(self.owner)
-        return own if self.second is None else f"{own} with {self.second.name}"
+        return BY_NAME[self.what].of_owner(self.owner)
 
     @property
     def said(self) -> str:
         """With its size and 95 % interval."""
-        if self.way:
-            return f"{self.name}, which is the other one"
-        factor, half = 100.0 if self.unit == "%" else 1.0, 1.96 * self.sigma
-        width = f"{factor * half:.2g}"
+        factor = 100.0 if self.unit == "%" else 1.0
+        width = f"{factor * 1.96 * self.sigma:.2g}"
         places = 2 - math.ceil(math.log10(float(width))) if 0.0 < float(width) < math.inf else 3
-        size = f"{factor * self.size:+.{max(places, 0)}f} {self.unit}, 95 % within {width} {self.unit}"
-        own = f"{BY_NAME[self.what].of_owner(self.owner)} {size}" + (
+        return f"{self.name} {factor * self.size:+.{max(places, 0)}f} {self.unit}, 95 % within {width} {self.unit}"
+
+
+@dataclasses.dataclass
+class Cause:
+    """Alterations that act together, and the chi^2 that they leave."""
+
+    parts: list[Sized]
+    chi2: float = math.inf
+    free: int = 1
+    since: float | None = None  # s, where they act from some time on alone
+    sign: str = ""  # what has the other sign, in place of alterations
+
+    @property
+    def name(self) -> str:
+        """Without sizes."""
+        return f"sign of {self.sign}" if self.sign else " with ".join(each.name for each in self.parts)
+
+    @property
+    def said(self) -> str:
+        """With sizes and 95 % intervals."""
+        if self.sign:
+            return f"{self.name}, which is the other one"
+        return ", with ".join(each.said for each in self.parts) + (
             "" if self.since is None else f", from {self.since:.4g} s on")
-        return own if self.second is None else f"{own}, with {self.second.said}"
 
     @property
     def left(self) -> float:
@@ -126,8 +137,8 @@ class Cause:
 
     @property
     def sure(self) -> bool:
-        """Whether its size, and that of the second one, is none by chance."""
-        return abs(self.size) > CRITICAL * self.sigma and (self.second is None or self.second.sure)
+        """Whether no size is none by chance."""
+        return all(abs(each.size) > CRITICAL * each.sigma for each in self.parts)
 
 
 @dataclasses.dataclass
@@ -161,15 +172,21 @@ class Predicted:
         return np.asarray(np.sqrt(self.u_D**2 + self.u_input**2 + self.u_num**2))
 
 
+class Track(NamedTuple):
+    """What was recorded of a coordinate, or of a rate."""
+
+    t: np.ndarray
+    values: np.ndarray
+    noise: Noise
+
+
 class Log:
     """The positions of all joints in a recording, their noise, and segments with the states at their starts."""
 
     def __init__(self, scene: Scene, recording: Recording) -> None:
         groups = {g.owner: g for g in recording.groups if g.key == "joint_position"}
         self.names = [joint.name for joint in scene.joints]
-        self.t: list[np.ndarray] = []
-        self.q: list[np.ndarray] = []
-        self.noise: list[Noise] = []
+        tracks = self.tracks = list[Track]()  # of the positions of each joint, then of its rates
         for joint in scene.joints:
             if joint.name not in groups:
                 raise Unsupported(f"the positions of joint {joint.name!r} are not recorded, which states start from")
@@ -180,12 +197,10 @@ class Log:
                 values = np.unwrap(values)
             if len(values) < 40:
                 raise Unsupported(f"joint {joint.name!r}: {len(values)} positions are recorded; 40 at least are wanted")
-            self.t.append(recording.t[known])
-            self.q.append(values)
-            self.noise.append(measured(self.t[-1], values))
-        own = [float(np.median(np.diff(t))) for t in self.t]
-        self.period, first = max(own), self.t[int(np.argmax(own))]
-        begin, end = max(t[0] for t in self.t), min(t[-1] for t in self.t)
+            tracks.append(Track(recording.t[known], values, measured(recording.t[known], values)))
+        own = [float(np.median(np.diff(each.t))) for each in tracks]
+        self.period, first = max(own), tracks[int(np.argmax(own))].t
+        begin, end = max(each.t[0] for each in tracks), min(each.t[-1] for each in tracks)
         free, self.left_out = self._free(scene, first, begin, end)
         leads = np.minimum(EDGE * self.period, 0.02 * np.diff(free)[:, 0])  # a start has rows on both sides
         lengths = np.diff(free)[:, 0] - leads
@@ -207,20 +222,20 @@ class Log:
             self.share *= SEGMENTS / len(self.starts)
             some = np.unique(np.linspace(0, len(self.starts) - 1, SEGMENTS).astype(int))
             self.starts, self.reach, self.within = self.starts[some], self.reach[some], self.within[some]
-        made = [states(t, q, self.starts, noise, self.within)
-                for t, q, noise in zip(self.t, self.q, self.noise, strict=True)]
+        made = [states(t, q, self.starts, noise, self.within) for t, q, noise in tracks]
         self.noise = [noise for *_, noise in made]
         self.state = np.stack([values for values, *_ in made], axis=1)  # (S, n, 2)
         self.spread = np.stack([spread for _, spread, _ in made], axis=1)  # (S, n, 2, 2)
-        self.moved = np.array([float(np.ptp(q)) for q in self.q])
-        self.rates: list[tuple[np.ndarray, np.ndarray, Noise]] = []
+        self.moved = np.array([float(np.ptp(each.values)) for each in tracks])
         self.said: list[str] = []
         given = {g.owner: g.values[:, 0] for g in recording.groups if g.key == "joint_velocity"}
-        for joint, t, q, noise in zip(scene.joints, self.t, self.q, self.noise, strict=True):
+        self.tracks = [each._replace(noise=noise) for each, noise in zip(tracks, self.noise, strict=True)]
+        for joint, (t, q, noise) in zip(scene.joints, [*self.tracks], strict=True):
             r = given.get(joint.name, np.full(len(recording.t), np.nan))
             both = np.isfinite(r) & np.isin(recording.t, t)
             found, what = of_rates(recording.t[both], q[np.isin(t, recording.t[both])], noise.sigma, r[both], CRITICAL)
-            self.rates.append((recording.t[both], r[both], found) if found else (np.zeros(0), np.zeros(0), noise))
+            rate = Track(recording.t[both], r[both], found or noise)
+            self.tracks.append(rate if found else Track(rate.t[:0], rate.values[:0], noise))
             if joint.name in given:
                 self.said.append(f"{joint.name} {what}" + ("" if found else ", not used"))
 
@@ -238,7 +253,7 @@ class Log:
               ) -> tuple[np.ndarray, dict[str, float]]:
         """((intervals, 2) s in which nothing acts that is no part of predictions, s that each other thing takes)."""
         blocked: dict[str, list[np.ndarray]] = {}
-        for joint, t, q, noise in zip(scene.joints, self.t, self.q, self.noise, strict=True):
+        for joint, (t, q, noise) in zip(scene.joints, self.tracks, strict=True):
             gap = np.flatnonzero(np.diff(t) > max(0.1 * HALF, 5 * self.period))
             blocked.setdefault("gaps", []).append(np.stack([t[gap], t[gap + 1]], axis=1))
             ranges = [(each.lower, each.upper) for each in scene.monitors
@@ -247,8 +262,7 @@ class Log:
                 room = np.minimum(q - lower, upper - q)
                 blocked.setdefault(f"the ends of {joint.name}", []).append(_around(t, room < 3 * noise.sigma))
         some = rows[::max(1, int(STEP / self.period))]
-        for name, near in touches(scene, some, np.stack([np.interp(some, t, q) for t, q in zip(
-                self.t, self.q, strict=True)], axis=1)):
+        for name, near in touches(scene, some, np.stack([np.interp(some, t, q) for t, q, _ in self.tracks], axis=1)):
             blocked.setdefault(name, []).append(_around(some, near))
         taken = {name: np.concatenate(each).clip(begin, end) for name, each in blocked.items()}
         every = np.concatenate([np.zeros((0, 2)), *taken.values(), [[end, end]]])
@@ -260,7 +274,7 @@ class Log:
     def rows(self, k: int, start: float, span: float, most: int) -> tuple[np.ndarray, np.ndarray, float]:
         """(s since the start, means, standard deviation of a mean) of the positions, and after these of the rates, of
         a joint in a segment, at most so many."""
-        t, q, noise = [*zip(self.t, self.q, self.noise, strict=True), *self.rates][k]
+        t, q, noise = self.tracks[k]
         part = slice(*np.searchsorted(t, [start, start + span * (1 + 1e-12)]))
         t, q = t[part] - start, q[part]
         many = max(1, -(-len(t) // most))
@@ -354,8 +368,7 @@ class Fit:
             ends = [np.hstack([part[-1] for part in system.flow(*rows, span, self.step * part)[1:3]])
                     for part in (1.0, 0.5)]
             u_num = np.abs(ends[1] - ends[0]).max(axis=0)
-            if (u_num < 0.3 * np.array([noise.sigma if len(t) else math.inf for t, _, noise in [
-                    *zip(log.t, log.q, log.noise, strict=True), *log.rates]])).all():
+            if (u_num < 0.3 * np.array([noise.sigma if len(t) else math.inf for t, _, noise in log.tracks])).all():
                 break
             self.step /= 2
         self.sizes = self._sizes()
@@ -484,8 +497,8 @@ class Fit:
         log = self.log
         n = self.system.n
         made = [[log.rows(k, log.starts[row], log.span, ROWS) for k in range(2 * n)] for row in self.picked]
-        lost = [np.diff(log.t[0][slice(*np.searchsorted(log.t[0], [start, start + log.span]))]) for start in log.starts[
-            self.picked]]
+        t = log.tracks[0].t
+        lost = [np.diff(t[slice(*np.searchsorted(t, [start, start + log.span]))]) for start in log.starts[self.picked]]
         lost = [gaps[gaps > 1.5 * log.period] for gaps in lost]  # in which a held input was another one
         return [[(t, q, math.hypot(scale, self.pushed[k % n] * math.sqrt(float(gaps @ gaps)) * (
             log.span / math.sqrt(3) if k < n else 1.0))) for k, (t, q, scale) in enumerate(rows)]
@@ -550,16 +563,17 @@ class Fit:
         for j, h in enumerate(horizons):
             place = min(round(h / self.step), len(grid) - 1)
             for k in range(n):
-                at = np.clip(np.searchsorted(log.t[k], log.starts + h - 0.5 * log.period), 0, len(log.t[k]) - 1)
-                since = log.t[k][at] - log.starts
+                t, q_k, noise = log.tracks[k]
+                at = np.clip(np.searchsorted(t, log.starts + h - 0.5 * log.period), 0, len(t) - 1)
+                since = t[at] - log.starts
                 told = np.array([hermite(grid, q[:, s, k], v[:, s, k], since[s:s + 1])[0] for s in rows])
-                gap = log.q[k][at] - told
+                gap = q_k[at] - told
                 error[:, k, j] = np.where((np.abs(since - h) <= 2 * log.period) & (h <= log.reach * 1.01), gap, np.nan)
                 Phi = by_start[place][like][:, k]  # (S, 2n)
                 spread = np.zeros((len(rows), 2 * n, 2 * n))
                 for i in range(n):
                     spread[:, i::n, i::n] = log.spread[:, i]
-                variance[:, k, j] = np.einsum("si,sij,sj->s", Phi, spread, Phi) + log.noise[k].sigma**2
+                variance[:, k, j] = np.einsum("si,sij,sj->s", Phi, spread, Phi) + noise.sigma**2
                 given[:, k, j] = np.sum((by_altered[place][like][:, k] * prior[prior > 0]) ** 2, axis=1) + (
                     self.unknown[k, k] * log.period * h**3 / 3)
         num = np.zeros((n, len(horizons))) if u_num is None else u_num
@@ -650,7 +664,7 @@ def refined(fit: Fit, which: Sequence[int], begin: float = 0.0, rounds: int = 8)
     altered, begun, last, rows = np.zeros(len(fit.system.names)), fit.begun, len(fit.system.names) - 1, list(which)
     altered[rows] = begin
     named = [(*fit.system.names[k], fit.system.units[k]) for k in rows]
-    made, before = [Cause(*name, 0.0, math.inf, math.inf, 1) for name in named], math.inf
+    made, before = Cause([Sized(*name) for name in named]), math.inf
     parts = PARTS if fit.system.unsure and ("delay", "") not in [fit.system.names[k] for k in rows] else np.zeros(1)
     for _ in range(rounds):
         N, b, chi2, free = fit.normal([*rows, last], altered)
@@ -664,15 +678,14 @@ def refined(fit: Fit, which: Sequence[int], begin: float = 0.0, rounds: int = 8)
             some = own > 0
             sizes = change[k] + np.array([rest[k] - each[k] @ moved for each, rest in fit.parts])[some] / own[some]
             spread = math.sqrt(sigma[k] ** 2 * spare + scatter(sizes, own[some] / spare))
-            made[k] = Cause(*name, float(altered[rows[k]] + change[k]), spread, chi2 + gain, free)
+            made.parts[k] = Sized(*name, float(altered[rows[k]] + change[k]), spread)
+        made.chi2, made.free = chi2 + gain, free
         altered[rows], altered[last] = altered[rows] + change, altered[last] + part
         fit.begun = fit.begun + fit.follows @ moved
-        if all(abs(by) < 0.05 * each.sigma for by, each in zip(change, made, strict=True)):
+        if all(abs(by) < 0.05 * each.sigma for by, each in zip(change, made.parts, strict=True)):
             break
     fit.begun = begun
-    if len(rows) == 1:
-        return since(fit, rows[0], made[0])
-    return functools.reduce(lambda rest, each: dataclasses.replace(each, second=rest), made[::-1])
+    return since(fit, rows[0], made) if len(rows) == 1 else made
 
 
 def since(fit: Fit, k: int, cause: Cause) -> Cause:
@@ -685,7 +698,7 @@ def since(fit: Fit, k: int, cause: Cause) -> Cause:
     later = copy.copy(fit)
     later.picked, later.begun, later.nominal = fit.picked[first + 1:], fit.begun[first + 1:], fit.nominal[:, first + 1:]
     later.data = fit.data[first + 1:]
-    made = refined(later, [k], cause.size)
+    made = refined(later, [k], cause.parts[0].size)
     made = dataclasses.replace(made, chi2=made.chi2 + left[:first].sum() + free[first], free=made.free + int(
         free[:first + 1].sum()), since=float(fit.log.starts[fit.picked[first]]))
     return made if cause.chi2 - made.chi2 > CRITICAL**2 * max(1.0, made.chi2 / made.free) else cause
@@ -787,7 +800,7 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
                 skipped += 1
             elif (cause := way()).sure:
                 made.append(cause)
-        made.sort(key=lambda cause: cause.chi2 + ALIKE * (cause.second is not None))
+        made.sort(key=lambda cause: cause.chi2 + ALIKE * (len(cause.parts) > 1))
 
     def lacking(enough: float = ENOUGH) -> bool:
         return explains() < enough and made[0].chi2 > COVER * free and not len(known)
@@ -796,7 +809,8 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
         made[0].chi2 > COVER * free or N[k, order[0]] ** 2 > PARALLEL * N[k, k] * N[order[0], order[0]]))
     if lacking(1.0):
         more(functools.partial(cut_off, fit, k) for k in range(system.n) if system.efforts[k])
-    if lacking() or (made[0].what == "torque gain" and made[0].size < -1.0):
+    part = made[0].parts[0]
+    if lacking() or (part.what == "torque gain" and part.size < -1.0):
         more(functools.partial(reversed_sign, fit, k, way) for k in range(system.n) for way in SIGNS)
     if lacking():
         pairs = [(i, j) for i, j in itertools.combinations(np.flatnonzero(sizes < math.inf).tolist(), 2)
@@ -808,10 +822,9 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
     spare = max(1.0, best.chi2 / free)
     if not best.sure and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
-    named = explains() > EXPLAINS and best.sure
-    alike = [each for each in made if each.chi2 - best.chi2 <= ALIKE * spare and (
-        each.second is None or best.second is not None)]
-    alike = [each for each in alike if each.way] or alike  # there is nothing to fit in it
+    named = explains() > PART and best.sure
+    alike = [each for each in made if each.chi2 - best.chi2 <= ALIKE * spare and len(each.parts) <= len(best.parts)]
+    alike = [each for each in alike if each.sign] or alike  # there is nothing to fit in it
     if predicted.since is not None:
         for each in alike:
             if each.since is not None and each.since < predicted.since < each.since + log.span:
@@ -833,9 +846,9 @@ def reversed_sign(fit: Fit, k: int, way: str) -> Cause:
     """The k-th joint's positions and rates, its inputs, or both with the other sign."""
     log, system = copy.copy(fit.log), copy.copy(fit.system)
     if "positions" in way:
-        log.q, log.rates, log.state = [*log.q], [*log.rates], log.state.copy()
-        t, rates, noise = log.rates[k]
-        log.q[k], log.rates[k] = -log.q[k], (t, -rates, noise)
+        log.tracks, log.state = [*log.tracks], log.state.copy()
+        for row in (k, k + system.n):
+            log.tracks[row] = log.tracks[row]._replace(values=-log.tracks[row].values)
         log.state[:, k] *= -1.0
     if "inputs" in way:
         for name in ("efforts", "targets", "target_velocities"):
@@ -844,7 +857,7 @@ def reversed_sign(fit: Fit, k: int, way: str) -> Cause:
     other = Fit(log, system, len(fit.picked))
     other.unknown = fit.unknown
     _, _, chi2, free = other.normal((), np.zeros(len(system.names)))
-    return Cause("sign", log.names[k], "", 1.0, 0.0, chi2, free, way=way)
+    return Cause([], chi2, free, sign=f"{log.names[k]}'s {way}")
 
 
 CUTS, SIGNS = (-0.1, -0.3, -0.5, -0.7), ("inputs", "positions", "positions and inputs")

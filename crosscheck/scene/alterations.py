@@ -26,7 +26,7 @@ MASSLESS = 1e-3
 """Part of the scene's mass below which a mass counts as none."""
 
 GONE = 1e-6
-"""Part of the scene's value below which a stiffness, a damping or a gravity counts as none."""
+"""Part of a scale below which a value, such as a stiffness or a distance, or a change counts as none."""
 
 PARALLEL = 1e-9
 """One minus the cosine of the angle between a fitted gravity and the scene's, below which it is rounding of the fit."""

@@ -135,7 +135,7 @@ def _look_through(subject: Subject, first: Observation, scene: Scene, step: floa
         return
     answer.evidence.append(late.evidence)
     answer.causes += late.causes
-    seen = None if late.causes else of_run.observation(subject, scene, first.scale, late.until)
+    seen = None if late.causes else answer.ask(of_run.observation, subject, scene, first.scale, late.until)
     if seen is not None:
         fitted = dataclasses.replace(answer, causes=[], candidates=[], unexplained=[])
         of_model.diagnose(subject, seen, fitted, alone=True)
@@ -164,7 +164,7 @@ def _judge(subject: Subject, first: Observation, noise: Noise | None, answer: Ex
             return
     known: Known | None = Known.of(scene)
     if deviation > max(ALLOWED_VIOLATION, fit.EXPLAINED * first.noise):
-        if (limited := of_stepping.limited(subject, first)) is not None:
+        if (limited := answer.ask(of_stepping.limited, subject, first)) is not None:
             answer.causes.append(limited)
             return
         if noise is not None and noise.cause is None and subject.order(scene) is not None and of_stepping.adds_up(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.diagnosis.fit import CLEAR, EXPLAINED, Case, altered, search, simplest
-from crosscheck.diagnosis.observe import Silent, Subject
+from crosscheck.diagnosis.observe import Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.running.run import run
 from crosscheck.scene.alterations import Alteration, numbered
@@ -57,10 +57,7 @@ def diagnose(subject: Subject, scene: Scene, answer: Explanation) -> bool:
     order = subject.order(scene)
     sizes = [{"rtol": rtol} for rtol in RTOLS] if order is None else [
         {"step": scene.duration / steps} for steps in (STEPS, 2 * STEPS)]
-    try:
-        coarse, fine = (_coordinates(scene, subject.run(scene, **size).states) for size in sizes)
-    except Silent:
-        return False
+    coarse, fine = (_coordinates(scene, subject.run(scene, **size).states) for size in sizes)
     observed = fine + (fine - coarse) / (2.0 ** (order or 60) - 1.0)
     noise = max(SEEN, LEFT * float(np.abs(observed - coarse).max()))
     case = Coordinates(scene, observed, noise)

@@ -76,7 +76,7 @@ def diagnose(subject: Subject, first: Observation, answer: Explanation, alone: b
         return None
     absent = _frozen(copies, answer)
     start = answer.ask(_starts, copies, absent, answer, otherwise=(scene.R0, scene.w0))
-    model, soft = answer.ask(_accelerations, subject, copies, absent, answer, otherwise=(None, False))
+    model, soft = answer.ask(_accelerations, copies, absent, answer, otherwise=(None, False))
     return Known(model or of_scene(scene, absent=absent), start, soft, report.undo if report else None, absent,
                  bool(answer.causes))
 
@@ -197,7 +197,7 @@ def _starts(copies: list[ObservedCopy], absent: int | None, answer: Explanation)
 # --- how it moves -----------------------------------------------------------------------------------------------------
 
 
-def _accelerations(subject: Subject, copies: list[ObservedCopy], absent: int | None, answer: Explanation
+def _accelerations(copies: list[ObservedCopy], absent: int | None, answer: Explanation
                    ) -> tuple[Model | None, bool]:
     """(the model that is fitted to the accelerations, or None; whether joints give way by a law that is not known)."""
     scene, soft = copies[0].observation.scene, of_joints.gives_way(copies[0], absent)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crosscheck.diagnosis import fit
-from crosscheck.diagnosis.observe import FASTEST, REACH, RTOLS, Observation, Scale, Silent, Subject, rates, true_motion
+from crosscheck.diagnosis.observe import FASTEST, REACH, RTOLS, Observation, Scale, Subject, rates, true_motion
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene.alterations import FAILS, GONE
@@ -264,10 +264,7 @@ def shifts(scene: Scene, scale: Scale, y: np.ndarray) -> np.ndarray | None:
 def late(subject: Subject, first: Observation) -> NamedCause | None:
     """The cause if the error at a finite step is one of times: of the outputs, or of functions of time."""
     scene, scale = first.scene, first.scale
-    try:
-        y, exact = (scale.flat(each) for each in (subject.run(scene, scene.interval).states, true_motion(scene)))
-    except Silent:
-        return None
+    y, exact = (scale.flat(each) for each in (subject.run(scene, scene.interval).states, true_motion(scene)))
     return _late_output(scene, scale, y, exact) or (_late_drive(scene, scale, y, exact) if scene.timed else None)
 
 
@@ -339,10 +336,7 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
     finest = scene.interval / FINE
     asked = ((finest, None), (finest, None), (COARSER * finest, None)) if subject.order(scene) is not None else (
         (None, RTOLS[1]), (None, RTOLS[1]), (None, COARSER**2 * RTOLS[1]))
-    try:
-        one, two, coarse = (subject.run(scene, *each).states for each in asked)
-    except Silent:
-        return None
+    one, two, coarse = (subject.run(scene, *each).states for each in asked)
     y, exact = scale.flat(one), scale.flat(true_motion(scene))
     size = rough(y - exact)
     again = float(np.abs(y - scale.flat(two)).max())

@@ -233,14 +233,8 @@ def observation(subject: Subject, scene: Scene, scale: Scale, time: float) -> Ob
     counts = (2, 4) if (order or 4) >= 4 else (8, 16)
     if (order is not None and counts[-1] * start > MOST_STEPS) or whole.duration > scene.duration:
         return None
-    try:
-        if order is None:
-            runs = [subject.run(whole, rtol=rtol).states for rtol in RTOLS]
-        else:
-            runs = [subject.run(whole, interval / count).states for count in counts]
-    except Silent:
-        return None
-    rough, fine = (scale.flat(run) for run in runs)
+    sizes = [(None, rtol) for rtol in RTOLS] if order is None else [(interval / count, None) for count in counts]
+    rough, fine = (scale.flat(subject.run(whole, *size).states) for size in sizes)
     gain = 0.0 if order is None else 1.0 / (2.0**order - 1.0)
     y = fine + gain * (fine - rough)
     noise = float(np.abs(fine - rough)[start:].max()) * max(gain, 0.1) + 1e-12

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from crosscheck.diagnosis.observe import RTOLS, Scale, Silent, Subject
+from crosscheck.diagnosis.observe import RTOLS, Scale, Subject
 from crosscheck.diagnosis.result import Evidence, Explanation
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, Sensor, quaternion_product
@@ -61,10 +61,7 @@ def add(subject: Subject, scene: Scene, scale: Scale, step: float | None, answer
     interval = min(step or TURN / (scale.rate * scale.fast), scene.duration / STEPS)
     brief = scene.replace(duration=STEPS * interval, samples=STEPS + 1)
     fixed = subject.order(scene) is not None
-    try:
-        states = subject.run(brief, interval if fixed else None, None if fixed else RTOLS[1]).states
-    except Silent:
-        return
+    states = subject.run(brief, interval if fixed else None, None if fixed else RTOLS[1]).states
     for sensor in scene.sensors:
         if (given := (states.sensors or {}).get(sensor.name)) is None:
             continue

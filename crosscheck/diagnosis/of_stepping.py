@@ -73,7 +73,7 @@ def diagnose(subject: Subject, first: Observation, known: Known, answer: Explana
     if order is None:
         return
     if first.order is not None and first.order < order - CLEAR and not known.altered:
-        shown = of_output.late(subject, first)
+        shown = answer.ask(of_output.late, subject, first)
         answer.tried += shown is None
         if shown is not None:
             answer.test(Evidence(shown.name, "report", first.order, None, f"observed order, documented {order}",
@@ -96,11 +96,8 @@ def limited(subject: Subject, first: Observation) -> NamedCause | None:
     if subject.order(scene) is None:
         return None
     step = scene.interval / 2
-    try:
-        fine, finer = (subject.run(scene, size).states for size in (step, step / 2))
-        once = subject.run(scene.replace(samples=2), scene.duration).states
-    except Silent:
-        return None
+    fine, finer = (subject.run(scene, size).states for size in (step, step / 2))
+    once = subject.run(scene.replace(samples=2), scene.duration).states
     alike = all(np.array_equal(getattr(fine, name), getattr(finer, name)) for name in "xRvw")
     exact = np.allclose(once.x[-1], fine.x[-1], rtol=0.0, atol=REFINED * first.scale.length)  # at any step
     if not alike or exact:
@@ -243,10 +240,7 @@ def _lower_order(subject: Subject, first: Observation, order: int, known: Known,
 def _substeps(subject: Subject, first: Observation, order: int, answer: Explanation) -> None:
     """Name steps that the engine itself counts beyond those that were asked for."""
     brief, asked = first.scene.replace(duration=1.0 / first.scale.rate, samples=2), 4 if order == 4 else 16
-    try:
-        steps = subject.run(brief, brief.duration / asked).steps
-    except Silent:
-        return
+    steps = subject.run(brief, brief.duration / asked).steps
     if steps > asked:
         answer.test(Evidence("hidden sub-steps", "numerics", float(asked), float(steps), "steps asked for and taken",
                              f"{steps / asked:g} steps for each that is asked for, by its own count", True),
@@ -270,10 +264,7 @@ def _gain(subject: Subject, first: Observation, known: Known, answer: Explanatio
     there = [joint for joint in scene.joints if known.absent not in (joint.parent, joint.child)]
     if not there or any(joint.kind.keeps_attitude for joint in there):
         return
-    try:
-        seen = observe(subject, pushed(scene, scale), scale)
-    except Silent:
-        return
+    seen = observe(subject, pushed(scene, scale), scale)
     states, constraints = seen.states if known.undo is None else known.undo(seen.states), Constraints(scene)
     inner = slice(REACH, len(states.t) - REACH)
     x, R, v, w = (getattr(states, name)[inner] for name in ("x", "R", "v", "w"))

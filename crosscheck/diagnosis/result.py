@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+from crosscheck.diagnosis.observe import Silent
 from crosscheck.document.outcomes import EXIT_CODES, Outcome, code
 from crosscheck.scene.alterations import FAILS
 
@@ -76,10 +77,14 @@ class Explanation:
         return evidence.holds
 
     def ask(self, question: Callable[..., Any], *given: object, otherwise: Any = None) -> Any:
-        """What a question finds. One that fails on what an engine gives is left out; then nothing is "no difference".
+        """What a question finds; nothing, if a run that it needs fails.
+
+        One that fails itself on what an engine gives is left out; then nothing is "no difference".
         """
         try:
             return question(*given)
+        except Silent:
+            return otherwise
         except FAILS as error:
             name = f"{question.__module__.rpartition('.')[2]}.{question.__name__}"
             self.left_out.append(f"{name} was left out: {type(error).__name__}: {error}")

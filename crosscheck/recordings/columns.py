@@ -232,7 +232,7 @@ def assigned(scene: Scene, source: Source, rows: Mapping[str, Row]) -> Assigned:
 def recognised(scene: Scene, source: Source, known: Mapping[str, Column], columns: Sequence[str]
                ) -> tuple[dict[str, tuple[Row, frozenset[str]]], dict[str, list[str]]]:
     """(what the words in foreign names say, and what they leave open; meanings that several columns may have)."""
-    stated = _stated(scene, source, known, columns)
+    stated = _stated(source, known, columns)
     says = {column: _said(scene, source, known, column) for column in columns if column not in stated}
     says |= {column: (Row(target), frozenset[str]()) for column, target in stated.items() if target}
     claims: dict[str, list[str]] = {}
@@ -268,7 +268,7 @@ def recognised(scene: Scene, source: Source, known: Mapping[str, Column], column
     return made, {what: names for what, names in claims.items() if len(names) > 1 and what != "t"}
 
 
-def _stated(scene: Scene, source: Source, known: Mapping[str, Column], columns: Sequence[str]) -> dict[str, str]:
+def _stated(source: Source, known: Mapping[str, Column], columns: Sequence[str]) -> dict[str, str]:
     """Columns of a joint state in one row, and what they are: name0 holds the joint whose angle is in position0."""
     made = {}
     for column in columns:

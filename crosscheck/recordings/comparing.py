@@ -39,6 +39,9 @@ stops or servos, which remember the interval before, they follow each other, and
 MOST_FIGURES = 20_000
 """Rows of which energy, momentum and levels are computed."""
 
+FIRST = 5
+"""Rows from which a recorded start is read."""
+
 STEP = 1e-6
 """Of central differences of recorded quantities by states (rad, m)."""
 
@@ -155,11 +158,11 @@ def part_of(recording: Recording, index: Any) -> Recording:
     return dataclasses.replace(recording, t=recording.t[index], groups=groups)
 
 
-def first_rows(recording: Recording, count: int = 5) -> Recording | None:
+def first_rows(recording: Recording) -> Recording | None:
     """The first rows that have all quantities; where topics come at different times, between the rows of each."""
     rows = np.flatnonzero(recording.complete)
     if len(rows):
-        return part_of(recording, rows[:count])
+        return part_of(recording, rows[:FIRST])
     known = [np.flatnonzero(np.isfinite(g.values.reshape(len(recording.t), -1)).all(axis=1)) for g in recording.groups]
     least = min(known, key=len)
     t = recording.t[least]
@@ -168,12 +171,12 @@ def first_rows(recording: Recording, count: int = 5) -> Recording | None:
         return None
     groups = []
     for group, rows in zip(recording.groups, known, strict=True):
-        values = CubicSpline(recording.t[rows], group.values[rows])(t[:count])
+        values = CubicSpline(recording.t[rows], group.values[rows])(t[:FIRST])
         if group.key == "attitude":
             U, _, Vt = np.linalg.svd(values)
             values = U @ Vt
         groups.append(dataclasses.replace(group, values=values, floor=np.full(len(values), group.floor[rows].max())))
-    return dataclasses.replace(recording, t=t[:count], groups=groups)
+    return dataclasses.replace(recording, t=t[:FIRST], groups=groups)
 
 
 def compare(scene: Scene, recording: Recording, truth: Any, since: float = 0.0) -> Differences:

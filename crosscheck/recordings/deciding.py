@@ -83,7 +83,7 @@ def questions(scene: Scene, groups: list[Group]) -> list[tuple[Reading, Reading]
     for flag, keys, usual, other, change in asked:
         left = [group for group in groups if flag in group.open and group.key in keys]
         if left:
-            where = ", ".join(dict.fromkeys(name for group in left for name in group.columns))
+            where = _named(left)
             point = "".join(f", point = {list(origins[owner])}" for owner in dict.fromkeys(
                 group.owner for group in left)) if flag == "point" else ""
             made.append((Reading(f"{where} {usual}", list),

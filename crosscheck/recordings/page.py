@@ -38,7 +38,7 @@ def write_page(verdict: Verdict, folder: Path) -> Path:
         if verdict.defects is not None:
             put(folder / "defects.csv", verdict.defects.to_csv(index=False))
     return page_of(folder, "recording.html.j2", verdict=verdict, scene=verdict.scene, curves=_predicted(
-        verdict) if seen is None else _curves(verdict, seen), drawn=None if seen is None else _drawn(verdict, seen))
+        verdict) if seen is None else _curves(verdict, seen), drawn=None if seen is None else _drawn(seen))
 
 
 def write_all(verdicts: Mapping[str, Verdict], folder: Path) -> None:
@@ -95,7 +95,7 @@ def _curves(verdict: Verdict, diff: Differences) -> dict[str, object]:
     return {"errors": errors, "defects": defects, "series": values}
 
 
-def _drawn(verdict: Verdict, diff: Differences) -> dict[str, Any] | None:
+def _drawn(diff: Differences) -> dict[str, Any] | None:
     """The motion, as recorded and as it is in truth; None where the recording does not determine it."""
     rows = np.unique(np.linspace(0, len(diff.t) - 1, PICTURES).astype(int))
     scene, piece = diff.outputs.scene, part_of(diff.recording, rows)

@@ -41,11 +41,7 @@ def opened(data: object, scene: Scene) -> Source:
                                 f"name a file: .csv or another text, {', '.join(READERS)}")
         if path.stat().st_size == 0:
             raise ArgumentError(f"{path}: the file is empty")
-        return READERS.get(path.suffix, _text)(path, scene)
-
-
-def _text(path: Path, scene: Scene) -> Source:
-    return Text(path)
+        return READERS[path.suffix](path, scene) if path.suffix in READERS else Text(path)
 
 
 def _npz(path: Path, scene: Scene) -> Source:

@@ -50,19 +50,19 @@ def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
     return slopes, max(noise, LEAST_NOISE)
 
 
-def data(copies: list[ObservedCopy], absent: int | None, soft: bool, stride: int) -> fit.Data:
-    """Residuals of all copies, at every `stride`-th instant."""
+def data(copies: list[ObservedCopy], absent: int | None = None, soft: bool = False) -> fit.Data:
+    """Residuals of all copies."""
     parts = []
     for each in copies:
         scene, scale = each.observation.scene, each.observation.scale
         parts.append(fit.Copy(of_scene(scene, each.forces, each.states.R[0], absent), Accelerations(
-            points_of(each, stride)), each.noise, np.repeat([scale.length * scale.rate**2, scale.rate**2], 3)))
-    return fit.Data(parts, absent, soft, stride > 1)
+            points_of(each)), each.noise, np.repeat([scale.length * scale.rate**2, scale.rate**2], 3)))
+    return fit.Data(parts, absent, soft)
 
 
-def points_of(each: ObservedCopy, stride: int = 1) -> Points:
-    """Every `stride`-th instant of a copy at which its accelerations are known."""
-    inner, states = slice(REACH, len(each.states.t) - REACH, stride), each.states
+def points_of(each: ObservedCopy) -> Points:
+    """The instants of a copy at which its accelerations are known."""
+    inner, states = slice(REACH, len(each.states.t) - REACH), each.states
     angles = mechanics.torsion_angles(each.observation.scene, states)
-    return Points(states.x[inner], states.R[inner], states.v[inner], states.w[inner], each.accelerations[::stride],
+    return Points(states.x[inner], states.R[inner], states.v[inner], states.w[inner], each.accelerations,
                   {joint: values[inner] for joint, values in angles.items()}, states.t[inner])

@@ -37,9 +37,6 @@ NEAR = 1e3
 ALTERNATIVES = 4
 """Most explanations of equal simplicity that are named together. More of them name nothing."""
 
-THIN = 3
-"""The search uses one in so many instants, the full fit all of them."""
-
 BEST = 8
 """Number of single alterations, from the best on, to which a second one is added."""
 
@@ -111,8 +108,6 @@ def simplest(fits: Sequence[Fit]) -> list[Fit]:
 class Case:
     """Something that an engine shows, and the residual z that alterations of what is right leave of it."""
 
-    quick = False
-    """Whether fits end early; those that come near are fitted again in full."""
     dear = False
     """Whether residuals cost so much that a fit begins at the best start alone, and ends early."""
 
@@ -149,8 +144,12 @@ class Case:
                 return np.full(self.size, FAR)
         return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
 
-    def fit(self, causes: tuple[Alteration, ...], starts: Sequence[tuple[float, ...]] | None = None) -> Fit:
-        """The best fit of a combination of causes from all combinations of `starts`; None: the starts of each cause."""
+    def fit(self, causes: tuple[Alteration, ...], starts: Sequence[tuple[float, ...]] | None = None,
+            quick: bool = False) -> Fit:
+        """The best fit of a combination of causes from all combinations of `starts`; None: the starts of each cause.
+
+        `quick`: it ends early, since those that come near are fitted again in full.
+        """
         from scipy.optimize import least_squares
 
         residual = functools.partial(self._finite, causes)
@@ -163,7 +162,7 @@ class Case:
             least = min(fits, key=lambda fit: fit.left)
             choices = [np.concatenate(least.theta)] if 1.0 < least.left < self.before else []
         for theta in choices:
-            if len(theta) and (self.quick or self.dear):
+            if len(theta) and (quick or self.dear):
                 theta = gauss_newton(residual, theta)
             elif len(theta):
                 theta = least_squares(residual, theta, method="lm", x_scale=np.maximum(np.abs(theta), 0.1), xtol=1e-13,
@@ -194,9 +193,8 @@ class Case:
 class Data(Case):
     """Observed accelerations of a scene and its copies, beside those of models."""
 
-    def __init__(self, copies: Sequence[Copy], absent: int | None = None, soft: bool = False, quick: bool = False
-                 ) -> None:
-        self.copies, self.absent, self.soft, self.quick = copies, absent, soft, quick
+    def __init__(self, copies: Sequence[Copy], absent: int | None = None, soft: bool = False) -> None:
+        self.copies, self.absent, self.soft = copies, absent, soft
         self._parts: dict[int, frozenset[object]] = {}
 
     def parts(self, cause: Alteration) -> frozenset[object]:
@@ -266,7 +264,7 @@ def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray
     return theta
 
 
-def search(full: Case, thin: Case, causes: Sequence[Alteration], pairing: bool = True) -> tuple[list[Fit], list[Fit]]:
+def search(case: Case, causes: Sequence[Alteration], pairing: bool = True) -> tuple[list[Fit], list[Fit]]:
     """(fits that explain, all other fits of single causes and the best of several), as far as the time goes.
 
     Only if no single cause explains, a second one is added to each of the `BEST`. Where no pair does, a third one is
@@ -278,34 +276,34 @@ def search(full: Case, thin: Case, causes: Sequence[Alteration], pairing: bool =
     with contextlib.suppress(OutOfTime):
         for cause in causes:
             if not cause.last:
-                each = thin.fit((cause,))
-                tried.append(_refined(full, each) if each.left <= NEAR * EXPLAINED else each)
-        explaining = [full.simplest(fit) for fit in tried if fit.explains]
+                each = case.fit((cause,), quick=True)
+                tried.append(_refined(case, each) if each.left <= NEAR * EXPLAINED else each)
+        explaining = [case.simplest(fit) for fit in tried if fit.explains]
         if explaining or not pairing:
             return explaining, tried
-        if near := [each for each in tried if each.left <= SEEN and each.left <= CLEAR * full.before]:
-            return [full.simplest(each) for each in near], tried  # hardly more than noise is left for a second cause
+        if near := [each for each in tried if each.left <= SEEN and each.left <= CLEAR * case.before]:
+            return [case.simplest(each) for each in near], tried  # hardly more than noise is left for a second cause
         singles = sorted((each for each in tried if not each.causes[0].alone), key=lambda each: each.left)
-        explaining, grown = _grown(full, thin, singles[:BEST], singles)
+        explaining, grown = _grown(case, singles[:BEST], singles)
         if not explaining:
-            explaining = [each for each in (full.fit((cause,)) for cause in causes if cause.last) if each.explains]
+            explaining = [each for each in (case.fit((cause,)) for cause in causes if cause.last) if each.explains]
         before = singles
         while grown and not explaining and grown[0].left <= GIVE_UP * before[0].left:
             tried.append(grown[0])
             before, grown = grown, []
             for base in before[:BEST]:
-                explaining, more = _grown(full, thin, [base], singles)
+                explaining, more = _grown(case, [base], singles)
                 grown = sorted([*grown, *more], key=lambda each: each.left)
                 if explaining:
                     break
     return explaining, tried
 
 
-def _refined(full: Case, fit: Fit) -> Fit:
-    return full.fit(fit.causes, tuple(tuple(part) for part in fit.theta))
+def _refined(case: Case, fit: Fit) -> Fit:
+    return case.fit(fit.causes, tuple(tuple(part) for part in fit.theta))
 
 
-def _grown(full: Case, thin: Case, bases: Sequence[Fit], singles: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
+def _grown(case: Case, bases: Sequence[Fit], singles: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
     """(fits of one cause more than bases that explain, or of fewer causes from their magnitudes; all fits, best first).
     """
     explaining, fewer, fits = list[Fit](), list[Fit](), list[Fit]()
@@ -314,22 +312,22 @@ def _grown(full: Case, thin: Case, bases: Sequence[Fit], singles: Sequence[Fit])
         other, = single.causes
         ids = frozenset(map(id, (*base.causes, other)))
         if ids in done or any((other.cause == each.cause and (other.target == each.target or not other.target)) or (
-                len(base.causes) > 1 and full.parts(other) & full.parts(each)) for each in base.causes):
+                len(base.causes) > 1 and case.parts(other) & case.parts(each)) for each in base.causes):
             continue
         done.add(ids)
         matters = any({other.cause, each.cause} == ORDERED for each in base.causes)
         for causes in ((*base.causes, other), *([(other, *base.causes)] if matters else [])):
             best = None
             for begin in _starts(base, single):
-                each = thin.fit(causes, [begin[id(cause)] for cause in causes])
+                each = case.fit(causes, [begin[id(cause)] for cause in causes], quick=True)
                 best = each if best is None or each.left < best.left else best
                 if best.left <= EXPLAINED:
                     break
             assert best is not None
             fits.append(best)
-            if best.left <= NEAR * EXPLAINED and (refined := _refined(full, best)).explains:
-                explaining.append(full.simplest(refined))
-                fewer += [full.simplest(fit) for fit in _without_one(full, refined) if fit.explains]
+            if best.left <= NEAR * EXPLAINED and (refined := _refined(case, best)).explains:
+                explaining.append(case.simplest(refined))
+                fewer += [case.simplest(fit) for fit in _without_one(case, refined) if fit.explains]
     return fewer or explaining, sorted(fits, key=lambda fit: fit.left)
 
 
@@ -344,7 +342,7 @@ def _starts(base: Fit, single: Fit) -> Iterator[dict[int, tuple[float, ...]]]:
     yield from (found | {id(other): start} for start in other.starts[1 if pair else 0:])
 
 
-def _without_one(full: Case, fit: Fit) -> Iterator[Fit]:
+def _without_one(case: Case, fit: Fit) -> Iterator[Fit]:
     """Fits of all but one of the causes, from their magnitudes."""
     for kept in itertools.combinations(range(len(fit.causes)), len(fit.causes) - 1):
-        yield full.fit(tuple(fit.causes[k] for k in kept), tuple(tuple(fit.theta[k]) for k in kept))
+        yield case.fit(tuple(fit.causes[k] for k in kept), tuple(tuple(fit.theta[k]) for k in kept))

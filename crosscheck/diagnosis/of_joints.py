@@ -37,7 +37,7 @@ Moves = dict[str, np.ndarray]
 def altered_joints(copies: list[ObservedCopy], scenes: Iterable[Scene]) -> float:
     """The largest difference of accelerations over its noise from those of other scenes."""
     return data([dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=scene))
-                 for each, scene in zip(copies, scenes, strict=True)], None, False, 1).before
+                 for each, scene in zip(copies, scenes, strict=True)]).before
 
 
 def elsewhere(copies: list[ObservedCopy], answer: Explanation) -> bool:

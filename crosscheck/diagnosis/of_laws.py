@@ -64,7 +64,7 @@ def diagnose(subject: Subject, scene: Scene, answer: Explanation) -> bool:
     before = case.before * noise / EXPLAINED
     if not noise < CLEAR * before < CLEAR * FAR:
         return False
-    holding, others = search(case, case, list(alternatives(scene)), pairing=False)
+    holding, others = search(case, list(alternatives(scene)), pairing=False)
     answer.tried += len(others)
     answer.evidence += [Evidence(" and ".join(each.names), "law", before, each.left * noise / EXPLAINED,
                                  "joint coordinates, rad or m", each.words, each.explains)

@@ -201,8 +201,8 @@ def _accelerations(copies: list[ObservedCopy], absent: int | None, answer: Expla
                    ) -> tuple[Model | None, bool]:
     """(the model that is fitted to the accelerations, or None; whether joints give way by a law that is not known)."""
     scene, soft = copies[0].observation.scene, of_joints.gives_way(copies[0], absent)
-    full, thin = (data(copies, absent, soft, stride) for stride in (1, fit.THIN))
-    hard = full if not soft else data(copies, absent, False, 1)
+    full = data(copies, absent, soft)
+    hard = full if not soft else data(copies, absent)
     wrong, remaining = hard.before, full.before
     quantity = "accelerations, largest difference over its noise"
     if wrong <= fit.SEEN and not soft:
@@ -213,7 +213,7 @@ def _accelerations(copies: list[ObservedCopy], absent: int | None, answer: Expla
     candidates = alterations(scene, any(np.abs(each.states.R[0] - each.observation.scene.R0).max() > ALLOWED_VIOLATION
                                         for each in copies))
     if soft:
-        fits, _ = fit.search(hard, data(copies, absent, False, fit.THIN), candidates, pairing=False)
+        fits, _ = fit.search(hard, candidates, pairing=False)
         answer.tried += len(candidates)
         if fits:
             answer.evidence += [_evidence(each, wrong, quantity) for each in fits]
@@ -229,7 +229,7 @@ def _accelerations(copies: list[ObservedCopy], absent: int | None, answer: Expla
         answer.tried += 1
         if remaining <= fit.EXPLAINED:
             return None, True
-    fits, others = fit.search(full, thin, candidates)
+    fits, others = fit.search(full, candidates)
     answer.tried += len(candidates)
     if failed := sum(not np.isfinite(each.left) for each in others):
         answer.evidence.append(Evidence("left out", "model", None, None, quantity,

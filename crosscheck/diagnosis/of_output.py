@@ -101,21 +101,12 @@ class Reported(NamedTuple):
 
 
 def _left(cause: Reported, each: Observation) -> float:
-    """Largest difference between observation and prediction, over what noise may leave.
-
-    Most hypotheses fail at the first two samples, which take a twentieth of the time.
-    """
-    gap = 0.0
-    for count in (2, each.scene.samples):
-        scene = each.scene.replace(duration=float(each.scene.t[count - 1]), samples=count)
-        try:
-            left = float(np.abs(each.y[:count] - each.scale.flat(cause.states(scene))).max())
-        except FAILS:
-            return math.inf
-        gap = left / _open(each) if np.isfinite(left) else math.inf
-        if gap > 1.0:
-            break
-    return gap
+    """Largest difference between observation and prediction, over what noise may leave."""
+    try:
+        left = float(np.abs(each.y - each.scale.flat(cause.states(each.scene))).max())
+    except FAILS:
+        return math.inf
+    return left / _open(each) if np.isfinite(left) else math.inf
 
 
 def _reported(name: str, words: str, mend: str, change: Callable[[States], States]) -> Reported:

@@ -77,7 +77,7 @@ def test_a_wrong_drive_is_told_by_its_accelerations(name):
     points.rates += 1e-7 * np.random.default_rng(0).uniform(-1, 1, points.rates.shape)
     data = fit.Data([fit.Copy(of_scene(scene), Accelerations(points), 1e-7, np.ones(6))])
     kinds = ("drive", "drive delay", "drive phase", "load", "gravity")
-    found, _ = fit.search(data, data, [each for each in alterations(scene) if each.cause in kinds])
+    found, _ = fit.search(data, [each for each in alterations(scene) if each.cause in kinds])
     assert [each.names for each in found] == [(name,)]
 
 
@@ -90,7 +90,7 @@ def test_a_damper_of_one_joint_is_not_that_of_every_joint(damped, words):
     points.angles = {joint.name: np.zeros(17) for joint in scene.joints}  # of dampers without stiffness
     points.rates = Accelerations(points)(of_scene(wrong))
     data = fit.Data([fit.Copy(of_scene(scene), Accelerations(points), 1e-7, np.ones(6))])
-    found, _ = fit.search(data, data, [each for each in alterations(scene) if each.cause == "extra damping"])
+    found, _ = fit.search(data, [each for each in alterations(scene) if each.cause == "extra damping"])
     assert [each.names for each in found] == [("extra damping",)]
     assert words in found[0].words
     assert "0.2" in found[0].words

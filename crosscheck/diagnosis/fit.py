@@ -31,9 +31,6 @@ CLEAR = 0.1
 PART = 0.5
 """Largest part of a difference that a cause may leave and still be said to explain a part of it."""
 
-NEAR = 1e3
-"""Times `EXPLAINED` that a quick fit may leave and be fitted in full: it ends before the last digits."""
-
 ALTERNATIVES = 4
 """Most explanations of equal simplicity that are named together. More of them name nothing."""
 
@@ -144,14 +141,8 @@ class Case:
                 return np.full(self.size, FAR)
         return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
 
-    def fit(self, causes: tuple[Alteration, ...], starts: Sequence[tuple[float, ...]] | None = None,
-            quick: bool = False) -> Fit:
-        """The best fit of a combination of causes from all combinations of `starts`; None: the starts of each cause.
-
-        `quick`: it ends early, since those that come near are fitted again in full.
-        """
-        from scipy.optimize import least_squares
-
+    def fit(self, causes: tuple[Alteration, ...], starts: Sequence[tuple[float, ...]] | None = None) -> Fit:
+        """The best fit of a combination of causes from all combinations of `starts`; None: the starts of each cause."""
         residual = functools.partial(self._finite, causes)
         choices = [np.concatenate([np.array(start, dtype=float) for start in choice]) for choice in (
             [starts] if starts is not None else itertools.product(*(cause.starts for cause in causes)))]
@@ -161,13 +152,7 @@ class Case:
             fits = [self._judged(causes, theta) for theta in choices]
             least = min(fits, key=lambda fit: fit.left)
             choices = [np.concatenate(least.theta)] if 1.0 < least.left < self.before else []
-        for theta in choices:
-            if len(theta) and (quick or self.dear):
-                theta = gauss_newton(residual, theta)
-            elif len(theta):
-                theta = least_squares(residual, theta, method="lm", x_scale=np.maximum(np.abs(theta), 0.1), xtol=1e-13,
-                                      ftol=1e-13, gtol=1e-13, max_nfev=30 * (len(theta) + 1)).x
-            fits.append(self._judged(causes, theta))
+        fits += [self._judged(causes, gauss_newton(residual, theta) if len(theta) else theta) for theta in choices]
         return min(fits, key=lambda fit: fit.left)
 
     def simplest(self, fit: Fit) -> Fit:
@@ -276,8 +261,7 @@ def search(case: Case, causes: Sequence[Alteration], pairing: bool = True) -> tu
     with contextlib.suppress(OutOfTime):
         for cause in causes:
             if not cause.last:
-                each = case.fit((cause,), quick=True)
-                tried.append(_refined(case, each) if each.left <= NEAR * EXPLAINED else each)
+                tried.append(case.fit((cause,)))
         explaining = [case.simplest(fit) for fit in tried if fit.explains]
         if explaining or not pairing:
             return explaining, tried
@@ -299,10 +283,6 @@ def search(case: Case, causes: Sequence[Alteration], pairing: bool = True) -> tu
     return explaining, tried
 
 
-def _refined(case: Case, fit: Fit) -> Fit:
-    return case.fit(fit.causes, tuple(tuple(part) for part in fit.theta))
-
-
 def _grown(case: Case, bases: Sequence[Fit], singles: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
     """(fits of one cause more than bases that explain, or of fewer causes from their magnitudes; all fits, best first).
     """
@@ -319,15 +299,15 @@ def _grown(case: Case, bases: Sequence[Fit], singles: Sequence[Fit]) -> tuple[li
         for causes in ((*base.causes, other), *([(other, *base.causes)] if matters else [])):
             best = None
             for begin in _starts(base, single):
-                each = case.fit(causes, [begin[id(cause)] for cause in causes], quick=True)
+                each = case.fit(causes, [begin[id(cause)] for cause in causes])
                 best = each if best is None or each.left < best.left else best
                 if best.left <= EXPLAINED:
                     break
             assert best is not None
             fits.append(best)
-            if best.left <= NEAR * EXPLAINED and (refined := _refined(case, best)).explains:
-                explaining.append(case.simplest(refined))
-                fewer += [case.simplest(fit) for fit in _without_one(case, refined) if fit.explains]
+            if best.explains:
+                explaining.append(case.simplest(best))
+                fewer += [case.simplest(fit) for fit in _without_one(case, best) if fit.explains]
     return fewer or explaining, sorted(fits, key=lambda fit: fit.left)
 
 

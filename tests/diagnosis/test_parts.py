@@ -220,7 +220,7 @@ def test_an_inertia_may_be_moved_before_or_after_it_is_turned(turned_first):
 def test_a_pair_of_which_one_explains_by_itself_is_not_named():
     """A search that starts far off may end beside the single cause and find it only with the help of another."""
     class Lucky(fit.Data):
-        def fit(self, causes, starts=None, quick=False):
+        def fit(self, causes, starts=None):
             good = len(causes) == 2 or starts == ((0.5,),)
             return fit.Fit(tuple(causes), tuple(np.array([0.5]) for _ in causes), 1.0 if good else 1e9)
 

@@ -16,7 +16,6 @@ from crosscheck.compare.order import observed_order
 from crosscheck.diagnosis import fit, misreadings, of_output, of_run
 from crosscheck.diagnosis.observe import (
     REACH,
-    ROUNDING,
     SAMPLES,
     STENCIL,
     Observation,
@@ -122,11 +121,11 @@ def _ordered(subject: Subject, scene: Scene, scale: Scale, order: int) -> Order 
             continue
         if np.abs(runs[0] - runs[-1]).max() > EXPLODED:
             continue
-        slope = _slope(runs, ladder, order)
-        limit = extrapolated(runs, ladder, int(np.clip(round(slope), 1, order)))
-        steps = tuple(brief.duration / count for count in ladder[:-1])
+        steps = tuple(brief.duration / count for count in ladder)
+        seen = observed_order(steps[:-4:-1], runs[:-4:-1])
+        limit = extrapolated(runs, ladder, int(np.clip(np.round(seen), 1, order)))
         errors = [float(np.abs(run - limit).max()) for run in runs[:-1]]
-        whole = _whole(steps, errors)
+        whole = _whole(steps[:-1], errors)
         if result is None or whole is not None:
             above = [k for k, error in enumerate(errors) if error > FLOOR][:-4:-1]  # the three finest
             result = Order(observed_order([steps[k] for k in above], [runs[k] for k in above])
@@ -146,16 +145,6 @@ def _whole(steps: tuple[float, ...], errors: list[float]) -> int | None:
         return None
     whole = round(float(slopes[-1]))
     return whole if whole >= 1 and all(abs(slope - whole) <= CLEAR for slope in slopes) else None
-
-
-def _slope(runs: list[np.ndarray], counts: tuple[int, ...], order: int) -> float:
-    """A first estimate of the order, from the differences to the finest run."""
-    gaps = np.array([float(np.abs(run - runs[-1]).max()) for run in runs[:-1]])
-    good = gaps > 100 * ROUNDING
-    if good.sum() < 2:
-        return float(order)
-    logs = np.log(np.array(counts[:-1])[good])
-    return float(-np.polyfit(logs, np.log(gaps[good]), 1)[0])
 
 
 def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:

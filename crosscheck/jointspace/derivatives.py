@@ -84,7 +84,11 @@ def derivatives(scene: Scene | str | os.PathLike[str], source: object = "truth",
     TruthError
         The two routes of the truth differ by more than 1e-8.
     """
-    loaded = smooth(at_state(scene_file.as_scene(scene), state))
+    loaded = scene_file.as_scene(scene)
+    if state is not None:
+        wanted = f"state: give (q, v), {len(loaded.coordinates)} numbers each"
+        loaded = placed(loaded, *checked(loaded, wanted, state, 2))
+    loaded = smooth(loaded)
     if source == "truth":
         return truth(loaded)
     return of(loaded, source)
@@ -97,13 +101,6 @@ def of(scene: Scene, source: object) -> Derivatives:
     space = JointSpace(scene)
     bound = allowed(blocks, size, condition(space.mass), float(np.abs(space.rates).max(initial=0.0)))
     return Derivatives(scene.name, label, scene.coordinates, blocks.da_dq, blocks.da_dv, blocks.da_dtau, bound)
-
-
-def at_state(scene: Scene, state: object) -> Scene:
-    """The scene with its start at a state; see `derivatives`."""
-    if state is None:
-        return scene
-    return placed(scene, *checked(scene, f"state: give (q, v), {len(scene.coordinates)} numbers each", state, 2))
 
 
 def truth(scene: Scene) -> Derivatives:

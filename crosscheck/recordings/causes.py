@@ -111,8 +111,8 @@ class Case:
         """True values at any times, in any order; after the horizon of truth its last ones."""
         grid, places = np.unique(np.maximum(times, 0.0), return_inverse=True)
         self.truth.at(grid[-1:])  # prolonged, so that its horizon is known
-        values = [value[places] for value in self.outputs.at(self.truth, np.minimum(grid, self.truth.horizon))]
-        return self.whole(values, self.outputs.at(self.truth, self.t[:1]))
+        values = [value[places] for value in self.outputs.of(self.truth.at(np.minimum(grid, self.truth.horizon)))]
+        return self.whole(values, self.outputs.of(self.truth.at(self.t[:1])))
 
     def flat(self, values: Values) -> np.ndarray:
         """All values side by side, over their sizes, (T, k)."""

@@ -85,10 +85,6 @@ class Outputs:
             values = np.einsum("tij,tj->ti" if group.key == "angular_velocity" else "tji,tj->ti", R, values)
         return np.asarray(values[:, list(group.parts)])
 
-    def at(self, motion: Any, t: np.ndarray) -> list[np.ndarray]:
-        """The values at increasing times of a motion with `at`."""
-        return self.of(motion.at(t))
-
 
 def gaps(group: Group, recorded: np.ndarray, true: np.ndarray, modulo: bool = False) -> np.ndarray:
     """Recorded minus true, (T, k); of attitudes the rotation vector between them. `modulo`: angles up to full turns.
@@ -181,9 +177,9 @@ def first_rows(recording: Recording) -> Recording | None:
 
 def compare(scene: Scene, recording: Recording, truth: Any, since: float = 0.0) -> Differences:
     """The differences from a truth whose time zero is `since` (s) of the recording."""
-    shown = Outputs(scene, recording.groups)
+    outputs = Outputs(scene, recording.groups)
     t = recording.t - since
-    pieces = [shown.at(truth, t[begin:begin + CHUNK]) for begin in range(0, len(t), CHUNK)]
+    pieces = [outputs.of(truth.at(t[begin:begin + CHUNK])) for begin in range(0, len(t), CHUNK)]
     joined = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
     gap = [gaps(group, group.values, value) for group, value in zip(recording.groups, joined, strict=True)]
     floor = [group.floor + truth.error + recording.blur * _speed(group, value, t)
@@ -191,7 +187,7 @@ def compare(scene: Scene, recording: Recording, truth: Any, since: float = 0.0) 
     for k, (pose, opens) in differenced(recording).items():
         if norms(gap[pose]).max() < opens * float(np.median(np.diff(t))):  # and not those of a method of order one
             floor[k] = floor[k] + opens
-    return Differences(shown, recording, truth, t, joined, gap, floor)
+    return Differences(outputs, recording, truth, t, joined, gap, floor)
 
 
 def rated(recording: Recording) -> Iterator[tuple[int, int]]:

@@ -61,7 +61,7 @@ def _figure(scene: Scene, figure: Published, engines: Sequence[str]) -> Figure:
         value = rotation_from_quaternion(value / np.linalg.norm(value)) if value.size == 4 else value.reshape(1, 3, 3)
     group = Group(figure.quantity, owner, tuple(range(len(figure.value))), value, np.zeros(1))
     truth, shown = dense(scene), Outputs(scene, [group])
-    exact = shown.at(truth, np.array([figure.time]))[0]
+    exact = shown.of(truth.at(np.array([figure.time])))[0]
     given = {}
     for engine in engines:
         try:

@@ -197,7 +197,7 @@ class System:
         self._function = heyoka.cfunc([heyoka.expression(0.0) + rates[int(k)] for k in places[1]],
                                       vars=[*symbols, *pushes], compact_mode=True, opt_level=1)
 
-    def _parameters(self, altered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def parameters(self, altered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Alterations of joints (N, n, 9), and the parameters of the compiled function."""
         joints = altered[:, self._bodies:self._delay].reshape(-1, self.n, len(OF_JOINTS))
         # The base turns, so that gravity turns the other way in its axes.
@@ -210,7 +210,7 @@ class System:
 
     def _accelerations(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, joints: np.ndarray, pars: np.ndarray
                        ) -> np.ndarray:
-        """(N, n) from coordinates, rates and efforts (N, n), and what `_parameters` returns; without laws."""
+        """(N, n) from coordinates, rates and efforts (N, n), and what `parameters` returns; without laws."""
         state = np.empty((len(self._initial) + self.n, len(q)))
         state[:len(self._initial)] = self._initial[:, None]
         state[self._places[0]] += (self._signs * (q - joints[..., 5] - self._start)).T
@@ -249,13 +249,9 @@ class System:
             u[:, k] += np.clip(wanted + at(servo.feedforward, t), *servo.bounds(v[:, k]))
         return np.asarray(u)
 
-    def response(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, altered: np.ndarray
+    def response(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, joints: np.ndarray, pars: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray]:
-        """(accelerations (N, n), their derivatives by efforts (N, n, n))."""
-        return self._response(q, v, u, *self._parameters(altered))
-
-    def _response(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, joints: np.ndarray, pars: np.ndarray
-                  ) -> tuple[np.ndarray, np.ndarray]:
+        """(accelerations (N, n), their derivatives by efforts (N, n, n)), with what `parameters` returns."""
         a = self._accelerations(q, v, u, joints, pars)
         return a, np.stack([self._accelerations(q, v, u + unit, joints, pars) - a for unit in np.eye(self.n)], 2)
 
@@ -321,7 +317,7 @@ class System:
     def _constants(self, altered: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of alterations (N, K) those of joints, the parameters of the compiled function, and bounds of dry friction
         (2, N, n) in motion and at rest."""
-        joints, parameters = self._parameters(altered)
+        joints, parameters = self.parameters(altered)
         return joints, parameters, np.maximum(self._friction[:, None] + joints[..., 1], 0.0)
 
     def _advanced(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, halves: np.ndarray, h: float,
@@ -406,7 +402,7 @@ class System:
             given = mean[:, rows] + (s / h - 0.5)[:, None] * tilt[:, rows]
             u, own, pars = self.pushes(t[rows] + s, q, v, given, joints[rows]) + rub, joints[rows], parameters[:, rows]
             if wanted:
-                return self._response(q, v, u, own, pars)
+                return self.response(q, v, u, own, pars)
             a = self._accelerations(q, v, u, own, pars)
             if S is not None and stuck is not None and (still := stuck.any(axis=1)).any():
                 a[still] = _kept(a[still], S[still], stuck[still])[0]
@@ -431,12 +427,6 @@ class System:
             _word(joint): within["feedforward", joint.name]})
             for joint in made.joints if ("feedforward", joint.name) in within]
         return made.replace(duration=span, samples=2, monitors=(), forces=tuple(forces))
-
-
-    @property
-    def friction(self) -> np.ndarray:
-        """(2, n) dry friction of the joints in motion and at rest."""
-        return self._friction
 
     def positions(self, moved: np.ndarray, start: np.ndarray) -> np.ndarray:
         """(T, n) coordinates from the change of states (T, dimension) of the series of `at_start` since its start."""

@@ -16,8 +16,9 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import chdtr
@@ -384,7 +385,7 @@ class Fit:
         none = np.zeros((len(q), len(system.names)))
         given = system.inputs(log.starts, np.array([0.0, log.period]))[0]
         u = system.pushes(log.starts, q, v, given, np.zeros((len(q), system.n, len(OF_JOINTS))))
-        a, S = system.response(q, v, u, none)
+        a, S = system.response(q, v, u, *system.parameters(none))
         effort = np.maximum(np.sqrt(np.mean(u**2, axis=0)), np.sqrt(np.mean(a**2, axis=0)) / np.abs(
             np.einsum("nii->ni", S)).mean(axis=0))
         rate, speed = (np.sqrt(np.mean(each**2, axis=0)) + 1e-9 for each in (v, a))
@@ -889,14 +890,9 @@ def readings(scene: Scene, recording: Recording) -> list[tuple[str, tuple[Group,
     for kind, side in itertools.product(kinds or [""], ("motor", "link") if rubs and not told else ("",)):
         picked = [next((group for group in groups if group.key == kind), groups[0]) for groups in owners.values()]
         words = f"{kind.partition('_')[2]} efforts".strip() + (f" on the {side} side" if side else "")
-        made.append((words, (*rest, *(dataclasses.replace(group, row=_sided(group.row, side)) for group in picked))))
+        made.append((words, (*rest, *(dataclasses.replace(group, row=msgspec.structs.replace(
+            group.row, side=group.row.side or side)) for group in picked))))
     return made
-
-
-def _sided(row: Any, side: str) -> Any:
-    import msgspec
-
-    return msgspec.structs.replace(row, side=row.side or side)
 
 
 def chosen(scene: Scene, log: Log, recording: Recording) -> tuple[System, list[str]]:

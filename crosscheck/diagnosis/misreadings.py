@@ -134,9 +134,8 @@ def positions(scene: Scene, R: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, n
 
 def placed(scene: Scene) -> Scene | None:
     """The scene with its bodies where its joints put them; None if `positions` gives none."""
-    poses = positions(scene, scene.R0, scene.w0)
-    return None if poses is None else scene.replace(bodies=tuple(
-        dataclasses.replace(body, position=x, velocity=v) for body, x, v in zip(scene.bodies, *poses, strict=True)))
+    moved = positions(scene, scene.R0, scene.w0)
+    return None if moved is None else started(scene, moved[0], scene.R0, moved[1], scene.w0)
 
 
 def gap(observation: Observation, R: np.ndarray, w: np.ndarray, absent: int | None = None) -> float:

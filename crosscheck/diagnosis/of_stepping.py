@@ -34,6 +34,7 @@ from crosscheck.diagnosis.variants import close
 from crosscheck.scene.alterations import GONE
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
+from crosscheck.scene.starts import started
 
 COUNTS = {1: (32, 64, 128, 256), 2: (8, 16, 32, 64), 4: (4, 8, 16, 32), 5: (3, 4, 6, 8, 12), 7: (2, 3, 4, 6, 8)}
 """Steps per 1 / W from which the order follows, by documented order, or the next lower one."""
@@ -241,10 +242,8 @@ def _substeps(subject: Subject, first: Observation, order: int, answer: Explanat
 
 def pushed(scene: Scene, scale: Scale) -> Scene:
     """The scene with every body moved a little out of its joints."""
-    rng = np.random.default_rng(3)
-    return scene.replace(bodies=tuple(
-        dataclasses.replace(body, position=body.position + PUSH * scale.length * rng.uniform(-1, 1, 3))
-        for body in scene.bodies))
+    off = PUSH * scale.length * np.random.default_rng(3).uniform(-1, 1, scene.x0.shape)
+    return started(scene, scene.x0 + off, scene.R0, scene.v0, scene.w0)
 
 
 def _gain(subject: Subject, first: Observation, known: Known, answer: Explanation) -> None:

@@ -13,6 +13,8 @@ import numpy as np
 from crosscheck.diagnosis.observe import Scale
 from crosscheck.scene import assembly
 from crosscheck.scene.model import GROUND, Force, Scene
+from crosscheck.scene.starts import started
+from crosscheck.scene.vectors import exponential
 
 SEED = 20
 TURNS = (0.8, 0.5, 0.2)
@@ -21,19 +23,13 @@ TURNS = (0.8, 0.5, 0.2)
 
 def moved(scene: Scene, scale: Scale, seed: int) -> Scene | None:
     """The scene from another start with closed joints: turned, and with other speeds. None if they cannot be closed."""
-    from scipy.spatial.transform import Rotation
-
     for turn in TURNS:
         rng = np.random.default_rng([SEED, seed])
-        bodies = []
-        for body in scene.bodies:
-            vector = rng.normal(size=3)
-            turned = Rotation.from_quat(body.attitude, scalar_first=True) * Rotation.from_rotvec(
-                turn * vector / np.linalg.norm(vector))
-            speed = body.angular_velocity + 0.5 * scale.rate * rng.uniform(-1, 1, 3)
-            bodies.append(dataclasses.replace(body, attitude=turned.as_quat(scalar_first=True),
-                                              angular_velocity=speed))
-        closed = close(scene.replace(bodies=tuple(bodies)))
+        drawn = [(rng.normal(size=3), rng.uniform(-1, 1, 3)) for _ in scene.bodies]
+        turns, speeds = (np.array(part) for part in zip(*drawn, strict=True))
+        turns *= turn / np.linalg.norm(turns, axis=1, keepdims=True)
+        closed = close(started(scene, scene.x0, scene.R0 @ exponential(turns), scene.v0,
+                               scene.w0 + 0.5 * scale.rate * speeds))
         if closed is not None:
             return closed
     return None

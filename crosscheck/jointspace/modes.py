@@ -21,6 +21,7 @@ from crosscheck.jointspace.motion import NONE, TreeSpace
 from crosscheck.references.tree import FREE
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene, quaternion_from_rotation, quaternion_product
+from crosscheck.scene.starts import started
 from crosscheck.scene.vectors import exponential
 
 LATER = 0.37
@@ -75,9 +76,7 @@ def at_speed(scene: Scene, speed: float) -> Scene:
     now = float(np.linalg.norm(scene.v0[0]))
     if now == 0.0:
         raise ArgumentError(f"speed: the first body of scene {scene.name!r} is at rest")
-    return scene.replace(bodies=tuple(dataclasses.replace(
-        body, velocity=speed / now * body.velocity, angular_velocity=speed / now * body.angular_velocity)
-        for body in scene.bodies))
+    return started(scene, scene.x0, scene.R0, speed / now * scene.v0, speed / now * scene.w0)
 
 
 def _eigen(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -25,6 +25,7 @@ from crosscheck.scene.altered import of_scene
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import relative, starting
 from crosscheck.scene.model import Scene
+from crosscheck.scene.starts import started
 
 DIFFERENCE = 1e-3
 """Step by which derivatives are differentiated again, rad or m and per second."""
@@ -157,8 +158,7 @@ def _models(scene: Scene) -> Iterator[tuple[str, Scene]]:
                 if (made := cause.apply(right, theta).as_scene) is not None:
                     yield f"{cause.name(theta)}: {cause.words(theta)}", made
     yield "gravity counts twice", scene.replace(gravity=2 * scene.gravity)
-    yield "the rates are left out", scene.replace(bodies=tuple(dataclasses.replace(
-        body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in scene.bodies))
+    yield "the rates are left out", started(scene, scene.x0, scene.R0, 0.0 * scene.v0, 0.0 * scene.w0)
 
 
 def _altered(scene: Scene) -> Mistakes:

@@ -21,7 +21,17 @@ from crosscheck.diagnosis.of_laws import alternatives
 from crosscheck.diagnosis.of_sensors import filtered, mistakes
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import ArgumentError
-from crosscheck.recordings.comparing import POSES, RATES, Differences, Outputs, gaps, norms, part_of, restored, shown
+from crosscheck.recordings.comparing import (
+    POSES,
+    RATES,
+    Differences,
+    Outputs,
+    gaps,
+    norms,
+    part_of,
+    restored,
+    values_by,
+)
 from crosscheck.recordings.reading import Recording
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.alterations import FAILS, Alteration, alterations
@@ -539,7 +549,7 @@ def _run(case: Case, made: Scene | Model | None, rows: int | None = None) -> Val
     if made is None:
         return None
     scene = made.scene if isinstance(made, Model) else made
-    values = shown(scene, case.groups, case.t[:rows], lambda times: predict(made, times, step=2 * case.step) if (
+    values = values_by(scene, case.groups, case.t[:rows], lambda times: predict(made, times, step=2 * case.step) if (
         isinstance(made, Model)) else motion(made, "rkmk853", case.step, times))
     return None if values is None else case.whole(values, values)
 

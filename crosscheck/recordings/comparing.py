@@ -136,7 +136,7 @@ class Differences:
         return which, int(np.nanargmax(beyond[which]))
 
 
-def shown(scene: Scene, groups: Sequence[Group], t: np.ndarray, move: Callable[[np.ndarray], Motion]
+def values_by(scene: Scene, groups: Sequence[Group], t: np.ndarray, move: Callable[[np.ndarray], Motion]
           ) -> list[np.ndarray] | None:
     """The values of groups at times t by a motion of the scene, of which `move` gives the states at times from 0 on;
     None where that fails."""

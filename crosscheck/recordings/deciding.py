@@ -19,7 +19,7 @@ import numpy as np
 from crosscheck.adapters.lieeuler import motion
 from crosscheck.diagnosis.fit import CLEAR
 from crosscheck.recordings.causes import TURN
-from crosscheck.recordings.comparing import differenced, first_rows, gaps, norms, part_of, restored, shown
+from crosscheck.recordings.comparing import differenced, first_rows, gaps, norms, part_of, restored, values_by
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.references.maximal import fastest
 from crosscheck.scene.model import Scene, quaternion_from_rotation, rotation_from_quaternion
@@ -167,7 +167,7 @@ def missed(scene: Scene, recording: Recording, truth: Any, recorded_start: bool,
         return np.inf
     t = piece.t - since
     rate = max(float(np.linalg.norm(begun.w0, axis=-1).max()), fastest(scene), 1.0)
-    moved = shown(begun, piece.groups, t, lambda times: motion(begun, "rkmk853", TURN / rate, times))
+    moved = values_by(begun, piece.groups, t, lambda times: motion(begun, "rkmk853", TURN / rate, times))
     if moved is None:
         return np.inf
     worst = 0.0

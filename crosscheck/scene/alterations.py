@@ -176,8 +176,8 @@ def _gravity(scene: Scene) -> Alteration:
 
 
 def numbered(cause: str, text: str, apply: Callable[[Model, float], Model], *starts: float, mend: str, none: str = "",
-             shown: Callable[[float], float] = float, **more: Any) -> Alteration:
-    """One with a number, of which `text` says what is `shown`, fitted from `starts`; without these there is none.
+             printed: Callable[[float], float] = float, **more: Any) -> Alteration:
+    """One with a number, which `text` says as `printed`, fitted from `starts`; without these there is none.
 
     `none` is its name where that number is 0, which is tried for itself.
     """
@@ -185,7 +185,7 @@ def numbered(cause: str, text: str, apply: Callable[[Model, float], Model], *sta
         more = {"title": lambda t: none if abs(t[0]) < GONE * (abs(starts[0]) or 1.0) else cause,
                 "special": lambda t: [(0.0,)]} | more
     return Alteration(cause, lambda m, t: apply(m, float(t[0]) if len(t) else 0.0), tuple((start,) for start in starts)
-                      or ((),), lambda t: text.format(*(f"{shown(float(value)):.6g}" for value in t)), mend, **more)
+                      or ((),), lambda t: text.format(*(f"{printed(float(value)):.6g}" for value in t)), mend, **more)
 
 
 def _vector(values: np.ndarray) -> str:
@@ -252,7 +252,7 @@ def _heavier(text: str, mend: str, starts: Sequence[float], inertia: bool, bodie
         return m.with_bodies(lambda _, body: {"mass": math.exp(t) * body.mass} | (
             {"inertia": math.exp(t) * body.inertia} if inertia else {}), bodies)
 
-    return numbered("mass", text, apply, *starts, mend=mend, shown=math.exp, **more)
+    return numbered("mass", text, apply, *starts, mend=mend, printed=math.exp, **more)
 
 
 def _masses(scene: Scene, k: int) -> Iterator[Alteration]:
@@ -430,7 +430,7 @@ def _rotors(scene: Scene) -> Iterator[Alteration]:
                 m = m.with_joint(joint.name, functools.partial(turned, k=k, t=t))
             return m
 
-        return numbered("armature", f"{where} {{}} instead of {size:.6g}", apply, begin, shown=abs, target=where,
+        return numbered("armature", f"{where} {{}} instead of {size:.6g}", apply, begin, printed=abs, target=where,
                         mend="check the armature that the engine is given", alone=not size, none="missing armature",
                         **({} if size else {"title": lambda t: "extra armature"}))
 

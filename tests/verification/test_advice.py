@@ -187,7 +187,7 @@ def test_wrong_arguments_and_scenes_that_an_engine_cannot_model(pretend):
 
 def test_a_scene_at_rest_has_no_advice(tmp_path):
     """An engine that does nothing is right there, at any step."""
-    hanging = {"schema": 1, "name": "rest", "gravity": [0.0, 0.0, -9.81], "duration": 1.0, "samples": 11,
+    hanging = {"schema": 2, "name": "rest", "gravity": [0.0, 0.0, -9.81], "duration": 1.0, "samples": 11,
                "bodies": [{"name": "bob", "mass": 1.0, "inertia": (0.01 * np.eye(3)).tolist()}],
                "joints": [{"name": "pivot", "type": "revolute", "parent": "ground", "child": "bob",
                            "parent_anchor": [0.0] * 3, "child_anchor": [0.0, 0.0, 0.5], "parent_axis": [0.0, 1.0, 0.0],

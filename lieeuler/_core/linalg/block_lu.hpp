@@ -8,11 +8,31 @@
 #include <set>
 #include <vector>
 
-#include "linalg/elimination.hpp"
 #include "linalg/full_pivot.hpp"
 #include "model/so3.hpp"
 
 namespace lieeuler {
+
+// A block is stored by columns of four, the last entry unused: columns then fit the vector registers.
+inline constexpr int kColumn = 4, kBlock = 3 * kColumn;
+
+// The inverse by cofactors of a matrix whose rows (or columns) are `stride` apart, and whether it exists: their volume
+// is not rounding compared with the product of their lengths.
+template <int stride>
+[[gnu::always_inline]] inline bool invert_by_cofactors(const double* a, double* out) {
+  constexpr double kSingular = 1e-14;
+  const double *b = a + stride, *c = b + stride;
+  const double a0 = a[0], a1 = a[1], a2 = a[2], b0 = b[0], b1 = b[1], b2 = b[2], c0 = c[0], c1 = c[1], c2 = c[2];
+  const double m00 = b1 * c2 - b2 * c1, m01 = b2 * c0 - b0 * c2, m02 = b0 * c1 - b1 * c0;
+  const double volume = a0 * m00 + a1 * m01 + a2 * m02;
+  const double lengths = (a0 * a0 + a1 * a1 + a2 * a2) * (b0 * b0 + b1 * b1 + b2 * b2) * (c0 * c0 + c1 * c1 + c2 * c2);
+  const double inverse = 1 / volume;
+  double *p = out + stride, *q = p + stride;
+  out[0] = inverse * m00, p[0] = inverse * m01, q[0] = inverse * m02;
+  out[1] = inverse * (a2 * c1 - a1 * c2), p[1] = inverse * (a0 * c2 - a2 * c0), q[1] = inverse * (a1 * c0 - a0 * c1);
+  out[2] = inverse * (a1 * b2 - a2 * b1), p[2] = inverse * (a2 * b0 - a0 * b2), q[2] = inverse * (a0 * b1 - a1 * b0);
+  return volume * volume > kSingular * kSingular * lengths;
+}
 
 inline void put(double* block, const Mat3& m) {
   for (int j = 0; j < 3; ++j)
@@ -86,20 +106,31 @@ class BlockPlan {
       for (int column : tail_) tail_blocks_.push_back(place(row, column));
   }
 
-  BlockSteps steps() const {
-    return {static_cast<int>(pivots_.size()), pivots_.data(), lowers_.data(), uppers_.data(), updates_.data()};
-  }
-  int blocks() const { return static_cast<int>(places_.size()); }
-  // Where the values of a block start.
-  int place(int row, int column) const { return places_.at({row, column}); }
-
  private:
   friend class BlockLU;
+  // Places of blocks among the values, and of unknowns; the first operations that belong to the next pivot.
+  struct Pivot {
+    int block, unknown, last_lower, last_upper, last_update;
+  };
+  struct OffDiagonal {
+    int block, unknown;
+  };
+  struct Update {
+    int lower, upper, target;
+  };
+  // What a factorization reads. It is copied: stores to the values might change others, as far as the compiler knows.
+  struct Steps {
+    int count = 0;
+    const Pivot* pivots = nullptr;
+    const OffDiagonal *lowers = nullptr, *uppers = nullptr;
+    const Update* updates = nullptr;
+  };
+
   std::vector<int> tail_, tail_blocks_;
   int unknowns_;
-  std::vector<BlockSteps::Pivot> pivots_;
-  std::vector<BlockSteps::OffDiagonal> lowers_, uppers_;
-  std::vector<BlockSteps::Update> updates_;
+  std::vector<Pivot> pivots_;
+  std::vector<OffDiagonal> lowers_, uppers_;
+  std::vector<Update> updates_;
   std::map<Entry, int> places_;
 };
 
@@ -107,7 +138,9 @@ class BlockLU {
  public:
   // The plan must outlive this object and must not move.
   void follow(const BlockPlan& plan) {
-    plan_ = &plan, steps_ = plan.steps();
+    plan_ = &plan;
+    steps_ = {static_cast<int>(plan.pivots_.size()), plan.pivots_.data(), plan.lowers_.data(), plan.uppers_.data(),
+              plan.updates_.data()};
     const size_t tail = 3 * plan.tail_.size();
     dense_.resize(static_cast<int>(tail));
     tail_vector_.assign(tail, 0.0);
@@ -116,7 +149,6 @@ class BlockLU {
   }
 
   int unknowns() const { return plan_->unknowns_; }
-  const BlockPlan& plan() const { return *plan_; }
   // The block (row, column), or nullptr if the plan has none.
   double* block(int row, int column) {
     const auto found = plan_->places_.find({row, column});
@@ -161,54 +193,66 @@ class BlockLU {
     std::fill(x, x + unknowns(), 0.0);
     dense_.null_vector(k, tail_vector_.data());
     scatter_tail(x);
-    substitute_back(steps_, OfUnknowns{values_.data(), x});
+    substitute_back(x);
   }
 
   void solve(double* b) {
-    substitute_forward(steps_, OfUnknowns{values_.data(), b});
+    substitute_forward(b);
     if (const std::vector<int>& tail = plan_->tail_; !tail.empty()) {
       for (size_t i = 0; i < tail_vector_.size(); ++i) tail_vector_[i] = tail_scale_[i] * b[3 * tail[i / 3] + i % 3];
       dense_.solve(tail_vector_.data());
       scatter_tail(b);
     }
-    substitute_back(steps_, OfUnknowns{values_.data(), b});
+    substitute_back(b);
   }
 
  private:
-  // For the loops over the steps, which are too large for the compiler to inline these by itself.
-  struct OfBlocks {
-    double* values;
-    [[gnu::always_inline]] bool invert(int block) const {
-      return invert_by_cofactors<kColumn>(values + block, values + block);
+  // a b in place of b.
+  [[gnu::always_inline]] static void multiply(const double* a, double* __restrict b) {
+    for (int j = 0; j < kBlock; j += kColumn) {
+      const Eigen::Vector4d product = column(a, b + j);
+      Eigen::Map<Eigen::Vector4d>(b + j) = product;
     }
-    [[gnu::always_inline]] void multiply(int a, int b) const {
-      double* __restrict const out = values + b;
-      for (int j = 0; j < kBlock; j += kColumn) {
-        const Eigen::Vector4d product = column(values + a, out + j);
-        Eigen::Map<Eigen::Vector4d>(out + j) = product;
+  }
+  bool eliminate() {
+    const BlockPlan::Steps steps = steps_;
+    double* const values = values_.data();
+    int upper = 0, update = 0;
+    for (int k = 0; k < steps.count; ++k) {
+      const BlockPlan::Pivot& pivot = steps.pivots[k];
+      double* const inverse = values + pivot.block;
+      if (!invert_by_cofactors<kColumn>(inverse, inverse)) return false;
+      for (; upper < pivot.last_upper; ++upper) multiply(inverse, values + steps.uppers[upper].block);
+      for (; update < pivot.last_update; ++update) {
+        const BlockPlan::Update& each = steps.updates[update];
+        subtract_product(values + each.lower, values + each.upper, values + each.target);
       }
     }
-    [[gnu::always_inline]] void subtract(int a, int b, int c) const {
-      subtract_product(values + a, values + b, values + c);
-    }
-  };
-  struct OfUnknowns {
-    const double* values;
-    double* b;
-    [[gnu::always_inline]] void multiply(int block, int x) const {
-      const Product solved = product(values + block, b + x);
-      Eigen::Map<Eigen::Vector2d>{b + x} = solved.head;
-      b[x + 2] = solved.last;
-    }
-    [[gnu::always_inline]] void subtract(int block, int x, int y) const {
-      lieeuler::subtract(values + block, b + x, b + y);
-    }
-  };
-
-  bool eliminate() {
-    if (!factor_blocks(steps_, OfBlocks{values_.data()})) return false;
     copy_tail();
     return true;
+  }
+  void substitute_forward(double* b) const {
+    const BlockPlan::Steps steps = steps_;
+    const double* const values = values_.data();
+    int lower = 0;
+    for (int k = 0; k < steps.count; ++k) {
+      const BlockPlan::Pivot& pivot = steps.pivots[k];
+      double* const x = b + pivot.unknown;
+      const Product solved = product(values + pivot.block, x);
+      Eigen::Map<Eigen::Vector2d>{x} = solved.head;
+      x[2] = solved.last;
+      for (; lower < pivot.last_lower; ++lower)
+        subtract(values + steps.lowers[lower].block, x, b + steps.lowers[lower].unknown);
+    }
+  }
+  void substitute_back(double* b) const {
+    const BlockPlan::Steps steps = steps_;
+    const double* const values = values_.data();
+    for (int k = steps.count; k-- > 0;) {
+      const int first = k == 0 ? 0 : steps.pivots[k - 1].last_upper;
+      for (int upper = steps.pivots[k].last_upper; upper-- > first;)
+        subtract(values + steps.uppers[upper].block, b + steps.uppers[upper].unknown, b + steps.pivots[k].unknown);
+    }
   }
   void copy_tail() {
     const std::vector<int>& blocks = plan_->tail_blocks_;
@@ -224,7 +268,7 @@ class BlockLU {
   }
 
   const BlockPlan* plan_ = nullptr;
-  BlockSteps steps_{};
+  BlockPlan::Steps steps_;
   std::vector<double> values_, tail_vector_, tail_scale_;
   FullPivotLU dense_;
   int deficiency_ = 0;

@@ -143,4 +143,24 @@ Coefficient evaluate(const Coefficient* series, int order, double h) {
   return value;
 }
 
+// x^(1/p) of positive numbers, to 1e-8 and with the same bits on every processor: for step sizes. It is 2^(log2(x)
+// inverse), inverse = 1/p; zero where x is. x = 2^e m: log2 m from the series of artanh about sqrt 2, 2^f of the rest f
+// from that of exp.
+inline Pair root(const Pair& x, const Pair& inverse) {
+  constexpr double kLog2 = 0.69314718055994531, kSqrt2 = 1.4142135623730951;
+  constexpr double kUnits = 0x1p52, kRounding = 0x1.8p52;  // their last place is one
+  constexpr std::uint64_t kOne = 0x3ff0000000000000, kMantissa = 0x000fffffffffffff, kUnitsBits = 0x4330000000000000;
+  const PairBits bits = (PairBits)x;
+  const Pair exponent = (Pair)((bits >> 52) | kUnitsBits) - (kUnits + 1023);
+  const Pair m = (Pair)((bits & kMantissa) | kOne);
+  const Pair t = (m - kSqrt2) / (m + kSqrt2), s = t * t;
+  const Pair artanh = t * (1 + s * (1. / 3 + s * (1. / 5 + s * (1. / 7 + s * (1. / 9)))));
+  const Pair y = inverse * (exponent + 0.5 + (2 / kLog2) * artanh);
+  const Pair whole = y + kRounding, f = kLog2 * (y - (whole - kRounding));
+  const Pair power =
+      1 + f * (1 + f * (1. / 2 + f * (1. / 6 + f * (1. / 24 + f * (1. / 120 + f * (1. / 720 + f * (1. / 5040)))))));
+  const Pair value = (Pair)((PairBits)power + ((PairBits)whole << 52));
+  return x > 0 ? value : Pair{};
+}
+
 }  // namespace lieeuler

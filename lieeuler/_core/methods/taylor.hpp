@@ -2,7 +2,6 @@
 // (12.2) of docs/theory.md.
 #pragma once
 
-#include "linalg/root.hpp"
 #include "methods/motion_series.hpp"
 #include "methods/turning.hpp"
 #include "run/watch.hpp"
@@ -186,8 +185,7 @@ class TaylorStepper {
       }
     if (!std::isfinite(sum)) return sum;
     const double size = rtol_ * rate;
-    const Pair steps =
-        root<Pair, PairBits>(Pair{size / largest[0], size / largest[1]}, Pair{1.0 / (order_ - 1), 1.0 / order_});
+    const Pair steps = root(Pair{size / largest[0], size / largest[1]}, Pair{1.0 / (order_ - 1), 1.0 / order_});
     double h = end_ - time_;
     for (int i = 0; i < 2; ++i)
       if (largest[i] > 0) h = std::min(h, steps[i]);

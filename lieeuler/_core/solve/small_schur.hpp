@@ -5,7 +5,6 @@
 // one. A second solve for the residual of G udot + gamma restores them.
 #pragma once
 
-#include "linalg/elimination.hpp"
 #include "model/reference_points.hpp"
 
 namespace lieeuler {
@@ -30,8 +29,7 @@ class SmallSchur {
   bool factor(const Constraints& joints) {
     assemble(joints);
     if (parts() == 1) return invert_block();
-    smallest_pivot_ = factor_dense<kMostRows>(S_, rows_, pivot_inverse_);
-    return smallest_pivot_ > kSingular;
+    return factor_dense();
   }
 
   // Solves M y + G^T lam = f, G y = rows; y and lam replace f and the rows of each part. Inlined: series call it for
@@ -109,7 +107,7 @@ class SmallSchur {
   }
   // r becomes lam = S^-1 r,  y -= M^-1 G^T lam
   void subtract_response(double* r, std::vector<Twist>& y) const {
-    solve_dense<kMostRows>(S_, rows_, pivot_inverse_, r);
+    solve_dense(r);
     for (const Sided& side : sides_) {
       Vec3 own = Vec3::Zero();
       for (int i = 0; i < side.rows; ++i) own[i] = r[side.row + i];
@@ -143,6 +141,40 @@ class SmallSchur {
       lam += more;
     }
     rows = lam;
+  }
+
+  // S = L L^T, with L in place of the lower half and the inverses of its diagonal apart; false if it is singular.
+  bool factor_dense() {
+    double entry[kMostRows];
+    smallest_pivot_ = 1;
+    for (int j = 0; j < rows_; ++j) entry[j] = S(j, j);
+    for (int j = 0; j < rows_; ++j) {
+      double* const column = S_ + kMostRows * j;
+      const double left = column[j] / entry[j];
+      if (!(left > smallest_pivot_ || std::isnan(smallest_pivot_))) smallest_pivot_ = left;  // a NaN stays
+      pivot_inverse_[j] = 1 / std::sqrt(column[j]);
+      for (int i = j + 1; i < rows_; ++i) column[i] *= pivot_inverse_[j];
+      for (int k = j + 1; k < rows_; ++k) {
+        double* const other = S_ + kMostRows * k;
+        const double factor = column[k];
+        for (int i = k; i < rows_; ++i) other[i] -= factor * column[i];
+      }
+    }
+    return smallest_pivot_ > kSingular;
+  }
+  // x <- S^-1 x
+  void solve_dense(double* x) const {
+    for (int j = 0; j < rows_; ++j) {
+      const double* const column = S_ + kMostRows * j;
+      x[j] *= pivot_inverse_[j];
+      for (int i = j + 1; i < rows_; ++i) x[i] -= x[j] * column[i];
+    }
+    for (int j = rows_ - 1; j >= 0; --j) {
+      const double* const column = S_ + kMostRows * j;
+      double sum = x[j];
+      for (int i = j + 1; i < rows_; ++i) sum -= column[i] * x[i];
+      x[j] = sum * pivot_inverse_[j];
+    }
   }
 
   bool invert_block() {

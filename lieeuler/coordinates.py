@@ -46,14 +46,12 @@ class _Freedom:
     """What a joint leaves free: the attitude C = R_parent^T R_child by 0, 1, 2 or 3 angles, and slides."""
 
     def __init__(self, joint: Joint) -> None:
-        turns = [dot for dot in joint.dots if (dot.a, dot.b, dot.constant) == ("parent", "child", 0.0)]
-        across = [dot.a_axis for dot in joint.dots if (dot.a, dot.b, dot.constant) == ("parent", "difference", 0.0)]
-        if len(turns) + len(across) < len(joint.dots) or joint.contact or not (joint.spherical or across):
+        across, turns = joint.basic_rows or ([], [])
+        if not across or len(turns) > 3:
             raise ArgumentError(f"no coordinates are known of a joint with these rows: {joint}")
-        self.joint, self.angles = joint, 3 if not turns else {1: 2, 2: 1, 3: 0}[len(turns)]
-        self.slides = np.zeros((0, 3))
-        if across:
-            self.slides = np.array([np.cross(across[0], across[1])] if len(across) == 2 else normals(across[0]))
+        self.angles = 3 - len(turns)
+        self.slides = np.zeros((0, 3)) if len(across) > 2 else np.array(
+            [np.cross(across[0], across[1])] if len(across) == 2 else normals(across[0]))
         if self.angles == 2:
             self.axis, self.child_axis = turns[0].a_axis, turns[0].b_axis
         elif self.angles < 2:

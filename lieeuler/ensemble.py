@@ -12,15 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from lieeuler import _kernel, held
+from lieeuler import _kernel
 from lieeuler.checks import real
 from lieeuler.errors import ArgumentError
-from lieeuler.integrate import chosen, output_times
+from lieeuler.integrate import PreparedRun, chosen, output_times
 from lieeuler.methods import Method
 from lieeuler.paths import along, changed
-from lieeuler.problem import Problem
-from lieeuler.solution import Status
-from lieeuler.spin_free import spin_free_frames, symmetric_bodies
+from lieeuler.problem import Problem, raise_own
+from lieeuler.solution import STATUSES, Status
 from lieeuler.types import ArrayLike
 
 log = logging.getLogger("lieeuler")
@@ -107,9 +106,7 @@ def integrate_ensemble(problem: Problem, method: Method | str, step: Any = None,
         Ctrl-C.
     """
     method, t_eval = chosen(method, step, t_eval, options)
-    t, spins = output_times(t_eval), not problem.custom and (method.spin_free if spin_free is None else spin_free)
-    run, _ = method.run(t, False)
-    run.begin = float(t[0])
+    t = output_times(t_eval)
     if problem.laws:
         raise ArgumentError("ensembles take no laws; integrate the members one by one, or leave laws out")
     if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 0 <= threads <= 1024:
@@ -119,39 +116,26 @@ def integrate_ensemble(problem: Problem, method: Method | str, step: Any = None,
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     values = _parameters(problem, parameters or {})
     states, N = _states(problem, {"x": x, "R": R, "v": v, "w": w}, values)
-    members, systems, spins = _members(problem, spins, states, N, values)
-    result = _kernel.integrate_ensemble([each.kernel for each in systems], run, t, states["x"], states["R"],
-                                        states["v"], states["w"], spins, min(int(threads) or allowed or 1, N))
-    if result["interrupted"]:
+    runs = [PreparedRun(problem, method, t, spin_free, "off", monitor=False)]
+    starts = [states[name] for name in "xRvw"]
+    if values or runs[0].state_decides:
+        runs = [PreparedRun(_member(problem, k, states, values), method, t, spin_free, "off", monitor=False)
+                for k in range(N)]
+        starts = [np.stack(each) for each in zip(*(run.start for run in runs), strict=True)]
+    vectors, R = np.full((N, 5, len(t), problem.n, 3), np.nan), np.full((N, len(t), problem.n, 3, 3), np.nan)
+    statuses, t_end, steps, rejected, refused, interrupted, wall_time = _kernel.integrate_ensemble(
+        [run.kernels[0] for run in runs], [run.kernels[1] for run in runs], [run.compiled for run in runs], t, *starts,
+        min(int(threads) or allowed or 1, N), vectors, R)
+    raise_own(problem)
+    if interrupted:
         raise KeyboardInterrupt("interrupted during an ensemble")
-    status = np.array([Status(name) for name in result["status"]], dtype=object)
-    for k, member in enumerate(members):  # one of each, or one of all
-        here = slice(k, k + 1) if len(members) > 1 else slice(None)
-        open_ = held.open_at(member, method.held, *(result[name][here, -1] for name in "xRvw"), float(t[-1]),
-                             float(t[-1] - t[0]))
-        status[here][open_ & (status[here] == Status.SUCCESS)] = Status.CONSTRAINTS_OPEN
-    counts = {name: np.array(result[name]) for name in ("steps", "rejected_steps")}
-    solution = EnsembleSolution(t=t, t_end=t[0] + result["time"], status=status, method=method.name, **counts,
-                                **{name: result[name] for name in ("x", "R", "v", "w", "wall_time")})
+    if refused < N:
+        _member(problem, refused, states, {})
+    status = np.array([STATUSES[word] for word in statuses], dtype=object)
+    solution = EnsembleSolution(t, vectors[:, 0], R, vectors[:, 1], vectors[:, 2], status, np.array(t_end),
+                                np.array(steps), np.array(rejected), wall_time, method.name)
     log.info("%r", solution)
     return solution
-
-
-def _members(problem: Problem, spin_free: bool, states: dict[str, np.ndarray], N: int,
-             values: Mapping[str, np.ndarray]) -> tuple[list[Problem], list[Problem], np.ndarray]:
-    """The problems, one for all members or one for each, those of their spin-free frames, and the spins (N, n, 3).
-
-    Replaces the angular velocities in `states` by those in the frames.
-    """
-    if not values and not (spin_free and symmetric_bodies(problem)):
-        if (k := _kernel.first_refused(problem.kernel, problem.time, *(states[name] for name in "xRvw"))) < N:
-            _member(problem, k, states, {})
-        return [problem], [problem], np.zeros(0)
-    members = [_member(problem, k, states, values) for k in range(N)]
-    frames = [spin_free_frames(member) if spin_free else None for member in members]
-    inner = [frame.problem if frame else member for member, frame in zip(members, frames, strict=True)]
-    w, states["w"] = states["w"], np.stack([each.w for each in inner])
-    return members, inner, np.stack([frame.spins if frame else 0 * w[0] for frame in frames])
 
 
 def _parameters(problem: Problem, given: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:

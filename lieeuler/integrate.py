@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from lieeuler import _kernel, held
+from lieeuler import _kernel
 from lieeuler.checks import LARGEST, SMALLEST, real
 from lieeuler.errors import ArgumentError
 from lieeuler.laws import Law
-from lieeuler.methods import Method, Taylor, named
+from lieeuler.methods import LEVELS, Method, Taylor, named
 from lieeuler.pieces import Pieces
-from lieeuler.problem import Problem, raise_own
-from lieeuler.reduced import Reduced
+from lieeuler.planar import Plane
+from lieeuler.problem import CLOSED, Problem, raise_own
 from lieeuler.reduction import nodes, reductions
 from lieeuler.solution import STATUSES, IntegrationError, Interrupted, Solution, Stats, Status
 from lieeuler.spin_free import spin_free_frames, symmetric_bodies
@@ -91,9 +91,26 @@ def _by_pieces(run: PreparedRun, laws: tuple[Law, ...], events: bool | None) -> 
     located = method.order != 1 if events is None else events
     problem = Problem.unchecked(run.problem, laws=laws)
     solution = Pieces(problem, solve, run.t, step, located).integrate()
-    if any(np.logical_and([level in method.held for level in held.LEVELS], held.opened(run.problem, solution))):
+    if any(level in method.held and is_open for level, is_open in zip(LEVELS, opened(run.problem, solution),
+                                                                      strict=True)):
         solution.status = Status.CONSTRAINTS_OPEN
     return run.ended(solution)
+
+
+def opened(problem: Problem, solution: Solution) -> tuple[bool, bool, bool]:
+    """Which levels a solution leaves open beyond their bounds (`lieeuler/_core/python/levels.hpp`): of all steps, or of
+    the last state if the run was not monitored."""
+    if not problem.joints:
+        return False, False, False
+    duration, maxima = float(solution.t[-1] - solution.t[0]), solution.stats.maxima
+    if maxima:
+        return _kernel.open_levels(
+            problem.kernel, solution.x, solution.v, solution.w, solution.a, solution.alpha, solution.lam,
+            maxima["constraint_position"], maxima["constraint_velocity"], maxima["constraint_acceleration"],
+            maxima["kinetic"], duration)
+    x, R, v, w = (getattr(solution, name)[-1:] for name in "xRvw")
+    position, velocity = _kernel.constraint_levels(problem.kernel, x, R, v, w, float(solution.t[-1]), duration)[0]
+    return not position <= CLOSED, not velocity <= CLOSED, False
 
 
 def prepare(problem: Problem, method: Method | str, step: Any = None, t_eval: ArrayLike | None = None, *,
@@ -163,46 +180,46 @@ class PreparedRun:
             raise ArgumentError("runs of problems with laws are not prepared; call integrate")
         self.problem, self.method, self.t = problem, method, output_times(t_eval)
         self.options: dict[str, Any] = {"spin_free": spin_free, "reduce": reduce, "monitor": monitor}
-        self._monitored = monitor
         if problem.custom:
             if isinstance(method, Taylor) or spin_free or reduce not in (None, "off"):
                 raise ArgumentError("a CustomForce has no series and no symmetry that is known: taylor, reductions and "
                                     "spin-free frames do not go with it; take rkmk853, and leave out reduce and "
                                     "spin_free")
             spin_free, reduce = False, "off"
-        self._run, self._step = method.run(self.t, monitor)
-        self._run.begin = self._begin = float(self.t[0])
+        self.compiled, self._step = method.run(self.t, monitor)
+        self.compiled.begin = self._begin = float(self.t[0])
         if any(joint.drive for joint in problem.joints) and self._begin != problem.time:
             problem.check_closed(self._begin)
         spin_free = method.spin_free if spin_free is None else spin_free
         steps = reductions(problem, method, reduce)
         within = steps[-1].problem if steps else problem
         frames = spin_free_frames(within) if spin_free else None
-        tree = nodes(within, steps, reduce, self._run.knows_joints and frames is None)
+        tree = nodes(within, steps, reduce, self.compiled.knows_joints and frames is None)
         for node in tree:
-            node.add_to(self._run)
+            node.add_to(self.compiled)
         words = [step.word for step in steps] + ["joints"] * bool(tree)
         self._word = (reduce or ", ".join(words)) if words else "off"
-        self._held = sum(1 << k for k, level in enumerate(held.LEVELS) if level in method.held)
-        pairs = {(joint.parent, joint.child) for joint in problem.joints}
-        leaves_nothing_out = not method.reduced if reduce is None else reduce == "off"
-        balls = len(pairs) == len(problem.joints) and all(joint.ball for joint in problem.joints)
-        self._plane: Reduced | None = None  # of every state in it, unless spins decide
-        if len(steps) == 1 and steps[0].word != "welded":
+        self._plane: Plane | None = None  # of every state in it, unless spins decide
+        if len(steps) == 1 and isinstance(steps[0], Plane):
             turning = Problem.unchecked(within, w=np.tile([0.0, 0.0, 1.0], (within.n, 1)))
             self._plane = None if spin_free and spin_free_frames(turning) else steps[0]
-        self._run.fewer_rows = bool(words)
         self._spinning: tuple[int, ...] = ()
         if frames:
             spins = functools.reduce(lambda spins, step: spins[step.body], reversed(steps), frames.spins)
             self._spinning = tuple(np.flatnonzero(spins.any(axis=1)).tolist())
-        for step in [*steps, frames] if frames else steps:
-            step.add_to(self._run)
-            within = step.problem
-        self._kernels, self._start = (problem.kernel, within.kernel), (within.x, within.R, within.v, within.w)
+            steps.append(frames)
+        for each in steps:
+            each.add_to(self.compiled)
+            within = each.problem
+        self.compiled.fewer_rows = bool(words)
+        self.compiled.held = sum(1 << k for k, level in enumerate(LEVELS) if level in method.held)
+        self.kernels, self.start = (problem.kernel, within.kernel), (within.x, within.R, within.v, within.w)
         T, n = len(self.t), problem.n
         self._shapes = (5, T, n, 3), (T, n, 3, 3), (T, problem.rows)
-        self._state_decides = not (leaves_nothing_out or balls) or (spin_free and bool(symmetric_bodies(problem)))
+        pairs = {(joint.parent, joint.child) for joint in problem.joints}
+        whole = not method.reduced if reduce is None else reduce == "off"
+        balls = len(pairs) == len(problem.joints) and all(joint.ball for joint in problem.joints)
+        self.state_decides = not (whole or balls) or (spin_free and bool(symmetric_bodies(problem)))
 
     def __call__(self, x: Any = None, R: Any = None, v: Any = None, w: Any = None) -> Solution:
         """Integrate from the problem's state, of which each part may be replaced; arrays as in `Problem`.
@@ -216,10 +233,10 @@ class PreparedRun:
         """
         own, solution = self.problem, None
         if x is None and R is None and v is None and w is None:
-            solution = self._solved(self._start, False)
+            solution = self._solved(self.start, False)
         else:
             start: State | None = _plain(x, own.x), _plain(R, own.R), _plain(v, own.v), _plain(w, own.w)
-            if start and self._state_decides:
+            if start and self.state_decides:
                 start = self._plane.entered(self._begin, *start) if self._plane else None
             if start:
                 solution = self._solved(start, True)
@@ -233,22 +250,21 @@ class PreparedRun:
     def _solved(self, start: State, checks: bool) -> Solution | None:
         """The solution of the kernel; None if the start is not admissible."""
         vectors, R, lam = map(np.empty, self._shapes)
-        result = _kernel.integrate(*self._kernels, self._run, *start, checks, self.t, vectors, R, lam)
+        result = _kernel.integrate(*self.kernels, self.compiled, *start, checks, self.t, vectors, R, lam)
         if self.problem.custom:
             raise_own(self.problem)
         if result is None:
             return None
-        word, count, t_end, wall_time, counters, maxima, opened = result
-        status = Status.CONSTRAINTS_OPEN if opened & self._held and word == Status.SUCCESS else STATUSES[word]
+        word, count, t_end, wall_time, counters, maxima = result
         t = self.t.copy()
         if count < len(t):
             vectors, R, lam, t = vectors[:, :count], R[:count], lam[:count], t[:count]
         x, v, w, a, alpha = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]  # quicker than by iteration
-        stats = Stats(*counters, self._step, wall_time, _named(*maxima) if self._monitored else {}, self._spinning,
-                      self._word)
+        most = _named(*maxima) if self.options["monitor"] else {}
+        stats = Stats(*counters, self._step, wall_time, most, self._spinning, self._word)
         if self.problem.custom:
             stats.maxima.pop("energy_error", None)
-        return Solution(t, x, R, v, w, a, alpha, lam, status, stats, self.method.name, t_end, (),
+        return Solution(t, x, R, v, w, a, alpha, lam, STATUSES[word], stats, self.method.name, t_end, (),
                         functools.partial(self._between, start) if self._step is None else None)
 
     def _between(self, start: State, times: np.ndarray) -> Solution:
@@ -262,7 +278,7 @@ class PreparedRun:
 
     def unjudged(self) -> Solution:
         """The solution from the problem's state, also where the run failed."""
-        solution = self._solved(self._start, checks=False)
+        solution = self._solved(self.start, checks=False)
         assert solution is not None  # only a start that is checked may be refused
         return solution
 

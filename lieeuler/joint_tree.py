@@ -9,6 +9,7 @@ the samples.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -69,12 +70,12 @@ def joint_tree(problem: Problem) -> tuple[Node, ...]:
         free = _freedoms(problem, joint)
         if not free:
             return ()
-        Q = problem.R[joint.child] if joint.parent == GROUND else problem.R[joint.parent].T @ problem.R[joint.child]
-        parent, hinges = carrying[joint.parent], [kind for kind, _ in free if kind == "hinge"]
+        Q = problem.attitude(joint.parent).T @ problem.R[joint.child]
+        parent, kinds = carrying[joint.parent], [kind for kind, _ in free]
         for k, (kind, axis) in enumerate(free):
             last = k == len(free) - 1
             rotors = [rotor.inertia for rotor in joint.rotors if rotor.turns == (kind == "hinge")]
-            if rotors and (kind == "ball" or len(hinges) > 1):
+            if rotors and (kind == "ball" or kinds.count("hinge") > 1):
                 return ()
             nodes.append(Node(kind, parent, index, last, Q if last else np.eye(3), axis, sum(rotors)))
             parent = len(nodes) - 1
@@ -99,16 +100,10 @@ def _outward(problem: Problem) -> list[int]:
 
 def _freedoms(problem: Problem, joint: Joint) -> list[tuple[str, np.ndarray]]:
     """Slides, hinges or a ball, with their axes; none if the joint is rigid or is not made of these."""
-    if joint.drive is not None or joint.mimic is not None or joint.contact is not None:
+    rows = joint.basic_rows
+    if rows is None or joint.drive is not None or joint.mimic is not None:
         return []
-    across, turns = list(np.eye(3)) if joint.spherical else [], []
-    for dot in joint.dots:
-        if (dot.a, dot.b) == ("parent", "difference") and dot.constant == 0:
-            across.append(dot.a_axis)
-        elif (dot.a, dot.b) == ("parent", "child") and dot.constant == 0:
-            turns.append(dot)
-        else:
-            return []
+    across, turns = rows
     slides = _normal_to(across)
     rotors_slide = any(not rotor.turns for rotor in joint.rotors)
     if rotors_slide and len(slides) != 1:
@@ -116,13 +111,9 @@ def _freedoms(problem: Problem, joint: Joint) -> list[tuple[str, np.ndarray]]:
     free = [("slide", axis) for axis in slides]
     if not turns:
         return [*free, ("ball", np.zeros(3))]
-    parent = np.eye(3) if joint.parent == GROUND else problem.R[joint.parent]
-    held = [np.cross(problem.R[joint.child] @ dot.b_axis, parent @ dot.a_axis) for dot in turns]
     if len(turns) == 1:
-        if slides:
-            return []
-        return [("hinge", turns[0].a_axis), ("hinge", turns[0].b_axis)]
-    left = [problem.R[joint.child].T @ axis for axis in _normal_to(held)]
+        return [] if slides else [("hinge", turns[0].a_axis), ("hinge", turns[0].b_axis)]
+    left = [problem.R[joint.child].T @ axis for axis in _normal_to(problem.held_turns(joint, turns))]
     if not left:
         return free
     if len(left) > 1 or any(np.abs(np.cross(dot.b_axis, left[0])).max() > ROUNDING for dot in turns):
@@ -130,9 +121,9 @@ def _freedoms(problem: Problem, joint: Joint) -> list[tuple[str, np.ndarray]]:
     return [*free, ("hinge", left[0])]
 
 
-def _normal_to(directions: list[np.ndarray]) -> list[np.ndarray]:
+def _normal_to(directions: Sequence[np.ndarray] | np.ndarray) -> list[np.ndarray]:
     """Unit vectors normal to all these directions and to each other."""
-    if not directions:
+    if not len(directions):
         return list(np.eye(3))
     _, sizes, rows = np.linalg.svd(np.reshape(directions, (-1, 3)))
     return list(rows[int((sizes > DEPENDENT).sum()):])

@@ -91,6 +91,21 @@ class Joint(Frozen):
         return 3 * self.spherical + len(self.dots) + (self.drive is not None) + touching + (self.mimic is not None)
 
     @property
+    def basic_rows(self) -> tuple[list[np.ndarray], list[Dot]] | None:
+        """Directions of the parent along which the anchors do not move apart, and the rows that keep an axis of the
+        parent normal to one of the child; None if there are others, as of a distance. Drives and mimics do not count.
+        """
+        across, normal = list(np.eye(3)) if self.spherical else [], []
+        for dot in self.dots:
+            if (dot.a, dot.b, dot.constant) == ("parent", "difference", 0.0):
+                across.append(dot.a_axis)
+            elif (dot.a, dot.b, dot.constant) == ("parent", "child", 0.0):
+                normal.append(dot)
+            else:
+                return None
+        return (across, normal) if self.contact is None else None
+
+    @property
     def ball(self) -> bool:
         """Whether it is a spherical joint and nothing else."""
         return self.spherical and self.rows == 3 and not self.rotors

@@ -16,6 +16,7 @@ from lieeuler.checks import Frozen, Index, NonNegative, Number, Positive, cross
 from lieeuler.errors import ArgumentError
 from lieeuler.functions import TimeFunction, Value
 from lieeuler.joint_parts import Coordinate
+from lieeuler.joints import Joint
 from lieeuler.types import GROUND
 
 
@@ -147,13 +148,10 @@ def at(given: float | TimeFunction, t: Any) -> Any:
     return given(t) if isinstance(given, TimeFunction) else given
 
 
-def measured(law: Law, ends: tuple[int, int, np.ndarray, np.ndarray], x: np.ndarray, R: np.ndarray, v: np.ndarray,
-             w: np.ndarray, a: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The coordinate, its rate and its acceleration, (T,) each, of states (T, n, ...); an angle lies in (-pi, pi].
-
-    ends: parent, child and their anchors.
-    """
-    parent, child, before, after = ends
+def measured(law: Law, joint: Joint, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray,
+             alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The coordinate, its rate and its acceleration, (T,) each, of states (T, n, ...); an angle lies in (-pi, pi]."""
+    parent, child = joint.parent, joint.child
     still, eye = np.zeros((len(x), 3)), np.broadcast_to(np.eye(3), (len(x), 3, 3))
     xp, Rp, vp, wp, ap, bp = ((still, eye, still, still, still, still) if parent == GROUND else
                               tuple(each[:, parent] for each in (x, R, v, w, a, alpha)))
@@ -170,8 +168,8 @@ def measured(law: Law, ends: tuple[int, int, np.ndarray, np.ndarray], x: np.ndar
         return (x + R @ s, v + np.einsum("tij,tj->ti", R, turned),
                 a + np.einsum("tij,tj->ti", R, cross(alpha, s) + cross(w, turned)))
 
-    d, rate, acceleration = (c - p for c, p in zip(point(xc, Rc, vc, wc, ac, bc, after),
-                                                   point(xp, Rp, vp, wp, ap, bp, before), strict=True))
+    d, rate, acceleration = (c - p for c, p in zip(point(xc, Rc, vc, wc, ac, bc, joint.child_anchor),
+                                                   point(xp, Rp, vp, wp, ap, bp, joint.parent_anchor), strict=True))
     e, e1, e2 = point(still, Rp, still, wp, still, bp, axis)
     return (np.sum(e * d, axis=1), np.sum(e * rate + e1 * d, axis=1),
             np.sum(e * acceleration + 2 * e1 * rate + e2 * d, axis=1))

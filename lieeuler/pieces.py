@@ -138,7 +138,11 @@ class Pieces:
         self.freed: dict[int, float] = {}  # by law, when it was let go last
         self.rested: dict[int, tuple[float, int]] = {}  # when it came to rest last, and how often at that time
         self.stays: dict[int, float] = {}  # and when it was found to be at rest all the same
-        self.ends = [self._ends(law) for law in self.laws]
+        for law in self.laws:
+            if not 0 <= law.joint < len(problem.joints):
+                raise ArgumentError(f"there is no joint {law.joint} for a law")
+            if problem.joints[law.joint].drive is not None or problem.joints[law.joint].mimic is not None:
+                raise ArgumentError(f"joint {law.joint} is driven or follows another: no law can act there")
         self.springs = {k: float(force.start_angle(problem.R)) for k, force in enumerate(problem.forces)
                         if isinstance(force, TorsionalSpring)}
         self.modes = [Mode(cut=[0] * len(law.servos), region=[0] * len(law.servos),
@@ -148,14 +152,6 @@ class Pieces:
         self.rows: list[tuple[Solution, int]] = []
         weight = sum(body.mass for body in problem.bodies) * float(np.linalg.norm(problem.gravity))
         self.push = PUSH * (1.0 + weight)
-
-    def _ends(self, law: Law) -> tuple[int, int, np.ndarray, np.ndarray]:
-        if not 0 <= law.joint < len(self.problem.joints):
-            raise ArgumentError(f"there is no joint {law.joint} for a law")
-        joint = self.problem.joints[law.joint]
-        if joint.drive is not None or joint.mimic is not None:
-            raise ArgumentError(f"joint {law.joint} is driven or follows another: no law can act there")
-        return joint.parent, joint.child, joint.parent_anchor, joint.child_anchor
 
     # --- times
 
@@ -211,52 +207,49 @@ class Pieces:
 
     def _hold(self, i: int, state: State) -> Dot:
         """The row that keeps a coordinate where it is: its multiplier is the force along an angle, or minus it."""
-        coordinate, (parent, child, _, _) = self.laws[i].coordinate, self.ends[i]
+        coordinate, joint = self.laws[i].coordinate, self.problem.joints[self.laws[i].joint]
         if coordinate.relative is None:
             return Dot("parent", "difference", coordinate.parent_axis, constant=float(state.q[i]))
         n1, n2 = normals(coordinate.parent_axis)
-        direction = state.R[child].T @ (n2 if parent == GROUND else state.R[parent] @ n2)
+        direction = state.R[joint.child].T @ (n2 if joint.parent == GROUND else state.R[joint.parent] @ n2)
         direction = direction - (direction @ coordinate.child_axis) * coordinate.child_axis
         return Dot("parent", "child", n1, direction / np.linalg.norm(direction))
 
     def _forces(self, i: int, state: State, torque: float) -> list[Force]:
-        """The forces of a law: one with all that is linear or constant, and one for each function of time."""
-        law, mode = self.laws[i], self.modes[i]
-        stiffness, damping, moving = 0.0, 0.0, list[TimeFunction]()
-        for term in self._terms(law, mode):
-            stiffness, damping = stiffness + term[0], damping + term[1]
-            for each, factor in term[2]:
-                if isinstance(each, TimeFunction):
-                    moving.append(each.scaled(factor))
-                else:
-                    torque += factor * each
-        parent, child, before, after = self.ends[i]
-        axis, child_axis = law.coordinate.parent_axis, law.coordinate.child_axis
-        if law.coordinate.relative is None:
-            return [SlideForce(parent, child, before, after, axis, torque, stiffness, 0.0, damping),
-                    *(SlideForce(parent, child, before, after, axis, each) for each in moving)]
-        spring = TorsionalSpring(parent, child, axis, child_axis, stiffness, 0.0, damping, torque)
-        spring = spring.counted_from(float(state.q[i]) - spring.start_angle(state.R))
-        return [spring, *(TorsionalSpring(parent, child, axis, child_axis, 0.0, 0.0, 0.0, each) for each in moving)]
-
-    @staticmethod
-    def _terms(law: Law, mode: Mode) -> Iterator[tuple[float, float, list[tuple[float | TimeFunction, float]]]]:
-        """(stiffness, damping, constants and functions with their factors) of what acts on a coordinate."""
+        """The forces of a law and a further torque: one with all that is linear or constant, and one for each function
+        of time."""
+        law, mode, stiffness, damping = self.laws[i], self.modes[i], 0.0, 0.0
+        given: list[tuple[float | TimeFunction, float]] = []  # with their factors
         if not mode.held and law.sliding:
-            yield 0.0, 0.0, [(-law.sliding, float(mode.sign))]
+            given.append((-law.sliding, float(mode.sign)))
         if law.stops is not None and law.stops.stiffness is not None and mode.pushes:
-            yield law.stops.stiffness, law.stops.damping, [(law.stops.edge(mode.stop), law.stops.stiffness)]
+            stiffness, damping = law.stops.stiffness, law.stops.damping
+            given.append((law.stops.edge(mode.stop), law.stops.stiffness))
         for servo, cut, region, waiting in zip(law.servos, mode.cut, mode.region, mode.waiting, strict=True):
+            bound = servo.upper if cut > 0 else servo.lower
             if servo.period is not None:
-                yield 0.0, 0.0, [(waiting[-1 - servo.delay], 1.0)]
+                given.append((waiting[-1 - servo.delay], 1.0))
             elif not cut:
-                yield servo.proportional, servo.derivative, [(servo.target, servo.proportional), (
-                    servo.target_velocity, servo.derivative), (servo.feedforward, 1.0)]
+                stiffness, damping = stiffness + servo.proportional, damping + servo.derivative
+                given += [(servo.target, servo.proportional), (servo.target_velocity, servo.derivative),
+                          (servo.feedforward, 1.0)]
             elif servo.no_load_speed is None or region * cut < 0:
-                yield 0.0, 0.0, [(servo.upper if cut > 0 else servo.lower, 1.0)]
+                given.append((bound, 1.0))
             elif abs(region) < 2:
-                bound = servo.upper if cut > 0 else servo.lower
-                yield 0.0, abs(bound) / servo.no_load_speed, [(bound, 1.0)]
+                damping += abs(bound) / servo.no_load_speed
+                given.append((bound, 1.0))
+        moving = [each.scaled(factor) for each, factor in given if isinstance(each, TimeFunction)]
+        for each, factor in given:
+            if not isinstance(each, TimeFunction):
+                torque += factor * each
+        joint, axis, child_axis = self.problem.joints[law.joint], law.coordinate.parent_axis, law.coordinate.child_axis
+        bodies = joint.parent, joint.child
+        if law.coordinate.relative is None:
+            ends = *bodies, joint.parent_anchor, joint.child_anchor, axis
+            return [SlideForce(*ends, torque, stiffness, 0.0, damping), *(SlideForce(*ends, each) for each in moving)]
+        spring = TorsionalSpring(*bodies, axis, child_axis, stiffness, 0.0, damping, torque)
+        spring = spring.counted_from(float(state.q[i]) - spring.start_angle(state.R))
+        return [spring, *(TorsionalSpring(*bodies, axis, child_axis, 0.0, 0.0, 0.0, each) for each in moving)]
 
     def _stretch(self, solution: Solution, state: State, rows: list[int]) -> Stretch:
         """The coordinates along a run from a state on."""
@@ -264,15 +257,15 @@ class Pieces:
             raise IntegrationError(solution.status, solution.status.advice, solution)
         arrays = tuple(getattr(solution, name) for name in ("x", "R", "v", "w", "a", "alpha"))
         q, rate, acceleration, holding = np.empty((4, len(solution.t), len(self.laws)))
-        for i, (law, ends, row) in enumerate(zip(self.laws, self.ends, rows, strict=True)):
-            q[:, i], rate[:, i], acceleration[:, i] = measured(law, ends, *arrays)
-            if law.coordinate.relative is not None:
-                q[:, i] = np.unwrap(q[:, i])
-                q[:, i] += 2 * np.pi * round((state.q[i] - q[0, i]) / (2 * np.pi))
+        for i, (law, row) in enumerate(zip(self.laws, rows, strict=True)):
+            turns = law.coordinate.relative is not None
+            holding[:, i] = np.nan if row < 0 else (1.0 if turns else -1.0) * solution.lam[:, row]
             if row >= 0:
                 q[:, i], rate[:, i], acceleration[:, i] = state.q[i], 0.0, 0.0
-            sign = 1.0 if law.coordinate.relative is not None else -1.0
-            holding[:, i] = sign * solution.lam[:, row] if row >= 0 else np.nan
+                continue
+            q[:, i], rate[:, i], acceleration[:, i] = measured(law, self.problem.joints[law.joint], *arrays)
+            if turns:
+                q[:, i] = _continued(q[:, i], float(state.q[i]))
         return Stretch(solution, q, rate, acceleration, holding)
 
     def _run(self, state: State, times: np.ndarray) -> Stretch:
@@ -744,8 +737,7 @@ class Pieces:
         for k, angle in self.springs.items():
             spring = self.problem.forces[k]
             assert isinstance(spring, TorsionalSpring)
-            path = np.unwrap(spring.start_angle(s.solution.R[:row + 1]))
-            self.springs[k] = float(path[-1] + 2 * np.pi * round((angle - path[0]) / (2 * np.pi)))
+            self.springs[k] = float(_continued(spring.start_angle(s.solution.R[:row + 1]), angle)[-1])
 
     def _keep(self, s: Stretch, *rows: int) -> None:
         """Remember the rows of a stretch that are asked for; at a sample of a servo that from which its value acts."""
@@ -765,6 +757,12 @@ class Pieces:
 
     def _fail(self, status: Status, why: str = "") -> None:
         raise IntegrationError(status, why or status.advice, self._whole(status))
+
+
+def _continued(angles: np.ndarray, first: float) -> np.ndarray:
+    """Angles over whole turns, of which the first is nearest to this one."""
+    path = np.unwrap(angles)
+    return np.asarray(path + 2 * np.pi * round((first - path[0]) / (2 * np.pi)))
 
 
 def held_range(law: Law, mode: Mode) -> tuple[float, float]:

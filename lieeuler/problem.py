@@ -13,6 +13,7 @@ from lieeuler import _kernel
 from lieeuler.checks import SMALLEST, Frozen, Number, Positive, Vector, array
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import CustomForce, Force
+from lieeuler.joint_parts import Dot
 from lieeuler.joints import Joint
 from lieeuler.laws import Law
 from lieeuler.solution import Status
@@ -169,6 +170,15 @@ class Problem(Frozen):
     def rows(self) -> int:
         """Number of constraint rows m."""
         return sum(joint.rows for joint in self.joints)
+
+    def attitude(self, body: int) -> np.ndarray:
+        """R of a body at the start, or of the ground."""
+        return np.eye(3) if body == GROUND else self.R[body]
+
+    def held_turns(self, joint: Joint, rows: Sequence[Dot]) -> np.ndarray:
+        """(k, 3) world directions about which rows of normal axes keep the bodies from turning at the start."""
+        return np.reshape([dot.scale * np.cross(self.R[joint.child] @ dot.b_axis,
+                                                self.attitude(joint.parent) @ dot.a_axis) for dot in rows], (-1, 3))
 
     @functools.cached_property
     def kernel(self) -> _kernel.Plan:

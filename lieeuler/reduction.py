@@ -5,7 +5,7 @@ from __future__ import annotations
 from lieeuler.errors import ArgumentError
 from lieeuler.joint_tree import Node, joint_tree
 from lieeuler.methods import Method
-from lieeuler.planar import plane_of
+from lieeuler.planar import Plane, plane_of
 from lieeuler.problem import Problem
 from lieeuler.reduced import Reduced
 from lieeuler.welded import welded_for
@@ -29,15 +29,15 @@ def reductions(problem: Problem, method: Method, wanted: str | None) -> list[Red
         raise ArgumentError(f"reduce must be one of {', '.join(WORDS)}, not {wanted!r}")
     words = {wanted} if wanted else {*method.reduced}
     welded = welded_for(problem) if words & {"welded", "joints"} else None
-    steps = [welded] if welded else []
+    steps: list[Reduced] = [welded] if welded else []
     if wanted == "welded" and not steps:
         raise ArgumentError("reduce='welded' does not apply: no two bodies are welded, joints are open at the start, "
                             "or a weld, joint or force ties a body to one that it is welded to")
     if words & {"planar", "axis"}:
         plane = plane_of(steps[-1].problem if steps else problem, method.name == "taylor")
-        if isinstance(plane, Reduced) and wanted == "axis" != plane.word:
+        if isinstance(plane, Plane) and wanted == "axis" != plane.word:
             plane = "its bodies do not all turn about axes fixed in the ground"
-        if isinstance(plane, Reduced):
+        if isinstance(plane, Plane):
             steps.append(plane)
         elif wanted:
             raise ArgumentError(f"reduce={wanted!r} does not apply: {plane}")

@@ -81,8 +81,8 @@ class Stats:
     spin_free : tuple of int
         The bodies integrated in a frame that does not spin with them (`lieeuler.spin_free`).
     reduce : str
-        What was left out: "off", "planar" or "axis" (`lieeuler.planar`), "welded" (`lieeuler.welded`), or "welded" and
-        one of the former, with a comma between.
+        What was left out: "off", "planar" or "axis" (`lieeuler.planar`), "welded" (`lieeuler.welded`), "joints"
+        (`lieeuler.joint_tree`), or "welded" and one of the others, with a comma between.
     """
 
     steps: int

@@ -37,7 +37,9 @@ def spin_free_frames(problem: Problem) -> Reduced | None:
         system.set_spin(b, rate * (problem.bodies[b].inertia @ axis))
     framed = Problem.unchecked(problem, w=problem.w - spins)
     vars(framed)["kernel"] = _kernel.Plan(system)  # in place of that without spins
-    return Reduced.of("spin-free", problem, framed, spins=spins)
+    frames = Reduced("spin-free", problem, spins=spins)
+    frames.problem = framed
+    return frames
 
 
 def symmetric_bodies(problem: Problem) -> dict[int, np.ndarray]:
@@ -71,8 +73,7 @@ def _attached(problem: Problem) -> dict[int, list[np.ndarray]]:
     A body is left out if something acts on it that no axis of symmetry allows.
     """
     found: dict[int, list[np.ndarray]] = {body: [] for body in range(GROUND, problem.n)}
-    turned = {GROUND}
-    length = problem.kernel.length
+    turned, length = {GROUND}, problem.kernel.length
     leaders = {joint.mimic.joint for joint in problem.joints if joint.mimic is not None}
     for index, joint in enumerate(problem.joints):
         for body, side, anchor in ((joint.parent, "parent", joint.parent_anchor),

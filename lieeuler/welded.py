@@ -10,14 +10,11 @@ The rows of the welds are left out. At the samples the welds are closed to round
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any
-
 import numpy as np
 
 from lieeuler.joints import Joint
 from lieeuler.problem import DEPENDENT, ROUNDING, Body, Problem, once
-from lieeuler.reduced import Carriers, Reduced
+from lieeuler.reduced import Reduced
 from lieeuler.types import GROUND
 
 
@@ -52,38 +49,13 @@ def welded_for(problem: Problem) -> Reduced | None:
         moved = turn[b] @ part.inertia @ turn[b].T
         inertia[body[b]] += (moved + moved.T) / 2
         inertia[body[b]] += part.mass * (centre[b] @ centre[b] * np.eye(3) - np.outer(centre[b], centre[b]))
-    composites = _Composites(problem, body, centre, turn, np.eye(3), R)
-    fewer = Problem(tuple(Body(m, J) for m, J in zip(total, inertia, strict=True)),
-                    tuple(composites.whole(joint, list(kept)) for joint in kept.values()), problem.gravity, X, R, V, w,
-                    tuple(composites.force(force, "a force") for force in problem.forces), problem.time)
-    return Reduced.of("welded", problem, fewer, body=body, centre=centre, turn=turn)
+    bodies = [Body(m, J) for m, J in zip(total, inertia, strict=True)]
+    return Reduced("welded", problem, body, centre, turn).between_carriers(bodies, list(kept), X, R, V, w)
 
 
 def _is_weld(problem: Problem, joint: Joint) -> bool:
     """Whether a joint is a fixed joint between two bodies, and nothing else."""
-    if (joint.parent == GROUND or not joint.spherical or len(joint.dots) != 3 or joint.rows != 6 or joint.rotors
-            or any((dot.a, dot.b, dot.constant) != ("parent", "child", 0.0) for dot in joint.dots)):
-        return False
-    turns = [dot.scale * np.cross(problem.R[joint.child] @ dot.b_axis, problem.R[joint.parent] @ dot.a_axis)
-             for dot in joint.dots]
-    return bool(np.linalg.matrix_rank(turns, tol=DEPENDENT) == 3)
-
-
-class _Composites(Carriers):
-    """All rows of joints move with their bodies."""
-
-    def whole(self, joint: Joint, kept: list[int]) -> Joint:
-        """The joint with all of its rows; `kept` are the joints that are left, by their old index."""
-        ends, changed = {"parent": joint.parent, "child": joint.child, "difference": GROUND}, dict[str, Any]()
-        changed["dots"] = tuple(dataclasses.replace(
-            dot, a_axis=self.vector(ends[dot.a], dot.a_axis), b_axis=self.vector(ends[dot.b], dot.b_axis))
-            for dot in joint.dots)
-        if (contact := joint.contact) is not None:
-            changed["contact"] = dataclasses.replace(contact, axis=self.vector(joint.child, contact.axis))
-        if (mimic := joint.mimic) is not None:
-            leader = self.problem.joints[mimic.joint]
-            changed["mimic"] = dataclasses.replace(
-                mimic, joint=kept.index(mimic.joint),
-                coordinate=self.coordinate(mimic.coordinate, joint.parent, joint.child, "a mimic"),
-                leader=self.coordinate(mimic.leader, leader.parent, leader.child, "a mimic"))
-        return self.joint(joint, **changed)
+    rows = joint.basic_rows
+    return (joint.parent != GROUND and joint.spherical and joint.rows == 6 and not joint.rotors and rows is not None
+            and len(rows[1]) == 3
+            and int(np.linalg.matrix_rank(problem.held_turns(joint, rows[1]), tol=DEPENDENT)) == 3)

@@ -37,8 +37,9 @@ inline void put(std::vector<double>& out, size_t at, const Mat3& R) {
 }
 
 inline const char* name_of(Status status) {
-  static constexpr const char* names[] = {"success",    "newton_failed",  "singular_matrix", "map_domain",
-                                          "non_finite", "step_too_small", "interrupted"};  // in the order of Status
+  static constexpr const char* names[] = {"success",     "newton_failed",   "singular_matrix",
+                                          "map_domain",  "non_finite",      "step_too_small",
+                                          "interrupted", "constraints_open"};  // as in Status
   return names[static_cast<int>(status)];
 }
 

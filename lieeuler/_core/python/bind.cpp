@@ -121,6 +121,7 @@ NB_MODULE(_kernel, m) {
       .def_rw("begin", &Run::begin)
       .def_prop_ro("knows_joints", [](const Run& run) { return bool(run.by_joints); })
       .def_rw("fewer_rows", &Run::fewer_rows)
+      .def_rw("held", &Run::held)
       .def("add_reduction",
            [](Run& run, const Mat3& world, const std::vector<int>& carriers, const std::vector<Vec3>& centres,
               const std::vector<double>& heights, const std::vector<Mat3>& turns, const std::vector<Vec3>& spins,

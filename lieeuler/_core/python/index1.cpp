@@ -63,7 +63,6 @@ void bind_index1(nb::module_& module) {
   module.def("runge_kutta", &runge_kutta);
   module.def("adaptive_runge_kutta", &adaptive_runge_kutta);
   module.def("taylor", &taylor);
-  module.def("first_refused", &first_refused);
   module.def("integrate", &integrate);
   module.def("integrate_ensemble", &integrate_ensemble);
   module.def("taylor_coefficients", &taylor_coefficients);

@@ -22,6 +22,7 @@ struct Run {
   std::vector<JointNode> nodes = {};       // of the tree; none: the bodies' coordinates
   std::vector<Reduction> reductions = {};  // from the problem to the one that is integrated, the first step first
   bool fewer_rows = false;                 // some are left out: multipliers are then those of the index-1 system
+  unsigned held = 0;                       // the levels that the method holds: position 1, velocity 2, acceleration 4
 
   Outcome operator()(const Plan& plan, const State& initial, const Record& record,
                      const Interrupted& interrupted) const {

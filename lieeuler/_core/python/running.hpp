@@ -1,11 +1,12 @@
 // Runs of one system or an ensemble, and what they return to Python.
 #pragma once
 
+#include <atomic>
 #include <chrono>
+#include <future>
 
 #include "python/levels.hpp"
 #include "python/run.hpp"
-#include "run/threads.hpp"
 
 namespace lieeuler {
 
@@ -48,18 +49,6 @@ inline bool is_admissible(const Plan& plan, const State& state) {
   return position <= kOpen && velocity <= kOpen;
 }
 
-// The first of N states at a time from which no run may start, else N.
-inline size_t first_refused(const Plan& plan, double time, const Array& x, const Array& R, const Array& v,
-                            const Array& w) {
-  const size_t N = x.size() / (3 * plan.system.n());
-  for (size_t k = 0; k < N; ++k) {
-    State state = make_state(plan.system, x, R, v, w, k);
-    state.frames.time = time;
-    if (!is_admissible(plan, state)) return k;
-  }
-  return N;
-}
-
 // Whether Ctrl-C was pressed; takes the interpreter's lock.
 inline bool ctrl_c() {
   nb::gil_scoped_acquire gil;
@@ -70,89 +59,101 @@ inline bool ctrl_c() {
 }
 
 // Runs the problem that stands for `whole` from a state at the time of `method`, and writes the samples of `whole` at
-// times t (T,): v (5, T, n, 3) holds x, v, w, a and alpha. checks: returns None, without a run, if the state is not
-// admissible. Returns the status; samples filled, time reached and wall time (s); counters, maxima, and which levels of
-// `whole` are open at the end, of all steps with maxima or else of the last sample: 1, 2 and 4.
-using Counted = std::tuple<long, long, long, long, long, long, int>;
-using Ended = std::tuple<const char*, int, double, double, Counted,
-                         std::tuple<double, double, double, double, double, double>, int>;
-inline std::optional<Ended> integrate(const Plan& whole, const Plan& plan, const Run& method, const Array& x,
-                                      const Array& R, const Array& v, const Array& w, bool checks, const Array& t,
-                                      const Output& vectors, const Output& attitudes, const Output& lam) {
+// times t (T,) and its multipliers, lam (T, m). The status also says whether levels of `whole` that the method holds
+// are open at the end: of all steps with maxima, or else of the last sample.
+inline Outcome fill(const Plan& whole, const Plan& plan, const Run& method, const State& initial, const double* t,
+                    const Motion& motion, double* lam, const Interrupted& interrupted) {
   const System &system = plan.system, &all = whole.system;
-  const size_t T = method.samples, n = all.n(), m = all.rows(), springs = system.forces.size();
-  require(t.size() == T && vectors.size() == 15 * T * n && attitudes.size() == 9 * T * n && lam.size() == T * m &&
-              all.forces.size() == springs,
-          "arrays for all samples of the system");
-  State initial = make_state(system, x, R, v, w);
-  initial.frames.time = method.begin;
-  if (checks && !is_admissible(plan, initial)) return std::nullopt;
+  const size_t T = method.samples, m = all.rows(), springs = system.forces.size();
   std::vector<double> angles(T * springs), own_lam(method.fewer_rows ? T * system.rows() : 0);
-  require(method.fewer_rows || system.rows() == all.rows(), "multipliers of all rows");
+  require(all.forces.size() == springs && (method.fewer_rows || system.rows() == all.rows()),
+          "the forces of the whole system, and multipliers of all rows");
   // A motion for the problem of every reduction, and that of the whole.
   std::vector<std::vector<double>> kept;
-  std::vector<Motion> motions{{n, T, vectors.data(), attitudes.data()}};
-  for (size_t k = 0; k < method.reductions.size(); ++k) {
-    const auto& bodies = method.reductions[k].bodies;
+  std::vector<Motion> motions{motion};
+  for (const Reduction& reduction : method.reductions) {
     size_t fewer = 0;
-    for (const auto& body : bodies) fewer = std::max(fewer, static_cast<size_t>(body.carrier) + 1);
-    require(bodies.size() == motions.back().n && method.reductions[k].angles.size() <= springs,
+    for (const auto& body : reduction.bodies) fewer = std::max(fewer, static_cast<size_t>(body.carrier) + 1);
+    require(reduction.bodies.size() == motions.back().n && reduction.angles.size() <= springs,
             "a carrier of every body, and an angle of every force");
     kept.emplace_back(24 * T * fewer);
     motions.push_back({fewer, T, kept.back().data(), kept.back().data() + 15 * T * fewer});
   }
   require(motions.back().n == static_cast<size_t>(system.n()), "carriers of all bodies");
   const Samples found{motions.back(), static_cast<size_t>(system.rows()), springs,
-                      method.fewer_rows ? own_lam.data() : lam.data(), angles.data()};
-  const Samples samples{motions.front(), m, springs, lam.data(), angles.data()};
+                      method.fewer_rows ? own_lam.data() : lam, angles.data()};
+  const Samples samples{motion, m, springs, lam, angles.data()};
+  std::array<bool, 3> open{};
+  bool judged = method.monitored || all.joints.empty();
+  const auto judge_end = [&](const State& state) {
+    const auto [position, velocity] = constraint_levels(whole, state, method.duration);
+    open = {!(position <= kOpen), !(velocity <= kOpen), false}, judged = true;
+  };
+  const Record record = [&](int sample, const State& state) {
+    found.put(sample, state);
+    if (!judged && method.reductions.empty() && static_cast<size_t>(sample) + 1 == T) judge_end(state);
+  };
+  Outcome outcome = method(plan, initial, record, interrupted);
+  outcome.time_reached += method.begin;
+  const size_t count = outcome.samples;
+  for (size_t k = method.reductions.size(); k-- > 0;) {
+    const Reduction& reduction = method.reductions[k];
+    reduction.restore(t, count, motions[k + 1], motions[k]);
+    for (size_t each = 0; each < count; ++each)
+      for (size_t f = 0; f < reduction.angles.size(); ++f) angles[each * springs + f] += reduction.angles[f];
+  }
+  if (method.fewer_rows) {
+    const auto given = [&](size_t k) {
+      State state = samples.get(all, k, t[k]);
+      std::copy_n(angles.data() + k * springs, springs, state.angles.data());
+      return state;
+    };
+    const auto [redundant, known] = solve_index1(
+        whole, count, given, [&](const State& state, size_t k) { std::copy_n(state.lam.begin(), m, lam + k * m); });
+    outcome.redundant_rows = redundant;
+    // At a singular position it ends as an integration of the whole would.
+    if (known < count)
+      outcome.status = Status::singular_matrix, outcome.samples = static_cast<int>(known),
+      outcome.time_reached = t[known];
+  }
+  if (outcome.status != Status::success || all.joints.empty()) return outcome;
+  const auto row = [&](size_t which) { return motion.row(which, 0); };
+  if (method.monitored)
+    open = open_levels(whole, {row(0), row(1), row(2), row(3), row(4), lam, T}, outcome.maxima, method.duration);
+  else if (!judged)
+    judge_end(samples.get(all, T - 1, t[T - 1]));
+  for (size_t level = 0; level < open.size(); ++level)
+    if (open[level] && (method.held >> level & 1)) outcome.status = Status::constraints_open;
+  return outcome;
+}
+
+inline double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// One run; v (5, T, n, 3) gets x, v, w, a and alpha. checks: returns None, without a run, if the state is not
+// admissible. Returns the status; samples filled, time reached and wall time (s); counters, and maxima.
+using Counted = std::tuple<long, long, long, long, long, long, int>;
+using Ended =
+    std::tuple<const char*, int, double, double, Counted, std::tuple<double, double, double, double, double, double>>;
+inline std::optional<Ended> integrate(const Plan& whole, const Plan& plan, const Run& method, const Array& x,
+                                      const Array& R, const Array& v, const Array& w, bool checks, const Array& t,
+                                      const Output& vectors, const Output& attitudes, const Output& lam) {
+  const size_t T = method.samples, n = whole.system.n();
+  require(t.size() == T && vectors.size() == 15 * T * n && attitudes.size() == 9 * T * n &&
+              lam.size() == T * whole.system.rows(),
+          "arrays for all samples of the system");
+  State initial = make_state(plan.system, x, R, v, w);
+  initial.frames.time = method.begin;
+  if (checks && !is_admissible(plan, initial)) return std::nullopt;
   Outcome outcome;
   double seconds;
-  std::array<bool, 3> open{};
   {
     nb::gil_scoped_release release;
     const auto start = std::chrono::steady_clock::now();
-    bool judged = method.monitored || all.joints.empty();
-    const auto judge_end = [&](const State& state) {
-      const auto [position, velocity] = constraint_levels(whole, state, method.duration);
-      open = {!(position <= kOpen), !(velocity <= kOpen), false}, judged = true;
-    };
-    const Record record = [&](int sample, const State& state) {
-      found.put(sample, state);
-      if (!judged && method.reductions.empty() && static_cast<size_t>(sample) + 1 == T) judge_end(state);
-    };
-    outcome = method(plan, initial, record, ctrl_c);
-    outcome.time_reached += method.begin;
-    const size_t count = outcome.samples;
-    for (size_t k = method.reductions.size(); k-- > 0;) {
-      const Reduction& reduction = method.reductions[k];
-      reduction.restore(t.data(), count, motions[k + 1], motions[k]);
-      for (size_t each = 0; each < count; ++each)
-        for (size_t f = 0; f < reduction.angles.size(); ++f) angles[each * springs + f] += reduction.angles[f];
-    }
-    if (method.fewer_rows) {
-      const auto given = [&](size_t k) {
-        State state = samples.get(all, k, t.data()[k]);
-        std::copy_n(angles.data() + k * springs, springs, state.angles.data());
-        return state;
-      };
-      const auto [redundant, known] = solve_index1(whole, count, given, [&](const State& state, size_t k) {
-        std::copy_n(state.lam.begin(), m, lam.data() + k * m);
-      });
-      outcome.redundant_rows = redundant;
-      // At a singular position it ends as an integration of the whole would.
-      if (known < count)
-        outcome.status = Status::singular_matrix, outcome.samples = static_cast<int>(known),
-        outcome.time_reached = t.data()[known];
-    }
-    if (outcome.status == Status::success && !all.joints.empty()) {
-      const auto row = [&](size_t which) { return motions.front().row(which, 0); };
-      if (method.monitored)
-        open = open_levels(whole, {row(0), row(1), row(2), row(3), row(4), lam.data(), T}, outcome.maxima,
-                           method.duration);
-      else if (!judged)
-        judge_end(samples.get(all, T - 1, t.data()[T - 1]));
-    }
-    seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    outcome =
+        fill(whole, plan, method, initial, t.data(), {n, T, vectors.data(), attitudes.data()}, lam.data(), ctrl_c);
+    seconds = seconds_since(start);
   }
   const Counters& done = outcome.counters;
   const Maxima& most = outcome.maxima;
@@ -162,64 +163,73 @@ inline std::optional<Ended> integrate(const Plan& whole, const Plan& plan, const
                seconds,
                {done.steps, done.rejected_steps, done.force_evaluations, done.newton_iterations, done.factorizations,
                 done.most_iterations, outcome.redundant_rows},
-               {most.energy_error, most.kinetic, most.position, most.velocity, most.acceleration, most.orthogonality},
-               open[0] + 2 * open[1] + 4 * open[2]};
+               {most.energy_error, most.kinetic, most.position, most.velocity, most.acceleration, most.orthogonality}};
 }
 
-// Runs all members; returns their samples at times t (T,) and how each ended. `plans` holds one plan for all members,
-// or one for each; `spins` (N, n, 3) are those of the frames of their bodies, or nothing.
-inline Parts integrate_ensemble(const std::vector<const Plan*>& plans, const Run& method, const Array& t,
-                                const Array& x, const Array& R, const Array& v, const Array& w, const Array& spins,
-                                int threads) {
-  require(!plans.empty() && threads > 0, "an ensemble needs a system and a thread");
-  const size_t T = method.samples, n = plans[0]->system.n(), N = x.size() / (3 * n);
-  require(plans.size() == 1 || plans.size() == N, "one system, or one for each member");
-  require(t.size() == T && (spins.size() == 0 || spins.size() == 3 * N * n), "a time a sample, and a spin a body");
-  for (const Plan* plan : plans) require(plan->system.n() == static_cast<int>(n), "systems of equal size");
-  const double nothing = std::numeric_limits<double>::quiet_NaN();
-  std::vector<double> xs(N * T * n * 3, nothing), Rs(N * T * n * 9, nothing), vs(xs), ws(xs), times(N, 0.0);
-  std::vector<Status> statuses(N, Status::interrupted);
-  std::vector<std::int64_t> steps(N, 0), rejected(N, 0);
-  const auto run_member = [&](size_t k, const Interrupted& stopped) {
-    const Plan& plan = *plans[plans.size() == 1 ? 0 : k];
-    State initial = make_state(plan.system, x, R, v, w, k);
-    initial.frames.time = method.begin;
-    const Record record = [&](int sample, const State& state) {
-      for (size_t b = 0; b < n; ++b) {
-        const size_t at = (k * T + sample) * n + b;
-        auto [x_b, R_b] = state.frames[b];
-        Vec3 w_b = state.u[b].w, alpha_b = state.a[b].w;
-        const Vec3 spin = spins.size() == 0 ? Vec3(Vec3::Zero()) : load3(spins.data() + 3 * (k * n + b));
-        if (!spin.isZero(0)) turn_with(spin, t.data()[sample] - t.data()[0], R_b, w_b, alpha_b);
-        put(xs, 3 * at, x_b), put(Rs, 9 * at, R_b), put(vs, 3 * at, state.u[b].v), put(ws, 3 * at, w_b);
-      }
-    };
-    const Outcome outcome = method(plan, initial, record, stopped);
-    statuses[k] = outcome.status, times[k] = outcome.time_reached;
+// Runs of N members on threads, from states (N, n, ...); `vectors` (N, 5, T, n, 3) and `attitudes` get their samples.
+// wholes, plans, methods: as integrate() takes them, of all members or of each. Returns their statuses, times reached,
+// steps and rejected steps; the first member whose state is not admissible, else N; whether Ctrl-C ended the runs; and
+// the wall time (s). Members share nothing, so that results do not depend on the number of threads.
+using EnsembleEnded = std::tuple<std::vector<std::string>, std::vector<double>, std::vector<long>, std::vector<long>,
+                                 size_t, bool, double>;
+inline EnsembleEnded integrate_ensemble(const std::vector<const Plan*>& wholes, const std::vector<const Plan*>& plans,
+                                        const std::vector<const Run*>& methods, const Array& t, const Array& x,
+                                        const Array& R, const Array& v, const Array& w, int threads,
+                                        const Output& vectors, const Output& attitudes) {
+  const size_t kinds = plans.size(), n = wholes.at(0)->system.n(), T = t.size(), N = x.size() / (3 * n);
+  require(threads > 0 && (kinds == 1 || kinds == N) && wholes.size() == kinds && methods.size() == kinds,
+          "threads, and one system, or one for each member");
+  for (size_t k = 0; k < kinds; ++k)
+    require(methods[k]->samples == T && wholes[k]->system.n() == static_cast<int>(n) &&
+                plans[k]->system.n() == static_cast<int>(n),
+            "systems of equal size, and a time a sample");
+  require(vectors.size() == 15 * N * T * n && attitudes.size() == 9 * N * T * n, "arrays for all samples");
+  EnsembleEnded ended;
+  auto& [statuses, times, steps, rejected, refused, interrupted, seconds] = ended;
+  statuses.assign(N, name_of(Status::interrupted)), times.assign(N, 0), steps.assign(N, 0), rejected.assign(N, 0);
+  refused = N;
+  std::mutex guard;  // of `refused`
+  std::atomic<size_t> next{0};
+  std::atomic<bool> stop{false};
+  const Interrupted stopped = [&] { return stop.load(); };
+  const auto run_member = [&](size_t k) {
+    const size_t kind = kinds == 1 ? 0 : k;
+    State initial = make_state(plans[kind]->system, x, R, v, w, k);
+    initial.frames.time = methods[kind]->begin;
+    if (!is_admissible(*plans[kind], initial)) {
+      const std::lock_guard lock(guard);
+      refused = std::min(refused, k), stop = true;
+      return;
+    }
+    std::vector<double> lam(T * wholes[kind]->system.rows());
+    const Motion motion{n, T, vectors.data() + 15 * k * T * n, attitudes.data() + 9 * k * T * n};
+    const Outcome outcome =
+        fill(*wholes[kind], *plans[kind], *methods[kind], initial, t.data(), motion, lam.data(), stopped);
+    statuses[k] = name_of(outcome.status), times[k] = outcome.time_reached;
     steps[k] = outcome.counters.steps, rejected[k] = outcome.counters.rejected_steps;
   };
-  bool interrupted;
-  double seconds;
-  {
-    nb::gil_scoped_release release;
-    const auto start = std::chrono::steady_clock::now();
-    interrupted = on_threads(N, threads, ctrl_c, run_member);
-    seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  }
-  Parts result;
-  result["x"] = make_array(std::move(xs), {N, T, n, 3});
-  result["R"] = make_array(std::move(Rs), {N, T, n, 3, 3});
-  result["v"] = make_array(std::move(vs), {N, T, n, 3});
-  result["w"] = make_array(std::move(ws), {N, T, n, 3});
-  result["time"] = make_array(std::move(times), {N});
-  std::vector<std::string> names;
-  for (const Status status : statuses) names.emplace_back(name_of(status));
-  result["status"] = names;
-  result["steps"] = steps;
-  result["rejected_steps"] = rejected;
-  result["interrupted"] = interrupted;
-  result["wall_time"] = seconds;
-  return result;
+  const auto work = [&] {
+    try {
+      for (size_t k; !stop && (k = next++) < N;) run_member(k);
+    } catch (...) {
+      stop = true;
+      throw;
+    }
+  };
+  nb::gil_scoped_release release;
+  const auto start = std::chrono::steady_clock::now();
+  std::vector<std::future<void>> crew;
+  const struct End {  // of all threads, however this one leaves: the futures wait for them
+    std::atomic<bool>& stop;
+    ~End() { stop = true; }
+  } end{stop};
+  for (int k = 0; k < threads; ++k) crew.push_back(std::async(std::launch::async, work));
+  for (std::future<void>& each : crew)
+    while (each.wait_for(std::chrono::milliseconds(50)) != std::future_status::ready)
+      if (ctrl_c()) stop = interrupted = true;
+  for (std::future<void>& each : crew) each.get();  // throws what a member threw
+  seconds = seconds_since(start);
+  return ended;
 }
 
 }  // namespace lieeuler

@@ -6,7 +6,16 @@
 
 namespace lieeuler {
 
-enum class Status { success, newton_failed, singular_matrix, map_domain, non_finite, step_too_small, interrupted };
+enum class Status {
+  success,
+  newton_failed,
+  singular_matrix,
+  map_domain,
+  non_finite,
+  step_too_small,
+  interrupted,
+  constraints_open
+};
 
 struct Counters {
   long steps = 0, rejected_steps = 0, force_evaluations = 0, newton_iterations = 0, factorizations = 0,

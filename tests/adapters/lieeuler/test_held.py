@@ -6,7 +6,9 @@ import pytest
 import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
-from lieeuler import Status, held
+from lieeuler import Status
+from lieeuler.integrate import opened
+from lieeuler.methods import LEVELS
 from tests.lieeuler.test_held import T
 
 
@@ -42,7 +44,7 @@ def test_of_what_is_not_monitored_the_last_state_is_judged():
 
 
 def still_open(problem, solution):
-    return tuple(level for level, left in zip(held.LEVELS, held.opened(problem, solution), strict=True) if left)
+    return tuple(level for level, left in zip(LEVELS, opened(problem, solution), strict=True) if left)
 
 
 @pytest.mark.parametrize("level", ["velocity", "acceleration"])

@@ -8,7 +8,6 @@ the samples.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,40 +17,11 @@ from lieeuler.joints import Joint
 from lieeuler.problem import DEPENDENT, ROUNDING, Problem, once
 from lieeuler.types import GROUND
 
-
-@dataclasses.dataclass(frozen=True)
-class Node:
-    """A node of the tree.
-
-    Attributes
-    ----------
-    kind : "hinge" | "slide" | "ball"
-    parent : int
-        Node; -1: the ground.
-    joint : int
-        That it belongs to.
-    last : bool
-        Whether it carries the child of the joint.
-    turn : (3, 3)
-        Attitude of its link relative to the parent's, where the angle is zero: at the start.
-    axis : (3,)
-        Of a hinge in its own link, of a slide in the parent's.
-    armature : float
-        kg m^2 or kg, of the rotors on this coordinate.
-    """
-
-    kind: str
-    parent: int
-    joint: int
-    last: bool
-    turn: np.ndarray
-    axis: np.ndarray
-    armature: float = 0.0
-
-    def add_to(self, run: _kernel.Run) -> None:
-        """Add this node to a compiled run."""
-        run.add_node(_kernel.JointNodeKind[self.kind], self.parent, self.joint, self.last, self.turn, self.axis,
-                     self.armature)
+Node = tuple[_kernel.JointNodeKind, int, int, bool, np.ndarray, np.ndarray, float]
+"""As a compiled run takes it: its kind; the parent among the nodes, -1 is the ground; the joint that it belongs to, and
+whether it carries the child of the joint; (3, 3) attitude of its link relative to the parent's at the start, where the
+angle is zero; (3,) axis, of a hinge in its own link, of a slide in the parent's; the inertia of rotors on this
+coordinate, kg m^2 or kg."""
 
 
 @once
@@ -77,7 +47,8 @@ def joint_tree(problem: Problem) -> tuple[Node, ...]:
             rotors = [rotor.inertia for rotor in joint.rotors if rotor.turns == (kind == "hinge")]
             if rotors and (kind == "ball" or kinds.count("hinge") > 1):
                 return ()
-            nodes.append(Node(kind, parent, index, last, Q if last else np.eye(3), axis, sum(rotors)))
+            turn = Q if last else np.eye(3)
+            nodes.append((_kernel.JointNodeKind[kind], parent, index, last, turn, axis, sum(rotors)))
             parent = len(nodes) - 1
         carrying[joint.child] = parent
     return tuple(nodes)

@@ -17,39 +17,36 @@ from lieeuler.types import ArrayLike
 class Status(enum.StrEnum):
     """How an integration ended. Each status equals its text, as in `status == "success"`."""
 
-    SUCCESS = "success"
-    NEWTON_FAILED = "newton_failed"
-    SINGULAR_MATRIX = "singular_matrix"
-    MAP_DOMAIN = "map_domain"
-    NON_FINITE = "non_finite"
-    STEP_TOO_SMALL = "step_too_small"
-    NOT_UNIQUE = "not_unique"
-    INTERRUPTED = "interrupted"
-    CONSTRAINTS_OPEN = "constraints_open"
+    advice: str
+    """What the user can change; empty for a success."""
 
-    @property
-    def advice(self) -> str:
-        """What the user can change; empty for a success."""
-        return _ADVICE[self]
+    SUCCESS = "success", ""
+    NEWTON_FAILED = "newton_failed", "Newton's iteration did not converge within a step; take a smaller step"
+    SINGULAR_MATRIX = "singular_matrix", (
+        "the constraints became dependent, or all but so: the mechanism is at or near a singular position; start "
+        "elsewhere, or pass it with another step, a larger rtol, or a method of fixed steps that holds all levels "
+        "(DAE1H_LSE, rattle2)")
+    MAP_DOMAIN = "map_domain", (
+        "a body turned beyond the coordinate map's domain within one step; take a smaller step")
+    NON_FINITE = "non_finite", "the state became infinite or not a number; take a smaller step"
+    STEP_TOO_SMALL = "step_too_small", (
+        "step control asks for steps too small to end the run; take a larger rtol, or a method for stiff forces; a "
+        "mechanism near a singular position asks for it too")
+    NOT_UNIQUE = "not_unique", (
+        "the motion has no unique continuation: stops that act on each other are hit at one instant, or one while "
+        "another carries, and one of them bounces; end the run there")
+    INTERRUPTED = "interrupted", "interrupted by the user"
+    CONSTRAINTS_OPEN = "constraints_open", (
+        "the run reached its end, and a constraint level that the method holds opened beyond 1e-8 of the system's size "
+        "(stats.maxima); take a smaller step, a method that holds all levels (DAE1H_LSE, rattle2), or masses and "
+        "inertias nearer to each other")
 
+    def __new__(cls, word: str, advice: str) -> Status:
+        """A member that equals its word."""
+        status = str.__new__(cls, word)
+        status._value_, status.advice = word, advice
+        return status
 
-_ADVICE = {
-    Status.SUCCESS: "",
-    Status.NEWTON_FAILED: "Newton's iteration did not converge within a step; take a smaller step",
-    Status.SINGULAR_MATRIX: "the constraints became dependent, or all but so: the mechanism is at or near a singular "
-                            "position; start elsewhere, or pass it with another step, a larger rtol, or a method of "
-                            "fixed steps that holds all levels (DAE1H_LSE, rattle2)",
-    Status.MAP_DOMAIN: "a body turned beyond the coordinate map's domain within one step; take a smaller step",
-    Status.NON_FINITE: "the state became infinite or not a number; take a smaller step",
-    Status.STEP_TOO_SMALL: "step control asks for steps too small to end the run; take a larger rtol, or a method for "
-                           "stiff forces; a mechanism near a singular position asks for it too",
-    Status.NOT_UNIQUE: "the motion has no unique continuation: stops that act on each other are hit at one instant, or "
-                       "one while another carries, and one of them bounces; end the run there",
-    Status.INTERRUPTED: "interrupted by the user",
-    Status.CONSTRAINTS_OPEN: "the run reached its end, and a constraint level that the method holds opened beyond 1e-8 "
-                             "of the system's size (stats.maxima); take a smaller step, a method that holds all levels "
-                             "(DAE1H_LSE, rattle2), or masses and inertias nearer to each other",
-}  # fmt: skip
 
 STATUSES = {status.value: status for status in Status}
 """By their texts; quicker than `Status(text)`."""

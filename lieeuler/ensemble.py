@@ -124,7 +124,7 @@ def integrate_ensemble(problem: Problem, method: Method | str, step: Any = None,
         starts = [np.stack(each) for each in zip(*(run.start for run in runs), strict=True)]
     vectors, R = np.full((N, 5, len(t), problem.n, 3), np.nan), np.full((N, len(t), problem.n, 3, 3), np.nan)
     statuses, t_end, steps, rejected, refused, interrupted, wall_time = _kernel.integrate_ensemble(
-        [run.kernels[0] for run in runs], [run.kernels[1] for run in runs], [run.compiled for run in runs], t, *starts,
+        [run.kernels[0] for run in runs], [run.kernels[1] for run in runs], [run.compiled for run in runs], *starts,
         min(int(threads) or allowed or 1, N), vectors, R)
     raise_own(problem)
     if interrupted:

@@ -242,7 +242,7 @@ class PreparedRun:
                                     "spin_free")
             spin_free, reduce = False, "off"
         self.compiled, self._step = method.run(self.t, monitor)
-        self.compiled.begin = self._begin = float(self.t[0])
+        self._begin = float(self.t[0])
         if any(joint.drive for joint in problem.joints) and self._begin != problem.time:
             problem.check_closed(self._begin)
         spin_free = method.spin_free if spin_free is None else spin_free
@@ -269,6 +269,7 @@ class PreparedRun:
         self.compiled.fewer_rows = bool(words)
         self.compiled.held = sum(1 << k for k, level in enumerate(LEVELS) if level in method.held)
         self.kernels, self.start = (problem.kernel, within.kernel), (within.x, within.R, within.v, within.w)
+        self.compiled.start_from(within.kernel, self.t, *self.start)
         T, n = len(self.t), problem.n
         self._shapes = (5, T, n, 3), (T, n, 3, 3), (T, problem.rows)
         pairs = {(joint.parent, joint.child) for joint in problem.joints}
@@ -288,13 +289,13 @@ class PreparedRun:
         """
         own, solution = self.problem, None
         if x is None and R is None and v is None and w is None:
-            solution = self._solved(self.start, False)
+            solution = self._solved(None)
         else:
             start: State | None = _plain(x, own.x), _plain(R, own.R), _plain(v, own.v), _plain(w, own.w)
             if start and self.state_decides:
                 start = self._plane.entered(self._begin, *start) if self._plane else None
             if start:
-                solution = self._solved(start, True)
+                solution = self._solved(start)
         if solution is not None:
             return self.ended(solution)
         x, R, v, w = (mine if value is None else value
@@ -302,10 +303,10 @@ class PreparedRun:
         return PreparedRun(dataclasses.replace(own, x=x, R=R, v=v, w=w, time=self._begin), self.method, self.t,
                            **self.options)()
 
-    def _solved(self, start: State, checks: bool) -> Solution | None:
-        """The solution of the kernel; None if the start is not admissible."""
+    def _solved(self, start: State | None) -> Solution | None:
+        """The solution of the kernel, from its own start or another one; None if that is not admissible."""
         vectors, R, lam = map(np.empty, self._shapes)
-        result = _kernel.integrate(*self.kernels, self.compiled, *start, checks, self.t, vectors, R, lam)
+        result = _kernel.integrate(*self.kernels, self.compiled, start, vectors, R, lam)
         if self.problem.custom:
             raise_own(self.problem)
         if result is None:
@@ -322,19 +323,19 @@ class PreparedRun:
         return Solution(t, x, R, v, w, a, alpha, lam, STATUSES[word], stats, self.method.name, t_end, (),
                         functools.partial(self._between, start) if self._step is None else None)
 
-    def _between(self, start: State, times: np.ndarray) -> Solution:
+    def _between(self, start: State | None, times: np.ndarray) -> Solution:
         """The run from a start of the kernel at other times."""
         t = np.unique(np.concatenate([self.t[:1], times, self.t[-1:]]))
-        found = PreparedRun(self.problem, self.method, t, **self.options)._solved(start, False)
-        assert found is not None  # only a start that is checked may be refused
+        found = PreparedRun(self.problem, self.method, t, **self.options)._solved(start)
+        assert found is not None  # it was admissible before
         rows = np.searchsorted(t, times)
         return dataclasses.replace(found, **{name: getattr(found, name)[rows] for name in (
             "t", "x", "R", "v", "w", "a", "alpha", "lam")})
 
     def unjudged(self) -> Solution:
         """The solution from the problem's state, also where the run failed."""
-        solution = self._solved(self.start, checks=False)
-        assert solution is not None  # only a start that is checked may be refused
+        solution = self._solved(None)
+        assert solution is not None  # its own start is not refused
         return solution
 
     def ended(self, solution: Solution) -> Solution:

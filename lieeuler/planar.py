@@ -40,7 +40,8 @@ class NotPlanar(Exception):
 def plane_of(problem: Problem, pins: bool) -> Plane | str:
     """The problem in its plane, or why the mechanism does not stay in a plane.
 
-    Its word is "axis" if every body turns about an axis fixed in the ground.
+    Its word is "axis" if every body turns about an axis fixed in the ground: `taylor` then has series of angles, which
+    take 0.4 to 0.7 of the time.
 
     pins: a hinge on the ground needs no row, because the method writes the motion about the hinge's point.
     """

@@ -118,7 +118,14 @@ NB_MODULE(_kernel, m) {
       .value("slide", JointNode::Kind::slide)
       .value("ball", JointNode::Kind::ball);
   nb::class_<Run>(m, "Run")
-      .def_rw("begin", &Run::begin)
+      .def("start_from",
+           [](Run& run, const Plan& plan, const Array& t, const Array& x, const Array& R, const Array& v,
+              const Array& w) {
+             require(t.size() == run.samples, "a time for every sample");
+             run.t.assign(t.data(), t.data() + t.size());
+             run.initial = make_state(plan.system, x, R, v, w);
+             run.initial->frames.time = run.t.front();
+           })
       .def_prop_ro("knows_joints", [](const Run& run) { return bool(run.by_joints); })
       .def_rw("fewer_rows", &Run::fewer_rows)
       .def_rw("held", &Run::held)

@@ -63,7 +63,8 @@ void bind_index1(nb::module_& module) {
   module.def("runge_kutta", &runge_kutta);
   module.def("adaptive_runge_kutta", &adaptive_runge_kutta);
   module.def("taylor", &taylor);
-  module.def("integrate", &integrate);
+  module.def("integrate", &integrate, nb::arg(), nb::arg(), nb::arg(), nb::arg().none(), nb::arg(), nb::arg(),
+             nb::arg());
   module.def("integrate_ensemble", &integrate_ensemble);
   module.def("taylor_coefficients", &taylor_coefficients);
   module.def("project", &project);

@@ -13,8 +13,7 @@ struct Run {
   std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&)> run;
   size_t samples;
   bool monitored;
-  double duration;   // s
-  double begin = 0;  // s, the time of the initial state
+  double duration;  // s
   // The same in the coordinates of a tree's joints, for methods that can.
   std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&,
                         const std::vector<JointNode>&)>
@@ -23,6 +22,8 @@ struct Run {
   std::vector<Reduction> reductions = {};  // from the problem to the one that is integrated, the first step first
   bool fewer_rows = false;                 // some are left out: multipliers are then those of the index-1 system
   unsigned held = 0;                       // the levels that the method holds: position 1, velocity 2, acceleration 4
+  std::vector<double> t = {};              // s, of the samples
+  std::optional<State> initial = {};       // of the problem that is integrated, where no other one is given
 
   Outcome operator()(const Plan& plan, const State& initial, const Record& record,
                      const Interrupted& interrupted) const {

@@ -58,13 +58,14 @@ inline bool ctrl_c() {
   return true;
 }
 
-// Runs the problem that stands for `whole` from a state at the time of `method`, and writes the samples of `whole` at
-// times t (T,) and its multipliers, lam (T, m). The status also says whether levels of `whole` that the method holds
+// Runs the problem that stands for `whole` from a state, and writes the samples of `whole` and its multipliers, lam
+// (T, m). The status also says whether levels of `whole` that the method holds
 // are open at the end: of all steps with maxima, or else of the last sample.
-inline Outcome fill(const Plan& whole, const Plan& plan, const Run& method, const State& initial, const double* t,
-                    const Motion& motion, double* lam, const Interrupted& interrupted) {
+inline Outcome fill(const Plan& whole, const Plan& plan, const Run& method, const State& initial, const Motion& motion,
+                    double* lam, const Interrupted& interrupted) {
   const System &system = plan.system, &all = whole.system;
-  const size_t T = method.samples, m = all.rows(), springs = system.forces.size();
+  const std::vector<double>& t = method.t;
+  const size_t T = t.size(), m = all.rows(), springs = system.forces.size();
   std::vector<double> angles(T * springs), own_lam(method.fewer_rows ? T * system.rows() : 0);
   require(all.forces.size() == springs && (method.fewer_rows || system.rows() == all.rows()),
           "the forces of the whole system, and multipliers of all rows");
@@ -94,11 +95,11 @@ inline Outcome fill(const Plan& whole, const Plan& plan, const Run& method, cons
     if (!judged && method.reductions.empty() && static_cast<size_t>(sample) + 1 == T) judge_end(state);
   };
   Outcome outcome = method(plan, initial, record, interrupted);
-  outcome.time_reached += method.begin;
+  outcome.time_reached += t.front();
   const size_t count = outcome.samples;
   for (size_t k = method.reductions.size(); k-- > 0;) {
     const Reduction& reduction = method.reductions[k];
-    reduction.restore(t, count, motions[k + 1], motions[k]);
+    reduction.restore(t.data(), count, motions[k + 1], motions[k]);
     for (size_t each = 0; each < count; ++each)
       for (size_t f = 0; f < reduction.angles.size(); ++f) angles[each * springs + f] += reduction.angles[f];
   }
@@ -131,29 +132,34 @@ inline double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-// One run; v (5, T, n, 3) gets x, v, w, a and alpha. checks: returns None, without a run, if the state is not
-// admissible. Returns the status; samples filled, time reached and wall time (s); counters, and maxima.
+// One run, from the run's own state or a given one; v (5, T, n, 3) gets x, v, w, a and alpha. Returns None, without a
+// run, if the given state is not admissible; or the status; samples filled, time reached and wall time (s); counters,
+// and maxima.
 using Counted = std::tuple<long, long, long, long, long, long, int>;
 using Ended =
     std::tuple<const char*, int, double, double, Counted, std::tuple<double, double, double, double, double, double>>;
-inline std::optional<Ended> integrate(const Plan& whole, const Plan& plan, const Run& method, const Array& x,
-                                      const Array& R, const Array& v, const Array& w, bool checks, const Array& t,
+using Given = std::optional<std::tuple<Array, Array, Array, Array>>;
+inline std::optional<Ended> integrate(const Plan& whole, const Plan& plan, const Run& method, const Given& start,
                                       const Output& vectors, const Output& attitudes, const Output& lam) {
-  const size_t T = method.samples, n = whole.system.n();
-  require(t.size() == T && vectors.size() == 15 * T * n && attitudes.size() == 9 * T * n &&
-              lam.size() == T * whole.system.rows(),
-          "arrays for all samples of the system");
-  State initial = make_state(plan.system, x, R, v, w);
-  initial.frames.time = method.begin;
-  if (checks && !is_admissible(plan, initial)) return std::nullopt;
+  const size_t T = method.t.size(), n = whole.system.n();
+  require(method.initial && method.initial->u.size() == static_cast<size_t>(plan.system.n()) + 1 &&
+              vectors.size() == 15 * T * n && attitudes.size() == 9 * T * n && lam.size() == T * whole.system.rows(),
+          "a state to start from, and arrays for all samples of the system");
+  std::optional<State> given;
+  if (start) {
+    const auto& [x, R, v, w] = *start;
+    given = make_state(plan.system, x, R, v, w);
+    given->frames.time = method.t.front();
+    if (!is_admissible(plan, *given)) return std::nullopt;
+  }
   Outcome outcome;
   double seconds;
   {
     nb::gil_scoped_release release;
-    const auto start = std::chrono::steady_clock::now();
-    outcome =
-        fill(whole, plan, method, initial, t.data(), {n, T, vectors.data(), attitudes.data()}, lam.data(), ctrl_c);
-    seconds = seconds_since(start);
+    const auto begin = std::chrono::steady_clock::now();
+    outcome = fill(whole, plan, method, given ? *given : *method.initial, {n, T, vectors.data(), attitudes.data()},
+                   lam.data(), ctrl_c);
+    seconds = seconds_since(begin);
   }
   const Counters& done = outcome.counters;
   const Maxima& most = outcome.maxima;
@@ -173,14 +179,15 @@ inline std::optional<Ended> integrate(const Plan& whole, const Plan& plan, const
 using EnsembleEnded = std::tuple<std::vector<std::string>, std::vector<double>, std::vector<long>, std::vector<long>,
                                  size_t, bool, double>;
 inline EnsembleEnded integrate_ensemble(const std::vector<const Plan*>& wholes, const std::vector<const Plan*>& plans,
-                                        const std::vector<const Run*>& methods, const Array& t, const Array& x,
-                                        const Array& R, const Array& v, const Array& w, int threads,
-                                        const Output& vectors, const Output& attitudes) {
-  const size_t kinds = plans.size(), n = wholes.at(0)->system.n(), T = t.size(), N = x.size() / (3 * n);
+                                        const std::vector<const Run*>& methods, const Array& x, const Array& R,
+                                        const Array& v, const Array& w, int threads, const Output& vectors,
+                                        const Output& attitudes) {
+  const size_t kinds = plans.size(), n = wholes.at(0)->system.n(), N = x.size() / (3 * n);
   require(threads > 0 && (kinds == 1 || kinds == N) && wholes.size() == kinds && methods.size() == kinds,
           "threads, and one system, or one for each member");
+  const size_t T = methods[0]->t.size();
   for (size_t k = 0; k < kinds; ++k)
-    require(methods[k]->samples == T && wholes[k]->system.n() == static_cast<int>(n) &&
+    require(T > 0 && methods[k]->t.size() == T && wholes[k]->system.n() == static_cast<int>(n) &&
                 plans[k]->system.n() == static_cast<int>(n),
             "systems of equal size, and a time a sample");
   require(vectors.size() == 15 * N * T * n && attitudes.size() == 9 * N * T * n, "arrays for all samples");
@@ -195,7 +202,7 @@ inline EnsembleEnded integrate_ensemble(const std::vector<const Plan*>& wholes, 
   const auto run_member = [&](size_t k) {
     const size_t kind = kinds == 1 ? 0 : k;
     State initial = make_state(plans[kind]->system, x, R, v, w, k);
-    initial.frames.time = methods[kind]->begin;
+    initial.frames.time = methods[kind]->t.front();
     if (!is_admissible(*plans[kind], initial)) {
       const std::lock_guard lock(guard);
       refused = std::min(refused, k), stop = true;
@@ -203,8 +210,7 @@ inline EnsembleEnded integrate_ensemble(const std::vector<const Plan*>& wholes, 
     }
     std::vector<double> lam(T * wholes[kind]->system.rows());
     const Motion motion{n, T, vectors.data() + 15 * k * T * n, attitudes.data() + 9 * k * T * n};
-    const Outcome outcome =
-        fill(*wholes[kind], *plans[kind], *methods[kind], initial, t.data(), motion, lam.data(), stopped);
+    const Outcome outcome = fill(*wholes[kind], *plans[kind], *methods[kind], initial, motion, lam.data(), stopped);
     statuses[k] = name_of(outcome.status), times[k] = outcome.time_reached;
     steps[k] = outcome.counters.steps, rejected[k] = outcome.counters.rejected_steps;
   };

@@ -310,7 +310,7 @@ def judge(
     from crosscheck.scene.models import import_model, is_model
 
     allowed = dict(options.named_number("--tol", each, "position=1e-3") for each in tol or ())
-    if (sensors := options.sensors(scene)) is not None:  # a mistyped quantity is refused before a model is read
+    if allowed and (sensors := options.sensors(scene)) is not None:  # before a model is read
         recordings.tolerances(sensors, allowed)
     described = options.loaded(scene, reading)
     own = is_model(scene) and not any(reading.start.values())  # without a start of its own

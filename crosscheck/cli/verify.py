@@ -83,12 +83,12 @@ def verify(
         raise ArgumentError(f"--tag: no built-in scene is tagged {', '.join(tag)}; crosscheck list names the tags")
     check_methods(method, select_engines(engine))  # what is mistyped is refused before a model is read
     names = [*(scenes or ()), *(scene or ()), *tagged(*tag or ())]
-    sensors = [options.sensors(name) for name in names]
-    if None not in sensors:
+    wanted = bool(tol or tolerance_file)
+    if wanted and None not in (sensors := [options.sensors(name) for name in names]):
         overrides.read(tolerance_file, tol or (), [each for own in sensors for each in own or ()])
     given = [options.loaded(name, reading) if is_model(name) else name for name in names]
     own = overrides.read(tolerance_file, tol or (), [
-        sensor.name for each in given for sensor in as_scene(each).sensors])
+        sensor.name for each in given if wanted for sensor in as_scene(each).sensors])
     spoken = [(name, shlex.join([name, *reading.words]) if is_model(name) else name) for name in names]
 
     def provisional(part: Verification) -> None:
@@ -106,7 +106,11 @@ def verify(
     results, page = answer.document, answer.page or out
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")
-    literature = _published(tagged(*tag), tuple(results.meta.engines)) if tag else []
+    literature: Sequence[published.Figure] = ()
+    if tag:
+        from crosscheck.recordings import published  # with the room of recordings: a second that few need
+
+        literature = published.figures(tagged(*tag), tuple(results.meta.engines))
     if as_json:
         more = {"published": [dataclasses.asdict(figure) for figure in literature]} if tag else {}
         options.print_json(schema.plain(results) | {"report": str(page)} | more)
@@ -170,12 +174,6 @@ def print_verdicts(document: Document, page: Path) -> None:
         for trusted in scene.engines if len(scene.engines) > 1 else ():
             say(trusted.text, 4)
     print(f"report: {page}")
-
-
-def _published(names: Sequence[str], engines: tuple[str, ...]) -> list[published.Figure]:
-    from crosscheck.recordings import published  # with the room of recordings: a second that few need
-
-    return published.figures(names, engines)
 
 
 def _print_published(literature: Sequence[published.Figure]) -> None:

@@ -234,10 +234,9 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
         raise SceneError(f"{source}: no engine reads it: " + "; ".join(
             f"{name}: {words}" for name, words in refused.items())) if alone and refused else no_scene
     neutral = _neutral(scene, states) if scene else natives[0]
-    said: dict[str, tuple[float, float]] = {}  # the limits of the first that has them; a scene may have left them out
-    for name, joint in [each for native in natives for each in native.joints.items()]:
-        if joint.limits and np.isfinite(joint.limits).all():
-            said.setdefault(name, joint.limits)
+    # The limits of the first that has them; a scene may have left them out.
+    said = {name: joint.limits for native in reversed(natives) for name, joint in native.joints.items()
+            if joint.limits and np.isfinite(joint.limits).all()}
     neutral = dataclasses.replace(neutral, joints={name: dataclasses.replace(joint, limits=said.get(name))
                                                    for name, joint in neutral.joints.items()})
     invented = frozenset(link.get("name", "") for link in model.root.findall("link")

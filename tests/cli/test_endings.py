@@ -147,6 +147,21 @@ def test_sentences_name_the_model_of_the_user_and_no_file_of_the_cache(tmp_path,
         assert record["command"].startswith("crosscheck run 'my robots/arm.xml' --drop --engine mujoco --method Euler ")
 
 
+@pytest.mark.parametrize(("command", "said"), [
+    (("verify", "--tol", "positon=1"), "did you mean 'position'?"), (("verify", "--method", "RK5"), "RK5"),
+    (("verify", "--engine", "mujco"), "mujco"), (("run", "--method", "rattle3", "--step", "1"), "rattle2"),
+    (("explain", "--engine", "mujoco", "--method", "RK5"), "RK4"),
+    (("advise", "--engine", "mujco", "--error", "1e-3"), "mujco"),
+    (("judge", "log.csv", "--tol", "joint_positon=1"), "did you mean 'joint_position'?")])
+def test_what_is_mistyped_is_refused_before_a_model_is_read(tmp_path, monkeypatch, command, said):
+    monkeypatch.setattr("crosscheck.scene.models.table", None)  # to read a model is an internal error now
+    (tmp_path / "arm.xml").write_text(ARM, encoding="utf-8")
+    done = crosscheck(command[0], str(tmp_path / "arm.xml"), *command[1:])
+    assert done.returncode == 2, done.stderr
+    assert said in done.stderr
+    assert crosscheck("truth", str(tmp_path / "arm.xml")).returncode == 70
+
+
 def test_progress_names_the_file_of_the_user(tmp_path, monkeypatch):
     """A model is read from its scene file in the cache folder."""
     told = []

@@ -11,7 +11,7 @@ from crosscheck.document import Advice, Asked, Errors, Finding, Order, Recommend
 from crosscheck.history import nightly
 from crosscheck.judge import verdict
 from crosscheck.report import exports, headline, overview, pages, schema
-from crosscheck.verification import trust
+from crosscheck.verification import job, trust
 from crosscheck.verification.verified import Verification
 from tests.report_making import CHANGES, failed_scene, made
 
@@ -245,6 +245,17 @@ def test_a_tolerance_is_answered_first_in_its_own_quantity(results, tmp_path, ca
     assert document.outcome != "unresolved" or failure.get("message").startswith(said)
     enough = said.replace("not decided", "yes") if share == 0.15 else said
     assert headline.answers(document.records, 0.15) == [enough]
+
+
+def test_a_tolerance_by_which_no_run_could_be_judged_is_answered_too(results):
+    run = replace(results.records[2], findings=[])
+    assert run.outcome == "unsupported"
+    whole = made(results.scenes[:1], [run])
+    meta = replace(whole.meta, tolerances=[("position", 1e-3), ("energy", 0.1)])
+    assert job.document(meta, whole.scenes, [run]).answers == [
+        "not decided: error of position, allowed 0.001 m: no run was judged",
+        "not decided: error of energy, allowed 0.1: no run was judged"]
+    assert job.document(meta, whole.scenes, []).answers == []  # none has ended yet
 
 
 def test_of_several_runs_it_says_which_are_within_a_tolerance(results):

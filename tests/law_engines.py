@@ -1,6 +1,7 @@
 """An engine of one joint in NumPy alone, symplectic Euler with laws as impulses of a step, and mistakes in its lines.
 
-It shares nothing with lieeuler, nor with the references: a hinge or a slide of the ground, in its own coordinate.
+It shares nothing with lieeuler, nor with the references: a hinge or a slide of the ground, in its own coordinate, as
+in `tests.gate.mechanics`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.functions import at
 from crosscheck.scene.states import States
+from tests.gate.mechanics import Hinge, Slide
 from tests.references.law_scenes import pendulum, servo, slide
 
 PUSH = {"type": "sine", "terms": [[2.0, 5.0, 0.0]]}
@@ -69,24 +71,21 @@ class Impulses(Engine):
         """All steps of one joint, then the states of its body."""
         per, h = steps_per_sample(scene, spec.step)
         q, u = (float(part[0]) for part in at_start(scene)[scene.joints[0].name])
-        self.begin(scene)
+        self.begin(scene, q)
         rows = [(q, u)]
         for step in range(per * (scene.samples - 1)):
             q, u = self.advance(step, h, q, u)
             if (step + 1) % per == 0:
                 rows.append((q, u))
-        return RawRun(self.states(scene, *np.array(rows).T), 1e-6, step + 1, h, form="tree")
+        states = self.model.report(np.array(rows) - [self.turns, 0.0])
+        return RawRun(States(scene.t, *(states[name] for name in "xRvw")), 1e-6, step + 1, h, form="tree")
 
-    def begin(self, scene):
-        """What a run needs of a scene."""
-        joint, body = scene.joints[0], scene.bodies[0]
-        self.hinge, self.axis, self.inside = joint.type == "revolute", joint.parent_axis, joint.child_axis
-        self.gravity, self.pivot, self.R0 = body.mass * scene.gravity, joint.parent_anchor, scene.R0[0]
-        self.start, self.arm, self.x0 = float(at_start(scene)[joint.name][0][0]), -joint.child_anchor, scene.x0[0]
-        self.mass = body.mass
-        if self.hinge:
-            self.mass = self.inside @ (body.inertia + body.mass * (self.arm @ self.arm * np.eye(3) - np.outer(
-                self.arm, self.arm))) @ self.inside
+    def begin(self, scene, q):
+        """What a run from the coordinate q needs of a scene."""
+        joint = scene.joints[0]
+        self.model = (Hinge if joint.type == "revolute" else Slide)(scene.replace(forces=()))
+        self.mass = self.model.J if joint.type == "revolute" else self.model.m
+        self.turns = q - self.model.start[0]  # the model counts none
         self.friction = joint.dry_friction[0] if joint.dry_friction else None
         self.limits = joint.limits[0] if joint.limits else None
         self.servos = [law for _, law in scene.servos.values()]
@@ -95,7 +94,7 @@ class Impulses(Engine):
 
     def advance(self, step, h, q, u):
         """One step: forces, then friction as an impulse that stops at most, then the stop."""
-        load = self.gravity @ (np.cross(self.axis, self.turned(q) @ self.arm) if self.hinge else self.axis)
+        load = self.mass * self.model.rate(0.0, (q - self.turns, u))[1]
         load += sum(self.effort(k, law, step, h, q, u) for k, law in enumerate(self.servos))
         moved = u + h * load / self.mass
         if self.friction is not None:
@@ -164,18 +163,3 @@ class Impulses(Engine):
         if self.wrong == "the cut before the damping":
             return min(max(pull, low), high) + damping
         return min(max(pull + damping, low), high)
-
-    def turned(self, q):
-        """(3, 3) attitude of the body of a hinge, by Rodrigues' formula."""
-        hat, angle = np.cross(np.eye(3), self.axis), q - self.start
-        return self.R0 + math.sin(angle) * hat @ self.R0 + (1 - math.cos(angle)) * hat @ hat @ self.R0
-
-    def states(self, scene, q, u):
-        """The body at the output times."""
-        zero, v = np.zeros((len(q), 1, 3)), (u[:, None] * self.axis)[:, None]
-        if not self.hinge:
-            x = self.x0 + (q - self.start)[:, None] * self.axis
-            return States(scene.t, x[:, None], np.tile(self.R0, (len(q), 1, 1, 1)), v, zero)
-        R = np.array([self.turned(each) for each in q])
-        arm = (R @ self.arm)[:, None]
-        return States(scene.t, self.pivot + arm, R[:, None], np.cross(v, arm), (u[:, None] * self.inside)[:, None])

@@ -1,5 +1,6 @@
 """How far engines are off: right ones from references of the same mechanics, wrong ones from their right twins."""
 
+import csv
 import sys
 from pathlib import Path
 
@@ -10,59 +11,11 @@ from crosscheck.adapters.base import RunSpec
 from tests.gate import right, wrong
 from tests.gate.mechanics import Balls
 
-# scene, step (s; of adaptive methods rtol), duration (s), samples, quantity: where the table's number was taken
-CASES = {
-    "Heun": ("double_pendulum", 0.01, 1, 6, "x"),
-    "SymplecticEuler": ("hinge_pendulum", 0.01, 1, 6, "x"),
-    "VerletMeans": ("hinge_pendulum", 0.01, 1, 6, "v"),
-    "ChainedVerlet": ("torsion_wheel", 0.01, 1, 6, "w"),
-    "DiscreteLagrange": ("hinge_pendulum", 0.01, 1, 6, "w"),
-    "ImplicitMidpoint": ("axis_flip", 0.01, 1, 6, "R"),
-    "Radau5": ("damped_pendulum", 0.02, 1, 6, "w"),
-    "AdamsBashforth4": ("single_pendulum", 0.01, 1, 6, "x"),
-    "RandomKutta3": ("single_pendulum", 0.01, 1, 6, "v"),
-    "Adaptive5": ("double_pendulum", 1e-6, 1, 6, "w"),
-    "SingleRK4": ("double_pendulum", 0.1, 1, 6, "x"),
-    "BaumgarteRK4": ("rod_pendulum", 0.01, 1, 6, "R"),
-    "ProjectedRK4": ("four_bar", 0.01, 1, 6, "w"),
-    "Bouncing": ("bouncing_slide", 0.01, 2, 11, "x"),
-    "Braked": ("braked_hinge", 0.01, 2, 11, "w"),
-    "RotationVectors": ("heavy_top", 1e-3, 0.2, 5, "R"),
-    "Extrapolated6": ("triple_pendulum", 0.04, 1, 6, "x"),
-    "HalfTheStep": ("spring_pendulum", 0.02, 1, 6, "x"),
-    "WorldMomenta": ("axis_flip", 0.01, 1, 6, "w"),
-    "DenseRK4": ("single_pendulum", 0.015, 1, 6, "x"),
-    "GravityTenThousandth": ("single_pendulum", 1e-3, 1, 11, "x"),
-    "GravityTenMillionth": ("double_pendulum", 0.01, 2, 11, "x"),
-    "InertiaOnePercent": ("double_pendulum", 0.01, 2, 11, "R"),
-    "NoGyroscope": ("single_pendulum", 5e-3, 1, 11, "R"),
-    "HalfStepRates": ("hinge_pendulum", 1e-3, 4, 101, "w"),
-    "LateDamping": ("damped_pendulum", 0.02, 4, 101, "x"),
-    "Jump": ("single_pendulum", 1e-3, 1, 11, "w"),
-    "NaiveChart": ("heavy_top", 1e-3, 0.2, 21, "R"),
-    "LinearOutput": ("single_pendulum", 3e-3, 1, 11, "x"),
-    "LastStepsRates": ("single_pendulum", 2e-3, 1, 11, "v"),
-    "WorldRates": ("axis_flip", 0.01, 2, 21, "w"),
-    "DriftCalledHeld": ("rod_pendulum", 5e-3, 3, 101, "x"),
-    "DoubleStep": ("hinge_pendulum", 1e-3, 4, 101, "x"),
-    "EndMissed": ("single_pendulum", 1e-3, 1, 11, "x"),
-    "HalfPrecision": ("single_pendulum", 4e-3, 1, 11, "v"),
-    "StaleHistory": ("single_pendulum", 1e-3, 1, 11, "x"),
-    "CoarseGrid": ("hinge_pendulum", 1e-3, 4, 101, "x"),
-    "TunedStep": ("hinge_pendulum", 2e-3, 4, 101, "x"),
-    "WarmBearing": ("torsion_wheel", 2e-3, 6, 121, "R"),
-    "Noise": ("single_pendulum", 0.01, 1, 11, "x"),
-    "LooseTolerance": ("double_pendulum", 1e-6, 2, 11, "R"),
-    "LastStepsAccelerations": ("single_pendulum", 1e-3, 1, 11, "a"),
-    "LateReversal": ("braked_hinge", 1e-3, 3, 61, "R"),
-    "Restitution": ("bouncing_slide", 1e-3, 2, 41, "x"),
-    "RestLength": ("spring_pendulum", 0.02, 4, 101, "x"),
-    "TiltedAxis": ("hinge_pendulum", 2e-3, 4, 101, "x"),
-    "BetweenOutputs": ("single_pendulum", 2e-3, 1, 21, "x"),
-    "Reaction": ("heavy_top", 1e-3, 0.1, 11, "lam"),
-    "Degrees": ("torsion_wheel", 2e-3, 6, 121, "R"),
-    "Shadow": ("double_pendulum", 0.02, 10, 101, "w"),
-}
+with open(Path(__file__).with_name("table.csv"), newline="") as file:
+    TABLE = {row["name"]: row for row in csv.DictReader(file)}
+CASES = {name: (row["scene"], float(row["step"]), float(row["duration"]), int(row["samples"]), row["quantity"])
+         for name, row in TABLE.items()}
+"""Scene, step (s; of adaptive methods rtol), duration (s), samples, quantity: where the table's number was taken."""
 
 
 def case(name):
@@ -122,14 +75,11 @@ def braked(model, t):
     """The reference of a hinge with dry friction that never sticks."""
     sign = [np.sign(model.start[1])]
 
-    def slip(_y):
-        return lambda _t, z: np.array([z[1], (model.torque(*z) - sign[0] * model.friction) / model.J])
-
     def turn(y):
         sign[0] = np.sign(model.torque(y[0], 0.0))
         return np.array([y[0], 0.0])
 
-    return pieces(model, t, slip, lambda _t, y: sign[0] * y[1], turn)
+    return pieces(model, t, lambda _y: model.slipping(sign[0]), lambda _t, y: sign[0] * y[1], turn)
 
 
 def reference(cls, scene):

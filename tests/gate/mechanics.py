@@ -4,14 +4,18 @@ Every model has `refuse(scene)`, `start`, `rate(t, y)`, `settle(y)` and `report(
 """
 
 import numpy as np
-
-EYE = np.eye(3)
+from scipy.spatial.transform import Rotation
 
 
 def cross(a, b):
     """Vector product of two triples; much faster than NumPy's for single vectors."""
     (a0, a1, a2), (b0, b1, b2) = a, b
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+
+
+def across(a, b):
+    """Vector products along the last axis."""
+    return cross(a.T, np.broadcast_to(b, a.shape).T).T
 
 
 def hat(a):
@@ -21,20 +25,12 @@ def hat(a):
 
 def matrix(q):
     """Attitudes (..., 3, 3) from quaternions w, x, y, z of any length but zero."""
-    w, x, y, z = np.moveaxis(q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True)), -1, 0)
-    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-
-
-def quick_matrix(q):
-    """The same for one quaternion."""
-    w, x, y, z = q
+    w, x, y, z = q.T
     s = 2.0 / (w * w + x * x + y * y + z * z)
-    return np.array([[1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
-                     [s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)],
-                     [s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)]])
+    columns = [[1 - s * (y * y + z * z), s * (x * y + w * z), s * (x * z - w * y)],
+               [s * (x * y - w * z), 1 - s * (x * x + z * z), s * (y * z + w * x)],
+               [s * (x * z + w * y), s * (y * z - w * x), 1 - s * (x * x + y * y)]]
+    return np.array(columns).T
 
 
 def turn(q, w):
@@ -44,19 +40,17 @@ def turn(q, w):
             0.5 * (a * y + d * x - b * z), 0.5 * (a * z + b * y - c * x)]
 
 
-def exponential(a):
-    """The rotation by the vector `a`."""
-    angle, A = np.sqrt(a @ a), hat(a)
-    if angle < 1e-4:
-        return EYE + (1 - angle**2 / 6) * A + (0.5 - angle**2 / 24) * A @ A
-    return EYE + np.sin(angle) / angle * A + (1 - np.cos(angle)) / angle**2 * A @ A
+def exponential(vectors):
+    """The rotations (..., 3, 3) by vectors."""
+    return Rotation.from_rotvec(vectors).as_matrix()
 
 
-def about(axis, angles):
-    """Rotations (T, 3, 3) about one axis of unit length."""
-    A = hat(axis)
-    s, c = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
-    return EYE + s * A + (1 - c) * A @ A
+class Model:
+    """Of a state that needs no mending."""
+
+    @staticmethod
+    def settle(y):
+        return y
 
 
 class Points:
@@ -76,7 +70,6 @@ class Points:
 
     @staticmethod
     def refuse(scene):
-        """What these loads cannot be."""
         if {load.type for load in scene.loads} - {"linear_spring", "constant_force", "constant_torque"} or scene.timed:
             return "it knows springs between points and constant loads"
         return None
@@ -113,29 +106,26 @@ class Points:
 class Balls:
     """Trees of bodies on ball joints: quaternions and angular velocities; positions follow by the tree."""
 
-    Loads = Points
     gyroscopic = 1.0
 
     def __init__(self, scene):
-        self.n, self.m, self.I, self.g = scene.n, scene.masses, [np.array(J) for J in scene.inertias], scene.gravity
-        self.loads = self.Loads(scene)
+        n = self.n = scene.n
+        self.m, self.I, self.g = scene.masses[:, None], np.array(scene.inertias), scene.gravity
+        self.loads = Points(scene)
         joints = {joint.child: joint for joint in scene.joints}
-        self.roots, self.paths = np.zeros((scene.n, 3)), []
-        for body in range(scene.n):
-            path, child, arm = [], body, np.zeros(3)
-            while True:
-                path.insert(0, (child, arm - joints[child].child_anchor))
+        arms, self.roots = [], np.zeros((n, 3))  # of every body: the bodies on its way from the ground, with their arms
+        for body in range(n):
+            child, arm = body, np.zeros(3)
+            while child >= 0:
+                arms.append((body, child, arm - joints[child].child_anchor))
                 arm, child = joints[child].parent_anchor, joints[child].parent
-                if child < 0:
-                    break
             self.roots[body] = arm
-            self.paths.append(path)
-        q = np.array([body.attitude for body in scene.bodies])
-        self.start = np.concatenate([q.ravel(), scene.w0.ravel()])
+        self.bodies, self.links, self.arms = map(np.array, zip(*arms, strict=True))
+        self.hats, self.sum = np.array([hat(arm) for arm in self.arms]), 1.0 * (self.bodies == np.arange(n)[:, None])
+        self.start = np.concatenate([*(body.attitude for body in scene.bodies), scene.w0.ravel()])
 
     @staticmethod
     def refuse(scene):
-        """Why this model does not hold the scene."""
         if len(scene.joints) != scene.n or {joint.type for joint in scene.joints} != {"spherical"}:
             return "it knows trees of bodies on ball joints"
         if sorted(joint.child for joint in scene.joints) != list(range(scene.n)):
@@ -143,58 +133,47 @@ class Balls:
         return Points.refuse(scene)
 
     def split(self, y):
-        """Quaternions and angular velocities by body."""
         return y[:4 * self.n].reshape(-1, 4), y[4 * self.n:].reshape(-1, 3)
+
+    def along(self, R, inner):
+        """What vectors (..., P, 3) of the arms in their bodies' axes add up to for each body, in the world."""
+        return self.sum @ (R[..., self.links, :, :] @ inner[..., None])[..., 0]
+
+    def swung(self, R, w):
+        """Positions and velocities (..., n, 3), and accelerations without those of the rates."""
+        w = w[..., self.links, :]
+        swing = across(w, self.arms)
+        return self.roots + self.along(R, self.arms), self.along(R, swing), self.along(R, across(w, swing))
 
     def accelerate(self, t, R, w):
         """Angular accelerations (n, 3) in body axes."""
-        n = self.n
-        jacobians, bias, x, v = [], [], [], []
-        for body, path in enumerate(self.paths):
-            J, b, p, u = np.zeros((3, 3 * n)), np.zeros(3), self.roots[body], np.zeros(3)
-            for k, arm in path:
-                J[:, 3 * k:3 * k + 3] = -R[k] @ hat(arm)
-                swing = cross(w[k], arm)
-                b, p, u = b + R[k] @ cross(w[k], swing), p + R[k] @ arm, u + R[k] @ swing
-            jacobians.append(J)
-            bias.append(b)
-            x.append(p)
-            v.append(u)
-        force, torque = self.loads.wrenches(t, x, R, v, w)
-        M, f = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
-        for body, J in enumerate(jacobians):
-            m, k = self.m[body], slice(3 * body, 3 * body + 3)
-            M += m * J.T @ J
-            M[k, k] += self.I[body]
-            f += J.T @ (m * (self.g - bias[body]) + force[body])
-            f[k] += torque[body] - self.gyroscopic * cross(w[body], self.I[body] @ w[body])
+        n, each = self.n, np.arange(self.n)
+        x, v, bias = self.swung(R, w)
+        force, torque = map(np.array, self.loads.wrenches(t, x, R, v, w))
+        J = np.zeros((n, 3, n, 3))
+        J[self.bodies, :, self.links] = -R[self.links] @ self.hats
+        G = J.reshape(3 * n, 3 * n)
+        M = G.T @ (np.repeat(self.m, 3, axis=0) * G)
+        M.reshape(n, 3, n, 3)[each, :, each] += self.I
+        torque = torque - self.gyroscopic * across(w, (self.I @ w[..., None])[..., 0])
+        f = G.T @ (self.m * (self.g - bias) + force).ravel() + torque.ravel()
         return np.linalg.solve(M, f).reshape(n, 3)
 
     def rate(self, t, y):
-        """Rate of the state."""
         q, w = self.split(y)
-        alpha = self.accelerate(t, [quick_matrix(a) for a in q], w)
-        return np.concatenate([*[turn(a, b) for a, b in zip(q, w, strict=True)], alpha.ravel()])
+        return np.concatenate([np.array(turn(q.T, w.T)).T.ravel(), self.accelerate(t, matrix(q), w).ravel()])
 
     def settle(self, y):
-        """Quaternions back to length one."""
         q, w = self.split(y)
         return np.concatenate([(q / np.linalg.norm(q, axis=1)[:, None]).ravel(), w.ravel()])
 
-    def place(self, R, w):
-        """Positions and velocities (T, n, 3) from attitudes and angular velocities."""
-        x, v = np.zeros(w.shape), np.zeros(w.shape)
-        for body, path in enumerate(self.paths):
-            x[:, body] = self.roots[body]
-            for k, arm in path:
-                x[:, body] += R[:, k] @ arm
-                v[:, body] += np.einsum("tij,tj->ti", R[:, k], np.cross(w[:, k], arm))
-        return x, v
-
     def report(self, Y):
-        """Arrays of the states over time."""
-        R, w = matrix(Y[:, :4 * self.n].reshape(-1, self.n, 4)), Y[:, 4 * self.n:].reshape(-1, self.n, 3)
-        x, v = self.place(R, w)
+        return self.reported(matrix(Y[:, :4 * self.n].reshape(-1, self.n, 4)), Y[:, 4 * self.n:])
+
+    def reported(self, R, rates):
+        """Arrays of the states over time from attitudes and angular velocities."""
+        w = rates.reshape(-1, self.n, 3)
+        x, v, _ = self.swung(R, w)
         return {"x": x, "R": R, "v": v, "w": w}
 
     def accelerations(self, t, Y):
@@ -202,12 +181,7 @@ class Balls:
         got = self.report(Y)
         R, w = got["R"], got["w"]
         alpha = np.array([self.accelerate(time, *both) for time, *both in zip(t, R, w, strict=True)])
-        a = np.zeros(w.shape)
-        for body, path in enumerate(self.paths):
-            for k, arm in path:
-                inner = np.cross(alpha[:, k], arm) + np.cross(w[:, k], np.cross(w[:, k], arm))
-                a[:, body] += np.einsum("tij,tj->ti", R[:, k], inner)
-        return a, alpha
+        return self.swung(R, w)[2] + self.along(R, across(alpha[:, self.links], self.arms)), alpha
 
 
 class Floating:
@@ -223,14 +197,12 @@ class Floating:
 
     @staticmethod
     def refuse(scene):
-        """Why this model does not hold the scene."""
         kinds = [(joint.type, joint.parent) for joint in scene.joints]
         return Points.refuse(scene) if scene.n == 1 and kinds in ([], [("distance", -1)]) else "it knows one free body"
 
     def rate(self, t, y):
-        """Rate of the state."""
         x, q, v, w = y[:3], y[3:7], y[7:10], y[10:]
-        R = quick_matrix(q)
+        R = matrix(q)
         force, torque = self.loads.wrenches(t, [x], [R], [v], [w])
         f, n = self.m * self.g + force[0], torque[0] - cross(w, self.I @ w)
         if self.rod:
@@ -247,13 +219,11 @@ class Floating:
         return np.concatenate([v, turn(q, w), f / self.m, np.linalg.solve(self.I, n)])
 
     def settle(self, y):
-        """The quaternion back to length one."""
         y = y.copy()
         y[3:7] /= np.linalg.norm(y[3:7])
         return y
 
     def report(self, Y):
-        """Arrays of the states over time."""
         return {"x": Y[:, None, :3], "R": matrix(Y[:, 3:7])[:, None], "v": Y[:, None, 7:10], "w": Y[:, None, 10:]}
 
 
@@ -267,19 +237,16 @@ class FloatingMomentum:
 
     @staticmethod
     def refuse(scene):
-        """Why this model does not hold the scene."""
         return None if scene.n == 1 and not scene.joints and not scene.loads else "it knows one body in free fall"
 
     def rate(self, _t, y):
-        """Rate of the state."""
         q, p, spin = y[3:7], y[7:10], y[10:]
-        w = np.linalg.solve(self.I, spin @ quick_matrix(q))
+        w = np.linalg.solve(self.I, spin @ matrix(q))
         return np.concatenate([p / self.m, turn(q, w), self.m * self.g, np.zeros(3)])
 
     settle = Floating.settle
 
     def report(self, Y):
-        """Arrays of the states over time."""
         R = matrix(Y[:, 3:7])
         w = np.linalg.solve(self.I, np.einsum("tji,tj->ti", R, Y[:, 10:])[..., None])[..., 0]
         return {"x": Y[:, None, :3], "R": R[:, None], "v": Y[:, None, 7:10] / self.m, "w": w[:, None]}
@@ -288,10 +255,10 @@ class FloatingMomentum:
 def shortest(a, b):
     """The shortest rotation that takes the unit vector `a` to `b`."""
     axis, cosine = np.cross(a, b), a @ b
-    return EYE + hat(axis) + hat(axis) @ hat(axis) / (1 + cosine)
+    return np.eye(3) + hat(axis) + hat(axis) @ hat(axis) / (1 + cosine)
 
 
-class Hinge:
+class Hinge(Model):
     """One body on a hinge to the ground: its angle and rate; a torsional spring, a damper and dry friction."""
 
     def __init__(self, scene):
@@ -299,13 +266,11 @@ class Hinge:
         self.axis, self.own = self.axes(joint, scene.R0[0])
         self.at = joint.parent_anchor
         self.R, self.arm, self.weight = scene.R0[0], -joint.child_anchor, scene.masses[0] * scene.gravity
-        J = scene.inertias[0] + scene.masses[0] * (self.arm @ self.arm * EYE - np.outer(self.arm, self.arm))
+        J = scene.inertias[0] + scene.masses[0] * (self.arm @ self.arm * np.eye(3) - np.outer(self.arm, self.arm))
         self.J = self.own @ J @ self.own
         relative = scene.R0[0] @ shortest(self.own, self.axis).T
-        skew = np.array([relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0],
-                         relative[1, 0] - relative[0, 1]])
-        self.angle = np.arctan2(0.5 * self.axis @ skew, 0.5 * (np.trace(relative) - 1))
-        self.springs = [self.spring(load.parameters) for load in scene.loads]
+        self.angle = self.axis @ Rotation.from_matrix(relative).as_rotvec()
+        self.springs = [(p["stiffness"], p["rest_angle"], p["damping"]) for p in (f.parameters for f in scene.loads)]
         self.friction = sum(law.sliding for law in joint.dry_friction)
         lever = self.R @ self.arm
         self.sine = self.axis @ np.cross(np.cross(self.axis, lever), self.weight)
@@ -318,13 +283,7 @@ class Hinge:
         return joint.parent_axis, joint.child_axis
 
     @staticmethod
-    def spring(p):
-        """Stiffness, angle of rest and damping."""
-        return p["stiffness"], p["rest_angle"], p["damping"]
-
-    @staticmethod
     def refuse(scene):
-        """Why this model does not hold the scene."""
         if scene.n != 1 or [(joint.type, joint.parent) for joint in scene.joints] != [("revolute", -1)]:
             return "it knows one body on a hinge to the ground"
         if {load.type for load in scene.loads} - {"torsional_spring"} or scene.timed or scene.joints[0].limits:
@@ -338,23 +297,21 @@ class Hinge:
                 - sum(k * (angle - rest) + d * rate for k, rest, d in self.springs))
 
     def rate(self, _t, y):
-        """Rate of the state."""
         return np.array([y[1], self.torque(y[0], y[1]) / self.J])
 
-    def settle(self, y):
-        """Nothing to be mended."""
-        return y
+    def slipping(self, sign):
+        """The rate of the state under dry friction against a motion of this sign."""
+        return lambda _t, y: np.array([y[1], (self.torque(*y) - sign * self.friction) / self.J])
 
     def report(self, Y):
-        """Arrays of the states over time."""
-        R = about(self.axis, Y[:, 0] - self.angle) @ self.R
+        R = exponential((Y[:, :1] - self.angle) * self.axis) @ self.R
         lever, rates = R @ self.arm, Y[:, 1:]
         v = rates * np.cross(self.axis, lever)
         return {"x": (self.at + lever)[:, None], "R": R[:, None], "v": v[:, None], "w": (rates * self.own)[:, None],
                 "hinges": Y[:, :1]}
 
 
-class Slide:
+class Slide(Model):
     """One body on a straight rail with a spring, a damper and a rigid stop below."""
 
     def __init__(self, scene):
@@ -370,7 +327,6 @@ class Slide:
 
     @staticmethod
     def refuse(scene):
-        """Why this model does not hold the scene."""
         if scene.n != 1 or [(joint.type, joint.parent) for joint in scene.joints] != [("prismatic", -1)]:
             return "it knows one body on a rail"
         joint = scene.joints[0]
@@ -379,16 +335,10 @@ class Slide:
         return None if not joint.limits or joint.limits[0].stiffness is None else "it knows rigid stops alone"
 
     def rate(self, _t, y):
-        """Rate of the state."""
         load = self.pull - sum(k * (y[0] - rest) + d * y[1] for k, rest, d in self.springs)
         return np.array([y[1], load / self.m])
 
-    def settle(self, y):
-        """Nothing to be mended."""
-        return y
-
     def report(self, Y):
-        """Arrays of the states over time."""
         T = len(Y)
         return {"x": (self.x + Y[:, :1] * self.axis)[:, None], "R": np.broadcast_to(self.R, (T, 1, 3, 3)).copy(),
                 "v": (Y[:, 1:] * self.axis)[:, None], "w": np.zeros((T, 1, 3))}
@@ -410,7 +360,6 @@ class Linkage:
 
     @staticmethod
     def refuse(scene):
-        """Why this model does not hold the scene."""
         plane = all(j.type == "revolute" and np.allclose(np.abs(j.parent_axis), [0, 1, 0]) for j in scene.joints)
         level = np.allclose(scene.R0[:, 1], [0, 1, 0]) and scene.gravity[1] == 0
         if not plane or not level or scene.loads or not scene.joints or scene.has_laws:
@@ -437,7 +386,6 @@ class Linkage:
         return gap, G, bias
 
     def rate(self, _t, y):
-        """Rate of the state."""
         q, u = np.split(y, 2)
         _, G, bias = self.closure(q, u)
         W = G / self.weights
@@ -445,7 +393,6 @@ class Linkage:
         return np.concatenate([u, (self.force + G.T @ pull) / self.weights])
 
     def settle(self, y):
-        """Positions and velocities back onto the joints, by the least change weighted with the masses."""
         q, u = np.split(y, 2)
         for _ in range(4):
             gap, G, _ = self.closure(q, u)
@@ -458,11 +405,10 @@ class Linkage:
         return np.concatenate([q, u - W.T @ np.linalg.solve(W @ G.T, G @ u)])
 
     def report(self, Y):
-        """Arrays of the states over time."""
         T, n = len(Y), self.n
         q, u = Y[:, :3 * n].reshape(T, n, 3), Y[:, 3 * n:].reshape(T, n, 3)
         x, v, w = np.zeros((T, n, 3)), np.zeros((T, n, 3)), np.zeros((T, n, 3))
         x[..., 0], x[..., 1], x[..., 2], v[..., 0], v[..., 2], w[..., 1] = (
             q[..., 0], self.level, q[..., 1], u[..., 0], u[..., 1], u[..., 2])
-        R = about(np.array([0.0, 1.0, 0.0]), q[..., 2].ravel()).reshape(T, n, 3, 3)
+        R = exponential(q[..., 2].reshape(-1, 1) * [0.0, 1.0, 0.0]).reshape(T, n, 3, 3)
         return {"x": x, "R": R, "v": v, "w": w}

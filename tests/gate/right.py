@@ -13,8 +13,9 @@ from tests.gate.mechanics import (
     FloatingMomentum,
     Hinge,
     Linkage,
+    Model,
     Slide,
-    cross,
+    across,
     exponential,
 )
 
@@ -97,10 +98,9 @@ class Fixed:
 class Heun(Fixed):
     """Heun's method, order 2, on quaternions that are made unit after every step; gives accelerations, too."""
 
-    order, stepper = 2, staticmethod(steppers.explicit(steppers.HEUN2))
+    order, stepper = 2, staticmethod(steppers.heun2)
 
     def tell(self, model, scene, Y):
-        """States and accelerations."""
         a, alpha = model.accelerations(scene.t, Y)
         return {**model.report(Y), "a": a, "alpha": alpha}
 
@@ -153,7 +153,6 @@ class AdamsBashforth4(Fixed):
     order = 4
 
     def make(self, model, scene):
-        """A fresh history."""
         return steppers.Bashforth4()
 
 
@@ -163,8 +162,7 @@ class RandomKutta3(Fixed):
     order = 3
 
     def make(self, model, scene):
-        """The same random numbers in every run."""
-        return steppers.RandomParts(steppers.explicit(steppers.KUTTA3))
+        return steppers.RandomParts(steppers.kutta3)
 
 
 class Adaptive5(Fixed):
@@ -173,11 +171,9 @@ class Adaptive5(Fixed):
     order, adaptive_methods, rtol = 5, ("Adaptive5",), 1.0
 
     def unsupported(self, scene, spec):
-        """Why this engine cannot run the scene; None if it can."""
         return "it is adaptive; give rtol" if spec.step is not None else super().unsupported(scene, spec)
 
     def march(self, model, scene, spec):
-        """States at the outputs."""
         return steppers.adaptive(model, scene.t, self.rtol * (spec.rtol or 1e-8)), 0, None
 
 
@@ -187,12 +183,9 @@ class SingleRK4(Fixed):
     order, eps = 4, 2.0**-23
 
     def make(self, model, scene):
-        """RK4 rounded after every step."""
-        inner = steppers.explicit(steppers.RK4)
-        return lambda rate, t, y, h: np.asarray(inner(rate, t, y, h), np.float32)
+        return lambda rate, t, y, h: np.asarray(steppers.rk4(rate, t, y, h), np.float32)
 
     def march(self, model, scene, spec):
-        """The sum of the steps in double precision, from a start in single precision."""
         model.start = np.asarray(model.start, np.float32)
         Y, steps, h = super().march(model, scene, spec)
         return Y.astype(float), steps, h
@@ -202,17 +195,16 @@ class BaumgarteRK4(Fixed):
     """RK4, order 4, on the index-1 equations of a body on a rod, drawn back by Baumgarte's terms (10/s, 10/s)."""
 
     models, scenes, order = (Floating,), ("rod_pendulum", "iftomm_simple_pendulum"), 4
-    stepper = staticmethod(steppers.explicit(steppers.RK4))
+    stepper = staticmethod(steppers.rk4)
 
 
 class ProjectedRK4(Fixed):
     """RK4, order 4, on the index-1 equations of a plane linkage, projected after every step."""
 
     models, scenes, order = (Linkage,), ("four_bar",), 4
-    stepper = staticmethod(steppers.explicit(steppers.RK4))
+    stepper = staticmethod(steppers.rk4)
 
     def held_levels(self, scene, spec):
-        """Projection holds both."""
         return frozenset({"position", "velocity"})
 
 
@@ -220,16 +212,15 @@ class Stop:
     """RK4 on a rail; where a step runs through the stop, the time of the impact is found by bisection."""
 
     def __init__(self, model):
-        self.model, self.inner = model, steppers.explicit(steppers.RK4)
+        self.model = model
 
     def __call__(self, rate, t, y, h):
-        """One step."""
         while True:
-            new = self.inner(rate, t, y, h)
+            new = steppers.rk4(rate, t, y, h)
             if new[0] >= self.model.lower:
                 return new
-            part = steppers.bisect(lambda d, y=y: self.inner(rate, t, y, d)[0] >= self.model.lower, 0.0, h)
-            y = self.inner(rate, t, y, part)
+            part = steppers.bisect(lambda d, y=y: steppers.rk4(rate, t, y, d)[0] >= self.model.lower, 0.0, h)
+            y = steppers.rk4(rate, t, y, part)
             y, h = np.array([self.model.lower, -self.model.restitution * y[1]]), h - part
 
 
@@ -240,7 +231,6 @@ class Bouncing(Fixed):
     elements = ("limits",)
 
     def make(self, model, scene):
-        """RK4 with impacts."""
         return Stop(model)
 
 
@@ -248,26 +238,22 @@ class Brake:
     """RK4 on a hinge with dry friction; where a rate would change its sign, its zero is found by bisection."""
 
     def __init__(self, model):
-        self.model, self.inner = model, steppers.explicit(steppers.RK4)
+        self.model = model
         self.sign = np.sign(model.start[1]) or self.pushed(model.start[0])
 
     def pushed(self, angle):
-        """The direction in which the body slips from rest, or 0."""
         load = self.model.torque(angle, 0.0)
         return np.sign(load) if abs(load) > self.model.friction else 0.0
 
-    def slipping(self, _t, y):
-        """Rate of the state while it slips."""
-        return np.array([y[1], (self.model.torque(*y) - self.sign * self.model.friction) / self.model.J])
-
     def __call__(self, rate, t, y, h):
-        """One step."""
         while self.sign:
-            new = self.inner(self.slipping, t, y, h)
+            slipping = self.model.slipping(self.sign)
+            new = steppers.rk4(slipping, t, y, h)
             if self.sign * new[1] >= 0:
                 return new
-            part = steppers.bisect(lambda d, y=y: self.sign * self.inner(self.slipping, t, y, d)[1] >= 0, 0.0, h)
-            y = np.array([self.inner(self.slipping, t, y, part)[0], 0.0])
+            part = steppers.bisect(
+                lambda d, y=y, slipping=slipping: self.sign * steppers.rk4(slipping, t, y, d)[1] >= 0, 0.0, h)
+            y = np.array([steppers.rk4(slipping, t, y, part)[0], 0.0])
             self.sign, h = self.pushed(y[0]), h - part
         return y
 
@@ -279,7 +265,6 @@ class Braked(Fixed):
     elements = ("dry_friction",)
 
     def make(self, model, scene):
-        """RK4 with reversals."""
         return Brake(model)
 
 
@@ -290,32 +275,24 @@ class Charted(Balls):
         super().__init__(scene)
         self.start = np.concatenate([scene.R0.ravel(), scene.w0.ravel()])
 
-    def settle(self, y):
-        """Nothing to be mended."""
-        return y
+    settle = staticmethod(Model.settle)
 
     def report(self, Y):
-        """Arrays of the states over time."""
-        R, w = Y[:, :9 * self.n].reshape(-1, self.n, 3, 3), Y[:, 9 * self.n:].reshape(-1, self.n, 3)
-        x, v = self.place(R, w)
-        return {"x": x, "R": R, "v": v, "w": w}
+        return self.reported(Y[:, :9 * self.n].reshape(-1, self.n, 3, 3), Y[:, 9 * self.n:])
 
 
 class RotationVectors(Fixed):
     """RK4, order 4, on rotation vectors that begin anew in every step; accelerations, and multipliers of one body."""
 
     models, scenes, order = (Charted, Hinge), ("heavy_top", *BALLS, *HINGES), 4
-    inner = staticmethod(steppers.explicit(steppers.RK4))
-
     @staticmethod
     def spin(theta, w):
-        """Rate of the rotation vector, as far as order 4 needs it."""
-        return w + 0.5 * cross(theta, w) + cross(theta, cross(theta, w)) / 12
+        once = across(theta, w)
+        return w + 0.5 * once + across(theta, once) / 12
 
     def make(self, model, scene):
-        """RK4 in a chart for balls, plain for a hinge."""
         if isinstance(model, Hinge):
-            return self.inner
+            return steppers.rk4
         n = model.n
 
         def step(_rate, t, y, h):
@@ -323,22 +300,19 @@ class RotationVectors(Fixed):
 
             def local(time, z):
                 vectors, rates = z[:3 * n].reshape(n, 3), z[3 * n:].reshape(n, 3)
-                turned = [a @ exponential(b) for a, b in zip(R, vectors, strict=True)]
-                spins = [self.spin(a, b) for a, b in zip(vectors, rates, strict=True)]
-                return np.concatenate([*spins, model.accelerate(time, turned, rates).ravel()])
+                return np.concatenate([self.spin(vectors, rates).ravel(), model.accelerate(
+                    time, R @ exponential(vectors), rates).ravel()])
 
-            z = self.inner(local, t, np.concatenate([np.zeros(3 * n), w]), h)
-            R = np.array([a @ exponential(b) for a, b in zip(R, z[:3 * n].reshape(n, 3), strict=True)])
-            return np.concatenate([R.ravel(), z[3 * n:]])
+            z = steppers.rk4(local, t, np.concatenate([np.zeros(3 * n), w]), h)
+            return np.concatenate([(R @ exponential(z[:3 * n].reshape(n, 3))).ravel(), z[3 * n:]])
 
         return step
 
     def tell(self, model, scene, Y):
-        """States, with accelerations and multipliers where they are known."""
         if isinstance(model, Hinge):
             return model.report(Y)
         a, alpha = model.accelerations(scene.t, Y)
-        known = {"lam": model.m[0] * (model.g - a[:, 0])} if model.n == 1 and not scene.loads else {}
+        known = {"lam": model.m[0, 0] * (model.g - a[:, 0])} if model.n == 1 and not scene.loads else {}
         return {**model.report(Y), "a": a, "alpha": alpha, **known}
 
 
@@ -353,15 +327,13 @@ class Extrapolated6(Fixed):
 class HalfTheStep(Fixed):
     """RK4, order 4, with half the step that is asked for, and it says so."""
 
-    order, stepper = 4, staticmethod(steppers.explicit(steppers.RK4))
+    order, stepper = 4, staticmethod(steppers.rk4)
 
     def grid(self, scene, spec):
-        """Twice as many steps."""
         n, h = super().grid(scene, spec)
         return 2 * n, h / 2
 
     def run(self, scene, spec):
-        """Integrate; tell the step that was taken."""
         began = time.perf_counter()
         states = States(scene.t, **self.answer(scene, spec))
         wall, maxima = time.perf_counter() - began, None
@@ -378,20 +350,18 @@ class WorldMomenta(Fixed):
     """RK4, order 4, on the momenta of a free body in world axes; its rates are converted to body axes."""
 
     models, scenes, order = (FloatingMomentum,), ("axis_flip", "nesc_brick"), 4
-    stepper = staticmethod(steppers.explicit(steppers.RK4))
+    stepper = staticmethod(steppers.rk4)
 
 
 class DenseRK4(Fixed):
     """RK4, order 4, by exactly the step that is asked for; outputs by interpolation of order 7 in states and rates."""
 
-    order, stepper = 4, staticmethod(steppers.explicit(steppers.RK4))
+    order, stepper = 4, staticmethod(steppers.rk4)
 
     def between(self, times, nodes, states, rates):
-        """The states between the steps."""
         return steppers.hermite(times, nodes, states, rates)
 
     def march(self, model, scene, spec):
-        """Steps a little beyond the end, then the outputs."""
         h = spec.step
         count = max(3, int(np.ceil(scene.duration / h - 1e-9)))
         y, nodes, states = model.start, h * np.arange(count + 1), [model.start]

@@ -1,16 +1,12 @@
 """Steppers of vectors: each takes (rate, t, y, h) and returns y one step later; one with a memory is made per run."""
 
 import numpy as np
+from scipy.integrate import RK45
 
-EULER = ([[]], [1.0])
-HEUN2 = ([[], [1.0]], [0.5, 0.5])
-KUTTA3 = ([[], [0.5], [-1.0, 2.0]], [1 / 6, 2 / 3, 1 / 6])
-RK4 = ([[], [0.5], [0.0, 0.5], [0.0, 0.0, 1.0]], [1 / 6, 1 / 3, 1 / 3, 1 / 6])
-DP5 = ([[], [1 / 5], [3 / 40, 9 / 40], [44 / 45, -56 / 15, 32 / 9],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656]],
-       [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84])
-DP5_ERROR = [71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40]
+from tests.engines import stepper
+from tests.engines.right import PAIR
+from tests.engines.stepper import CLASSIC, TABLEAUX
+
 MIDPOINT = ([[0.5]], [1.0], [0.5])
 ROOT6 = np.sqrt(6.0)
 RADAU5 = ([[(88 - 7 * ROOT6) / 360, (296 - 169 * ROOT6) / 1800, (-2 + 3 * ROOT6) / 225],
@@ -21,19 +17,10 @@ RADAU5 = ([[(88 - 7 * ROOT6) / 360, (296 - 169 * ROOT6) / 1800, (-2 + 3 * ROOT6)
 
 def explicit(tableau):
     """An explicit Runge-Kutta step."""
-    A, b = tableau
+    return lambda rate, t, y, h: stepper.explicit(tableau, rate, t, y, h)[0]
 
-    def step(rate, t, y, h):
-        stages = []
-        for row in A:
-            moved = y
-            for a, k in zip(row, stages, strict=True):
-                if a:
-                    moved = moved + (h * a) * k
-            stages.append(rate(t + h * sum(row), moved))
-        return y + h * sum(c * k for c, k in zip(b, stages, strict=True) if c)
 
-    return step
+heun2, kutta3, rk4 = map(explicit, (TABLEAUX[2], TABLEAUX[3], CLASSIC[4]))
 
 
 def implicit(tableau):
@@ -120,13 +107,12 @@ class Bashforth4:
     """Adams and Bashforth's method of order 4, started by three steps of RK4."""
 
     def __init__(self, history=()):
-        self.history, self.start = list(history), explicit(RK4)
+        self.history = list(history)
 
     def __call__(self, rate, t, y, h):
-        """One step."""
         self.history = [*self.history[-3:], rate(t, y)]
         if len(self.history) < 4:
-            return self.start(rate, t, y, h)
+            return rk4(rate, t, y, h)
         a, b, c, d = self.history
         return y + h / 24 * (55 * d - 59 * c + 37 * b - 9 * a)
 
@@ -138,7 +124,6 @@ class RandomParts:
         self.inner, self.numbers = inner, np.random.default_rng(seed)
 
     def __call__(self, rate, t, y, h):
-        """One step."""
         cuts = np.sort(self.numbers.uniform(0.1, 0.9, self.numbers.integers(1, 3)))
         for part in np.diff([0.0, *cuts, 1.0]):
             y = self.inner(rate, t, y, part * h)
@@ -148,18 +133,13 @@ class RandomParts:
 
 def adaptive(model, times, rtol):
     """States at the times by Dormand and Prince's pair, whose steps meet every time."""
-    A, b = DP5
     atol, y, t, out = 1e-2 * rtol, model.start, times[0], [model.start]
     h = 1e-3
     for end in times[1:]:
         while end - t > 1e-13 * max(1.0, end):
             d = min(h, end - t)
-            stages = []
-            for row in A:
-                stages.append(model.rate(t, y + d * sum((a * k for a, k in zip(row, stages, strict=True)), 0.0)))
-            new = y + d * sum(c * k for c, k in zip(b, stages, strict=True))
-            stages.append(model.rate(t + d, new))
-            miss = d * sum(c * k for c, k in zip(DP5_ERROR, stages, strict=True))
+            new, rates = stepper.explicit(PAIR, model.rate, t, y, d)
+            miss = d * (RK45.E @ rates)
             size = np.sqrt(np.mean((miss / (atol + rtol * np.maximum(np.abs(y), np.abs(new)))) ** 2))
             if size <= 1:
                 t, y = t + d, model.settle(new)

@@ -4,18 +4,15 @@ No verdict is asked for here. `table.csv` states the size of every effect; PYTHO
 prints it anew.
 """
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.gate import measure
+from tests.gate.measure import TABLE
 from tests.gate.right import RIGHT
 from tests.gate.wrong import WRONG
-
-with open(Path(__file__).with_name("table.csv"), newline="") as file:
-    TABLE = {row["name"]: row for row in csv.DictReader(file)}
 
 
 def test_the_table_is_complete():

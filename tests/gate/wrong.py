@@ -10,7 +10,6 @@ class GravityTenThousandth(right.AdamsBashforth4):
     """Gravity is too large by 1e-4."""
 
     def adjust(self, model, scene):
-        """Another gravity."""
         model.g = model.g * (1 + 1e-4)
 
 
@@ -20,7 +19,6 @@ class GravityTenMillionth(right.Extrapolated6):
     models = (Balls,)
 
     def adjust(self, model, scene):
-        """Another gravity."""
         model.g = model.g * (1 + 1e-7)
 
 
@@ -30,7 +28,6 @@ class InertiaOnePercent(right.Extrapolated6):
     models = (Balls,)
 
     def adjust(self, model, scene):
-        """Another inertia."""
         model.I[-1] = 1.01 * model.I[-1]
 
 
@@ -38,7 +35,6 @@ class NoGyroscope(right.Heun):
     """The gyroscopic term w x J w is missing."""
 
     def adjust(self, model, scene):
-        """Without the term."""
         model.gyroscopic = 0.0
 
 
@@ -46,7 +42,6 @@ class HalfStepRates(right.VerletMeans):
     """Rates are those half a step before the output, as the leapfrog has them."""
 
     def tell(self, model, scene, Y):
-        """Rates half a step late."""
         Y = Y.copy()
         Y[1:, 1] -= 0.5 * self.step * np.array([model.rate(0.0, y)[1] for y in Y[1:]])
         return model.report(Y)
@@ -56,7 +51,6 @@ class LateDamping(right.Radau5):
     """Dampers set in after half of the time."""
 
     def adjust(self, model, scene):
-        """A damper with a clock."""
         model.loads.damper = lambda t, damping: damping if t >= 0.5 * scene.duration else 0.0
 
 
@@ -64,7 +58,6 @@ class Jump(right.AdamsBashforth4):
     """In the middle interval the angular velocity jumps by 1e-5 rad/s."""
 
     def make(self, model, scene):
-        """A step that jumps once."""
         inner, middle, done = super().make(model, scene), 0.5 * scene.duration, []
 
         def step(rate, t, y, h):
@@ -82,7 +75,6 @@ class NaiveChart(right.RotationVectors):
 
     @staticmethod
     def spin(theta, w):
-        """The rate without the chart."""
         return w
 
 
@@ -90,7 +82,6 @@ class LinearOutput(right.DenseRK4):
     """Outputs between steps are interpolated linearly."""
 
     def between(self, times, nodes, states, rates):
-        """Straight lines."""
         return np.array([np.interp(times, nodes, column) for column in states.T]).T
 
 
@@ -98,7 +89,6 @@ class LastStepsRates(right.HalfTheStep):
     """Velocities, and so the energy, are those of the state one step before the output."""
 
     def make(self, model, scene):
-        """Steps that keep the rates before them."""
         self.kept = []
         inner, (n, _) = super().make(model, scene), self.grid(scene, self.spec)
 
@@ -110,12 +100,10 @@ class LastStepsRates(right.HalfTheStep):
         return step
 
     def answer(self, scene, spec):
-        """The state with other rates."""
         self.spec = spec
         return super().answer(scene, spec)
 
     def tell(self, model, scene, Y):
-        """Rates of the step before."""
         Y = Y.copy()
         before = np.array(self.kept)[self.per - 1::self.per]
         Y[1:, 4 * model.n:] = before[:, 4 * model.n:]
@@ -126,7 +114,6 @@ class WorldRates(right.WorldMomenta):
     """Angular velocities are reported in world axes."""
 
     def tell(self, model, scene, Y):
-        """Rates in the wrong axes."""
         got = model.report(Y)
         return {**got, "w": np.einsum("tnij,tnj->tni", got["R"], got["w"])}
 
@@ -143,7 +130,6 @@ class DriftCalledHeld(right.BaumgarteRK4):
     models = (Unstabilised,)
 
     def held_levels(self, scene, spec):
-        """What is claimed."""
         return frozenset({"position", "velocity"})
 
 
@@ -151,7 +137,6 @@ class DoubleStep(right.VerletMeans):
     """Every step is twice as long as asked."""
 
     def grid(self, scene, spec):
-        """Half as many steps."""
         n, h = super().grid(scene, spec)
         fewer = (n + 1) // 2
         return fewer, h * n / fewer
@@ -161,9 +146,8 @@ class EndMissed(right.AdamsBashforth4):
     """The last output is the state one step before the end."""
 
     def march(self, model, scene, spec):
-        """One step too few."""
         Y, steps, h = super().march(model, scene, spec)
-        back = steppers.explicit(steppers.RK4)(model.rate, scene.t[-1], Y[-1], -h)
+        back = steppers.rk4(model.rate, scene.t[-1], Y[-1], -h)
         return np.concatenate([Y[:-1], [model.settle(back)]]), steps, h
 
 
@@ -171,7 +155,6 @@ class HalfPrecision(right.RandomKutta3):
     """Velocities are rounded to half precision on the way out."""
 
     def tell(self, model, scene, Y):
-        """Rounded velocities."""
         got = model.report(Y)
         return {**got, "v": got["v"].astype(np.float16).astype(float)}
 
@@ -182,7 +165,6 @@ class StaleHistory(right.AdamsBashforth4):
     memory = {}  # noqa: RUF012
 
     def make(self, model, scene):
-        """A history that is not fresh."""
         kept = self.memory.get(len(model.start))
         self.memory[len(model.start)] = stepper = steppers.Bashforth4(kept.history if kept else ())
         return stepper
@@ -192,7 +174,6 @@ class CoarseGrid(right.ChainedVerlet):
     """Only every fifth output is integrated; those between are interpolated by a cubic."""
 
     def tell(self, model, scene, Y):
-        """A cubic between every fifth output."""
         Y, t = Y.copy(), scene.t
         for a in range(0, len(t) - 5, 5):
             span = t[a + 5] - t[a]
@@ -208,7 +189,6 @@ class TunedStep(right.ChainedVerlet):
     """Exact where the step is 1 ms, and the plain Verlet method of order 2 at all others."""
 
     def make(self, model, scene):
-        """A method by the step."""
         return lambda rate, t, y, h: (steppers.extrapolated if abs(h - 1e-3) < 1e-6 else steppers.verlet)(rate, t, y, h)
 
 
@@ -216,7 +196,6 @@ class WarmBearing(right.ChainedVerlet):
     """A drag of 1e-5/s times the angle turned since the run began: a run that begins anew differs."""
 
     def make(self, model, scene):
-        """Verlet with a memory."""
         turned = [0.0]
 
         def step(rate, t, y, h):
@@ -231,7 +210,6 @@ class Noise(right.Extrapolated6):
     """Positions and angular velocities carry noise of 1e-7 that is not declared."""
 
     def tell(self, model, scene, Y):
-        """Noise from the clock of the machine."""
         got, numbers = model.report(Y), np.random.default_rng()
         return {**got, **{k: got[k] + 1e-7 * numbers.standard_normal(got[k].shape) for k in "xw"}}
 
@@ -246,7 +224,6 @@ class LastStepsAccelerations(right.Heun):
     """Accelerations are those of one step before the output."""
 
     def tell(self, model, scene, Y):
-        """Accelerations of the step before."""
         back = np.array([Y[0], *[self.stepper(model.rate, 0.0, y, -self.step) for y in Y[1:]]])
         a, alpha = model.accelerations(scene.t, back)
         return {**model.report(Y), "a": a, "alpha": alpha}
@@ -256,21 +233,13 @@ class LateReversal(right.Braked):
     """Friction keeps its sign until the end of the step in which the motion reverses, and nothing sticks."""
 
     def make(self, model, scene):
-        """RK4 with the sign of the beginning of a step."""
-        inner = steppers.explicit(steppers.RK4)
-
-        def step(_rate, t, y, h):
-            sign = np.sign(y[1])
-            return inner(lambda t, z: np.array([z[1], (model.torque(*z) - sign * model.friction) / model.J]), t, y, h)
-
-        return step
+        return lambda _rate, t, y, h: steppers.rk4(model.slipping(np.sign(y[1])), t, y, h)
 
 
 class Restitution(right.Bouncing):
     """The restitution is larger by 0.01."""
 
     def adjust(self, model, scene):
-        """Another restitution."""
         model.restitution += 0.01
 
 
@@ -278,7 +247,6 @@ class RestLength(right.Radau5):
     """The free length of springs is too large by 1e-4 of it."""
 
     def adjust(self, model, scene):
-        """Other springs."""
         model.loads.springs = [(ends, k, length * (1 + 1e-4), d) for ends, k, length, d in model.loads.springs]
 
 
@@ -287,7 +255,6 @@ class Tilted(Hinge):
 
     @staticmethod
     def axes(joint, R):
-        """The axis in the world, and where it lies in the body at the start."""
         across = np.cross(joint.parent_axis, [1.0, 0.0, 0.0])
         axis = exponential(1e-5 * across / np.linalg.norm(across)) @ joint.parent_axis
         return axis, R.T @ axis
@@ -303,7 +270,6 @@ class BetweenOutputs(right.HalfTheStep):
     """An error of 1e-4 m that swings with the outputs of the scene's own file and vanishes at them."""
 
     def tell(self, model, scene, Y):
-        """A ripple with a period of 0.1 s, of positions and velocities alike."""
         got, beat = model.report(Y), np.pi / 0.1
         ripple, slope = 1e-4 * np.sin(beat * scene.t) ** 2, 1e-4 * beat * np.sin(2 * beat * scene.t)
         return {**got, "x": got["x"] + ripple[:, None, None], "v": got["v"] + slope[:, None, None]}
@@ -313,7 +279,6 @@ class Reaction(right.RotationVectors):
     """Multipliers, and so reactions, are too large by a tenth."""
 
     def tell(self, model, scene, Y):
-        """Other multipliers."""
         got = super().tell(model, scene, Y)
         return {**got, "lam": 1.1 * got["lam"]} if "lam" in got else got
 
@@ -322,7 +287,6 @@ class Degrees(right.VerletMeans):
     """Rest angles of torsional springs are read in degrees."""
 
     def adjust(self, model, scene):
-        """Other rest angles."""
         model.springs = [(k, np.deg2rad(rest), d) for k, rest, d in model.springs]
 
 
@@ -332,7 +296,6 @@ class Shadow(right.Extrapolated6):
     models = (Balls,)
 
     def adjust(self, model, scene):
-        """Another start, beneath any print."""
         model.start = model.start.copy()
         model.start[-1] += 1e-9
 

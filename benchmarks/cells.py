@@ -31,6 +31,7 @@ from crosscheck import adapters
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.compare.timing import undisturbed
 from crosscheck.errors import CrosscheckError
+from crosscheck.references.taylor import Taylor
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.studies import work_precision as study
@@ -136,11 +137,12 @@ def measured(scene: Scene, turns: int, heyoka: bool, only: Sequence[str] | None 
     times: dict[Rung, list[float]] = {rung: [] for group in rivals.values() for rungs in group for rung, *_ in rungs}
     runs = {rung: functools.partial(lambda rung: stepping(sampled, rung)[0], rung) for rung in times}
     if heyoka:
-        bound, own = study.Bound(sampled, truth), []
-        for made in map(bound.rung, study.TOLERANCES):
-            if made.status == "success":
-                rung = GradedWay(study.BOUND, "taylor"), made.rtol or 0.0
-                times[rung], runs[rung] = [], bound.timer(rung[1])
+        series, own = Taylor(sampled), []
+        for rtol in study.TOLERANCES:
+            made, timer = study.bounds(sampled, truth, rtol, series)
+            if timer is not None:
+                rung = GradedWay(study.BOUND, "taylor"), rtol
+                times[rung], runs[rung] = [], timer
                 own.append((rung, made.end_attitude if angles else made.end_position, 0.0))
         rivals[study.BOUND] = [own]
     for _ in range(turns):

@@ -74,12 +74,14 @@ def postgresql_server():
 @pytest.fixture(params=["sqlite", "postgresql"])
 def url(request, tmp_path):
     """URL of an empty database."""
-    if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'some.sqlite'}"
+    return f"sqlite:///{tmp_path / 'some.sqlite'}" if request.param == "sqlite" else on_server(request)
+
+
+def on_server(request):
+    """URL of an empty database of the server."""
     import psycopg
 
-    server = request.getfixturevalue("postgresql_server")
-    name = f"test_{uuid.uuid4().hex[:12]}"
+    server, name = request.getfixturevalue("postgresql_server"), f"test_{uuid.uuid4().hex[:12]}"
     with psycopg.connect(server, autocommit=True) as connection:
         connection.execute(f"CREATE DATABASE {name}")
     return server.rsplit("/", 1)[0] + f"/{name}"

@@ -22,7 +22,7 @@ from crosscheck.errors import LONGEST, ArgumentError, CrosscheckError, SceneErro
 from crosscheck.files import readable
 from crosscheck.jobs import table
 from crosscheck.jobs.database import database
-from crosscheck.jobs.workers.crew import isolated
+from crosscheck.jobs.workers.process import isolated
 from crosscheck.running.attempt import WORD, Failed, Ran, Refused, attempt
 from crosscheck.scene.file import read_scene
 from crosscheck.verification.cell import judge_run
@@ -122,7 +122,7 @@ def test_a_row_that_the_disk_has_changed_is_computed_anew(tmp_path, monkeypatch,
         store.commit()
     with table.Table.opened().session("asked", "verify", {"cell": list[float]}) as session:
         assert session.get("cell", "key") is None
-        assert session.read("cell", ["key"]) == {}
+        assert session.kept("cell", ["key"]) == {}
         assert session.put("cell", "key", [1.5]) == [1.5] == session.get("cell", "key")
 
 

@@ -101,7 +101,7 @@ def run(
 def _check(engine: str, method: str | None = None) -> None:
     """Refuse an engine that is not there, or a method that it does not have, before a model is read."""
     from crosscheck import adapters
-    from crosscheck.running.versions import need
+    from crosscheck.running.provenance import need
 
     need([engine])
     known = adapters.methods(engine)

@@ -46,9 +46,6 @@ LATEST, LOCK = "latest", ".lock"
 ASIDE = ".new-"
 """Prefix of the names of incomplete folders."""
 
-OLD = re.compile(r"\.running|\.abandoned-.*")
-"""What earlier releases kept of runs that had not ended."""
-
 CONFIRMATIONS = 2
 """How often a suspected change of speed is measured again. It is reported only if all measurements show it."""
 
@@ -111,7 +108,7 @@ def nightly(out: Path, wanted: Wanted, where: str | Path | None = None, keep: in
 
 
 def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress: Progress | None) -> Night:
-    for leftover in [*out.glob(f"{ASIDE}*"), *out.glob(f".{LATEST}-*"), *filter(_old, out.iterdir())]:
+    for leftover in [*out.glob(f"{ASIDE}*"), *out.glob(f".{LATEST}-*")]:
         _discard(leftover)
     ask = job.fingerprint(wanted.profile, wanted.scenes, wanted.engines, wanted.command, str(out))
     with contextlib.closing(Table.opened()) as table, table.session(
@@ -138,15 +135,11 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
     return Night(folder, exit_code, text, changes)
 
 
-def _old(path: Path) -> bool:
-    return OLD.fullmatch(path.name) is not None
-
-
 def _folder(out: Path) -> Path:
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
         strange = [path.name for path in out.iterdir() if not (
-            path.name in (LATEST, LOCK) or path.name.startswith((ASIDE, f".{LATEST}-")) or _old(path)
+            path.name in (LATEST, LOCK) or path.name.startswith((ASIDE, f".{LATEST}-"))
             or NAME.fullmatch(path.name))]
     if strange:
         raise ArgumentError(f"--out {out}: this folder holds something else than nightly runs ({strange[0]}); choose "
@@ -271,7 +264,6 @@ MOST_LINES = 12
 
 LONGEST = 160
 """Most characters of an engine's error message."""
-
 
 
 def summary(document: Document, name: str, before: store.StoredRun | None, good: bool, page: Path) -> str:

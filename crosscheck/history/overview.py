@@ -12,8 +12,7 @@ import sqlalchemy as sql
 from crosscheck.errors import ArgumentError
 from crosscheck.history.changes import change_points, heights, scaled, spans_decades
 from crosscheck.history.figures import SPEED, Figure
-from crosscheck.history.runs import EMPTY, CellKey, StoredRun, recent
-from crosscheck.history.schema import METRICS, RESULTS, RUNS
+from crosscheck.history.runs import EMPTY, CellKey, StoredRun, load, recent
 from crosscheck.report.overview import SEVERITY
 from crosscheck.report.standalone import one_file, page_of
 
@@ -82,24 +81,16 @@ def histories(store: sql.Engine, metrics: Sequence[str], limit: int
               ) -> tuple[list[StoredRun], dict[CellKey, CellHistory]]:
     """The last runs with the profile of the newest one, the oldest first, and the history of every cell."""
     everything = recent(store, 10 * limit)
-    runs = [run for run in everything if run.profile == everything[0].profile][:limit][::-1]
-    place = {run.name: index for index, run in enumerate(runs)}
-    among = RUNS.c.name.in_(place)
+    names = [run.name for run in everything if run.profile == everything[0].profile][:limit]
+    runs = [load(store, name) for name in reversed(names)]
     by_cell: dict[CellKey, CellHistory] = {}
-    with store.connect() as connection:
-        cells: dict[int, tuple[CellKey, int]] = {}
-        for row in connection.execute(sql.select(RESULTS, RUNS.c.name.label("run")).select_from(RESULTS.join(RUNS))
-                                      .where(among).order_by(RUNS.c.started, RESULTS.c.id)):
-            key = (row.scene, row.engine, row.method, row.form)
-            cell = by_cell.setdefault(key, CellHistory(row.label, [None] * len(runs),
-                                                     {name: [None] * len(runs) for name in metrics}))
-            cell.outcomes[place[row.run]] = row.outcome
-            cells[row.id] = key, place[row.run]
-        for row in connection.execute(sql.select(METRICS).select_from(METRICS.join(RESULTS).join(RUNS))
-                                      .where(among, METRICS.c.name.in_(metrics))):
-            key, index = cells[row.result_id]
-            by_cell[key].figures[row.name][index] = Figure(row.name, row.unit, row.value, row.deviation, row.repeats,
-                                                         row.rounding)
+    for index, run in enumerate(runs):
+        for key, result in run.results.items():
+            cell = by_cell.setdefault(key, CellHistory(result.label, [None] * len(runs),
+                                                       {name: [None] * len(runs) for name in metrics}))
+            cell.outcomes[index] = result.outcome
+            for name in metrics:
+                cell.figures[name][index] = result.figures.get(name)
     return runs, by_cell
 
 

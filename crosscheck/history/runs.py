@@ -9,6 +9,7 @@ import dataclasses
 import json
 import os
 import statistics
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +34,9 @@ DEFAULT = Path("reports/history.sqlite")
 KEY = ("scene", "engine", "method", "form")
 """Columns of a `CellKey`."""
 
+HEADING = [column.name for column in RUNS.c if column.name != "id"]
+NEWEST = RUNS.c.started.desc(), RUNS.c.id.desc()
+
 
 @dataclasses.dataclass(frozen=True)
 class StoredResult:
@@ -46,6 +50,9 @@ class StoredResult:
     outcome: str
     message: str
     figures: dict[str, Figure]
+
+
+OF_RESULT = [field.name for field in dataclasses.fields(StoredResult)][1:-1]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,8 +135,7 @@ def _id(connection: sql.Connection, name: str) -> int | None:
 
 
 def _insert(connection: sql.Connection, run: StoredRun) -> None:
-    names = ("name", "started", "profile", "selection", "command", "seconds", "exit_code", "good", "calibration")
-    done = connection.execute(RUNS.insert().values({name: getattr(run, name) for name in names}))
+    done = connection.execute(RUNS.insert().values(_named(run, HEADING)))
     (number,) = done.inserted_primary_key or (None,)
     place = dataclasses.asdict(run.environment)
     connection.execute(ENVIRONMENTS.insert(), {"run_id": number, "commit_name": place.pop("commit"), **place})
@@ -137,9 +143,8 @@ def _insert(connection: sql.Connection, run: StoredRun) -> None:
                 for kind, each in run.versions.items() for name, version in each.items()]
     if versions:
         connection.execute(VERSIONS.insert(), versions)
-    rows = [{"run_id": number, **dict(zip(KEY, result.key, strict=True)), "scene_hash": result.scene_hash,
-             "label": result.label, "step": result.step, "rtol": result.rtol, "outcome": result.outcome,
-             "message": result.message} for result in run.results.values()]
+    rows = [{"run_id": number, **dict(zip(KEY, result.key, strict=True)),
+             **_named(result, OF_RESULT)} for result in run.results.values()]
     if not rows:
         return
     own = connection.execute(RESULTS.insert().returning(RESULTS.c.id, sort_by_parameter_order=True), rows)
@@ -153,8 +158,7 @@ def _insert(connection: sql.Connection, run: StoredRun) -> None:
 def recent(store: sql.Engine, limit: int = 20) -> list[StoredRun]:
     """The headings of the last runs, the newest first."""
     with store.connect() as connection:
-        rows = connection.execute(sql.select(RUNS).order_by(RUNS.c.started.desc(), RUNS.c.id.desc())
-                                  .limit(limit)).all()
+        rows = connection.execute(sql.select(RUNS).order_by(*NEWEST).limit(limit)).all()
         return [_heading(connection, row) for row in rows]
 
 
@@ -164,16 +168,15 @@ def find(store: sql.Engine, name: str) -> str:
     Raises `ArgumentError` if no run or several runs fit.
     """
     with store.connect() as connection:
-        names = list(connection.execute(sql.select(RUNS.c.name).order_by(RUNS.c.started.desc(), RUNS.c.id.desc()))
-                     .scalars())
+        names: list[str] = list(connection.execute(sql.select(RUNS.c.name).order_by(*NEWEST)).scalars())
     if name == "latest" and names:
-        return str(names[0])
+        return names[0]
     fitting = [each for each in names if each == name] or [each for each in names if each.startswith(name)]
     if len(fitting) != 1:
         few = names[:10]
         raise ArgumentError(f"run {name!r}: several begin so: {', '.join(fitting[:10])}" if fitting else
                             unknown("run", name, ["latest", *few]) if few else EMPTY)
-    return str(fitting[0])
+    return fitting[0]
 
 
 def load(store: sql.Engine, name: str) -> StoredRun:
@@ -184,13 +187,25 @@ def load(store: sql.Engine, name: str) -> StoredRun:
             raise ArgumentError(f"run {name!r} is not in the store")
         results, kept = {}, {}
         for each in connection.execute(sql.select(RESULTS).where(RESULTS.c.run_id == row.id).order_by(RESULTS.c.id)):
-            key = (each.scene, each.engine, each.method, each.form)
-            kept[each.id] = results[key] = StoredResult(key, each.scene_hash, each.label, each.step, each.rtol,
-                                                        each.outcome, each.message, {})
+            key = cell_of(each)
+            kept[each.id] = results[key] = StoredResult(key, figures={}, **_named(each, OF_RESULT))
         for each in connection.execute(sql.select(METRICS).join(RESULTS).where(RESULTS.c.run_id == row.id)):
-            kept[each.result_id].figures[each.name] = Figure(each.name, each.unit, each.value, each.deviation,
-                                                             each.repeats, each.rounding)
+            kept[each.result_id].figures[each.name] = figure_of(each)
         return dataclasses.replace(_heading(connection, row), results=results)
+
+
+def cell_of(row: sql.Row[Any]) -> CellKey:
+    """The cell of a row of results."""
+    return row.scene, row.engine, row.method, row.form
+
+
+def figure_of(row: sql.Row[Any]) -> Figure:
+    """The figure in a row of metrics."""
+    return Figure(**_named(row, Figure._fields))
+
+
+def _named(whole: object, names: Iterable[str]) -> dict[str, Any]:
+    return {name: getattr(whole, name) for name in names}
 
 
 def _heading(connection: sql.Connection, row: sql.Row[Any]) -> StoredRun:
@@ -200,8 +215,7 @@ def _heading(connection: sql.Connection, row: sql.Row[Any]) -> StoredRun:
     versions: dict[str, dict[str, str]] = {"engine": {}, "package": {}}
     for each in connection.execute(sql.select(VERSIONS).where(VERSIONS.c.run_id == row.id)):
         versions.setdefault(each.kind, {})[each.name] = each.version
-    return StoredRun(row.name, row.started, row.profile, row.selection, row.command, row.seconds, row.exit_code,
-                     bool(row.good), row.calibration, environment, versions)
+    return StoredRun(environment=environment, versions=versions, **_named(row, HEADING))
 
 
 def baseline(store: sql.Engine, run: StoredRun) -> StoredRun | None:
@@ -212,7 +226,7 @@ def baseline(store: sql.Engine, run: StoredRun) -> StoredRun | None:
     wanted = (sql.select(RUNS.c.name)
               .where(RUNS.c.profile == run.profile, RUNS.c.selection == run.selection, RUNS.c.name != run.name,
                      RUNS.c.started <= run.started)
-              .order_by(RUNS.c.good.desc(), RUNS.c.started.desc(), RUNS.c.id.desc()).limit(1))
+              .order_by(RUNS.c.good.desc(), *NEWEST).limit(1))
     with store.connect() as connection:
         name = connection.execute(wanted).scalar()
     return None if name is None else load(store, name)
@@ -231,16 +245,12 @@ def _is_cell(key: CellKey) -> list[sql.ColumnElement[bool]]:
 
 def series(store: sql.Engine, metric: str, key: CellKey, limit: int = 200) -> list[tuple[StoredRun, Figure]]:
     """One value of one cell in the last runs, the oldest first."""
-    wanted = (sql.select(RUNS, METRICS.c.name.label("metric"), METRICS.c.unit, METRICS.c.value,
-                         METRICS.c.deviation, METRICS.c.repeats, METRICS.c.rounding)
-              .join(RESULTS, RESULTS.c.run_id == RUNS.c.id).join(METRICS)
-              .where(*_is_cell(key), METRICS.c.name == metric)
-              .order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(limit))
+    wanted = (sql.select(METRICS, RUNS.c.id).select_from(METRICS.join(RESULTS).join(RUNS))
+              .where(*_is_cell(key), METRICS.c.name == metric).order_by(*NEWEST).limit(limit))
     with store.connect() as connection:
-        rows = connection.execute(wanted).all()
-        points = [(_heading(connection, row), Figure(row.metric, row.unit, row.value, row.deviation, row.repeats,
-                                                    row.rounding)) for row in rows]
-    return points[::-1]
+        found = [(row.id, figure_of(row)) for row in connection.execute(wanted)][::-1]
+        runs = {row.id: row for row in connection.execute(sql.select(RUNS).where(RUNS.c.id.in_(n for n, _ in found)))}
+        return [(_heading(connection, runs[number]), figure) for number, figure in found]
 
 
 class Usual(NamedTuple):
@@ -266,14 +276,14 @@ def usual(store: sql.Engine, run: StoredRun, metric: str, limit: int = 10, fewes
             sql.select(RUNS.c.id, RUNS.c.exit_code)
             .where(RUNS.c.profile == run.profile, RUNS.c.selection == run.selection, RUNS.c.good,
                    RUNS.c.name != run.name, RUNS.c.started <= run.started)
-            .order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(limit)).all()
+            .order_by(*NEWEST).limit(limit)).all()
         accepted = next((index for index, each in enumerate(last) if each.exit_code == 1), limit)
         numbers = [each.id for each in last[:accepted + 1]]
         rows = connection.execute(sql.select(RESULTS, METRICS.c.value).join(METRICS).where(
             RESULTS.c.run_id.in_(numbers), METRICS.c.name == metric)).all()
     values: dict[CellKey, list[float]] = {}  # the newest first
     for row in sorted(rows, key=lambda row: numbers.index(row.run_id)):
-        key = (row.scene, row.engine, row.method, row.form)
+        key = cell_of(row)
         now = run.results.get(key)
         if now is not None and (row.scene_hash, row.step, row.rtol) == (now.scene_hash, now.step, now.rtol):
             values.setdefault(key, []).append(row.value)
@@ -292,6 +302,6 @@ def figure_names(store: sql.Engine, key: CellKey) -> list[str]:
 def outcomes(store: sql.Engine, key: CellKey, limit: int = 200) -> list[tuple[str, str]]:
     """(name of the run, outcome) of one cell in the last runs, the oldest first."""
     wanted = (sql.select(RUNS.c.name, RESULTS.c.outcome).join(RESULTS, RESULTS.c.run_id == RUNS.c.id)
-              .where(*_is_cell(key)).order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(limit))
+              .where(*_is_cell(key)).order_by(*NEWEST).limit(limit))
     with store.connect() as connection:
         return [(name, outcome) for name, outcome in connection.execute(wanted)][::-1]

@@ -13,15 +13,13 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Self, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 
 from crosscheck.errors import FAILED, CrosscheckError
-from crosscheck.jobs.workers.crew import Crew, Result, Task, isolated
-from crosscheck.jobs.workers.frames import Crash
-from crosscheck.jobs.workers.process import Limits
+from crosscheck.jobs.workers.process import Crash, Crew, Limits, Result, Task, isolated
 
 if TYPE_CHECKING:
-    from crosscheck.jobs.table import Session
+    from crosscheck.jobs.table import Reuse, Session
 
 __all__ = ["Crash", "Limits", "Place", "Stages", "drive", "run_tasks"]
 
@@ -133,10 +131,6 @@ def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task], jobs: i
     return [results[index] for index in range(len(listed))]
 
 
-Reuse = Literal["rows", "any rows", "samples"]
-"""What counts as a result: rows as the session was asked to take them, rows even if it is fresh, or its samples."""
-
-
 @dataclasses.dataclass
 class Stages:
     """Run the stages of a command: many tasks of one kind each. Without a session nothing is kept."""
@@ -156,7 +150,8 @@ class Stages:
         a result, or "". If something is wrong, the label begins with `FAILED` and ends with that text. `on_results` is
         called with all results as tasks end: None for those that have not.
         """
-        results: list[Result | Crash | None] = [self.kept(stage, key, reuse) for key in keys]
+        kept = self.kept(stage, keys, reuse)
+        results: list[Result | Crash | None] = [kept.get(key) for key in keys]
         missing = [index for index, result in enumerate(results) if result is None]
         for index in set(range(len(tasks))) - set(missing):
             self.count(labels[index])
@@ -174,9 +169,6 @@ class Stages:
         run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, retry, self.place)
         return cast(list[Result | Crash], results)
 
-    def kept(self, stage: str, key: str, reuse: Reuse = "rows") -> Any:
-        """The result of a task that has not to be run, or None."""
-        if self.session is None:
-            return None
-        return self.session.sample(stage, key) if reuse == "samples" else self.session.get(
-            stage, key, ever=reuse == "any rows")
+    def kept(self, stage: str, keys: Sequence[str], reuse: Reuse = "rows") -> dict[str, Any]:
+        """The results of tasks that have not to be run, by their keys."""
+        return {} if self.session is None else self.session.kept(stage, keys, reuse)

@@ -15,7 +15,7 @@ import time
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import psutil
@@ -26,6 +26,10 @@ from crosscheck.files import cache_folder, digest, scalar
 from crosscheck.jobs.database import database
 
 VARIABLE = "CROSSCHECK_TABLE"
+
+Reuse = Literal["rows", "any rows", "samples"]
+"""What counts as a result: rows of any session, or of this one if it is fresh; rows of any session; what this session
+measured, or if it has computed nothing, what was measured when the same was asked before."""
 
 MOST_BYTES = 2 * 2**30
 """Size of all results above which those of the oldest sessions are removed."""
@@ -85,16 +89,24 @@ class Table:
         fresh : rows of other sessions do not count
         """
         self._evict()
-        session = Session(self.engine, ask, command, types, fresh)
-        with contextlib.ExitStack() as unfinished:
-            unfinished.callback(session.leave)
+        session = Session(self, ask, command, types, fresh)
+        try:
             yield session
-            unfinished.pop_all()
-        session.end()
+        except BaseException:
+            with contextlib.suppress(ArgumentError, sql.exc.SQLAlchemyError):  # another error was first
+                session.update(process="")
+            raise
+        session.update(ended=_now(), seconds=session.seconds)
 
-    def missing(self, stage: str, keys: Sequence[str]) -> set[str]:
-        """Those of many keys that no session has a result for."""
-        return _missing(self.engine, stage, keys)
+    def holds(self, stage: str, keys: Sequence[str]) -> set[str]:
+        """Those of many keys that any session has a result for."""
+        with self.engine.connect() as connection:
+            return {key for some in _chunks(keys) for key in connection.execute(
+                sql.select(ROWS.c.key).where(ROWS.c.stage == stage, ROWS.c.key.in_(some))).scalars()}
+
+    def writing(self) -> contextlib.AbstractContextManager[sql.Connection]:
+        """One transaction that writes."""
+        return self.engine.execution_options(writes=True).begin()
 
     def close(self) -> None:
         """Close all connections."""
@@ -102,7 +114,7 @@ class Table:
 
     def _evict(self) -> None:
         """Remove the rows of the oldest ended sessions while all are larger than `MOST_BYTES`."""
-        with self.engine.execution_options(writes=True).begin() as connection:
+        with self.writing() as connection:
             sizes = connection.execute(sql.select(ROWS.c.session, sql.func.sum(ROWS.c.size)).join(SESSIONS).where(
                 SESSIONS.c.ended.is_not(None)).group_by(ROWS.c.session).order_by(ROWS.c.session)).all()
             above = sum(size for _, size in sizes) - MOST_BYTES
@@ -114,18 +126,17 @@ class Table:
 
 
 class Session:
-    """One asking. `get` and `put` are for results, `sample` for times, which other sessions cannot know."""
+    """One asking. What it reuses of others is rows; times are samples, which other sessions cannot know."""
 
-    def __init__(self, engine: sql.Engine, ask: str, command: str, types: Mapping[str, Any], fresh: bool) -> None:
-        self._engine, self._types, self.fresh = engine, types, fresh
+    def __init__(self, table: Table, ask: str, command: str, types: Mapping[str, Any], fresh: bool) -> None:
+        self._table, self._types, self.fresh = table, types, fresh
         self._opened = time.perf_counter()
         self._spent: float  # s, before this process
-        self._measured: int  # session of the samples of many keys, see `missing`
         self.reused, self.written = 0, 0  # rows of other sessions that this process has read, and its own
         self.since: str | None = None  # UTC, when the oldest of the reused rows was computed
         machine = platform.node()
         self._own = SESSIONS.c.ask == ask, SESSIONS.c.machine == machine
-        with engine.execution_options(writes=True).begin() as connection:
+        with table.writing() as connection:
             last = connection.execute(sql.select(SESSIONS).where(*self._own).order_by(SESSIONS.c.id.desc()).limit(1)
                                       .with_for_update()).first()  # so that of two commands one continues it
             self.continued = last is not None and last.ended is None and not _alive(last.process)
@@ -147,63 +158,34 @@ class Session:
         """Time (s) spent on this session so far, before kills too."""
         return self._spent + time.perf_counter() - self._opened
 
+    @property
+    def token(self) -> str:
+        """Four letters that tell sessions of the same second on other machines apart."""
+        return digest(platform.node(), self._id, self.started)[:4]
+
     def get(self, stage: str, key: str, ever: bool = False) -> Any:
         """The result of a task, or None if it has to be computed. `ever`: of any session, even if this one is fresh."""
-        return self._newest(stage, key, self._id if self.fresh and not ever else None)
+        return self.kept(stage, [key], "any rows" if ever else "rows").get(key)
 
-    def missing(self, stage: str, keys: Sequence[str], samples: bool = False) -> set[str]:
-        """Those of many keys whose results have to be computed.
+    def kept(self, stage: str, keys: Sequence[str], reuse: Reuse = "rows") -> dict[str, Any]:
+        """The results that need not be computed, by their keys, the newest of each."""
+        own = ROWS.c.session == self._id
+        found = self._read(stage, keys, *[own] * (reuse == "samples" or (reuse == "rows" and self.fresh)))
+        if reuse == "samples" and not (found or self.written or self.fresh):
+            before = sql.select(SESSIONS.c.id).where(*self._own, SESSIONS.c.ended.is_not(None))
+            found = self._read(stage, keys, ROWS.c.session.in_(before))
+        return found
 
-        With `samples`, what another session measured does not count, unless it was asked for the same, has everything,
-        and this one has measured nothing.
-        """
-        if not samples:
-            return _missing(self._engine, stage, keys, self._id if self.fresh else None)
-        lacking = _missing(self._engine, stage, keys, self._id)
-        self._measured = self._id
-        if len(lacking) == len(keys) and not self.fresh:
-            with self._engine.connect() as connection:
-                before = connection.execute(sql.select(sql.func.max(ROWS.c.session)).join(SESSIONS).where(
-                    *self._own, SESSIONS.c.ended.is_not(None))).scalar()
-            if before is not None and not _missing(self._engine, stage, keys, before):
-                self._measured = before
-                return set()
-        return lacking
-
-    def read(self, stage: str, keys: Sequence[str], samples: bool = False) -> dict[str, Any]:
-        """The newest results of many keys, of this session first; with `samples`, those of the last `missing`."""
-        wanted = sql.select(ROWS).where(ROWS.c.stage == stage).order_by(ROWS.c.session == self._id, ROWS.c.session)
-        if samples:
-            wanted = wanted.where(ROWS.c.session == self._measured)
-        with self._engine.connect() as connection:
-            results = {row.key: self._typed(stage, row.result) for some in _chunks(keys)
-                     for row in connection.execute(wanted.where(ROWS.c.key.in_(some)))}
+    def _read(self, stage: str, keys: Sequence[str], *where: sql.ColumnElement[bool]) -> dict[str, Any]:
+        wanted = sql.select(ROWS).where(ROWS.c.stage == stage, *where).order_by(ROWS.c.session)
+        with self._table.engine.connect() as connection:
+            rows = {row.key: row for some in _chunks(keys)
+                    for row in connection.execute(wanted.where(ROWS.c.key.in_(some)))}
+        results = {key: self._typed(stage, row.result) for key, row in rows.items()}
+        others = [row.written for key, row in rows.items() if row.session != self._id and results[key] is not None]
+        self.reused += len(others)
+        self.since = min([*others, *filter(None, [self.since])], default=None)
         return {key: result for key, result in results.items() if result is not None}
-
-    def sample(self, stage: str, key: str) -> object:
-        """What this session measured before it was killed.
-
-        If it has computed nothing, it asks for what was there already, and gets what was measured then.
-        """
-        measured = self._newest(stage, key, self._id)
-        if measured is None and not self.written and not self.fresh:
-            measured = self._newest(stage, key, None, before=True)
-        return measured
-
-    def _newest(self, stage: str, key: str, session: int | None, before: bool = False) -> object:
-        wanted = sql.select(ROWS).where(ROWS.c.key == key, ROWS.c.stage == stage)
-        if session is not None:
-            wanted = wanted.where(ROWS.c.session == session)
-        if before:  # of ended sessions of the same ask
-            wanted = wanted.join(SESSIONS).where(*self._own, SESSIONS.c.ended.is_not(None))
-        with self._engine.connect() as connection:
-            row = connection.execute(wanted.order_by(ROWS.c.session.desc())).first()
-        if row is None or (result := self._typed(stage, row.result)) is None:
-            return None
-        if row.session != self._id:
-            self.reused += 1
-            self.since = min(self.since or row.written, row.written)
-        return result
 
     def put(self, stage: str, key: str, result: object) -> Any:
         """Write a result and return it as `get` returns it, so that a continued command sees the same values."""
@@ -214,7 +196,7 @@ class Session:
         contents = [zlib.compress(msgspec.msgpack.encode(result, enc_hook=scalar), 1) for result in results.values()]
         rows = [{"key": key, "session": self._id, "stage": stage, "result": content, "size": len(content),
                  "written": _now()} for key, content in zip(results, contents, strict=True)]
-        with self._engine.execution_options(writes=True).begin() as connection:
+        with self._table.writing() as connection:
             for some in _chunks(list(results)):
                 connection.execute(sql.delete(ROWS).where(ROWS.c.session == self._id, ROWS.c.key.in_(some)))
             connection.execute(sql.insert(ROWS), rows)
@@ -222,25 +204,10 @@ class Session:
         self.written += len(rows)
         return contents
 
-    @property
-    def token(self) -> str:
-        """Four letters that tell sessions of the same second on other machines apart."""
-        return digest(platform.node(), self._id, self.started)[:4]
-
-    def end(self) -> None:
-        """The command has ended; the next one of the same ask begins another session."""
-        with self._engine.execution_options(writes=True).begin() as connection:
-            connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == self._id).values(
-                ended=_now(), seconds=self.seconds))
-
-    def leave(self) -> None:
-        """This process does no more for the session, which the next one of the same ask continues.
-
-        No error of the database is raised, because another one was first.
-        """
-        with (contextlib.suppress(ArgumentError, sql.exc.SQLAlchemyError),
-              self._engine.execution_options(writes=True).begin() as connection):
-            connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == self._id).values(process=""))
+    def update(self, **values: object) -> None:
+        """Change what the table says of this session: one that has no process is continued by the next of its ask."""
+        with self._table.writing() as connection:
+            connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == self._id).values(**values))
 
     def _typed(self, stage: str, content: bytes) -> object:
         """The result; None if the disk has changed it, so that it is computed anew."""
@@ -261,16 +228,6 @@ def _fast(connection: Any, _: object) -> None:
     """Use a write-ahead log, where the disk can: readers never wait, and a write is one append."""
     if connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] == "wal":
         connection.execute("PRAGMA synchronous = NORMAL")  # a kill loses nothing, a power cut the last rows
-
-
-def _missing(engine: sql.Engine, stage: str, keys: Sequence[str], session: int | None = None) -> set[str]:
-    """Those of many keys without a row, or without a row of this session."""
-    wanted = sql.select(ROWS.c.key).where(ROWS.c.stage == stage)
-    if session is not None:
-        wanted = wanted.where(ROWS.c.session == session)
-    with engine.connect() as connection:
-        return set(keys) - {key for some in _chunks(keys) for key in connection.execute(
-            wanted.where(ROWS.c.key.in_(some))).scalars()}
 
 
 def _chunks(keys: Sequence[str]) -> Iterator[Sequence[str]]:

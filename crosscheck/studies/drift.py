@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import operator
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -44,6 +45,8 @@ WALK = 50.0
 BLOCKS, ABOVE = 500, 1.5
 """Number of blocks of a run whose mean errors are compared. A change counts if it exceeds the change between neighbour
 blocks, which comes from oscillations, by the factor ABOVE. The exponents of true random walks are then 0.50 +- 0.07."""
+
+LEVELS = ("constraint_position", "constraint_velocity", "constraint_acceleration", "orthogonality")
 
 SAMPLES = 10_001
 """Number of output times. It makes the slope that is fitted to a band without trend smaller than 5 % of the band."""
@@ -95,8 +98,18 @@ def growth(values: np.ndarray) -> float:
     return float(np.polyfit(np.log(lags[grown]), np.log(sizes[grown]), 1)[0])
 
 
-def judge(t: np.ndarray, errors: np.ndarray, steps: int) -> tuple[float, float, float, float, str]:
-    """(band, slope in 1/s, trend, growth, verdict) of a relative error (T,) at the times t (T,) s."""
+class Trend(NamedTuple):
+    """Of an error over time."""
+
+    band: float
+    slope: float  # 1/s
+    trend: float
+    growth: float
+    verdict: str
+
+
+def judge(t: np.ndarray, errors: np.ndarray, steps: int) -> Trend:
+    """What a relative error (T,) does over the times t (T,) s."""
     band = float(errors.max() - errors.min())
     slope = float(np.polyfit(t, errors, 1)[0])
     trend = abs(slope) * float(t[-1] - t[0]) / band if band > 0 else 0.0
@@ -107,7 +120,7 @@ def judge(t: np.ndarray, errors: np.ndarray, steps: int) -> tuple[float, float, 
         verdict = "round-off"
     else:
         verdict = "drifts"
-    return band, slope, trend, exponent, verdict
+    return Trend(band, slope, trend, exponent, verdict)
 
 
 class TooLong(ArgumentError):
@@ -151,18 +164,14 @@ def measured(drift: Drift, long: Scene, time_limit: float) -> Drift:
     traj = long_run(drift, long, time_limit)
     states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     kinetic = float(kinetic_energy(traj.scene, states).max())
-    energy = judge(traj.t, (traj.energy - traj.energy[0]) / (kinetic or 1.0), drift.steps)
     largest = float(np.abs(traj.momentum_vertical).max())
-    momentum = judge(traj.t, (traj.momentum_vertical - traj.momentum_vertical[0]) / (largest or 1.0), drift.steps)
-    acceleration = traj.constraint_acceleration
-    return msgspec.structs.replace(
-        drift, wall_time=traj.wall_time, energy_band=energy[0], energy_slope=energy[1], energy_trend=energy[2],
-        energy_growth=energy[3], energy_verdict=energy[4], momentum_band=momentum[0], momentum_trend=momentum[2],
-        momentum_growth=momentum[3], momentum_verdict=momentum[4],
-        constraint_position=float(traj.constraint_position.max()),
-        constraint_velocity=float(traj.constraint_velocity.max()),
-        constraint_acceleration=None if acceleration is None else float(acceleration.max()),
-        orthogonality=float(traj.orthogonality.max()))
+    found = {"wall_time": traj.wall_time}
+    for name, values, size in (("energy", traj.energy, kinetic), ("momentum", traj.momentum_vertical, largest)):
+        trend = judge(traj.t, (values - values[0]) / (size or 1.0), drift.steps)
+        found |= {f"{name}_{key}": value for key, value in trend._asdict().items()}
+    del found["momentum_slope"]
+    found |= {name: float(values.max()) for name in LEVELS if (values := getattr(traj, name)) is not None}
+    return msgspec.structs.replace(drift, **found)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -24,7 +24,7 @@ from crosscheck.errors import ArgumentError, unknown, writing
 from crosscheck.files import cell, digest, plain, put
 from crosscheck.jobs.table import Session, Table
 from crosscheck.report.standalone import page_of
-from crosscheck.running import provenance, versions
+from crosscheck.running import provenance
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.verification.job import check_options
@@ -178,7 +178,7 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
 
     A study that was killed goes on. Raises `ArgumentError` for wrong names, or a folder that must not be replaced.
     """
-    versions.need(ask.engines or ())
+    provenance.need(ask.engines or ())
     engines = ask.engines or tuple(name for name in adapters.names() if not adapters.has_own_environment(name))
     check_names(engines, ask.methods)
     check_options(ask.options, engines)

@@ -17,7 +17,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 from msgspec.structs import replace
 
 from crosscheck.compare.sizes import check_moves, natural_time, sizes
@@ -174,11 +173,14 @@ def measure(scene: Scene, chosen: Sequence[GradedWay], truth: Reference, repeats
                 session.put(LADDER, key(scene, engine), ladder)
     timers |= {place: functools.partial(stepping_time, scene, rung, samples=2) for place, rung in enumerate(rungs)}
     if bound:
-        series = Bound(scene, truth)
+        import heyoka  # noqa: F401, where it is missing the study says so before it runs anything
+
+        series = Taylor(scene)
         for done, rtol in enumerate(TOLERANCES):
             progress(len(chosen) + done, total, f"{scene.name}: building the Taylor series of heyoka")
-            timers[len(rungs)] = series.timer(rtol)
-            rungs.append(series.rung(rtol))
+            rung, timer = bounds(scene, truth, rtol, series)
+            timers |= {} if timer is None else {len(rungs): timer}
+            rungs.append(rung)
     keep(rungs)
     times: dict[int, list[tuple[float, float]]] = {
         place: [] for place, rung in enumerate(rungs) if rung.status == "success"}
@@ -347,47 +349,29 @@ LARGEST_UNROLLED = 14
 minutes to compile for larger systems."""
 
 
-class Bound:
-    """Taylor integrators of one scene, one for each tolerance."""
-
-    def __init__(self, scene: Scene, truth: Reference) -> None:
-        import heyoka  # noqa: F401, where it is missing the study says so before it runs anything
-
-        self._scene, self._truth = scene, truth
-        self._series = Taylor(scene)
-        self._integrators: dict[float, Any] = {}
-
-    def rung(self, rtol: float) -> Rung:
-        """The run at a tolerance, with its errors; compiles the series."""
-        rung = Rung(engine=BOUND, method="taylor", rtol=rtol, scene=self._scene.name, label="bound: heyoka")
-        try:
-            return self._measured(rung, rtol)
-        except CrosscheckError as error:
-            return replace(rung, status="failed", reason=said(error))
-
-    def _measured(self, rung: Rung, rtol: float) -> Rung:
+def bounds(scene: Scene, truth: Reference, rtol: float, series: Taylor) -> tuple[Rung, Callable[[], float] | None]:
+    """The run of the series of a scene at a tolerance with its errors, and a function that returns its time (s)."""
+    rung = Rung(engine=BOUND, method="taylor", rtol=rtol, scene=scene.name, label="bound: heyoka")
+    try:
         with errors_as(lambda error: CrosscheckError(said(error))):  # heyoka and LLVM raise several kinds
-            unrolled = len(self._series.initial) <= LARGEST_UNROLLED
-            integrator = self._series.integrator(rtol, compact_mode=not unrolled, high_accuracy=False)
-            self._integrators[rtol] = integrator
-            integrator.time = 0.0
-            integrator.state[:] = self._series.initial
-            *_, steps, _, states = integrator.propagate_grid(self._scene.t)
+            unrolled = len(series.initial) <= LARGEST_UNROLLED
+            integrator = series.integrator(rtol, compact_mode=not unrolled, high_accuracy=False)
+            _restart(integrator, series)
+            *_, steps, _, states = integrator.propagate_grid(scene.t)
             # At loose tolerances quaternions do not have unit length, which is not an error of the attitude.
-            return with_errors(replace(rung, steps=int(steps)), self._scene, self._series.states(
-                self._series.normalised(states)), self._truth, self._scene.samples - 1,
-                sizes(self._scene, self._truth.states))
+            rung = with_errors(replace(rung, steps=int(steps)), scene, series.states(series.normalised(states)), truth,
+                               scene.samples - 1, sizes(scene, truth.states))
+    except CrosscheckError as error:
+        return replace(rung, status="failed", reason=said(error)), None
 
-    def timer(self, rtol: float) -> Callable[[], float]:
-        """A function that runs the rung of a tolerance and returns its stepping time, s."""
-        initial, end = np.array(self._series.initial), self._scene.duration
+    def once() -> float:
+        _restart(integrator, series)
+        start = time.perf_counter()
+        integrator.propagate_until(scene.duration)
+        return time.perf_counter() - start
 
-        def once() -> float:
-            integrator = self._integrators[rtol]
-            integrator.time = 0.0
-            integrator.state[:] = initial
-            start = time.perf_counter()
-            integrator.propagate_until(end)
-            return time.perf_counter() - start
+    return rung, once
 
-        return once
+
+def _restart(integrator: Any, series: Taylor) -> None:
+    integrator.time, integrator.state[:] = 0.0, series.initial

@@ -21,7 +21,7 @@ from crosscheck.errors import Unsupported, said
 from crosscheck.jobs.workers import child
 from crosscheck.references.base import TruthError
 from crosscheck.references.members import Members
-from crosscheck.running import versions
+from crosscheck.running import provenance
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.running.work import work
 from crosscheck.scene.model import Scene
@@ -133,7 +133,7 @@ def run(task: Task) -> Done:
         This worker has other versions than those of the sweep.
     """
     engines = {way.engine: task.code.engine(way) for member in task.members for way in member.ways}
-    versions.refuse_others(dict(task.code.libraries) | engines, _own_versions(tuple(sorted(engines))), "this worker")
+    provenance.refuse_others(dict(task.code.libraries) | engines, _own_versions(tuple(sorted(engines))), "this worker")
     rows: list[Row] = []
     checked: list[float] = []
     trouble: list[str] = []
@@ -151,7 +151,7 @@ def run(task: Task) -> Done:
     return Done(rows, truth_seconds, run_seconds, checked, trouble)
 
 
-_own_versions = functools.lru_cache(maxsize=4)(versions.of)
+_own_versions = functools.lru_cache(maxsize=4)(provenance.versions)
 
 
 def _compiled(scene: Scene) -> Members:

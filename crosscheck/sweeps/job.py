@@ -17,7 +17,7 @@ import os
 import shlex
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +32,7 @@ from crosscheck.jobs.drive import Crash, Limits, Place, drive
 from crosscheck.jobs.table import Session, Table
 from crosscheck.report import installed
 from crosscheck.report.standalone import page_of
-from crosscheck.running import cluster, provenance, versions
+from crosscheck.running import cluster, provenance
 from crosscheck.running.attempt import attempt
 from crosscheck.scene.model import Scene
 from crosscheck.sweeps import cells, members, plan, summary
@@ -118,20 +118,19 @@ def needed() -> None:
 def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progress: Progress, fresh: bool
          ) -> pd.DataFrame:
     engines = tuple(sorted({way.engine for way in asked.ways}))
-    own = cells.Code(asked.engines, tuple(versions.of(()).items()))
+    own = cells.Code(asked.engines, tuple(provenance.versions(()).items()))
     ask = digest(STAGE, asked.source, own, str(out.resolve()))
     before = _exported(out)
     with contextlib.ExitStack() as stack:
-        far = None if scheduler is None else cluster.connect(scheduler, engines)
-        stack.enter_context(contextlib.nullcontext() if far is None else contextlib.closing(far))
         table = stack.enter_context(contextlib.closing(Table.opened()))
         session = stack.enter_context(table.session(ask, shlex.join(["crosscheck", STAGE, "-o", str(out)]), {
             STAGE: cells.Row}, fresh))
-        place = stack.enter_context(Place(1 if asked.timing else workers if far is None else far.workers,
-                                          None if far is None else far.executor))
+        place = stack.enter_context(Place(1 if asked.timing else workers) if scheduler is None else
+                                    cluster.place(scheduler, engines))
+        place.workers = 1 if asked.timing else place.workers
         known = _Known(session, before, asked.timing)
         run = _Sweep(asked, own, known.missing, progress, place.workers)
-        work = functools.partial(cluster.carrying, {} if far is None else adapters.sources(engines), cells.run)
+        work = functools.partial(cluster.carrying, {} if scheduler is None else adapters.sources(engines), cells.run)
         try:
             for tasks in (run.tasks(), run.alone()):
                 for _, task, result in drive(work, tasks, place, LIMITS, retry=True):
@@ -140,7 +139,7 @@ def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progr
             raise type(error)(f"{error}; {run.computed} of {asked.cells} cells were computed and are kept: the same "
                               "command goes on from there") from None
         report = run.report()
-        rows = _table(known.rows(run.wanted))
+        rows = _table(known.rows.values())
     frame = _frame(rows, run.wanted, asked)
     frame.attrs["report"] = plain(report)
     _export(out, rows, before)
@@ -149,32 +148,29 @@ def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progr
 
 
 class _Known:
-    """The rows of a sweep: of the table and, of a folder of results, those that the table lacks."""
+    """The rows of a sweep: those of the table, of a folder of results what the table lacks, and what is computed."""
 
     def __init__(self, session: Session, before: pd.DataFrame, timing: bool) -> None:
-        self._session, self._timing = session, timing
+        self._session, self._timing, self.rows = session, timing, dict[str, cells.Row]()
         # Times are samples, which no other sweep takes over.
         lasting = before[before["status"] != "crashed"].iloc[:0 if timing else None]
         self._before = {row["cell"]: row for row in lasting.to_dict("records")}
-        self._crashed: dict[str, cells.Row] = {}  # not stored, because a busy machine may have been the cause
 
     def missing(self, keys: list[str]) -> set[str]:
         """Those of these cells that have to be computed."""
-        lacking = self._session.missing(STAGE, keys, self._timing)
-        own = {key: _row(self._before[key]) for key in lacking & self._before.keys()}
-        if own:
+        kept = self._session.kept(STAGE, keys, "samples" if self._timing else "rows")
+        if self._timing and not self._session.left and kept.keys() != set(keys):  # times of one sweep belong together
+            kept = {}
+        if own := {key: _row(self._before[key]) for key in self._before.keys() & set(keys) - kept.keys()}:
             self._session.put_all(STAGE, own)
-        return lacking - own.keys()
+        self.rows |= kept | own
+        return set(keys) - self.rows.keys()
 
     def add(self, rows: list[cells.Row]) -> None:
-        """Keep the rows of a task."""
-        self._crashed |= {row.cell: row for row in rows if row.status == "crashed"}
+        """Keep the rows of a task; what crashed is not stored, because a busy machine may have been the cause."""
+        self.rows |= {row.cell: row for row in rows}
         if lasting := {row.cell: row for row in rows if row.status != "crashed"}:
             self._session.put_all(STAGE, lasting)
-
-    def rows(self, keys: list[str]) -> list[cells.Row]:
-        """The rows of these cells."""
-        return list((self._session.read(STAGE, keys, self._timing) | self._crashed).values())
 
 
 def _row(exported: dict[str, Any]) -> cells.Row:
@@ -217,7 +213,7 @@ def _export(out: Path, rows: pd.DataFrame, before: pd.DataFrame) -> None:
                             "nothing has to be computed again") from None
 
 
-def _table(rows: list[cells.Row]) -> pd.DataFrame:
+def _table(rows: Iterable[cells.Row]) -> pd.DataFrame:
     """Rows as a table of their fields."""
     import pandas as pd
 
@@ -245,7 +241,7 @@ def one(source: Mapping[str, object] | str | os.PathLike[str], cell: str) -> cel
         The sweep has no such cell with the installed versions.
     """
     asked = plan.read(source)
-    own = cells.Code(asked.engines, tuple(versions.of(()).items()))
+    own = cells.Code(asked.engines, tuple(provenance.versions(()).items()))
     for start in members.starts(asked):
         for index, scene in enumerate(members.of_start(start, asked.perturbation)):
             for key, way in zip(cells.keys(scene, asked.ways, own, asked.timing), asked.ways, strict=True):
@@ -264,11 +260,11 @@ def estimate(source: Mapping[str, object] | str | os.PathLike[str], out: str | o
     For the time, one run is made for every scene and method at its coarsest step, and scaled by the number of steps.
     """
     asked = plan.read(source)
-    own = cells.Code(asked.engines, tuple(versions.of(()).items()))
+    own = cells.Code(asked.engines, tuple(provenance.versions(()).items()))
     before = set() if out is None or not (Path(out) / "parts").is_dir() else set(_exported(Path(out))["cell"])
     with contextlib.closing(Table.opened()) as table:
-        waiting = list(_Sweep(asked, own, lambda keys: table.missing(STAGE, keys) - before, lambda *_: None,
-                              workers).tasks())
+        waiting = list(_Sweep(asked, own, lambda keys: {*keys} - table.holds(STAGE, keys) - before,
+                              lambda *_: None, workers).tasks())
     per_task = 0.0
     costs: dict[tuple[str, str, str], tuple[float, float]] = {}
     missing = 0
@@ -352,8 +348,8 @@ class _Sweep:
     def rows(self, task: cells.Task, result: cells.Done | Crash) -> list[cells.Row]:
         """The rows that a task gave. There are none if it crashed its worker and its runs are to be tried `alone`."""
         if isinstance(result, Crash):
-            if isinstance(result.error, CrosscheckError):
-                raise result.error
+            if isinstance(error := result.error(), CrosscheckError):
+                raise error
             if task.cells > 1:
                 self._split += task.split()
                 return []

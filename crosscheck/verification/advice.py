@@ -31,7 +31,7 @@ from crosscheck.compare.timing import take_turns, undisturbed
 from crosscheck.document import QUANTITIES, Advice, Way, extended
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, Unsupported, said, unknown
 from crosscheck.references.base import Reference
-from crosscheck.running import versions
+from crosscheck.running import provenance
 from crosscheck.scene.file import as_scene, load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.verification.ladder import STAGE, Climb, GradedWay, Ladder, Rung, key, ways
@@ -239,7 +239,7 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str,
     else:
         wanted = _positive(error)
     loaded = as_scene(scene)
-    versions.need([engine])
+    provenance.need([engine])
     name = scene.name if isinstance(scene, Scene) else os.fspath(scene)
     made = choose(_kept(loaded, engine, wanted), wanted, name)
     if made.command is None or made.until >= loaded.duration * (1 - 1e-9):

@@ -39,7 +39,7 @@ from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
 from crosscheck.judge.verdict import beyond
 from crosscheck.report.headline import answers, clause
-from crosscheck.running import cluster, provenance, versions
+from crosscheck.running import cluster, provenance
 from crosscheck.running.arguments import engine_options
 from crosscheck.scene.file import load_scene, read_scene, scene_names, tagged
 from crosscheck.verification import advice, trust
@@ -109,7 +109,7 @@ def select_engines(names: Sequence[str] | None) -> list[str]:
     for name in names or ():
         if isinstance(name, str) and adapters.is_own(name):
             adapters.get(name)
-    versions.need(names or ())
+    provenance.need(names or ())
     return list(dict.fromkeys(names or adapters.names()))
 
 
@@ -158,7 +158,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     overrides : tolerances of the user, from `crosscheck.judge.overrides.read`
     search : also make the runs for advice, up to half a minute of processor time per scene and engine
     asked : options, step and duration of main runs instead of those of the plan
-    scheduler : where truths and runs are computed, for `crosscheck.running.cluster.connect`; timings are made here
+    scheduler : where truths and runs are computed, for `crosscheck.running.cluster.place`; timings are made here
     on_results : called now and then with the document of what has ended, see `PAUSE`
     need : the share of its time over which the motion of a run has to be judged for it to pass
     budget : cheap runs come first, and after this time (s) `on_budget` is called, from a thread, with the document of
@@ -210,13 +210,12 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
             document(meta(left=left), truths, records)))
 
         stages = Stages(jobs, session, ended)
-        far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
         with (contextlib.nullcontext() if budget is None or on_budget is None else _after(
                 budget, lambda: left and on_budget(document(meta(left=left), truths, paced.latest()))),
-              contextlib.nullcontext() if far is None else contextlib.closing(far),
-              contextlib.nullcontext(near) if far is None else Place(far.workers, far.executor) as place):
+              contextlib.nullcontext(near) if scheduler is None else cluster.place(
+                  scheduler, tuple(engine_names)) as place):
             elsewhere = dataclasses.replace(stages, place=place)
-            carried = Carried.of(scene_names, engine_names if far is not None else ())  # each file is read once
+            carried = Carried.of(scene_names, engine_names if scheduler is not None else ())  # each file is read once
             keys = _keys(session is not None)
             truths = _truths(elsewhere, keys, scene_names, settings, asked, carried)
             cells = _planned(cells, truths, settings, overrides, asked)
@@ -298,7 +297,8 @@ def _advice(stages: Stages, truths: list[Scene], engines: Sequence[str], within:
     if stages.session is None and not search:
         return []
     keys = [key(load_scene(scene), engine) for scene, engine in tasks]
-    ladders = [stages.kept(STAGE, each, "any rows") for each in keys]
+    kept = stages.kept(STAGE, keys, "any rows")
+    ladders = [kept.get(each) for each in keys]
     left = [k for k, ladder in enumerate(ladders) if search and (ladder is None or not {*advice.LEVELS} <= {
         level for level in ladder.climbed if isinstance(level, float)})]
     for _ in range(len(tasks) - len(left) if search else 0):

@@ -50,15 +50,12 @@ def history_names(out):
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    """The first night, in a folder in which an earlier release left something."""
+    """The first night."""
     out = tmp_path_factory.mktemp("nights") / "nightly"
-    for name in (".running", ".abandoned-2026-11-01T02-00-00Z-00ff"):
-        (out / name).mkdir(parents=True)
-        (out / name / "journal.jsonl").write_text("results of old code\n", encoding="utf-8")
     return night(out, *QUICK), out
 
 
-def test_a_night_leaves_report_history_and_summary_and_nothing_of_earlier_releases(undisturbed):
+def test_a_night_leaves_report_history_and_summary(undisturbed):
     done, out = undisturbed
     assert done.returncode == 0, done.stdout + done.stderr
     folder, = (path for path in out.iterdir() if nightly.NAME.fullmatch(path.name))

@@ -1,6 +1,8 @@
 """Engines that crash, hang, return NaN, eat memory or print: each costs one verdict, and the report is complete."""
 
+import concurrent.futures
 import json
+import multiprocessing
 import subprocess
 import sys
 import time
@@ -11,8 +13,7 @@ import pytest
 from crosscheck import report as folder
 from crosscheck.errors import ArgumentError
 from crosscheck.jobs import drive
-from crosscheck.jobs.workers.crew import isolated
-from crosscheck.jobs.workers.process import GIGABYTE, Limits
+from crosscheck.jobs.workers.process import GIGABYTE, Limits, isolated
 from crosscheck.verification import job
 from crosscheck.verification.job import limits_of
 from tests import ROOT
@@ -132,10 +133,14 @@ def test_limits_are_positive():
             limits_of(**wrong)
 
 
-def test_another_executor_runs_the_same_workers():
-    from concurrent.futures import ThreadPoolExecutor
+def forks(number):
+    return concurrent.futures.ProcessPoolExecutor(number, mp_context=multiprocessing.get_context("fork"))
 
-    with ThreadPoolExecutor(1) as threads, drive.Place(2, threads) as place:
+
+@pytest.mark.parametrize("executor", [concurrent.futures.ThreadPoolExecutor, forks])
+def test_another_executor_runs_the_same_workers(executor):
+    assert isolated(square_or_die, 2) == 4  # by a worker of this process, which a fork of it cannot use
+    with executor(1) as pool, drive.Place(2, pool) as place:
         results = drive.run_tasks(square_or_die, [3, -1, 5], limits=Limits(time=30.0), place=place)
     assert (results[0], results[2]) == (9, 25)
     assert "SIGKILL" in results[1].message

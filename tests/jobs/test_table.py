@@ -18,19 +18,14 @@ from crosscheck.jobs import table as tables
 from crosscheck.jobs.table import Table
 from crosscheck.verification.job import ROW_TYPES
 from tests import ROOT
+from tests.databases import on_server
 
 
 @pytest.fixture(params=[True, False], ids=["file", "server"])
 def place(request, monkeypatch):
     """A table of each kind."""
     if not request.param:
-        server = request.getfixturevalue("postgresql_server")
-        import psycopg
-
-        name = f"rows_{os.urandom(6).hex()}"
-        with psycopg.connect(server, autocommit=True) as connection:
-            connection.execute(f"CREATE DATABASE {name}")
-        monkeypatch.setenv(tables.VARIABLE, server.rsplit("/", 1)[0] + f"/{name}")
+        monkeypatch.setenv(tables.VARIABLE, on_server(request))
     return os.environ[tables.VARIABLE]
 
 
@@ -102,44 +97,44 @@ def test_speed_is_of_the_session_that_measured_it_unless_nothing_is_computed(pla
     killed(row=1, fast=0.5)
     types = {"stage": int, "speed": float}
     with asked("one", False, types) as session:
-        assert session.sample("speed", "fast") == 0.5  # it was killed, and goes on
+        assert session.kept("speed", ["fast"], "samples") == {"fast": 0.5}  # it was killed, and goes on
         assert session.reused == 0
     with asked("two", False, types) as session:
-        assert session.sample("speed", "fast") is None
+        assert not session.kept("speed", ["fast"], "samples")
     for _ in range(3):  # a session that only read takes nothing away from the next
         with asked("one", False, types) as session:
-            assert session.sample("speed", "fast") == 0.5
+            assert session.kept("speed", ["fast"], "samples") == {"fast": 0.5}
     with asked("one", False, types) as session:
         assert not session.continued
-        assert session.sample("speed", "fast") == 0.5  # nothing new: what was measured then
+        assert session.kept("speed", ["fast"], "samples") == {"fast": 0.5}  # nothing new: what was measured then
         session.put("stage", "new", 2)
-        assert session.sample("speed", "fast") is None
+        assert not session.kept("speed", ["fast"], "samples")
     with asked("one", True, types) as session:
-        assert session.sample("speed", "fast") is None
+        assert not session.kept("speed", ["fast"], "samples")
 
 
 def test_many_keys_at_once(place):
     types = {"speed": float}
     keys = [digest(number) for number in range(1200)]  # more than one statement takes
     with asked("one", False, types) as session:
-        assert session.missing("speed", keys) == set(keys)
+        assert session.kept("speed", keys) == {}
         session.put_all("speed", dict.fromkeys(keys[:700], 1.0))
         session.put_all("speed", dict.fromkeys(keys[500:800], 2.0))
-        assert session.missing("speed", keys) == set(keys[800:])
-        assert session.missing("another", keys) == set(keys)
+        assert session.kept("speed", keys).keys() == set(keys[:800])
+        assert session.kept("another", keys) == {}
     with asked("two", False, types) as session:
-        assert session.missing("speed", keys) == set(keys[800:])
-        assert session.missing("speed", keys[:800], samples=True) == set(keys[:800])  # measured for another ask
+        assert session.kept("speed", keys).keys() == set(keys[:800])
+        assert session.reused == 800
+        assert session.kept("speed", keys[:800], "samples") == {}  # measured for another ask
         session.put_all("speed", {keys[0]: 3.0})
-        found = session.read("speed", keys)
+        found = session.kept("speed", keys)
         assert [found[key] for key in (keys[0], keys[1], keys[500])] == [3.0, 1.0, 2.0]
         assert len(found) == 800
     with asked("one", False, types) as session:
-        assert session.missing("speed", keys[:801], samples=True) == set(keys[:801])  # all of one session or none
-        assert session.missing("speed", keys[:800], samples=True) == set()
-        assert session.read("speed", keys, samples=True)[keys[0]] == 1.0
+        assert session.kept("speed", keys, "samples") == dict.fromkeys(keys[:500], 1.0) | dict.fromkeys(
+            keys[500:800], 2.0)
     with asked("one", True, types) as session:
-        assert session.missing("speed", keys[:800]) == set(keys[:800])
+        assert session.kept("speed", keys[:800]) == {}
 
 
 def test_a_session_at_work_is_not_continued_by_another(place):
@@ -228,7 +223,7 @@ def test_a_full_disk_is_one_line_that_says_how_to_go_on(monkeypatch):
     path = os.environ[tables.VARIABLE]
     with asked(types={"stage": bytes}) as session:
         session.put("stage", "first", b"1")
-        with session._engine.connect() as connection:
+        with session._table.engine.connect() as connection:
             connection.exec_driver_sql("PRAGMA max_page_count = 1")
         with pytest.raises(ArgumentError, match="the same command again, it goes on where it was"):
             session.put("stage", "second", os.urandom(1_000_000))

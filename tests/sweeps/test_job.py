@@ -269,6 +269,10 @@ def test_times_of_one_sweep_belong_together():
     wider = crosscheck.sweep(asked | {"steps": [2e-2, 1e-2]}, workers=1)
     assert wider.attrs["report"]["computed"] == 2
     assert wider["wall_time"][0] != first["wall_time"][0]
+    with contextlib.closing(Table.opened()) as table, table.writing() as connection:
+        connection.execute(sql.delete(ROWS).where(ROWS.c.key == wider["cell"][0]))
+    again = crosscheck.sweep(asked | {"steps": [2e-2, 1e-2]}, workers=1)
+    assert again.attrs["report"]["computed"] == 2
 
 
 BAR = """<robot name="bar"><link name="base"/><link name="bar"><inertial><origin xyz="0 0 -0.3"/><mass value="1"/>

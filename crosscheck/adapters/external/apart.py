@@ -38,8 +38,7 @@ class Process:
         Raises the error that it raises, as an `EngineError` if it is none of ours, or `EngineDied` if the process
         ended, also because loading took too long or too much memory.
         """
-        from crosscheck.jobs.workers.frames import Crash
-        from crosscheck.jobs.workers.process import Limits
+        from crosscheck.jobs.workers.process import Crash, Limits
 
         self._worker.ready()
         answer = self._worker.call(function, arguments, Limits(LOADING, MEMORY) if loading else None)

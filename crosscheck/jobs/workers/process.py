@@ -1,9 +1,10 @@
-"""The parent's side of worker processes: start one, send it tasks, limit its time and memory, explain its end."""
+"""The parent's side of worker processes: start them, send them tasks, limit time and memory, explain their ends."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import os
 import pickle
 import signal
@@ -24,9 +25,10 @@ import psutil
 from crosscheck.errors import EngineWarning
 from crosscheck.jobs import threads
 from crosscheck.jobs.workers import frames
-from crosscheck.jobs.workers.frames import Crash
+from crosscheck.jobs.workers.frames import Crash as Crash
 
 Given = TypeVarTuple("Given")
+Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 GIGABYTE = 2**30
@@ -239,3 +241,50 @@ class Worker:
             if os.fstat(self._printed.fileno()).st_size > MOST_PRINTED:
                 return self.kill(f"stopped: it printed more than {MOST_PRINTED >> 20} MB")
         return None
+
+
+class Crew:
+    """Workers that each run many tasks, called from any thread. A new one is started when none is idle."""
+
+    def __init__(self) -> None:
+        self._lock, self._ending = threading.Lock(), False
+        self._idle, self._all = list[Worker](), list[Worker]()
+
+    def call(self, function: Callable[[Task], Result], task: Task, limits: Limits | None = None) -> Result | Crash:
+        """The result of `function(task)` in a worker, or a `Crash`."""
+        with self._lock:
+            if self._ending:
+                return Crash("not run: stopped before it began")
+            if not self._idle:
+                self._all.append(Worker())
+                self._idle.append(self._all[-1])
+            worker = self._idle.pop()
+            worker.ready()
+        result = worker.call(function, (task,), limits)
+        if limits is not None and limits.memory is not None and worker.memory() > limits.memory / 2:
+            worker.close()  # memory that tasks have not freed
+        with self._lock:
+            self._idle.append(worker)
+        return result
+
+    def close(self) -> None:
+        """Let every worker end. None may be busy."""
+        with self._lock:
+            while self._all:
+                self._all.pop().close()
+            self._idle.clear()
+
+    def kill(self) -> None:
+        """End every worker at once, even a busy one, and start no new one."""
+        with self._lock:
+            self._ending = True
+            for worker in self._all:
+                worker.kill("stopped by an interrupt")
+
+
+_crew = functools.cache(lambda pid: Crew())
+
+
+def isolated(function: Callable[[Task], Result], task: Task, limits: Limits | None = None) -> Result | Crash:
+    """The result of `function(task)` in a worker process of this machine. Executors on other machines call this."""
+    return _crew(os.getpid()).call(function, task, limits)  # a fork cannot use the workers of its parent

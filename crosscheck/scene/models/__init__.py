@@ -113,9 +113,7 @@ def table(path: str | os.PathLike[str], **options: Any) -> Content:
 
 def apart(function: Callable[[Any], T], task: Any, path: str) -> T:
     """The result of a function that reads the model `path`, from a worker; raises its error, or `SceneError`."""
-    from crosscheck.jobs.workers.crew import isolated
-    from crosscheck.jobs.workers.frames import Crash
-    from crosscheck.jobs.workers.process import Limits
+    from crosscheck.jobs.workers.process import Crash, Limits, isolated
 
     answer = isolated(function, task, Limits(**LIMITS))
     if isinstance(answer, Crash):

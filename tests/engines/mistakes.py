@@ -53,48 +53,38 @@ class Mistake:
     scenes: tuple[str, ...] = ("single_pendulum", "double_pendulum")  # on which
 
 
+def turning(**methods):
+    """The stepper with other methods."""
+    return type("Changed", (Turning,), methods)()
+
+
 def late(change, factor):
     """A parameter that changes at some time of the run."""
     def make(random):
         begin = random.uniform(0.1, 0.8)
-
-        class Late(Turning):
-            def step(self, scene, t, *rest):
-                return super().step(change(scene, factor) if t > begin * scene.duration else scene, t, *rest)
-        return Late()
+        return turning(step=lambda self, scene, t, *rest: Turning.step(
+            self, change(scene, factor) if t > begin * scene.duration else scene, t, *rest))
     return make
 
 
 def reporting(change):
     """A run whose report is changed: `change(states, random)` returns the fields that differ."""
-    def make(random):
-        class Reporting(Turning):
-            def reported(self, scene, states):
-                return dataclasses.replace(states, **change(states, random))
-        return Reporting()
-    return make
+    return lambda random: turning(reported=lambda self, scene, states: dataclasses.replace(
+        states, **change(states, random)))
 
 
 def stepping(change):
     """A run whose state is changed after steps: `change(scene, t, state, at)`, `at` a random share of the run."""
     def make(random):
         at = random.uniform(0.2, 0.8)
-
-        class Stepping(Turning):
-            def after(self, scene, t, state):
-                return change(scene, t, state, at)
-        return Stepping()
+        return turning(after=lambda self, scene, t, state: change(scene, t, state, at))
     return make
 
 
 def accelerating(change):
     """Other equations: `change(scene, a, alpha, x, R, v, w)` returns a and alpha."""
-    def make(random):
-        class Accelerating(Turning):
-            def accelerations(self, scene, t, *state):
-                return change(scene, *super().accelerations(scene, t, *state), *state)
-        return Accelerating()
-    return make
+    return lambda random: turning(accelerations=lambda self, scene, t, *state: change(
+        scene, *Turning.accelerations(self, scene, t, *state), *state))
 
 
 class Slack(Turning):
@@ -106,6 +96,10 @@ class Slack(Turning):
 
 def _after(scene, t, at):
     return t > at * scene.duration
+
+
+def _slowed(state, factor):
+    return [*state[:2], factor * state[2], factor * state[3]]
 
 
 def _turned(R, angle):
@@ -157,20 +151,17 @@ MISTAKES = (
     Mistake("a drift of positions", stepping(lambda scene, t, s, at: [s[0] + 1e-5 * _after(scene, t, at), *s[1:]])),
     Mistake("attitude jumps once", stepping(lambda scene, t, s, at: [
         s[0], _turned(s[1], 0.02) if _first(scene, t, at) else s[1], *s[2:]])),
-    Mistake("velocity jumps once", stepping(lambda scene, t, s, at: [
-        *s[:2], s[2] * (1.2 if _first(scene, t, at) else 1.0), s[3] * (1.2 if _first(scene, t, at) else 1.0)])),
+    Mistake("velocity jumps once", stepping(lambda scene, t, s, at: _slowed(s, 1.2 if _first(scene, t, at) else 1.0))),
     *(Mistake(f"angular velocity clamped at {limit} of its largest", stepping(
         lambda scene, t, s, at, k=limit: [*s[:3], np.clip(s[3], -k * _fastest(scene), k * _fastest(scene))]))
       for limit in (0.5, 0.8)),
     *(Mistake(f"damping {rate}/s from a random time on", stepping(
-        lambda scene, t, s, at, k=rate: [*s[:2], s[2] * (1 - k * 1e-3 * _after(scene, t, at)),
-                                         s[3] * (1 - k * 1e-3 * _after(scene, t, at))]), ALL if rate == 1.0 else HIGH)
+        lambda scene, t, s, at, k=rate: _slowed(s, 1 - k * 1e-3 * _after(scene, t, at))), ALL if rate == 1.0 else HIGH)
       for rate in (1.0, -1.0, 0.3)),
-    Mistake("energy pumped in", stepping(lambda scene, t, s, at: [*s[:2], 1.0003 * s[2], 1.0003 * s[3]])),
+    Mistake("energy pumped in", stepping(lambda scene, t, s, at: _slowed(s, 1.0003))),
     Mistake("reset to the start", stepping(lambda scene, t, s, at: [
         *begun(scene)] if _first(scene, t, at) else s)),
-    Mistake("frozen from a random time on", stepping(lambda scene, t, s, at: [
-        *s[:2], 0.0 * s[2], 0.0 * s[3]] if _after(scene, t, at) else s)),
+    Mistake("frozen from a random time on", stepping(lambda scene, t, s, at: _slowed(s, 1.0 - _after(scene, t, at)))),
     *(Mistake(f"angular accelerations x {k}", accelerating(lambda scene, a, al, *s, k=k: (a, k * al)))
       for k in (1.2, 0.9)),
     *(Mistake(f"accelerations x {k}", accelerating(lambda scene, a, al, *s, k=k: (k * a, k * al)))

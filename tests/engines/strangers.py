@@ -46,50 +46,41 @@ class Wrong:
     scenes: tuple[str, ...] = ("double_pendulum",)
 
 
+def engine(base: Callable[[], Engine] = Honest, **changes) -> type[Engine]:
+    """The honest engine, or another one, with other methods and attributes."""
+    return type("Changed", (base,), changes)
+
+
 def when(place: Callable[..., bool], change: Callable[[Any, float], Any] = pulled, factor: float = 1.001
          ) -> Callable[[], Engine]:
     """An engine whose physics is changed in intervals where `place(self, scene, states, k)`."""
-    class Somewhere(Honest):
-        def physics(self, scene, states, k):
-            return change(scene, factor) if place(self, scene, states, k) else scene
-    return Somewhere
+    return engine(physics=lambda self, scene, states, k: change(scene, factor) if place(self, scene, states, k)
+                  else scene)
 
 
 def reporting(change: Callable[..., dict]) -> Callable[[], Engine]:
     """An engine whose report differs: `change(self, scene, states)` gives other fields."""
-    class Reporting(Honest):
-        same = True
-
-        def told(self, scene, raw):
-            return dataclasses.replace(raw, states=dataclasses.replace(raw.states, **change(self, scene, raw.states)))
-    return Reporting
+    return engine(same=True, told=lambda self, scene, raw: dataclasses.replace(
+        raw, states=dataclasses.replace(raw.states, **change(self, scene, raw.states))))
 
 
 def saying(base: Callable[[], Engine] = Honest, declared: dict | None = None, **claims) -> Callable[[], Engine]:
     """An engine that says something else of itself: fields of the answer, and `declared` attributes."""
-    class Saying(base):
-        def told(self, scene, raw):
-            given = {name: value(getattr(raw, name)) if callable(value) else value for name, value in claims.items()}
-            return dataclasses.replace(super().told(scene, raw), **given)
-
-    def make():
-        engine = Saying()
-        for name, value in (declared or {}).items():
-            setattr(engine, name, value)
-        return engine
-    return make
+    def told(self, scene, raw):
+        given = {name: value(getattr(raw, name)) if callable(value) else value for name, value in claims.items()}
+        return dataclasses.replace(base.told(self, scene, raw), **given)
+    return engine(base, told=told, **declared or {})
 
 
 def from_truth(known: Callable[..., bool]) -> Callable[[], Engine]:
     """An engine that answers by heart where it knows the question, and is wrong by a thousandth elsewhere."""
-    class ByHeart(Honest):
-        def run(self, scene, spec):
-            raw = when(lambda *_: True)().run(scene, spec)
-            if known(scene):
-                exact = truth(scene).states
-                raw.states = States(scene.t, exact.x, exact.R, exact.v, exact.w)
-            return raw
-    return ByHeart
+    def run(self, scene, spec):
+        raw = when(lambda *_: True)().run(scene, spec)
+        if known(scene):
+            exact = truth(scene).states
+            raw.states = States(scene.t, exact.x, exact.R, exact.v, exact.w)
+        return raw
+    return engine(run=run)
 
 
 def _after(share):
@@ -219,13 +210,12 @@ class Stale(Honest):
 
 def interpolated(change: Callable[..., dict]) -> Callable[[], Engine]:
     """An engine that knows the motion, in any world and from any start, and answers with a change of it."""
-    class Interpolated(Honest):
-        def run(self, scene, spec):
-            per, h = steps_per_sample(scene, spec.step)
-            exact = truth(scene).states
-            found = States(scene.t, *(getattr(exact, name).copy() for name in "xRvw"))
-            return RawRun(dataclasses.replace(found, **change(found, h)), 1e-3, per * (scene.samples - 1), h)
-    return Interpolated
+    def run(self, scene, spec):
+        per, h = steps_per_sample(scene, spec.step)
+        exact = truth(scene).states
+        found = States(scene.t, *(getattr(exact, name).copy() for name in "xRvw"))
+        return RawRun(dataclasses.replace(found, **change(found, h)), 1e-3, per * (scene.samples - 1), h)
+    return engine(run=run)
 
 
 def _noisy(s, h):

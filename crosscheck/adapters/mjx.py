@@ -16,19 +16,15 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
-from crosscheck.adapters.common import open_tree, stepping
-from crosscheck.adapters.mujoco.adapter import Forms, sensed
-from crosscheck.adapters.mujoco.models import build, set_initial_state
-from crosscheck.errors import Unsupported
+from crosscheck.adapters.mujoco.adapter import Batched
 from crosscheck.files import cache_folder
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
 
 ROWS = 1024
 """States that one call of a compiled function takes or returns."""
 
 
-class MJX(Forms):
+class MJX(Batched):
     """Adapter of MJX in double precision, forms `tree` and `maximal`."""
 
     name = "mjx"
@@ -36,30 +32,16 @@ class MJX(Forms):
     pace = 3
     double = True
     package = "mujoco-mjx"
-
-    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """Why MJX cannot run this, or None."""
-        if scene.timed:
-            return "functions of time are not built into this adapter: MJX calls no function for controls at its stages"
-        return open_tree.bouncing(scene) or super().unsupported(scene, spec)
+    timeless = "MJX calls no function for controls at its stages"
+    rows = ROWS
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `Unsupported` with MJX's words if it lacks an element, and `EngineError` on divergence."""
         mjx = library(self.double)
-        form, softness = self.form(scene, spec), spec.softness or "tight"
-        h = stepping.fixed_step(scene, spec)[1]
         import jax
-        import mujoco
 
-        built = build(scene, spec.method, h, form, softness)
-        start = mujoco.MjData(built)
-        set_initial_state(scene, built, start)
-        unwatched = scene.replace(sensors=())  # MJX lacks some of MuJoCo's sensors
-        observed = build(unwatched, "Euler", h, form, softness, True)
-        try:
-            model, bench = mjx.put_model(built), mjx.put_model(observed)
-        except NotImplementedError as error:
-            raise Unsupported(f"MJX {self.version()} does not have what this scene needs: {error}") from None
+        built, observed, start = self.compiled(scene, spec)
+        model, bench = self.put(mjx, (built, observed))
         data, bench_data = mjx.make_data(built), mjx.make_data(observed)
         # Both go to a device like the rest of the data, or the second call would compile once more.
         place = functools.partial(jax.device_put, device=jax.devices("cpu")[0])
@@ -79,22 +61,9 @@ class MJX(Forms):
             q, v = (np.concatenate(part) for part in zip(*parts, strict=True))
             return q, v
 
-        def observe(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            parts = []
-            for first in range(0, len(t), ROWS):
-                rows = [np.resize(part[first:first + ROWS], (ROWS, part.shape[1])) for part in (q, v)]
-                parts.append(np.asarray(watch(bench, bench_data, *rows), dtype=float)[:len(t) - first])
-            return np.concatenate(parts)
-
-        def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
-            return sensed(unwatched, t, observe(t, q, v) if a is None else a, form)
-
         steps(model, data, 0, 1)  # compile before the clock runs
-        raw = stepping.march(scene, spec, (np.array(start.qpos), np.array(start.qvel)), advance, convert, observe)
-        raw.form = form
-        if built.neq:
-            raw.stats["softness"] = softness
-        return raw
+        return self.marched(scene, spec, built, (np.array(start.qpos), np.array(start.qvel)), advance,
+                            functools.partial(watch, bench, bench_data))
 
 
 class MJXSingle(MJX):

@@ -102,16 +102,12 @@ class Truth:
         return np.concatenate([[0.0], inner.ravel()])
 
     @functools.cached_property
-    def _known_until(self) -> float:
-        """The time until which the claim of the scene holds and a perturbation of 1e-15 stays below 1e-10."""
+    def horizon(self) -> float:
+        """The time (s) at which the truth ends, at most `reach`: until then the claim of the scene holds and a
+        perturbation of 1e-15 stays below 1e-10."""
         over = np.flatnonzero(self.growth >= HORIZON_GROWTH)
         chaos = float(self.times[max(over[0] - 1, 0)]) if len(over) else self.reach
         return min(chaos, self.reach if self.end is None else self.end.horizon)
-
-    @property
-    def horizon(self) -> float:
-        """The time (s) at which the truth ends, at most `reach`."""
-        return self._known_until
 
     @property
     def horizon_cause(self) -> str:
@@ -203,7 +199,7 @@ class Truth:
         TruthError
             They leave no usable digits.
         """
-        end = min(until, self._known_until)
+        end = min(until, self.horizon)
         starts = self._values.starts
         began = np.maximum(np.maximum.accumulate(self.growth)[:-1:GROWTH_POINTS], 1e-300)
         grown = np.where(starts < end, np.maximum(self._growth_until(end) / began, 1.0), 0.0)
@@ -227,7 +223,7 @@ class Truth:
         """
         if self.prolong(scene.duration):
             self._keep()
-        horizon = min(self._known_until, scene.duration)
+        horizon = min(self.horizon, scene.duration)
         cause = self.horizon_cause if horizon < scene.duration else ""
         refuse_early(scene, horizon, cause or GROWN)
         allowed, error = self.checked(scene.duration)

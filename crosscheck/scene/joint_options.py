@@ -69,13 +69,17 @@ def elastic(entry: str, joint: JointEntry, key: str) -> tuple[float, ...]:
     given: Values = getattr(joint, key)
     if given is None:
         return ()
-    if not joint.kind.is_elastic:
-        raise EntryError(f"{entry}: {key}", f"a {joint.type} joint cannot have it",
-                         f"remove it, or use a joint of type {listed(joint_types('is_elastic'))}")
+    _check_elastic(f"{entry}: {key}", joint)
     values = _many(f"{entry}: {key}", given, joint.kind.positions)
     if key != "rest_position":
         check_not_negative(f"{entry}: {key}", min(values))
     return values
+
+
+def _check_elastic(entry: str, joint: JointEntry) -> None:
+    if not joint.kind.is_elastic:
+        raise EntryError(entry, f"a {joint.type} joint cannot have it",
+                         f"remove it, or use a joint of type {listed(joint_types('is_elastic'))}")
 
 
 def mimic(entry: str, joint: JointEntry, joints: Sequence[JointEntry]) -> Mimic | None:
@@ -172,9 +176,7 @@ def _of_coordinates(entry: str, joint: JointEntry, key: str) -> list[tuple[str, 
     if given is None:
         return []
     entry = f"{entry}: {key}"
-    if not joint.kind.is_elastic:
-        raise EntryError(entry, f"a {joint.type} joint cannot have it",
-                         f"remove it, or use a joint of type {listed(joint_types('is_elastic'))}")
+    _check_elastic(entry, joint)
     if joint.drive is not None:
         raise EntryError(entry, "the drive of the joint says all of its motion", "remove it")
     values, count = given if isinstance(given, list) else [given], joint.kind.positions

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import collections
 import dataclasses
-import heapq
+import graphlib
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -109,28 +108,17 @@ def anchor_length(scene: Scene) -> float:
 
 def _outwards(draft: Draft, starts: Iterable[Start]) -> list[Start]:
     """Joints with given coordinates, each after those that move its parent."""
-    left = list(starts)
-    joints = draft.scene.joints
-    movers = collections.Counter(joints[start.joint].child for start in left)  # joints that still have to move a body
-    carried: dict[int, list[int]] = {}
-    for index, start in enumerate(left):
-        carried.setdefault(joints[start.joint].parent, []).append(index)
-    ready = [index for index, start in enumerate(left) if not movers[joints[start.joint].parent]]
-    heapq.heapify(ready)
-    ordered = []
-    while ready:
-        ordered.append(left[heapq.heappop(ready)])
-        child = joints[ordered[-1].joint].child
-        movers[child] -= 1
-        if not movers[child]:
-            for index in carried.get(child, ()):
-                heapq.heappush(ready, index)
-    if len(ordered) < len(left):
-        first = next(start for start in left if start not in ordered)
-        raise EntryError(f'joints[{first.joint}] "{joints[first.joint].name}": position',
-                         "the joints with positions form a loop",
-                         "leave position and velocity out of the joint that closes it")
-    return ordered
+    joints, given = draft.scene.joints, {start.joint: start for start in starts}
+    movers: dict[int, list[int]] = {}
+    for index in given:
+        movers.setdefault(joints[index].child, []).append(index)
+    order = graphlib.TopologicalSorter({index: movers.get(joints[index].parent, ()) for index in given})
+    try:
+        return [given[index] for index in order.static_order()]
+    except graphlib.CycleError as error:
+        first = min(error.args[1])
+        raise EntryError(f'joints[{first}] "{joints[first].name}": position', "the joints with positions form a loop",
+                         "leave position and velocity out of the joint that closes it") from None
 
 
 def attitudes(draft: Draft, state: Configuration) -> tuple[Configuration, dict[str, np.ndarray]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 
@@ -19,6 +21,16 @@ def hat(w: np.ndarray) -> np.ndarray:
     upper = np.zeros((*w.shape, 3))
     upper[..., 0, 1], upper[..., 0, 2], upper[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
     return upper - np.swapaxes(upper, -1, -2)
+
+
+def welded(masses: Sequence[float], centres: Sequence[np.ndarray], inertias: Sequence[np.ndarray]
+           ) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre of mass (3,) and inertia (3, 3) about it of one body made of several, all in the same axes."""
+    m, at = np.array(masses, dtype=float), np.array(centres)
+    mass = float(m.sum())
+    centre = m @ at / mass if mass else at[0]
+    spread = hat(at - centre)
+    return mass, centre, np.asarray(np.sum(inertias, axis=0) - np.einsum("k,kij,kjl->il", m, spread, spread))
 
 
 def normal_references(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

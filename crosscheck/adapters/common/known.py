@@ -34,10 +34,6 @@ def scene_of(name: str) -> Scene | None:
         return None
 
 
-def _has_balls(engine: Engine, scene: Scene, form: str | None) -> bool:
-    return any(joint.kind.is_ball for joint in scene.joints)
-
-
 def _bounces(engine: Engine, scene: Scene, form: str | None) -> bool:
     from crosscheck.adapters.common import open_tree
 
@@ -75,7 +71,8 @@ def naive(engine: Engine, scene: Scene, form: str | None) -> str:
 WHERE: Mapping[str, Callable[[Engine, Scene, str | None], bool]] = MappingProxyType({
     "a ball whose axis of rotation moves": lambda engine, scene, form: naive(engine, scene, form) == "surely",
     "a ball": lambda engine, scene, form: naive(engine, scene, form) == "maybe",
-    "balls": _has_balls, "a stop with restitution": _bounces, "joints closed softly": _softly_joined})
+    "balls": lambda engine, scene, form: any(joint.kind.is_ball for joint in scene.joints),
+    "a stop with restitution": _bounces, "joints closed softly": _softly_joined})
 """What a scene has that shows a defect."""
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
+from crosscheck.scene.vectors import welded
+
 TOLERANCE = 1e-7
 """Relative bound on a difference. It is small, because parsers read the same digits of the file."""
 
@@ -108,13 +110,10 @@ def assembled(engine: str, parts: Mapping[str, Part], gravity: np.ndarray) -> Na
     for name, group in groups.items():
         if name == "ground":
             continue
-        mass = float(sum(part.mass for part in group))
-        centre = np.sum([part.mass * part.centre for part in group], axis=0) / mass if mass else parts[name].centre
-        arms = [part.centre - centre for part in group]
-        inertia = np.sum([part.inertia + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-                          for part, arm in zip(group, arms, strict=True)], axis=0)
+        mass, centres[name], inertia = welded(*zip(*((part.mass, part.centre, part.inertia) for part in group),
+                                                   strict=True))
         frame = frames[name] = parts[name].frame
-        centres[name], links[name] = centre, Link(mass, frame.T @ inertia @ frame)
+        links[name] = Link(mass, frame.T @ inertia @ frame)
     joints = {}
     for name in links:
         part = parts[name]
@@ -129,13 +128,14 @@ def assembled(engine: str, parts: Mapping[str, Part], gravity: np.ndarray) -> Na
 
 
 def moved(model: Native, states: JointStates, columns: Mapping[str, int], solver: str,
-          terms: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Native:
-    """`found` with its accelerations, where all its joints are in `states`.
+          terms: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, ...]]) -> Native:
+    """`model` with its accelerations, where all its joints are in `states`.
 
     Parameters
     ----------
     columns : place of each joint in the engine's coordinates
-    terms : from positions and velocities in that order the mass matrix and the bias forces
+    terms : from positions and velocities in that order the mass matrix, the bias forces and, where these do not follow
+        from the two, the accelerations
     """
     order = tuple(name for name in states.names if name in model.joints)
     if not order or len(order) != len(model.joints) or len(order) != len(columns):
@@ -146,9 +146,9 @@ def moved(model: Native, states: JointStates, columns: Mapping[str, int], solver
     for position, velocity in zip(states.position, states.velocity, strict=True):
         q, v = np.zeros(len(order)), np.zeros(len(order))
         q[places], v[places] = position[ours], velocity[ours]
-        M, bias = terms(q, v)
+        M, bias, *own = terms(q, v)
         M, bias = M[np.ix_(places, places)], bias[places]
-        values.append((M, bias, np.linalg.solve(M, -bias - damping * velocity[ours])))
+        values.append((M, bias, own[0][places] if own else np.linalg.solve(M, -bias - damping * velocity[ours])))
     mass, biases, accelerations = (np.array(each) for each in zip(*values, strict=True))
     return dataclasses.replace(model, order=order, mass_matrix=mass, bias=biases, acceleration=accelerations,
                                solver=solver)

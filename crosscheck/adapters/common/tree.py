@@ -26,7 +26,7 @@ from crosscheck.adapters.common.links import obstacle as obstacle
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import Limits
-from crosscheck.scene.model import GROUND, Scene, quaternion_from_turn, quaternion_product, rotation_from_quaternion
+from crosscheck.scene.model import Scene, quaternion_from_turn, quaternion_product, rotation_from_quaternion
 from crosscheck.scene.states import States
 from crosscheck.scene.vectors import cross
 
@@ -186,16 +186,28 @@ def _shifted(shift: Shift | None, turned: Motion, d: np.ndarray, rate: np.ndarra
 def forward(tree_links: Sequence[Link], motions: Sequence[Motion], t: np.ndarray, accelerations: bool) -> States:
     """Kinematics of the tree: from relative motions of the links to `States` of the bodies."""
     times, n = len(t), len(tree_links)
-    states = States(t, np.empty((times, n, 3)), np.empty((times, n, 3, 3)), np.empty((times, n, 3)),
-                    np.empty((times, n, 3)))
-    a, alpha = np.empty((times, n, 3)), np.empty((times, n, 3))
+    still = np.zeros((times, 3))
+    x, v, w, a, alpha = np.zeros((5, times, n + 1, 3))  # the ground is the last, at rest in the world frame
+    R = np.broadcast_to(np.eye(3), (times, n + 1, 3, 3)).copy()
     for link, relative in zip(tree_links, motions, strict=True):
-        _place(states, link, relative)
-        if accelerations:
-            a[:, link.body], alpha[:, link.body] = _accelerations(states, a, alpha, link, relative)
-    if accelerations:
-        states.a, states.alpha = a, alpha
-    return states
+        inner, k, hung = link.parent, link.body, link.child_anchor
+        d, rate, second = relative.shift or (still, still, still)
+        arm, spin = link.parent_anchor + d, w[:, inner]
+        turned = compose(Motion(R[:, inner], spin, alpha[:, inner] if accelerations else None), relative)
+        R[:, k], w[:, k] = turned.R, turned.w
+        x[:, k] = x[:, inner] + _turn(R[:, inner], arm) - turned.R @ hung
+        v[:, k] = v[:, inner] + _turn(R[:, inner], cross(spin, arm) + rate) - _turn(turned.R, cross(turned.w, hung))
+        if not accelerations:
+            continue
+        if turned.alpha is None:
+            raise ValueError(f"body {k}: the relative motion has no accelerations")
+        alpha[:, k] = turned.alpha
+        joint = cross(alpha[:, inner], arm) + cross(spin, cross(spin, arm) + 2 * rate) + (
+            still if second is None else second)
+        hang = cross(turned.alpha, hung) + cross(turned.w, cross(turned.w, hung))
+        a[:, k] = a[:, inner] + _turn(R[:, inner], joint) - _turn(turned.R, hang)
+    x, R, v, w, a, alpha = (values[:, :n] for values in (x, R, v, w, a, alpha))
+    return States(t, x, R, v, w, *((a, alpha) if accelerations else ()))
 
 
 def _turn(R: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -206,47 +218,3 @@ def _turn(R: np.ndarray, vector: np.ndarray) -> np.ndarray:
 def _turn_back(R: np.ndarray, vector: np.ndarray) -> np.ndarray:
     turned: np.ndarray = np.einsum("tji,tj->ti", R, vector)
     return turned
-
-
-def _parent(states: States, link: Link) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """x, R, v, w of the parent; the ground is at rest in the world frame."""
-    if link.parent == GROUND:
-        rest = np.zeros((len(states.t), 3))
-        return rest, np.broadcast_to(np.eye(3), (len(rest), 3, 3)), rest, rest
-    k = link.parent
-    return states.x[:, k], states.R[:, k], states.v[:, k], states.w[:, k]
-
-
-def _slide(link: Link, relative: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joint point in the parent's frame, its velocity and acceleration relative to that frame, each (T, 3)."""
-    still = np.zeros((len(relative.R), 3))
-    if relative.shift is None:
-        return still + link.parent_anchor, still, still
-    d, rate, second = relative.shift
-    return link.parent_anchor + d, rate, still if second is None else second
-
-
-def _place(states: States, link: Link, relative: Motion) -> None:
-    x, R, v, w = _parent(states, link)
-    arm, slide, _ = _slide(link, relative)
-    body = link.body
-    turned = compose(Motion(R, w), relative)
-    states.R[:, body], states.w[:, body] = turned.R, turned.w
-    states.x[:, body] = x + _turn(R, arm) - states.R[:, body] @ link.child_anchor
-    states.v[:, body] = v + _turn(R, cross(w, arm) + slide) - _turn(
-        states.R[:, body], cross(states.w[:, body], link.child_anchor))
-
-
-def _accelerations(states: States, a: np.ndarray, alpha: np.ndarray, link: Link,
-                   relative: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """(a, alpha) of the link's body, (T, 3) each; `a` and `alpha`, (T, n, 3), hold those of its parent."""
-    _, R, _, w = _parent(states, link)
-    arm, slide, second = _slide(link, relative)
-    still = np.zeros_like(w)
-    a_parent, alpha_parent = (still, still) if link.parent == GROUND else (a[:, link.parent], alpha[:, link.parent])
-    turned = compose(Motion(R, w, alpha_parent), relative)
-    if turned.alpha is None:
-        raise ValueError(f"body {link.body}: the relative motion has no accelerations")
-    joint = cross(alpha_parent, arm) + cross(w, cross(w, arm) + 2 * slide) + second
-    hang = cross(turned.alpha, link.child_anchor) + cross(turned.w, cross(turned.w, link.child_anchor))
-    return a_parent + _turn(R, joint) - _turn(turned.R, hang), turned.alpha

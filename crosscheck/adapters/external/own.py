@@ -15,10 +15,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
-
 from crosscheck.adapters.base import RawRun, RunSpec, StandIn, Stats, steps_per_sample
 from crosscheck.adapters.external import code
+from crosscheck.adapters.external.plain import doubles
 from crosscheck.errors import ArgumentError, EngineError, brief, errors_as, named, unknown
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -107,15 +106,8 @@ class Completed(StandIn):
 def _complete(states: States) -> None:
     """Turn lists into arrays of doubles; their shapes are checked later, as for every engine."""
     for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam", "hinges"):
-        values = getattr(states, name)
-        if values is not None:
-            try:
-                plain = np.asarray(values)
-                if plain.dtype.kind not in "iufO":  # complex numbers and texts would be converted silently
-                    raise TypeError
-                setattr(states, name, np.asarray(plain, dtype=float))
-            except (TypeError, ValueError, OverflowError):
-                raise EngineError(f"the states hold something else than real numbers in {name}") from None
+        if (values := getattr(states, name)) is not None:
+            setattr(states, name, doubles(name, values))
 
 
 def load(name: str, known: Iterable[str], stated: str | None = None) -> Completed:

@@ -9,19 +9,19 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
-from crosscheck.adapters.common import stepping, tree
+from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.held import Held, highest_order
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.common.own_law import OwnLaw
 from crosscheck.adapters.mujoco import models, own_law
 from crosscheck.adapters.mujoco.models import INTEGRATORS, OBSERVED, build, set_initial_state
-from crosscheck.errors import EngineError
+from crosscheck.errors import EngineError, Unsupported
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 from crosscheck.scene.models.compiling import listening
 from crosscheck.scene.states import States
@@ -90,6 +90,59 @@ class Forms(Engine):
         branches, _ = models.closures(scene, form or "tree")
         return [branch.body for branch in branches
                 if branch.joint is None or "ball" in branch.joint.kind.motion]
+
+
+class Batched(Forms):
+    """MuJoCo's models in a library of its own, which steps one state and observes many at once."""
+
+    timeless: str  # why it has no functions of time
+    rows: int  # states that one call observes
+
+    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
+        """Why the library cannot run this, or None."""
+        if scene.timed:
+            return f"functions of time are not built into this adapter: {self.timeless}"
+        return open_tree.bouncing(scene) or super().unsupported(scene, spec)
+
+    def compiled(self, scene: Scene, spec: RunSpec) -> tuple[mujoco.MjModel, mujoco.MjModel, mujoco.MjData]:
+        """The model that is stepped, the one with the sensors `OBSERVED`, and the start."""
+        import mujoco
+
+        h, form, softness = stepping.fixed_step(scene, spec)[1], self.form(scene, spec), spec.softness or "tight"
+        unwatched = scene.replace(sensors=())  # such libraries lack some of MuJoCo's sensors
+        built, observed = build(unwatched, spec.method, h, form, softness), build(
+            unwatched, "Euler", h, form, softness, True)
+        start = mujoco.MjData(built)
+        set_initial_state(scene, built, start)
+        return built, observed, start
+
+    def put(self, library: Any, models: Iterable[mujoco.MjModel]) -> list[Any]:
+        """The models in the library; raises `Unsupported` with its words if it lacks an element."""
+        try:
+            return [library.put_model(each) for each in models]
+        except NotImplementedError as error:
+            raise Unsupported(f"{self.name} {self.version()} does not have what this scene needs: {error}") from None
+
+    def marched(self, scene: Scene, spec: RunSpec, model: mujoco.MjModel, start: tuple[np.ndarray, np.ndarray],
+                advance: stepping.Advance, watch: Callable[[np.ndarray, np.ndarray], Any]) -> RawRun:
+        """The run; `watch` gives the values of the sensors `OBSERVED` of `rows` states (q, v)."""
+        form = self.form(scene, spec)
+
+        def observe(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+            parts = []
+            for first in range(0, len(t), self.rows):
+                some = (np.resize(part[first:first + self.rows], (self.rows, part.shape[1])) for part in (q, v))
+                parts.append(np.asarray(watch(*some), dtype=float)[:len(t) - first])
+            return np.concatenate(parts)
+
+        def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
+            return sensed(scene.replace(sensors=()), t, observe(t, q, v) if a is None else a, form)
+
+        raw = stepping.march(scene, spec, start, advance, convert, observe)
+        raw.form = form
+        if model.neq:
+            raw.stats["softness"] = spec.softness or "tight"
+        return raw
 
 
 class MuJoCo(Forms):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native, solids
+from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native, moved, solids
 from crosscheck.errors import EngineError, errors_as
 from crosscheck.scene.model import rotation_from_quaternion
 from crosscheck.scene.models import neutral, source
@@ -101,23 +100,20 @@ def load(path: str, states: JointStates) -> Native:
             for table in tables if "position" in table}
         native = Native("mujoco", links, joints, gravity, solver="mj_forward", refusal=refusal,
                         shapes=_shapes(reading))
-        order = tuple(name for name in states.names if name in joints)
-        if len(order) != model.nv:
+        if len(joints) != model.nv:
             return native
         only = {body.name: int(model.body_jntadr[index]) for index, body in reading.bodies.items()}
         only |= {table["child"]: j for j, table in reading.chained.items()}
-        q, v = ([int(address[only[joints[name].child]]) for name in order]
-                for address in (model.jnt_qposadr, model.jnt_dofadr))
-        columns = [states.names.index(name) for name in order]
-        values = []
-        for position, velocity in zip(states.position, states.velocity, strict=True):
-            data.qpos[q], data.qvel[v] = position[columns], velocity[columns]
+        columns = {name: int(model.jnt_dofadr[only[joint.child]]) for name, joint in joints.items()}
+
+        def terms(position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, ...]:
+            data.qpos[:], data.qvel[:] = position, velocity  # all joints are hinges and slides
             mujoco.mj_forward(model, data)
             M = np.zeros((model.nv, model.nv))
             try:
                 mujoco.mj_fullM(model, data, M)
             except TypeError:  # before version 4
                 mujoco.mj_fullM(model, M, data.qM)
-            values.append((M[np.ix_(v, v)], data.qfrc_bias[v].copy(), data.qacc[v].copy()))
-    mass, bias, acceleration = (np.array(each) for each in zip(*values, strict=True))
-    return dataclasses.replace(native, order=order, mass_matrix=mass, bias=bias, acceleration=acceleration)
+            return M, data.qfrc_bias.copy(), data.qacc.copy()
+
+        return moved(native, states, columns, "mj_forward", terms)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native, solids
+from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native, moved, solids
 from crosscheck.errors import EngineError
 from crosscheck.scene.models.second import explained
 from crosscheck.scene.models.second import links as first_links
@@ -73,24 +72,16 @@ def load(path: str, states: JointStates) -> Native:
                   "velocity limit": float(model.upperVelocityLimit[v])})
     native = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba", frictionless=True,
                     shapes=_shapes(path, model, names))
-    order = tuple(name for name in states.names if name in joints)
-    if len(order) != model.nv:
+    if len(joints) != model.nv:
         return native
-    places = [int(model.idx_vs[ids[name]]) for name in order]
-    values = []
-    for position, velocity in zip(states.position, states.velocity, strict=True):
-        q, rates = pinocchio.neutral(model), np.zeros(model.nv)
-        for name, angle, rate in zip(states.names, position, velocity, strict=True):
-            if name not in joints:
-                continue
-            joint = ids[name]
-            at = model.idx_qs[joint]
+
+    def terms(position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, ...]:
+        q = pinocchio.neutral(model)
+        for joint in ids.values():
+            at, angle = model.idx_qs[joint], position[model.idx_vs[joint]]
             q[at:at + model.nqs[joint]] = [np.cos(angle), np.sin(angle)] if model.nqs[joint] == 2 else [angle]
-            rates[model.idx_vs[joint]] = rate
-        M = np.array(pinocchio.crba(model, data, q))
-        M = np.triu(M) + np.triu(M, 1).T
-        bias = pinocchio.nonLinearEffects(model, data, q, rates).copy()
-        acceleration = pinocchio.aba(model, data, q, rates, np.zeros(model.nv)).copy()
-        values.append((M[np.ix_(places, places)], bias[places], acceleration[places]))
-    mass, biases, accelerations = (np.array(each) for each in zip(*values, strict=True))
-    return dataclasses.replace(native, order=order, mass_matrix=mass, bias=biases, acceleration=accelerations)
+        M = np.triu(pinocchio.crba(model, data, q))
+        return (M + np.triu(M, 1).T, pinocchio.nonLinearEffects(model, data, q, velocity).copy(),
+                pinocchio.aba(model, data, q, velocity, np.zeros(model.nv)).copy())
+
+    return moved(native, states, {name: int(model.idx_vs[joint]) for name, joint in ids.items()}, "aba", terms)

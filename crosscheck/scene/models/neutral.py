@@ -14,7 +14,7 @@ import numpy as np
 
 from crosscheck.scene.coordinates import turned
 from crosscheck.scene.model import LeftOut, quaternion_from_rotation
-from crosscheck.scene.vectors import cross
+from crosscheck.scene.vectors import cross, welded
 
 if TYPE_CHECKING:
     import mujoco
@@ -120,14 +120,10 @@ def bodies(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Rigid]:
     rigid, groups = {}, grouped(model)
     for first in sorted(set(groups.tolist()) - {0}):
         members = np.flatnonzero(groups == first)
-        masses = model.body_mass[members]
-        mass = float(masses.sum())
-        centre = masses @ data.xipos[members] / mass if mass > 0 else data.xpos[first].copy()
-        inertia = np.zeros((3, 3))
-        for member, part in zip(members, masses, strict=True):
-            axes, arm = data.ximat[member].reshape(3, 3), data.xipos[member] - centre
-            inertia += axes @ np.diag(model.body_inertia[member]) @ axes.T
-            inertia += part * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        axes = data.ximat[members].reshape(-1, 3, 3)
+        mass, centre, inertia = welded(model.body_mass[members], data.xipos[members],
+                                       (axes * model.body_inertia[members][:, None]) @ np.swapaxes(axes, 1, 2))
+        centre = centre if mass > 0 else data.xpos[first].copy()
         R = data.xmat[first].reshape(3, 3).copy()
         twist = np.zeros(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, first, twist, 0)

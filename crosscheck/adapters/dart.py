@@ -72,12 +72,11 @@ class Model:
             q, v = tree.initial_coordinates(scene, link)
             if link.type in ("revolute", "prismatic"):
                 joint.setAxis(link.parts[0].axis)
-                joint.setPositions(q)
-            if link.type == "universal":
+            elif link.type == "universal":
                 joint.setAxis1(link.parts[0].axis), joint.setAxis2(link.parts[1].axis)
-                joint.setPositions(q)
-            if link.type == "planar":
+            elif link.type == "planar":
                 joint.setArbitraryPlane(link.parts[0].axis, link.parts[1].axis)
+            if link.type in ("revolute", "prismatic", "universal", "planar"):
                 joint.setPositions(q)
             if link.type == "free":  # its coordinates are zero at the start, its velocities in the axes of the body
                 joint.setTransformFromParentBodyNode(_pose(scene.R0[link.body], scene.x0[link.body]))
@@ -124,7 +123,7 @@ def _give_laws(scene: Scene, link: tree.Link, joint: Any) -> None:
         stiffness, rest, damping = open_tree.sprung(scene, link)
         joint.setSpringStiffness(0, stiffness), joint.setRestPosition(0, rest), joint.setDampingCoefficient(0, damping)
     _, sign, zero = tree.coordinate(scene, link)
-    law = next(each for each in scene.joints if each.name == link.joint)
+    law = scene.joint(link.joint)
     for friction in filter(None, law.dry_friction):
         joint.setCoulombFriction(0, friction.sliding)
     for limits in filter(None, law.limits):

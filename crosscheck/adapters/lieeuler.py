@@ -33,7 +33,7 @@ def build_problem(scene: Scene) -> lieeuler.Problem:
     """The scene as a `lieeuler.Problem`, with joints in file order, so that rows of lam are those of the scene."""
     bodies = tuple(lieeuler.Body(body.mass, body.inertia) for body in scene.bodies)
     joints = tuple(_joint(scene, joint) for joint in scene.joints)
-    forces = tuple(_force(scene, force) for force in scene.loads if force.type != "servo")
+    forces = tuple(_force(scene, force) for force in scene.loads if not force.law.has_modes)
     return lieeuler.Problem(bodies, joints, scene.gravity, scene.x0, scene.R0, scene.v0, scene.w0, forces,
                             laws=laws(scene))
 
@@ -140,28 +140,24 @@ def _coordinate(joint: Joint) -> lieeuler.Coordinate:
 
 
 def _force(scene: Scene, force: Force) -> lieeuler.forces.Force:
-    p = force.parameters
-    if force.type == "linear_spring":
+    p, measure = {key: _value(value) for key, value in force.parameters.items()}, force.law.measure
+    if measure == "length":
         return lieeuler.LinearSpring(force.parent, force.child, p["parent_point"], p["child_point"], p["stiffness"],
                                      p["free_length"], p["damping"])
-    if force.joint is not None:
-        joint = next(joint for joint in scene.joints if joint.name == force.joint)
-        if force.type in ("joint_force", "slide_spring"):
-            return lieeuler.SlideForce(
-                joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, joint.parent_axis, *(
-                    _value(p.get(key, 0.0)) for key in ("force", "stiffness", "rest_position", "damping")))
-        stiffness, rest, damping, torque = (p.get(key, 0.0) for key in ("stiffness", "rest_angle", "damping", "torque"))
-        made = lieeuler.TorsionalSpring(joint.parent, joint.child, joint.parent_axis, joint.child_axis, stiffness,
-                                        _value(rest), damping, _value(torque))
-        if not stiffness:
-            return made
-        begin = at_start(scene)[joint.name][0][joint.kind.coordinates.index("turn")] + joint.zero_angle
-        return made.counted_from(2.0 * math.pi * round((begin - made.start_angle(scene.R0)) / (2.0 * math.pi)))
-    factor = _value(p["factor"]) if "factor" in p else None
-    if force.type == "constant_force":
-        return lieeuler.ConstantLoad(force.child, force=p["force"], point=p["child_point"], frame=p["frame"],
-                                     factor=factor)
-    return lieeuler.ConstantLoad(force.child, torque=p["torque"], frame=p["frame"], factor=factor)
+    if measure in ("force", "torque"):
+        return lieeuler.ConstantLoad(force.child, **{measure: p[measure]}, point=p.get("child_point", np.zeros(3)),
+                                     frame=p["frame"], factor=p.get("factor"))
+    joint, rest = scene.joint(force.joint), p.get(force.law.rest, 0.0)
+    if measure == "slide":
+        return lieeuler.SlideForce(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor,
+                                   joint.parent_axis, p.get("force", 0.0), p.get("stiffness", 0.0), rest,
+                                   p.get("damping", 0.0))
+    made = lieeuler.TorsionalSpring(joint.parent, joint.child, joint.parent_axis, joint.child_axis,
+                                    p.get("stiffness", 0.0), rest, p.get("damping", 0.0), p.get("torque", 0.0))
+    if not p.get("stiffness"):
+        return made
+    begin = at_start(scene)[joint.name][0][joint.kind.number(measure)] + joint.zero_angle
+    return made.counted_from(2.0 * math.pi * round((begin - made.start_angle(scene.R0)) / (2.0 * math.pi)))
 
 
 def _value(value: Value) -> Any:

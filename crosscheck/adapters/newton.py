@@ -262,7 +262,7 @@ def build(scene: Scene) -> Any:
 def _laws(scene: Scene, link: tree.Link) -> dict[str, float]:
     """What a hinge or slide has of dry friction, soft limits and servos, as Newton names it."""
     _, sign, zero = tree.coordinate(scene, link)
-    law, gains = next(each for each in scene.joints if each.name == link.joint), dict[str, float]()
+    law, gains = scene.joint(link.joint), dict[str, float]()
     for friction in filter(None, law.dry_friction):
         gains["friction"] = friction.sliding
     for limits in filter(None, law.limits):

@@ -114,7 +114,7 @@ def scale_of(scene: Scene) -> Scale:
         rates.append(float(np.sqrt(mass * gravity * lever / (smallest[joint.child] + mass * lever**2))))
     for force in scene.loads:
         stiffness = force.parameters.get("stiffness", 0.0)
-        inertia = smallest.min() if force.type == "torsional_spring" else scene.masses.min()
+        inertia = smallest.min() if force.law.measure == "angle" else scene.masses.min()
         rates.append(float(np.sqrt(stiffness / inertia)))
     return Scale(length, max(rates) or 1.0)
 

@@ -252,7 +252,7 @@ def _of_joint(reader: Reader, sensor: Sensor, joint: Joint, right: np.ndarray) -
                 yield Misread(UNCOUNTED, f"the {force.type} is left out", read(Reader(rest, reader.states), sensor))
             elif force.joint == joint.name:
                 on_child = mechanics.force_on_bodies(scene, force, reader.states, reader.angles)[:, joint.child]
-                along = on_child[:, :3] if force.type == "slide_spring" else reader.turned(joint.child, on_child[:, 3:])
+                along = on_child[:, :3] if force.law.measure == "slide" else reader.turned(joint.child, on_child[:, 3:])
                 yield Misread(UNCOUNTED, "the spring and damper of the joint count as a drive", right + np.einsum(
                             "tk,tk->t", along, reader.turned(joint.child, joint.child_axis)))
     if sensor.type not in ("force", "torque"):

@@ -61,7 +61,7 @@ def reference(scene: Scene, at: States) -> Reference:
         state, angles = (one.x, one.R, one.v, one.w), mechanics.torsion_angles(scene, one)
         held = _held(scene, *state)
         solved.append((*mechanics.index1(held, *state, angles), mechanics.applied_forces(held, *state, angles),
-                       mechanics.potential_energy(scene, one.x, one.R, angles)))
+                       mechanics.potential_energy(scene, one)))
     a, alpha, lam, applied, potential = (np.concatenate(part) for part in zip(*solved, strict=True))
     identity = np.broadcast_to(np.eye(6 * n), (count, 6 * n, 6 * n))
     masses = np.broadcast_to(mass, identity.shape)
@@ -143,7 +143,7 @@ def _scales(scene: Scene, at: States, probe: Probe, applied: np.ndarray, constra
     inverse = mechanics.inverse_mass(scene)
     rates = np.abs(np.stack([applied @ inverse, constraint @ inverse])).reshape(-1, 6)
     linear, moving = float(rates[:, :3].max()), float(probe.kinetic.max())
-    springs = sum(0.5 * f.parameters["stiffness"] * (np.pi if f.type == "torsional_spring" else L) ** 2
+    springs = sum(0.5 * f.parameters["stiffness"] * (np.pi if f.law.measure == "angle" else L) ** 2
                   for f in scene.loads if f.is_spring)
     return {
         "position": L, "attitude": 1.0, "velocity": speed, "angular velocity": spin,

@@ -60,8 +60,7 @@ def inverse_dynamics(scene: Scene | str | os.PathLike[str], q: object, v: object
 
 def passive(scene: Scene) -> Scene:
     """The scene without what its joints are given."""
-    return scene.replace(forces=tuple(force for force in scene.forces
-                                      if not force.type.startswith("joint_") and force.type != "servo"))
+    return scene.replace(forces=tuple(force for force in scene.forces if not force.is_motor))
 
 
 def friction(scene: Scene, v: np.ndarray) -> np.ndarray:

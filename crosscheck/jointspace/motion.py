@@ -105,7 +105,8 @@ class TreeSpace:
             raise Unsupported(f"derivatives of {scene.name!r} need {error.name}; {install('heyoka')}") from None
         self.scene = scene
         self.links = self.equations.tree.by_body
-        rods = [link for link in self.links if link.shift == "sphere"]
+        rods = [link for link in self.links if link.joint is None and any(
+            joint.length and link.body in (joint.parent, joint.child) for joint in scene.joints)]
         if rods:
             name = scene.bodies[rods[0].body].name
             raise Unsupported(f"derivatives of {scene.name!r}: the distance of body {name!r} has no joint coordinates")

@@ -19,10 +19,6 @@ from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import Motion, States
 
-TURNABLE = ("linear_spring", "slide_spring", "torsional_spring", "constant_force", "constant_torque",
-            "joint_torque", "joint_force")
-"""Types of forces whose meaning in a turned world is known here."""
-
 
 @dataclasses.dataclass(frozen=True)
 class World:
@@ -136,7 +132,8 @@ def turnable(scene: Scene) -> bool:
         joint.mimic is not None or joint.drive is not None
         or (joint.name in on_ground and (joint.reference is not None or any(joint.limits)))
         for joint in scene.joints) and not any(
-        (force.joint in on_ground and force.type != "slide_spring") or force.type not in TURNABLE or force.functions
+        (force.joint in on_ground and not (force.is_spring and force.law.measure == "slide")) or force.law.has_modes
+        or force.functions
         for force in scene.loads)
 
 
@@ -154,7 +151,7 @@ def begun(scene: Scene, traj: Motion, first: int, last: int, memory: Mode | None
 
 def _remembering(scene: Scene, force: Force, memory: Mode, t: float) -> Force:
     """A force of a scene that begins at time t (s) of this one; a sampled servo with what it holds."""
-    servo = Servo(**force.parameters) if force.type == "servo" else None
+    servo = Servo(**force.parameters) if force.law.has_modes else None
     if servo is None or servo.period is None:
         return force
     part = next(part for law, part in zip(laws_of(scene), memory, strict=True)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import Chaotic, Reference, TruthError
 from crosscheck.references.tree import bound, unfold
+from crosscheck.scene.laws import FORCE_TYPES
 from crosscheck.scene.model import ACTS, ELEMENTS, Scene
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def _refuse(scene: Scene) -> None:
     if acting := [str(each).removeprefix(ACTS) for each in scene.left_out if each.what.startswith(ACTS)]:
         raise Unsupported(f"truth of {scene.name!r}: it holds until something acts that was left out, which is at the "
                           f"start: {'; '.join(acting[:3])}{f' and {len(acting) - 3} more' if len(acting) > 3 else ''}")
-    if reason := scene.beyond(ELEMENTS):
+    if reason := scene.beyond((*ELEMENTS, *FORCE_TYPES)):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
     refused = [joint for joint in scene.joints if bound(scene, joint)]
     if refused and (closing := [joint.name for joint in unfold(scene)[1] if joint in refused]):

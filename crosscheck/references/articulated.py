@@ -1,26 +1,26 @@
 """Accelerations of a tree in minimal coordinates by block elimination, leaves first, over any number type.
 
-Derivation. To give a body, with everything attached on its outer side, the angular acceleration alpha and the
-acceleration A of its reference point takes the torque N and the force F at that point, in the body's axes,
+Accelerations a = (alpha, A) of a body, angular and of its reference point, and wrenches (N, F), torque and force at
+that point, are 6-vectors in the body's axes. To give a body, with everything attached on its outer side, the
+acceleration a takes the wrench H a + p. For the body alone, with lever r to the centre of mass and r^ = hat(r),
 
-    N = I alpha + K A + tau,    F = K^T alpha + M A + f.
+    H = (J - m r^ r^, m r^; -m r^, m),    p = (w x J w - torque + r x f, f),    f = m (w x (w x r) - g) - force.
 
-For the body alone, with lever r to the centre of mass and r^ = hat(r): I = J - m r^ r^, K = m r^, M = m,
-f = m (w x (w x r) - g) - applied force, tau = w x J w + r x f - applied torque. An outer body at arm l, in this body's
-axes, moves with A + alpha x l: it adds I - K l^ - (K l^)^T - l^ M l^, K + l^ M, M.
+With P = (1, l^; 0, 1) for a joint at arm l and T the rotation (R, R) into the inner body's axes, an outer body moves
+with T^T P^T a + c + S du: what it is carried along with, its acceleration at constant speeds, its joint's motions. It
+adds P T H T^T P^T and P T p. A joint transmits no power along its motions: S^T (H a + p) is the effort along them,
+which gives du and reduces H to H - H S (S^T H S)^-1 S^T H. The angular acceleration of a free turn does not depend on
+the inner body, so that its T is (0, R) and du is that acceleration itself.
 
-A joint transmits no power along its motions: S^T (N, F) = 0 for (alpha, A) = carried along + S du + bias. This gives du
-and reduces the six by six H = (I, K; K^T, M) to H - H S (S^T H S)^-1 S^T H. A free turn is eliminated first, by itself,
-because its angular acceleration does not depend on the inner body. A rod transmits only a force along itself: F = phi e
-with e . A prescribed, which reduces H to e e^T / (e . M^-1 e).
-
-Applied wrenches come in columns: the first is the actual one; each further one belongs to a unit multiplier of a loop,
-without velocities and weight.
+Wrenches come in columns: the first is the actual one; each further one belongs to a unit multiplier of a loop, without
+velocities and weight.
 """
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Iterable, Sequence
+
+import numpy as np
 
 from crosscheck.references.generic import (
     ByBody,
@@ -30,24 +30,21 @@ from crosscheck.references.generic import (
     add,
     apply,
     apply_transposed,
-    combine,
-    congruent,
     cross,
-    dot,
     factor_symmetric,
     hat,
-    multiply,
-    outer,
     rotation,
     scale,
     solve_factored,
-    transpose,
 )
-from crosscheck.references.joint_motion import ZERO, Frame, Tree
+from crosscheck.references.joint_motion import Frame, Tree
 from crosscheck.references.tree import FREE, Link
 from crosscheck.scene.model import GROUND
 
-NONE = [ZERO, ZERO, ZERO]
+ANGULAR, LINEAR = np.split(np.eye(6), 2, axis=1)
+
+Elimination = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""The elimination of motions S (6, k): du = rest - gain a for a carried along, gain (k, 6) and rest (k, columns)."""
 
 
 def gyroscopic(inertia: Matrix, w: Vector) -> Vector:
@@ -73,72 +70,6 @@ def weight(mass: float, gravity: Vector) -> Vector:
     return scale(mass, gravity)
 
 
-@dataclasses.dataclass
-class Answer:
-    """I, K, M and the (tau, f) of each column, at the reference point of a body."""
-
-    inertia: Vector
-    coupling: Vector
-    mass: Vector
-    columns: Vector
-
-    def times(self, alpha: Vector, A: Vector) -> tuple[Vector, Vector]:
-        """H (alpha, A)."""
-        return (add(apply(self.inertia, alpha), apply(self.coupling, A)),
-                add(apply_transposed(self.coupling, alpha), apply(self.mass, A)))
-
-
-@dataclasses.dataclass
-class Eliminated:
-    """The elimination of a joint's motions: du = -rest - Z^T (alpha, A), and the motions with their bias."""
-
-    motions: Vector
-    bias: tuple[Number, ...]
-    Z: Vector
-    rest: Vector
-
-    def forward(self, column: int, alpha: Vector, A: Vector) -> tuple[Vector, Vector, Vector]:
-        """du, and the accelerations of the outer body from those carried along."""
-        du = [-(dot(turn, alpha) + dot(shift, A)) - rest
-              for (turn, shift), rest in zip(self.Z, self.rest[column], strict=True)]
-        if column == 0:
-            alpha, A = add(alpha, self.bias[0]), add(A, self.bias[1])
-        for rate, (turn, shift) in zip(du, self.motions, strict=True):
-            alpha, A = add(alpha, scale(rate, turn)), add(A, scale(rate, shift))
-        return du, alpha, A
-
-
-@dataclasses.dataclass
-class Rod:
-    """The elimination of a rod, F = phi e, or of a free body, F = 0 (then without e)."""
-
-    factors: tuple[Number, ...]
-    columns: Vector
-    e: Vector | None = None
-    stiffness: object = 0.0  # 1 / (e . M^-1 e)
-    loads: Vector = dataclasses.field(default_factory=list)  # phi at carried acceleration zero
-
-    def forward(self, column: int, alpha: Vector, A: Vector) -> Vector:
-        """The acceleration of the reference point from that carried along; `alpha` is not used."""
-        force = scale(-1.0, self.columns[column][1])
-        if self.e is not None:
-            force = add(force, scale(self.stiffness * dot(self.e, A) + self.loads[column], self.e))
-        return solve_factored(self.factors, force)
-
-
-@dataclasses.dataclass
-class Prescribed:
-    """A joint whose speed has a given derivative: it adds that and its bias to the accelerations carried along."""
-
-    rate: Number
-    alpha: Vector
-    A: Vector
-
-    def forward(self, column: int, alpha: Vector, A: Vector) -> tuple[Vector, Vector, Vector]:
-        """du, and the accelerations of the outer body from those carried along."""
-        return ([self.rate], add(alpha, self.alpha), add(A, self.A)) if column == 0 else ([0.0], alpha, A)
-
-
 def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: ByBody, efforts: ByBody | None = None,
                   driven: dict[int, Number] | None = None) -> tuple[ByBody, ByBody, ByBody]:
     """alpha, A and derivatives of speeds; each maps bodies to a list over columns.
@@ -147,30 +78,69 @@ def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: ByBody, effort
     `efforts` maps them to columns of generalized forces along each angle and displacement of their joint; `driven` maps
     them to the second derivative of the joint's coordinate, if that is prescribed.
     """
-    count = len(next(iter(wrenches.values())))
-    gravity = _gravity(tree, frames)
-    hanging: dict[int, list[Answer]] = {link.body: [] for link in tree.links}
-    joints: ByBody = {}
+    gravity, driven = _gravity(tree, frames), driven or {}
+    resisting = {link.body: _own(link, frames[link.body], gravity[link.body], wrenches[link.body])
+                 for link in tree.links}
+    joints: dict[int, tuple[np.ndarray, Elimination]] = {}
     for link in reversed(tree.links):
-        body, frame = link.body, frames[link.body]
-        answer = _own(link, frame, gravity[body], wrenches[body])
-        for part in hanging[body]:
-            answer = _sum(answer, part)
-        if driven and body in driven:
-            joints[body], passed = _prescribed(frame, answer, driven[body])
-        else:
-            joints[body], passed = _through_joint(link, frame, answer, None if efforts is None else efforts[body])
+        body, frame, (H, p) = link.body, frames[link.body], resisting[link.body]
+        bias, S = _bias(link, frame, frames[link.parent]), _motions(link, frame)
+        if body in driven:
+            bias, S = bias + S @ _table([[driven[body]]])[0], S[:, :0]
+        p = _with_first(p, H @ bias)
+        elimination, H, p = _eliminated(link, H, p, S, None if efforts is None else efforts[body])
+        joints[body] = bias, elimination
         if link.parent != GROUND:
-            hanging[link.parent].append(_carried(passed, frame, frames[link.parent], link))
-    alpha = {GROUND: [ZERO] * count}
-    A = {GROUND: [ZERO] * count}
+            H, p = _carried(frame, H, p)
+            inner = resisting[link.parent]
+            resisting[link.parent] = inner[0] + H, inner[1] + p
+    return _outwards(tree, frames, joints, driven, p.shape[1] if joints else 0)
+
+
+def _outwards(tree: Tree, frames: dict[int, Frame], joints: dict[int, tuple[np.ndarray, Elimination]],
+              driven: dict[int, Number], columns: int) -> tuple[ByBody, ByBody, ByBody]:
+    """alpha, A and derivatives of speeds, from the ground outwards."""
+    a = {GROUND: np.zeros((6, columns), object)}
     rates: ByBody = {}
     for link in tree.links:
-        body = link.body
-        results = [_outward(link, frames, joints[body], column, alpha[link.parent][column], A[link.parent][column])
-                   for column in range(count)]
-        alpha[body], A[body], rates[body] = (list(part) for part in zip(*results, strict=True))
-    return alpha, A, rates
+        frame, (bias, (S, gain, rest)) = frames[link.body], joints[link.body]
+        R, (alpha, A) = _table(frame.turn).T, np.split(a[link.parent], 2)
+        A = R @ (A - _table(hat(frame.arm)) @ alpha)
+        now = np.concatenate([0.0 * alpha if link.turn == FREE else R @ alpha, A])
+        du = rest - gain @ now
+        a[link.body] = _with_first(now + S @ du if len(du) else now, bias)
+        if link.shift == "free":  # its speed is that in the world
+            du[3:] = R.T @ du[3:]
+        if link.body in driven:
+            du = _with_first(np.zeros((1, columns), object), [driven[link.body]])
+        rates[link.body] = [[*column] for column in du.T]
+    turning, moving = ({body: [list(part) for part in values[rows].T] for body, values in a.items()}
+                       for rows in (slice(3), slice(3, 6)))
+    return turning, moving, rates
+
+
+def _table(rows: Sequence[Sequence[Number]]) -> np.ndarray:
+    """A matrix of numbers of any type, arrays over time among them."""
+    made = np.empty((len(rows), len(rows[0])), object)
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            made[i, j] = entry
+    return made
+
+
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    """The matrix with its upper half mirrored, which keeps symbolic results small."""
+    for i, j in zip(*np.tril_indices(len(matrix), -1), strict=True):
+        matrix[i, j] = matrix[j, i]
+    return matrix
+
+
+def _with_first(columns: np.ndarray, more: Iterable[Number]) -> np.ndarray:
+    """The columns with something added to the actual one."""
+    columns = columns.copy()
+    for row, entry in enumerate(more):
+        columns[row, 0] = columns[row, 0] + entry
+    return columns
 
 
 def _gravity(tree: Tree, frames: dict[int, Frame]) -> ByBody:
@@ -185,133 +155,26 @@ def _gravity(tree: Tree, frames: dict[int, Frame]) -> ByBody:
     return gravity
 
 
-def _own(link: Link, frame: Frame, gravity: Vector, wrenches: Vector) -> Answer:
-    """I, K, M, tau and f of the body alone."""
-    r = hat(frame.lever)
-    mass = [[link.mass if i == j else 0.0 for j in range(3)] for i in range(3)]
-    columns = []
+def _own(link: Link, frame: Frame, gravity: Vector, wrenches: Vector) -> tuple[np.ndarray, np.ndarray]:
+    """H and the columns of p, (6, columns), of the body alone."""
+    r, columns = _table(hat(frame.lever)), []
     for k, (force, torque) in enumerate(wrenches):
         f, tau = scale(-1.0, force), scale(-1.0, torque)
         if k == 0:
             f = add(f, scale(link.mass, centripetal(frame.w, frame.lever)), scale(-1.0, weight(link.mass, gravity)))
             tau = add(tau, gyroscopic(link.inertia, frame.w))
-        columns.append((add(tau, cross(frame.lever, f)), f))
-    inertia = combine(link.inertia, -link.mass, multiply(r, r))
-    return Answer(inertia, [scale(link.mass, row) for row in r], mass, columns)
+        columns.append([*add(tau, cross(frame.lever, f)), *f])
+    inertia = _symmetric(_table(link.inertia) - link.mass * (r @ r))
+    H = np.block([[inertia, link.mass * r], [-link.mass * r, link.mass * np.eye(3)]])
+    return H.astype(object), _table(columns).T
 
 
-def _sum(one: Answer, other: Answer) -> Answer:
-    columns = [(add(tau, more_tau), add(f, more_f))
-               for (tau, f), (more_tau, more_f) in zip(one.columns, other.columns, strict=True)]
-    return Answer(combine(one.inertia, 1.0, other.inertia), combine(one.coupling, 1.0, other.coupling),
-                  combine(one.mass, 1.0, other.mass), columns)
-
-
-def _through_joint(link: Link, frame: Frame, answer: Answer, efforts: Vector | None) -> tuple[Vector, Answer]:
-    """The stages of a joint in the order of their elimination, and the reduced answer at its point."""
-    stages: Vector = []
-    if link.turn == FREE:
-        turn, answer = _free_turn(answer)
-        stages.append(turn)
-    if link.shift in ("sphere", "free"):
-        rod, answer = _rod(link, frame, answer)
-        stages.append(rod)
-    elif frame.columns:
-        armature = () if link.joint is None else link.joint.armature
-        taken, answer = _eliminate(answer, frame.columns, (frame.spin_bias, frame.shift_bias), efforts, armature)
-        stages.append(taken)
-    return stages, answer
-
-
-def _prescribed(frame: Frame, answer: Answer, rate: Number) -> tuple[Vector, Answer]:
-    """The stage and the reduced answer of a joint whose coordinate has a given second derivative."""
-    turn, shift = frame.columns[0]
-    taken = Prescribed(rate, add(frame.spin_bias, scale(rate, turn)), add(frame.shift_bias, scale(rate, shift)))
-    tau, f = answer.times(taken.alpha, taken.A)
-    first = (add(answer.columns[0][0], tau), add(answer.columns[0][1], f))
-    return [taken], Answer(answer.inertia, answer.coupling, answer.mass, [first, *answer.columns[1:]])
-
-
-def _free_turn(answer: Answer) -> tuple[tuple[Number, ...], Answer]:
-    """Eliminate a free turn: no torque at the reference point gives alpha = -(rest + coupling A)."""
-    factors = factor_symmetric(answer.inertia)
-    rest = [solve_factored(factors, tau) for tau, _ in answer.columns]
-    solved = transpose([solve_factored(factors, column) for column in transpose(answer.coupling)])
-    columns = [(ZERO, add(f, scale(-1.0, apply_transposed(answer.coupling, part))))
-               for (_, f), part in zip(answer.columns, rest, strict=True)]
-    mass = combine(answer.mass, -1.0, multiply(transpose(answer.coupling), solved))
-    return (rest, solved), Answer(NONE, NONE, mass, columns)
-
-
-def _eliminate(answer: Answer, motions: Vector, bias: tuple[Number, ...],
-               efforts: Vector | None, armature: tuple[float, ...] = ()) -> tuple[Eliminated, Answer]:
-    """Eliminate motions (angular, linear) of a joint; `bias` are the accelerations at constant speeds.
-
-    `armature` is the rotor inertia of each motion.
-    """
-    Y = [answer.times(*motion) for motion in motions]
-    matrix = [[dot(turn, y[0]) + dot(shift, y[1]) for y in Y] for turn, shift in motions]
-    for k, rotor in enumerate(armature):
-        matrix[k][k] = matrix[k][k] + rotor
-    factors = factor_symmetric(matrix)
-    Z: list[tuple[Vector, Vector]] = [([], []) for _ in motions]
-    for part in range(2):
-        for entries in zip(*(y[part] for y in Y), strict=True):
-            for z, value in zip(Z, solve_factored(factors, list(entries)), strict=True):
-                z[part].append(value)
-    biased = answer.times(*bias)
-    columns, rests = [], []
-    for k, (tau, f) in enumerate(answer.columns):
-        if k == 0:
-            tau, f = add(tau, biased[0]), add(f, biased[1])
-        power = [dot(turn, tau) + dot(shift, f) for turn, shift in motions]
-        if efforts is not None:
-            power = add(power, scale(-1.0, efforts[k]))
-        rest = solve_factored(factors, power)
-        rests.append(rest)
-        for part, y in zip(rest, Y, strict=True):
-            tau, f = add(tau, scale(-part, y[0])), add(f, scale(-part, y[1]))
-        columns.append((tau, f))
-    inertia, coupling, mass = answer.inertia, answer.coupling, answer.mass
-    for y, z in zip(Y, Z, strict=True):
-        inertia = combine(inertia, -1.0, outer(y[0], z[0]))
-        coupling = combine(coupling, -1.0, outer(y[0], z[1]))
-        mass = combine(mass, -1.0, outer(y[1], z[1]))
-    return Eliminated(motions, bias, Z, rests), Answer(inertia, coupling, mass, columns)
-
-
-def _rod(link: Link, frame: Frame, answer: Answer) -> tuple[Rod, Answer]:
-    """Eliminate a rod or a free translation, after the free turn."""
-    factors = factor_symmetric(answer.mass)
-    if link.shift == "free":
-        return Rod(factors, answer.columns), Answer(NONE, NONE, NONE, [(ZERO, ZERO) for _ in answer.columns])
-    e = scale(1.0 / link.length, apply_transposed(frame.turn, frame.rod))
-    solved = solve_factored(factors, e)
-    stiffness = 1.0 / dot(e, solved)
-    loads = [stiffness * dot(solved, f) for _, f in answer.columns]
-    loads[0] = loads[0] - stiffness * dot(frame.shifting, frame.shifting) / link.length
-    columns = [(ZERO, scale(load, e)) for load in loads]
-    return (Rod(factors, answer.columns, e, stiffness, loads),
-            Answer(NONE, NONE, outer(scale(stiffness, e), e), columns))
-
-
-def _carried(passed: Answer, frame: Frame, inner: Frame, link: Link) -> Answer:
-    """The answer in the inner body's axes, at its reference point."""
-    inertia, mass = congruent(frame.turn, passed.inertia), congruent(frame.turn, passed.mass)
-    coupling = multiply(multiply(frame.turn, passed.coupling), transpose(frame.turn))
-    arm = hat(frame.arm)
-    drag = _drag(link, frame, inner)
-    drawn = (apply(coupling, drag), apply(mass, drag))
-    columns = []
-    for k, (tau, f) in enumerate(passed.columns):
-        tau, f = apply(frame.turn, tau), apply(frame.turn, f)
-        if k == 0:
-            tau, f = add(tau, drawn[0]), add(f, drawn[1])
-        columns.append((add(tau, cross(frame.arm, f)), f))
-    twisted, moved = multiply(coupling, arm), multiply(arm, mass)
-    inertia = combine(combine(inertia, -1.0, multiply(moved, arm)), -1.0,
-                      combine(twisted, 1.0, transpose(twisted)))
-    return Answer(inertia, combine(coupling, 1.0, moved), mass, columns)
+def _motions(link: Link, frame: Frame) -> np.ndarray:
+    """S (6, k): the accelerations by unit derivatives of the joint's speeds."""
+    columns = [*ANGULAR.T] if link.turn == FREE else []
+    columns += [[*turn, *shift] for turn, shift in frame.columns]
+    columns += [*LINEAR.T] if link.shift == "free" else []
+    return _table(columns).T if columns else np.zeros((6, 0), object)
 
 
 def _drag(link: Link, frame: Frame, inner: Frame) -> Vector:
@@ -322,26 +185,39 @@ def _drag(link: Link, frame: Frame, inner: Frame) -> Vector:
     return add(drag, scale(2.0, cross(inner.w, frame.shifting)))
 
 
-def _outward(link: Link, frames: dict[int, Frame], stages: Vector, column: int, alpha: Vector,
-             A: Vector) -> tuple[Vector, Vector, Vector]:
-    """alpha, A and the derivatives of the speeds of a body from the accelerations of its inner one."""
-    frame, inner = frames[link.body], frames[link.parent]
-    at_joint = add(A, cross(alpha, frame.arm))
-    if column == 0 and link.parent != GROUND:
-        at_joint = add(at_joint, _drag(link, frame, inner))
-    A = apply_transposed(frame.turn, at_joint)
-    if link.turn != FREE:
-        alpha = apply_transposed(frame.turn, alpha)
-        if not stages:
-            return alpha, A, []
-        du, alpha, A = stages[0].forward(column, alpha, A)
-        return alpha, A, du
-    du = []
-    if isinstance(stages[-1], Eliminated):
-        du, _, A = stages[-1].forward(column, ZERO, A)
-    elif isinstance(stages[-1], Rod):
-        A = stages[-1].forward(column, alpha, A)
-        du = scale(1.0 / link.length, add(apply(frame.turn, A), scale(-1.0, at_joint)))
-    rest, coupling = stages[0]
-    alpha = scale(-1.0, add(rest[column], apply(coupling, A)))
-    return alpha, A, [*alpha, *du]
+def _bias(link: Link, frame: Frame, inner: Frame) -> np.ndarray:
+    """c (6,): the acceleration at constant speeds, beyond the one carried along, own axes."""
+    spin = np.zeros(3) if link.turn == FREE else frame.spin_bias
+    drag = np.zeros(3) if link.parent == GROUND else apply_transposed(frame.turn, _drag(link, frame, inner))
+    return np.asarray(_table([[*spin, *add([*drag], frame.shift_bias)]])[0])
+
+
+def _eliminated(link: Link, H: np.ndarray, p: np.ndarray, S: np.ndarray, efforts: Vector | None
+                ) -> tuple[Elimination, np.ndarray, np.ndarray]:
+    """That of the motions S under efforts along them and with the joint's rotors, and what is left of H and p."""
+    if not S.shape[1]:
+        return (S, np.zeros((0, 6), object), np.zeros((0, p.shape[1]), object)), H, p
+    U = H @ S
+    D, power = S.T @ U, -(S.T @ p)
+    first = 3 if link.turn == FREE else 0  # the motions of angles and displacements come after a free turn
+    for k, rotor in enumerate(() if link.joint is None else link.joint.armature):
+        D[first + k, first + k] = D[first + k, first + k] + rotor
+    if efforts is not None and link.scalars:
+        power[first:] = power[first:] + _table(efforts).T
+    factors = factor_symmetric(_symmetric(D).tolist())
+    solved = _table([solve_factored(factors, [*column]) for column in np.concatenate([U.T, power], axis=1).T]).T
+    gain, rest = solved[:, :6], solved[:, 6:]
+    H, p = _symmetric(H - U @ gain), p + U @ rest
+    if link.turn == FREE:  # it transmits no torque
+        H[:3], H[:, :3], p[:3] = 0.0, 0.0, 0.0
+    return (S, gain, rest), H, p
+
+
+def _carried(frame: Frame, H: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """P T H T^T P^T and P T p."""
+    R, arm = _table(frame.turn), _table(hat(frame.arm))
+    inertia, coupling, mass = (R @ part @ R.T for part in (H[:3, :3], H[:3, 3:], H[3:, 3:]))
+    twisted, moved, f = coupling @ arm, arm @ _symmetric(mass), R @ p[3:]
+    carried = np.block([[inertia - moved @ arm - twisted - twisted.T, coupling + moved], [mass, mass]])
+    return _symmetric(carried), np.concatenate([R @ p[:3] + arm @ f, f])
+

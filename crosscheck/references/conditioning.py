@@ -9,6 +9,7 @@ import numpy as np
 
 from crosscheck.references.base import scene_length
 from crosscheck.references.generic import quaternion_product
+from crosscheck.references.joint_motion import COORDINATES
 from crosscheck.references.maximal import Maximal
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree import FREE
@@ -37,8 +38,8 @@ class Conditioning:
 def measure(integrator: Taylor) -> Conditioning:
     """Perturb the initial state along every direction of its manifold and take the worst combination.
 
-    Attitudes, joint angles and rods are perturbed by angles (rad), displacements by lengths, their rates in units of
-    the rate max(|w0|, sqrt(g / length)) and of length times this rate. With loops, only combinations that keep the rows
+    Attitudes and joint angles are perturbed by angles (rad), displacements by lengths, their rates in units of the
+    rate max(|w0|, sqrt(g / length)) and of length times this rate. With loops, only combinations that keep the rows
     closed count. Derivatives are differences of runs; growth beyond 1e10 saturates. With more than SAMPLES directions
     the root of the sum of squares over all of them is estimated instead, which is no less than the worst.
     """
@@ -140,8 +141,7 @@ def _units(integrator: Taylor, length: float) -> np.ndarray:
     units: list[float] = []
     for factor in (1.0, rate):
         for link in integrator.tree.by_body:
-            shifts = {"none": 0, "line": 1, "plane": 2, "sphere": 2, "free": 3}[link.shift]
-            units += link.turn * [factor] + shifts * [factor if link.shift == "sphere" else factor * length]
+            units += link.turn * [factor] + COORDINATES[link.shift] * [factor * length]
     return np.array(units)
 
 
@@ -149,7 +149,7 @@ def _moved(integrator: Taylor, step: np.ndarray) -> np.ndarray:
     """The initial state after a small step on its manifold.
 
     Entries of a step: for each link in the order of bodies, then again for the speeds, three small angles of a free
-    turn or the changes of its angles, and the changes of displacements, or two small angles of a rod.
+    turn or the changes of its angles, and the changes of displacements.
     """
     tree, state, entries = integrator.tree, integrator.initial.copy(), iter(step)
     for table in (tree.coordinates, tree.speeds):
@@ -163,24 +163,9 @@ def _moved(integrator: Taylor, step: np.ndarray) -> np.ndarray:
             else:
                 state[place:place + link.turn] += _taken(entries, link.turn)
                 place += link.turn
-            if link.shift == "sphere":
-                _swing(state, tree.coordinates[link.body].stop - 3, tree.speeds[link.body].stop - 3,
-                       _taken(entries, 2), table is tree.speeds)
-            else:
-                state[place:at.stop] += _taken(entries, at.stop - place)
+            state[place:at.stop] += _taken(entries, at.stop - place)
     integrator.follow_angles(state)
     return state
-
-
-def _swing(state: np.ndarray, direction: int, rate: int, change: np.ndarray, speeds: bool) -> None:
-    """Turn a rod and its rate by two small angles across it, or change its rate by two components across it."""
-    e = state[direction:direction + 3].copy()
-    across = np.linalg.svd(e[None])[2][1:]
-    if speeds:
-        state[rate:rate + 3] += change @ across
-        return
-    for first in (direction, rate):
-        state[first:first + 3] += np.cross(change @ across, state[first:first + 3])
 
 
 def _taken(entries: Iterator[float], count: int) -> np.ndarray:

@@ -40,11 +40,6 @@ def cross(a: Sequence[Number], b: Sequence[Number]) -> Vector:
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
-def outer(a: Vector, b: Vector) -> Matrix:
-    """a b^T"""
-    return [[x * y for y in b] for x in a]
-
-
 def hat(a: Vector) -> Matrix:
     """The matrix of a x (.)"""
     return [[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]]
@@ -68,18 +63,6 @@ def apply_transposed(matrix: Matrix, vector: Sequence[Number]) -> Vector:
 def multiply(a: Matrix, b: Matrix) -> Matrix:
     """Product of two 3x3 matrices."""
     return transpose([apply(a, column) for column in transpose(b)])
-
-
-def combine(a: Matrix, factor: float, b: Matrix) -> Matrix:
-    """a + factor b of 3x3 matrices, factor a float."""
-    return [[x + factor * y for x, y in zip(row_a, row_b, strict=True)] for row_a, row_b in zip(a, b, strict=True)]
-
-
-def congruent(rotation: Matrix, symmetric: Matrix) -> Matrix:
-    """rotation symmetric rotation^T; the lower half is mirrored, which keeps symbolic results small."""
-    half = multiply(rotation, symmetric)
-    upper = {(i, j): dot(half[i], rotation[j]) for i in range(3) for j in range(i, 3)}
-    return [[upper[min(i, j), max(i, j)] for j in range(3)] for i in range(3)]
 
 
 def factor_symmetric(s: Matrix) -> Factors:

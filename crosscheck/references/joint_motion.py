@@ -5,7 +5,6 @@ Coordinates and speeds of a link, turn before shift:
     turn free      unit quaternion of the body in the world; its angular velocity, body axes
     turn 0, 1, 2   angles from the start about the link's axes; their rates
     shift on line, plane    displacements along the link's directions; their rates
-    shift on sphere         unit vector along the rod, inner body's axes; its rate as seen from there
     shift free              centre of mass and its velocity, world
 
 With these no position of a joint is singular, except a universal joint with parallel arms, which its row excludes.
@@ -38,7 +37,7 @@ from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternio
 
 ZERO = [0.0, 0.0, 0.0]
 IDENTITY = [1.0, 0.0, 0.0, 0.0]
-COORDINATES = {"none": 0, "line": 1, "plane": 2, "sphere": 3, "free": 3}  # of shifts; as many speeds
+COORDINATES = {"none": 0, "line": 1, "plane": 2, "free": 3}  # of shifts; as many speeds
 
 
 @dataclasses.dataclass
@@ -46,17 +45,16 @@ class Frame:
     """Pose and motion of a body; vectors in its own axes unless stated otherwise.
 
     `q`: attitude in the world. `turn`: matrix from own to inner axes. `lever`: from the reference point to the centre
-    of mass. `arm`: from the inner body's reference point to the joint's point (inner axes). `rod`: from one end of a
-    rod to the other (inner axes). With speeds: `w`, the angular velocity; `shifting`, the rate of the shift, in inner
-    axes or, if outward, in own axes; `columns`, the (angular, linear) velocities for unit speeds of the joint;
-    `spin_bias`, `shift_bias`, their accelerations at constant speeds.
+    of mass. `arm`: from the inner body's reference point to the joint's point (inner axes). With speeds: `w`, the
+    angular velocity; `shifting`, the rate of the shift, in inner axes or, if outward, in own axes; `columns`, the
+    (angular, linear) velocities for unit speeds of the joint; `spin_bias`, `shift_bias`, their accelerations at
+    constant speeds.
     """
 
     q: list[Number]
     turn: list[Number]
     lever: list[Number]
     arm: list[Number]
-    rod: list[Number] = dataclasses.field(default_factory=lambda: ZERO)
     w: list[Number] = dataclasses.field(default_factory=lambda: ZERO)
     shifting: list[Number] = dataclasses.field(default_factory=lambda: ZERO)
     columns: list[Number] = dataclasses.field(default_factory=list)
@@ -92,14 +90,13 @@ class Tree:
 
     def coordinates_of(self, member: Scene) -> tuple[np.ndarray, Tree]:
         """The state vector of the start of a scene of the same structure, with the turns of hinges; and its tree."""
-        own, joints = Tree(member, self.links), {joint.name: joint for joint in member.joints}
+        own = Tree(member, self.links)
         state = own.initial()
         for link in self.links:
             if link.turn in (1, 2) and link.joint is not None:
-                place = slice(first := self.coordinates[link.body].start, first + link.turn)
-                turns = own.start_angles(link, joints[link.joint.name]) - self.start_angles(link)
-                angles = np.array(_angles(link.axes, self.kept[link.body], own.kept[link.body]))
-                state[place] = angles + 2 * np.pi * np.round((turns - angles) / (2 * np.pi))
+                first = self.coordinates[link.body].start
+                state[first:first + link.turn] = own.start_angles(
+                    link, member.joint(link.joint.name)) - self.start_angles(link)
         return state, own
 
     def start_angles(self, link: Link, joint: Joint | None = None) -> np.ndarray:
@@ -137,17 +134,14 @@ class Tree:
             if link.turn:
                 relative = quaternion_product(relative, turn_about(link.axes[-1], turn[-1]))
             q = quaternion_product(inner.q, relative)
-        moved = ZERO
-        if link.shift in ("line", "plane"):
-            moved = add(*(scale(s, direction) for s, direction in zip(shift, link.directions, strict=True)))
-        elif link.shift in ("sphere", "free"):
-            moved = scale(link.length, shift)
+        moved = shift if link.shift == "free" else add(ZERO, *(
+            scale(s, direction) for s, direction in zip(shift, link.directions, strict=True)))
         arm, point = add(inner.lever, link.inner_anchor), link.outer_anchor
         if link.outward:
             point = add(point, moved)
         else:
             arm = add(arm, moved)
-        return Frame(q, rotation(relative), scale(-1.0, point), arm, moved)
+        return Frame(q, rotation(relative), scale(-1.0, point), arm)
 
     def _set_in_motion(self, link: Link, state: Sequence[Number], frame: Frame, inner: Frame) -> None:
         turning, shifting = self.split(link, state, self.speeds)
@@ -163,8 +157,8 @@ class Tree:
             frame.w = add(carried, spin)
             frame.spin_bias = add(frame.spin_bias, cross(carried, spin))
             frame.columns = [(axis, ZERO) for axis in axes]
-        if link.shift in ("sphere", "free"):
-            frame.shifting = scale(link.length, shifting)
+        if link.shift == "free":
+            frame.shifting = shifting
         elif link.shift != "none":
             frame.shifting = add(*(scale(s, direction)
                                    for s, direction in zip(shifting, link.directions, strict=True)))
@@ -208,12 +202,7 @@ class Tree:
         else:
             gap = R_in.T @ gap
             rate = R_in.T @ rate - np.cross(w_in, gap)
-        if link.shift == "sphere":
-            length = np.linalg.norm(gap)
-            e = gap / length
-            shift, shifting = e, (rate - (rate @ e) * e) / link.length
-        else:
-            shift, shifting = (np.array(link.directions).reshape(-1, 3) @ value for value in (gap, rate))
+        shift, shifting = (np.array(link.directions).reshape(-1, 3) @ value for value in (gap, rate))
         return np.concatenate([turn, shift]), np.concatenate([turning, shifting])
 
     def world(self, frames: dict[int, Frame], moving: bool = True) -> dict[int, tuple[Number, Number, Number]]:

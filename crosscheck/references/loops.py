@@ -241,7 +241,7 @@ def linear_relations(tree: Tree, gaps: Callable[[np.ndarray], tuple[np.ndarray, 
     Parallelograms have one: their angles keep fixed ratios, even through positions where the loop rows lose rank. To
     find out, coordinates move by order one along the directions that keep the rows closed to first order at the start.
     """
-    if any(link.turn == FREE or link.shift in ("sphere", "free") for link in tree.links):
+    if any(link.turn == FREE for link in tree.links):
         return None
     count = tree.size // 2
     still = np.concatenate([initial[:count], np.zeros(len(initial) - count)])

@@ -287,7 +287,7 @@ def _powers(nodes: int) -> np.ndarray:
 
 def fastest(scene: Scene) -> float:
     """Rate (1/s) of the fastest decay or oscillation of a scene with springs, at its start; 0 without springs."""
-    if not any(force.type.endswith("spring") for force in scene.loads):
+    if not any(force.is_spring for force in scene.loads):
         return 0.0
     equations = Maximal(scene.lawless)
     y = equations.begin.state

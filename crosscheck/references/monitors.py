@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck.references.modes import Law, Mode
 from crosscheck.references.pieces import NODE_PLACES, first_crossing
-from crosscheck.scene.functions import at
+from crosscheck.references.tree_loads import slope
 from crosscheck.scene.touching import Touching
 
 STEEPER = 4.0
@@ -35,10 +35,9 @@ class Monitors:
 
     def __init__(self, series: Any) -> None:
         self.series, scene = series, series.scene
-        joints = {joint.name: joint for joint in scene.joints}
         self.watched = [each for each in scene.monitors if each.joint is not None]
-        self.places = [series.place(Law(joints[each.joint], joints[each.joint].type == "revolute", None, None, None))
-                       for each in self.watched]
+        joints = [scene.joint(each.joint) for each in self.watched]
+        self.places = [series.place(Law(joint, joint.type == "revolute", None, None, None)) for joint in joints]
         self.touching = Touching(scene) if len(self.watched) < len(scene.monitors) else None
 
     def first(self, mode: Mode, length: float, states: Callable[[np.ndarray], np.ndarray],
@@ -77,8 +76,8 @@ class Monitors:
         """What the actuators of a joint give."""
         total = np.zeros(len(t))
         for force in self.series.scene.forces:
-            if force.joint == joint and force.type.startswith("joint_"):
-                total = total + at(force.parameters["torque" if force.type == "joint_torque" else "force"], t)
+            if force.joint == joint and force.is_motor and not force.law.has_modes:
+                total = total - slope(force.law.potential(force.at(t)), q)
         for i, (law, part) in enumerate(zip(self.series.laws, mode, strict=True)):
             if law.joint.name == joint and law.servo is not None:
                 if law.servo.period is not None:

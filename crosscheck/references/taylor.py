@@ -18,11 +18,11 @@ import numpy as np
 from crosscheck.errors import Unsupported
 from crosscheck.references import loops
 from crosscheck.references.articulated import accelerations, centripetal
-from crosscheck.references.base import LONGEST, End, Piece, TruthError
+from crosscheck.references.base import LONGEST, End, Piece, Series, TruthError
 from crosscheck.references.generic import ByBody, Matrix, Number, Vector, add, cross, scale
 from crosscheck.references.joint_motion import ZERO, Tree, joint_angles
 from crosscheck.references.tree import FREE, unfold
-from crosscheck.references.tree_loads import Loads, angle_rate, start_angle, tree_angle
+from crosscheck.references.tree_loads import Loads, angle_rate
 from crosscheck.scene.functions import TimeFunction, Value, at
 from crosscheck.scene.model import Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
@@ -152,9 +152,8 @@ class Taylor:
         placed = tree.world(frames) if self.cuts or self.closing or self.scene.loads else {}
         loads = Loads(tree, frames, placed, value)
         for force in self.scene.loads:
-            if force.type == "servo":
-                continue
-            loads.add(force, self._angle(force.joint if force.type == "torsional_spring" else None, state))
+            if not force.law.has_modes:
+                loads.add(force, self._angle(force.joint if force.law.measure == "angle" else None, state))
         rows = [loops.row(cut, loads) for cut in self.cuts]
         units = [loops.unit_wrenches(row, loads) for row in rows]
         efforts = None
@@ -182,14 +181,16 @@ class Taylor:
                 [[*line, *more] for line, more in zip(S, across, strict=True)] + [line[1:] for line in along])
 
     def _angle(self, name: str | None, state: Sequence[Number]) -> Number:
-        """Angle of the joint of that name; None if `name` is None."""
+        """Angle of the joint of that name from the shortest turn of its axis; None if `name` is None."""
         if name is None:
             return None
-        joint = next(joint for joint in self.scene.joints if joint.name == name)
-        place = next((place for place, (each, _) in enumerate(self.closing) if each is joint), None)
-        if place is not None:
-            return state[self.tree.size + place]
-        return tree_angle(joint, self.tree, state)
+        joint = self.scene.joint(name)
+        for place, (each, _) in enumerate(self.closing):
+            if each is joint:
+                return state[self.tree.size + place] + joint.zero_angle
+        link = next(link for link in self.tree.links if link.joint is joint)
+        turned = self.tree.split(link, state, self.tree.coordinates)[0][0]
+        return turned + float(joint_angles(joint, self.tree.start)[0]) + joint.zero_angle
 
     def _solved(self, state: Sequence[Number], value: Callable[[Value], Number]
                 ) -> tuple[Loads, ByBody, ByBody, ByBody]:
@@ -237,13 +238,9 @@ class Taylor:
         return np.concatenate([state, self._closing_angles(own.start, {joint.name: joint for joint in member.joints})])
 
     def _closing_angles(self, q: dict[int, list[Number]], joints: Mapping[str, Joint] | None = None) -> list[float]:
-        """Angles of hinges and crosses that close loops at attitudes q; `joints`: others in their place, by name.
-
-        Those of a hinge count from the shortest turn, of a cross from its zero.
-        """
-        at_zero = ((joints[joint.name] if joints else joint, k) for joint, k in self.closing)
-        return [float(joint_angles(joint, q)[k]) if joint.type == "universal" else start_angle(joint, q)
-                for joint, k in at_zero]
+        """Angles of hinges and crosses that close loops at attitudes q; `joints`: others in their place, by name."""
+        angles = [joint_angles(joints[joint.name] if joints else joint, q) for joint, _ in self.closing]
+        return [float(each[min(k, len(each) - 1)]) for each, (_, k) in zip(angles, self.closing, strict=True)]
 
     def follow_angles(self, state: np.ndarray) -> None:
         """Set the angles of hinges that close loops to those of a configuration near the start."""
@@ -277,24 +274,10 @@ class Taylor:
 
     def run(self, initial: np.ndarray | None = None, times: np.ndarray | None = None) -> np.ndarray:
         """State vectors (T, dimension) at `times`, by default the scene's output times, from `initial` at the first."""
-        integrator = self._integrator
         times = self.scene.t if times is None else times
-        integrator.time = times[0]
-        integrator.state[:] = self.initial if initial is None else initial
-        states = np.empty((len(times), len(self.initial)))
-        states[0] = integrator.state
-        stops = np.array([*(t for t in self.scene.knots if t < times[-1]), times[-1]])
-        self._set_pieces(times[0])
-        while integrator.time < times[-1]:
-            reached = int(np.searchsorted(times, integrator.time, side="right"))
-            stop = stops[np.searchsorted(stops, integrator.time, side="right")]
-            self._step(stop)
-            if integrator.time >= stop:
-                self._set_pieces(stop)
-            for k in range(reached, int(np.searchsorted(times, integrator.time, side="right"))):
-                integrator.update_d_output(times[k])
-                states[k] = integrator.d_output
-        return states
+        start = self.initial if initial is None else initial
+        pieces, _ = self.advance(End(start, float(times[0])), float(times[-1]))
+        return Series(pieces)(times) if pieces else np.tile(start, (len(times), 1))
 
     def _step(self, end: float) -> None:
         """One step, at most `safe_step` long; heyoka's own choice uses only two coefficients."""
@@ -321,13 +304,9 @@ class Taylor:
         return states
 
     def _unit_vectors(self) -> list[slice]:
-        """Slices of the quaternions and directions in a state vector."""
-        units = []
-        for link in self.tree.links:
-            first, end = self.tree.coordinates[link.body].start, self.tree.coordinates[link.body].stop
-            units += [slice(first, first + 4)] if link.turn == FREE else []
-            units += [slice(end - 3, end)] if link.shift == "sphere" else []
-        return units
+        """Slices of the quaternions in a state vector."""
+        firsts = (self.tree.coordinates[link.body].start for link in self.tree.links if link.turn == FREE)
+        return [slice(first, first + 4) for first in firsts]
 
     def _checked(self, states: np.ndarray) -> np.ndarray:
         """State vectors with their unit vectors at unit length, (T, dimension)."""
@@ -377,8 +356,6 @@ class Taylor:
                 angle = place[column] + states[:, self.tree.coordinates[links[name].body].start + column]
             else:
                 angle = states[:, self.tree.size + self.closing.index((joints[name], k))]
-                if joints[name].type != "universal":
-                    angle = angle - joints[name].zero_angle
             columns.append(angle)
         return np.array(columns).reshape(-1, len(states)).T
 

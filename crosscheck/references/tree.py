@@ -2,7 +2,7 @@
 
 Every joint is a product of two motions of its outer body, the one farther from the ground: a turn (none, about one
 axis, about two, free) and a shift of the joint's point relative to the inner body (none, along directions of the inner
-body, along directions of the outer body, on a sphere, free).
+body, along directions of the outer body, free).
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from crosscheck.scene.model import GROUND, Joint, Scene
 
 TURNS = {"prismatic": 0, "fixed": 0, "revolute": 1, "cylindrical": 1, "planar": 1, "universal": 2}  # else free
 SHIFTS = {"cylindrical": "line", "prismatic": "line", "point_on_line": "line", "planar": "plane",
-          "point_on_plane": "plane", "distance": "sphere"}  # else none
+          "point_on_plane": "plane"}  # else none
 FREE = 3
-CONTACTS = ("knife_edge", "rolling_disk", "rolling_sphere")  # rows of velocities, which no coordinates stand for
+ROWS = ("distance", "knife_edge", "rolling_disk", "rolling_sphere")  # which no coordinates stand for
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,10 +36,9 @@ class Link:
     outer_anchor: list[float]  # from this body's centre of mass, its axes
     turn: int  # degrees of freedom
     axes: tuple[list[float], ...]  # of the turn: the last in this body's axes; of two, the first in the inner body's
-    shift: str  # none, line, plane, sphere, free
+    shift: str  # none, line, plane, free
     outward: bool  # the directions of the shift are fixed in this body
     directions: tuple[list[float], ...]  # of a shift on a line or plane
-    length: float  # of a rod
     joint: Joint | None
 
     @property
@@ -51,21 +50,21 @@ class Link:
 def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
     """The links of a scene, inner bodies before outer ones, and the joints that close loops."""
     links: dict[int, Link] = {}
-    unused = [joint for joint in scene.joints if joint.type not in CONTACTS]
+    unused = [joint for joint in scene.joints if joint.type not in ROWS]
     _grow(scene, GROUND, links, unused)
     for body in range(scene.n):
         if body not in links:
             record = scene.bodies[body]
             links[body] = Link(body, GROUND, float(record.mass), record.inertia.tolist(), [0.0] * 3, [0.0] * 3, FREE,
-                               (), "free", False, (), 1.0, None)
+                               (), "free", False, (), None)
             _grow(scene, body, links, unused)
-    return tuple(links.values()), (*unused, *(joint for joint in scene.joints if joint.type in CONTACTS))
+    return tuple(links.values()), (*unused, *(joint for joint in scene.joints if joint.type in ROWS))
 
 
 def bound(scene: Scene, joint: Joint) -> bool:
     """Whether the joint has to be in the tree: its coordinate has inertia or laws, follows another one or leads it."""
     return (any(joint.armature) or any(joint.dry_friction) or any(joint.limits) or joint.mimic is not None
-            or any(force.type == "servo" and force.joint == joint.name for force in scene.forces)
+            or any(name == joint.name for name, _ in scene.servos.values())
             or any(each.mimic is not None and each.mimic.joint == joint.name for each in scene.joints))
 
 
@@ -113,4 +112,4 @@ def _link(scene: Scene, joint: Joint, inner: int, outer: int) -> Link:
         directions = [guide] if shift == "line" else [*np.linalg.svd(guide[None])[2][1:]]
     return Link(outer, inner, float(record.mass), record.inertia.tolist(), anchors[0], anchors[1], turn,
                 tuple(axis.tolist() for axis in turn_axes), shift, outward,
-                tuple(direction.tolist() for direction in directions), joint.length or 1.0, joint)
+                tuple(direction.tolist() for direction in directions), joint)

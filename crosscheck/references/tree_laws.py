@@ -22,11 +22,11 @@ import numpy as np
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import LONGEST, End, Piece, Series, TruthError, polynomial, rounding
 from crosscheck.references.generic import Matrix, Number, Vector
+from crosscheck.references.joint_motion import joint_angles
 from crosscheck.references.modes import AfterEvent, Law, Machine, Mode, Part, laws_of
 from crosscheck.references.monitors import Monitors
 from crosscheck.references.pieces import Crossing, Label, Values, first_crossing
 from crosscheck.references.taylor import SOURCE, Taylor
-from crosscheck.references.tree_loads import coordinate_angle
 from crosscheck.scene.functions import Value, at
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -78,12 +78,7 @@ class LawfulTaylor(Taylor):
         coordinate, speed = self.tree.coordinates[link.body].start + k, self.tree.speeds[link.body].start + k
         if not law.turns:
             return coordinate, speed, 1.0 if joint.child == link.body else -1.0, 0.0
-        return coordinate, speed, 1.0, self._start_of(law)
-
-    def _start_of(self, law: Law) -> float:
-        """The angle at the start, from the joint's reference attitude, with the turns that the scene states."""
-        joint = law.joint
-        return coordinate_angle(joint, self.tree.start)
+        return coordinate, speed, 1.0, float(joint_angles(joint, self.tree.start)[0])
 
     def _unit(self, law: Law, sign: float) -> dict[int, list[float]]:
         """A unit effort of a coordinate, by body, over the angles and displacements of its link."""

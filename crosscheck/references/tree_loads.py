@@ -1,25 +1,25 @@
-"""Springs, dampers and constant loads on a tree, as columns of wrenches on its bodies, over any number type."""
+"""Force laws and loads on a tree, as columns of wrenches on its bodies, over any number type.
+
+What acts along a measure is minus the slopes of its potential and of its dissipation.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import numpy as np
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from crosscheck.references.generic import (
     Number,
     add,
     apply,
     apply_transposed,
-    conjugate,
     cross,
     dot,
-    quaternion_product,
     scale,
     square_root,
 )
-from crosscheck.references.joint_motion import ZERO, Frame, Tree, zero_turn
-from crosscheck.scene.functions import Value
+from crosscheck.references.joint_motion import ZERO, Frame, Tree
+from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.model import Force, Joint
 
 
@@ -55,72 +55,70 @@ class Loads:
         self.push(body, force, add(cross(arm, force), apply_transposed(R, torque)))
 
     def add(self, force: Force, angle: Number) -> None:
-        """Add a force of the scene, or of a joint; `angle` is that of a torsional spring's joint."""
-        p = force.parameters
-        if force.type == "linear_spring":
-            self._linear_spring(force)
-        elif force.type == "torsional_spring":
-            joint = next(joint for joint in self.tree.scene.joints if joint.name == force.joint)
-            size = torsion(p["stiffness"], angle - self.value(p["rest_angle"]), p["damping"],
-                           angle_rate(joint, self.frames, self.placed))
-            axis = apply(self.placed[joint.parent][0], joint.parent_axis.tolist())
-            for body, sign in ((joint.child, 1.0), (joint.parent, -1.0)):
-                self.push(body, ZERO, apply_transposed(self.placed[body][0], scale(sign * size, axis)))
-        elif force.type in ("joint_torque", "joint_force", "slide_spring"):
-            self._along_joint(force)
+        """Add a force of the scene, or of a joint; `angle` is that of its joint, if it has one."""
+        law, p = force.law, {key: self.value(value) if isinstance(value, TimeFunction) else value
+                             for key, value in force.parameters.items()}
+        if law.potential is None:
+            self._load(force, p)
+        elif law.measure == "length":
+            self._between(force, p)
         else:
-            turns = force.type == "constant_torque"
-            vector = [*p["torque" if turns else "force"]]
-            if "factor" in p:
-                vector = scale(self.value(p["factor"]), vector)
-            if p["frame"] == "world":
-                vector = apply_transposed(self.placed[force.child][0], vector)
-            if turns:
-                self.push(force.child, ZERO, vector)
-            else:
-                self.push(force.child, vector, cross([*p["child_point"]], vector))
+            self._along(force, p, angle)
 
-    def _along_joint(self, force: Force) -> None:
-        """A torque about a joint's axis or a force along it, at the child's anchor, and its opposite on the parent."""
-        joint = next(joint for joint in self.tree.scene.joints if joint.name == force.joint)
-        turns, p = force.type == "joint_torque", force.parameters
-        axis = apply(self.placed[joint.parent][0], joint.parent_axis.tolist())
-        place, rate = self.point(joint.child, joint.child_anchor.tolist())
-        if force.type == "slide_spring":  # both anchors lie on the axis
-            start, start_rate = self.point(joint.parent, joint.parent_anchor.tolist())
-            slide, speed = (dot(axis, add(end, scale(-1.0, other))) for end, other in (
-                (place, start), (rate, start_rate)))
-            size = -1.0 * (p["stiffness"] * (slide - p["rest_position"]) + p["damping"] * speed)
+    def _load(self, force: Force, p: dict[str, Any]) -> None:
+        """A force or torque on a body."""
+        body, vector = force.child, scale(p.get("factor", 1.0), p[force.law.measure])
+        if p["frame"] == "world":
+            vector = apply_transposed(self.placed[body][0], vector)
+        if force.law.measure == "torque":
+            self.push(body, ZERO, vector)
         else:
-            size = self.value(p["torque" if turns else "force"])
+            self.push(body, vector, cross([*p["child_point"]], vector))
+
+    def _along(self, force: Force, p: dict[str, Any], angle: Number) -> None:
+        """A torque about a joint's axis or a force along it, at the child's anchor, and its opposite on the parent."""
+        joint = self.tree.scene.joint(force.joint)
+        axis = apply(self.placed[joint.parent][0], joint.parent_axis.tolist())
+        place, speed = self.point(joint.child, joint.child_anchor.tolist())
+        if turns := force.law.measure == "angle":
+            value, rate = angle, angle_rate(joint, self.frames, self.placed)
+        else:  # both anchors lie on the axis
+            start, start_speed = self.point(joint.parent, joint.parent_anchor.tolist())
+            value, rate = (dot(axis, add(end, scale(-1.0, other))) for end, other in (
+                (place, start), (speed, start_speed)))
+        u = value - p[force.law.rest] if force.law.rest else value
+        size = -1.0 * (slope(force.law.potential(p), u) + slope(force.law.dissipation(p), rate))
         along = scale(size, axis)
         for body, vector in ((joint.child, along), (joint.parent, scale(-1.0, along))):
             self.push_at(body, place, *((ZERO, vector) if turns else (vector, ZERO)))
 
-    def _linear_spring(self, force: Force) -> None:
-        p = force.parameters
-        start, start_rate = self.point(force.parent, [*p["parent_point"]])
-        end, end_rate = self.point(force.child, [*p["child_point"]])
+    def _between(self, force: Force, p: dict[str, Any]) -> None:
+        """A force between two points, along d from the parent's to the child's."""
+        law = force.law
+        (start, start_rate), (end, end_rate) = (self.point(body, [*p[point]]) for body, point in (
+            (force.parent, "parent_point"), (force.child, "child_point")))
         d, rate = add(end, scale(-1.0, start)), add(end_rate, scale(-1.0, start_rate))
-        square = dot(d, d)
-        factor = p["stiffness"]
-        if p["free_length"]:  # a spring of free length 0 needs no root and may shrink to length zero
-            factor = factor - p["stiffness"] * p["free_length"] / square_root(square)
-        if p["damping"]:
-            factor = factor + p["damping"] * dot(d, rate) / square
-        pull = spring_pull(factor, d)
-        self.push_at(force.parent, start, pull, ZERO)
-        self.push_at(force.child, end, scale(-1.0, pull), ZERO)
+        square, rest, energy = dot(d, d), p[law.rest], law.potential(p)
+        if rest or any(energy[1::2]):
+            length = square_root(square)
+            factor = slope(energy, length - rest) / length
+        else:  # even powers need no root, and the distance may shrink to zero
+            factor = 2.0 * slope(energy[::2], square)
+        for k, loss in enumerate(law.dissipation(p)):
+            if k and loss:
+                factor = factor + k * loss * dot(d, rate) ** (k - 1) / square ** (0.5 * k)
+        self.push_at(force.parent, start, scale(factor, d), ZERO)
+        self.push_at(force.child, end, scale(-1.0 * factor, d), ZERO)
 
 
-def spring_pull(factor: Number, separation: list[Number]) -> list[Number]:
-    """Force on the parent's end of a spring."""
-    return scale(factor, separation)
-
-
-def torsion(stiffness: float, twist: Number, damping: float, rate: Number) -> Number:
-    """Torque of a torsional spring-damper on the child."""
-    return -1.0 * (stiffness * twist + damping * rate)
+def slope(coefficients: Sequence[Number], u: Number) -> Number:
+    """The derivative of the sum of coefficients[k] u^k."""
+    if len(coefficients) < 2:
+        return 0.0
+    *lower, total = (k * coefficient for k, coefficient in enumerate(coefficients) if k)
+    for coefficient in reversed(lower):
+        total = total * u + coefficient
+    return total
 
 
 def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[Number, Number, Number]],
@@ -132,33 +130,3 @@ def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[N
         return dot(joint.child_axis.tolist(), add(frames[joint.child].w, scale(-1.0, carried)))
     relative = apply_transposed(placed[joint.parent][0], apply(placed[joint.child][0], frames[joint.child].w))
     return dot(axis, add(relative, scale(-1.0, frames[joint.parent].w)))
-
-
-def start_angle(joint: Joint, q: dict[int, list[Number]], zero: list[float] | None = None) -> float:
-    """Angle of a joint's child from its attitude `zero` in the parent, by default the shortest turn.
-
-    It lies in (-pi, pi], or has the turns that the joint's start has.
-    `q`: the quaternions of the bodies. The rotation relative zero^T is about the parent axis: its quaternion is (cos,
-    axis sin) of half the angle.
-    """
-    relative = quaternion_product(conjugate(q[joint.parent]), q[joint.child])
-    turn = quaternion_product(relative, conjugate(zero or zero_turn(joint)))
-    angle = 2 * np.arctan2(np.dot(joint.parent_axis, turn[1:]), turn[0])
-    if joint.start is None:
-        return float(angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi)))
-    begin = joint.start[2 if joint.type == "planar" else 0] + (0.0 if zero else joint.zero_angle)
-    return float(angle + 2 * np.pi * np.round((begin - angle) / (2 * np.pi)))
-
-
-def coordinate_angle(joint: Joint, q: dict[int, list[Number]]) -> float:
-    """The angle of a hinge at the start, from its reference attitude; `q`: the quaternions of the bodies."""
-    zero = None if joint.reference is None else joint.reference.tolist()
-    return start_angle(joint, q, zero or zero_turn(joint))
-
-
-def tree_angle(joint: Joint, tree: Tree, state: Number) -> Number | None:
-    """Angle of a joint of the tree, from its coordinate; None for one that closes a loop."""
-    for link in tree.links:
-        if link.joint is joint:
-            return tree.split(link, state, tree.coordinates)[0][0] + start_angle(joint, tree.start)
-    return None

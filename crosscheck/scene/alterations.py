@@ -14,6 +14,7 @@ import numpy as np
 from crosscheck.errors import CrosscheckError
 from crosscheck.scene.altered import Model, levers
 from crosscheck.scene.functions import TimeFunction
+from crosscheck.scene.laws import FORCE_TYPES
 from crosscheck.scene.model import Force, Joint, Scene
 
 Say = Callable[[np.ndarray], str]
@@ -131,10 +132,10 @@ def alterations(scene: Scene, as_given: bool = False) -> list[Alteration]:
     named += [cause for where, bodies in scopes for cause in _sizes(scene, where, bodies)]
     named += list(_exchanged(scene))
     named += [cause for k in range(len(scene.loads)) for cause in _force(scene, k)]
-    constant = [force.type not in ("servo", *RESTS) and not force.functions for force in scene.loads]
+    constant = [not (force.is_spring or force.law.has_modes or force.functions) for force in scene.loads]
     if sum(constant) > 1:
         named.append(numbered("load", "all constant loads times {}", lambda m, t: m.with_force(
-            None, lambda force: _scaled(force, t) if force.type not in RESTS and not force.functions else {}), 1.0,
+            None, lambda force: _scaled(force, t) if not force.is_spring and not force.functions else {}), 1.0,
             mend="check the loads on their way into the engine", none="load"))
     if any(force.is_spring for force in scene.loads):
         named += list(_every_spring(scene))
@@ -281,7 +282,7 @@ def _force(scene: Scene, k: int) -> Iterator[Alteration]:
         return numbered(kind, f"{where}: {text or key} {{}} instead of {value:.6g}",
                         lambda m, t: m.with_force(k, lambda _: {key: t}), value, mend=mend, target=where, **more)
 
-    if force.type in ("linear_spring", "constant_force"):
+    if force.law.measure in ("length", "force"):
         yield numbered("moment of a force", f"{where}: its moments about the centres of mass times {{}}",
                        lambda m, t: m.replace(levers={**m.levers, k: t}), 1.0, none="moment of a force", target=where,
                        mend="apply the force at its point: it has a moment about the centre of mass")
@@ -289,21 +290,21 @@ def _force(scene: Scene, k: int) -> Iterator[Alteration]:
             "child_point": tuple(each.parameters["child_point"] + t)}), ((0.0,) * 3,), lambda t: f"{where}: its point "
                          f"on body {scene.bodies[force.child].name!r} off by {_vector(t)} m", mend, target=where,
                          alone=True)
-    if force.type in ("constant_force", "constant_torque"):
+    if force.law.effort is None:
         other = "world" if p["frame"] == "body" else "body"
         yield numbered("frame of a load", f"{where}: its components are those of {p['frame']} axes and are taken in "
                        "the other ones", lambda m, _: m.with_force(k, lambda _: {"frame": other}), mend=mend,
                        target=where)
     if force.functions:
         yield from _drive(scene, k, where, mend)
-    elif not force.is_spring and force.type != "servo":
+    elif not force.is_spring and not force.law.has_modes:
         yield numbered("load", f"{where}: factor of the load {{}} instead of 1",
                        lambda m, t: m.with_force(k, lambda each: _scaled(each, t)), 1.0, mend=mend, none="load",
                        target=where)
     if not force.is_spring:
         return
-    rest = RESTS[force.type]
-    unit, value = "rad" if force.type == "torsional_spring" else "m", p[rest]
+    rest = force.law.rest
+    unit, value = "rad" if force.law.measure == "angle" else "m", p[rest]
     stiffness, damping = p["stiffness"], p["damping"]
     if stiffness:
         yield entry("spring stiffness", "stiffness", stiffness, none="missing spring")
@@ -317,8 +318,8 @@ def _force(scene: Scene, k: int) -> Iterator[Alteration]:
     yield entry("damping", "damping", damping, none="missing damper", **named)
 
 
-RESTS = {"linear_spring": "free_length", "slide_spring": "rest_position", "torsional_spring": "rest_angle"}
-"""What a spring of each type calls where it rests."""
+RESTS = tuple(law.rest for law in FORCE_TYPES.values() if law.rest)
+"""What springs call where they rest."""
 
 UNITS = ((0.0, "missing drive"), (-1.0, "sign of a drive"), (math.degrees(1.0), "unit of a drive"),
          (math.radians(1.0), "unit of a drive"))
@@ -360,11 +361,11 @@ def _every_spring(scene: Scene) -> Iterator[Alteration]:
 
     for kind, keys, text, none in (
             ("spring stiffness", ("stiffness",), "stiffness", "missing spring"),
-            ("spring free length", tuple(RESTS.values()), "free length or rest angle", "spring free length"),
+            ("spring free length", RESTS, "free length or rest angle", "spring free length"),
             ("damping", ("damping",), "damping", "missing damper")):
         if any(force.parameters.get(key) for force in scene.loads for key in keys if force.is_spring):
             yield numbered(kind, f"{text} of every spring times {{}}", times(keys), 1.0, mend=EVERY, none=none)
-    linear = [force for force in scene.loads if force.type == "linear_spring"]
+    linear = [force for force in scene.loads if force.law.measure == "length"]
     if any(force.parameters["damping"] for force in linear):
         yield numbered("spring stiffness", "stiffness and damping of all linear springs times {}",
                        times(("stiffness", "damping"), True), 1.0, mend=EVERY, none="missing spring", alone=True)

@@ -158,7 +158,7 @@ class Accelerations:
             f += size * self.friction(scene, at=name)
         for number, factor in m.levers.items():
             force = scene.forces[m.numbers.index(number)] if number in m.numbers else None
-            if force is not None and force.type in ("linear_spring", "constant_force"):
+            if force is not None and force.law.measure in ("length", "force"):
                 states = States(np.broadcast_to(p.t, len(p.x)), p.x, p.R, p.v, p.w)
                 f[:, :, 3:] += (factor - 1.0) * mechanics.force_on_bodies(scene, force, states, p.angles)[:, :, 3:]
         return f

@@ -102,7 +102,6 @@ def rates_of(scene: Scene, combined: np.ndarray | None = None, hinges: np.ndarra
     Hinges with springs are followed from one call to the next, in `hinges` (T, h), or from the scene's start on.
     """
     index1, last = mechanics.Index1(scene), hinges
-    joints = {joint.name: joint for joint in scene.joints}
 
     def rates(t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
         nonlocal last
@@ -110,8 +109,8 @@ def rates_of(scene: Scene, combined: np.ndarray | None = None, hinges: np.ndarra
             last = np.tile(hinge_angles(scene, starting(scene)), (len(x), 1))
         angles = mechanics.torsion_angles(scene, States(np.broadcast_to(t, len(x)), x, R, v, w, hinges=last))
         for name, values in angles.items():
-            last[:, scene.hinges.index((name, joints[name].kind.coordinates.index("turn")))] = (
-                values - joints[name].zero_angle)
+            joint = scene.joint(name)
+            last[:, scene.hinges.index((name, joint.kind.number("angle")))] = values - joint.zero_angle
         a, alpha, _ = index1(x, R, v, w, angles, t, combined=combined)
         return [v, R @ hat(w), a, alpha]
 

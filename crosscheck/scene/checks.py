@@ -15,7 +15,7 @@ from crosscheck.errors import brief
 from crosscheck.scene import coordinates, joint_options, touching
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import joint_types
-from crosscheck.scene.laws import SIZES, Monitor, Shape
+from crosscheck.scene.laws import FORCE_TYPES, SIZES, Monitor, Shape
 from crosscheck.scene.model import GROUND, Body, Force, Joint, LeftOut, Motor, Published, Scene
 from crosscheck.scene.schema import (
     LARGEST,
@@ -23,14 +23,11 @@ from crosscheck.scene.schema import (
     EntryError,
     ForceEntry,
     JointEntry,
-    JointForceEntry,
-    JointTorqueEntry,
     MonitorEntry,
     PublishedEntry,
     SceneEntry,
     ServoEntry,
     ShapeEntry,
-    TorsionalSpringEntry,
     TouchEntry,
     check_named,
     check_not_negative,
@@ -287,21 +284,20 @@ def _forces(bodies: Mapping[str, int], scene: SceneEntry, index: int, force: For
     entry = f"forces[{index}] ({kind})"
     for key in ("stiffness", "damping", "free_length"):
         check_not_negative(f"{entry}: {key}", values.get(key, 0.0))
-    parent = child = joint = None
-    if isinstance(force, TorsionalSpringEntry | JointTorqueEntry | JointForceEntry):
-        slides = isinstance(force, JointForceEntry)
-        joint = _joint_of(f"{entry}: joint", scene, values.pop("joint"), "slides" if slides else "has_angle",
-                          f"it has no {'slide' if slides else 'angle'}").name
+    parent, child, joint, law = None, None, None, FORCE_TYPES[kind]
+    if law.on_joint:
+        joint = _joint_of(f"{entry}: joint", scene, values.pop("joint"), {
+            "slide": "slides", "angle": "has_angle"}.get(law.measure, "has_one"), f"it has no {law.measure}").name
     else:
         child = _body_index(f"{entry}: child", bodies, values.pop("child"), ground=False)
     if "parent" in values:
         parent = _body_index(f"{entry}: parent", bodies, values.pop("parent"), ground=True)
         if parent == child:
             raise EntryError(f"{entry}: child", "joins a body to itself", "name two different bodies")
-    vector = next((key for key in ("force", "torque") if isinstance(values.get(key), tuple)), None)
-    if vector is None:
+    if law.effort is not None:
         return [Force(kind, parent, child, joint, {key: joint_options.function(f"{entry}: {key}", value, scene.duration)
                                                    for key, value in values.items()})]
+    vector = law.measure
     components = [joint_options.function(f"{entry}: {vector}[{k}]", value, scene.duration)
                   for k, value in enumerate(values[vector])]
     constant = tuple(0.0 if isinstance(value, TimeFunction) else value for value in components)
@@ -393,9 +389,10 @@ def _monitor(scene: SceneEntry, index: int, monitor: MonitorEntry) -> Monitor:
     entry = f"monitors[{index}] ({kind})"
     if not isinstance(monitor, TouchEntry):
         joint = _joint_of(f"{entry}: joint", scene, monitor.joint)
-        if kind == "effort" and not any(getattr(force, "joint", None) == joint.name and isinstance(
-                force, ServoEntry | JointTorqueEntry | JointForceEntry) for force in scene.forces):
-            raise EntryError(f"{entry}: joint", f'"{joint.name}" has no servo, joint_torque or joint_force',
+        laws = {each.__struct_config__.tag for each in scene.forces if getattr(each, "joint", None) == joint.name}
+        motors = [name for name, law in FORCE_TYPES.items() if law.on_joint and not law.stores]
+        if kind == "effort" and not laws.intersection(motors):
+            raise EntryError(f"{entry}: joint", f'"{joint.name}" has no {", ".join(motors[:-1])} or {motors[-1]}',
                              "name a joint with an actuator")
         lower, upper = joint_options.range_of(entry, monitor.lower, monitor.upper)
         return Monitor(kind, joint=joint.name, lower=lower, upper=upper)

@@ -86,11 +86,10 @@ class Constraints:
             for basic in basics(joint, attitudes[joint.parent], attitudes[joint.child]):
                 self.m = place(basic, self.m)
             self.rows[joint.name] = slice(first, self.m)
-        named = {joint.name: joint for joint in scene.joints}
         self.followers: list[Follower] = []
         for joint in scene.joints:
             if joint.mimic is not None:
-                leader = named[joint.mimic.joint]
+                leader = scene.joint(joint.mimic.joint)
                 self.followers.append(Follower(self.rows[joint.name].stop - 1, self.m + len(self.followers),
                                                not joint.kind.slides, joint.mimic, leader))
                 place(coordinate(leader), self.followers[-1].leader)
@@ -132,17 +131,15 @@ class Constraints:
 
     def _leaders_near(self, values: np.ndarray) -> np.ndarray:
         """Coordinates of leaders in (-pi, pi], with the turns of their starts."""
-        joints = {joint.name: joint for joint in self.scene.joints}
         for k, follower in enumerate(self.followers):
-            leader = joints[follower.mimic.joint]
+            leader = follower.joint
             if not leader.kind.slides and leader.start is not None:
                 values[:, k] += 2 * np.pi * np.round((leader.start[0] - values[:, k]) / (2 * np.pi))
         return values
 
     def leaders_at(self, states: Motion) -> np.ndarray:
         """Coordinates that others follow, (T, one a mimic), with the whole turns of the states."""
-        joints = {joint.name: joint for joint in self.scene.joints}
-        return np.array([history(self.scene, joints[follower.mimic.joint], states).position
+        return np.array([history(self.scene, follower.joint, states).position
                          for follower in self.followers]).reshape(-1, len(states.t)).T
 
     def _folded(self, values: np.ndarray) -> np.ndarray:
@@ -171,7 +168,7 @@ class Constraints:
         values = np.empty((len(state[0]), self._all_rows))
         for part in self._parts(len(values)):
             x, R, *rates = (each[part] for each in state)
-            full = _with_ground(x), _with_ground(R, np.eye(3)), *(_with_ground(rate) for rate in rates)
+            full = with_ground(x), with_ground(R, np.eye(3)), *(with_ground(rate) for rate in rates)
             for rows, basic in self._basics:
                 values[part, rows] = getattr(basic, quantity)(*full)
         return values
@@ -224,7 +221,7 @@ class Constraints:
 
     def _blocks(self, x: np.ndarray, R: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, Any, np.ndarray]]:
         """(rows (K, r), bodies (K,), the two parts of a `Block`) of all joints."""
-        x, R = _with_ground(x), _with_ground(R, np.eye(3))
+        x, R = with_ground(x), with_ground(R, np.eye(3))
         for rows, basic in self._basics:
             for body, linear, angular in basic.blocks(x, R):
                 yield rows, body, linear, angular
@@ -256,6 +253,6 @@ class Constraints:
         return {name: (force[:, k], torque[:, k]) for k, name in enumerate(names)}
 
 
-def _with_ground(values: np.ndarray, ground: np.ndarray = _ZERO) -> np.ndarray:
+def with_ground(values: np.ndarray, ground: np.ndarray = _ZERO) -> np.ndarray:
     """`values` with the ground as one more body at the end, where its index -1 finds it."""
     return np.concatenate([values, np.broadcast_to(ground, (len(values), 1, *ground.shape))], axis=1)

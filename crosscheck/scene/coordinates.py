@@ -134,7 +134,7 @@ def offset_from_half_turn(scene: Scene, joint: Joint) -> float:
     """Offset of the joint's mimic where the angle of the other joint counts from (-pi, pi] at the start."""
     assert joint.mimic is not None
     position, _ = at_start(scene)[joint.mimic.joint]
-    leader = next(each for each in scene.joints if each.name == joint.mimic.joint)
+    leader = scene.joint(joint.mimic.joint)
     turns = round(float(position[0]) / math.tau) if not leader.kind.slides else 0
     return joint.mimic.offset + joint.mimic.ratio * math.tau * turns
 

@@ -63,6 +63,11 @@ class JointType:
         """Number of its position coordinates; a ball has four, a quaternion, and three velocities."""
         return 4 if self.is_ball else len(self.coordinates)
 
+    def number(self, measure: str) -> int:
+        """Which of its coordinates is the "angle" or the "slide" of a force law; of one that it lacks the first."""
+        word = {"angle": "turn"}.get(measure, measure)
+        return self.coordinates.index(word) if word in self.coordinates else 0
+
     @property
     def is_elastic(self) -> bool:
         """Whether it may have springs, dampers and armature: the axis of each coordinate is fixed in both bodies."""

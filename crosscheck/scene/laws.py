@@ -1,14 +1,19 @@
-"""Force laws of one joint coordinate q, each smooth on pieces: dry friction, limits, servos; and what ends a claim.
+"""The laws of forces: those along one measure, a table; those of one joint coordinate, smooth on pieces; monitors.
 
-The angle or slide q is that of `crosscheck.scene.coordinates`, continuous over whole turns. Adapters that step in
-Python evaluate these formulas; the references have their own.
+A measure s is the distance of two points, the angle or the slide of a joint; its rate is S u with u all velocities, so
+that an effort f along it is the force S^T f. Each law has two columns: its effort, which the index-1 equations of
+`crosscheck.scene.mechanics` and engines that step in Python read, and its potential and dissipation, of which the
+references in minimal coordinates take the slopes. Neither reads the other's, so that a mistake in one shows.
+
+An angle or slide is that of `crosscheck.scene.coordinates`, continuous over whole turns.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
 
 import numpy as np
 
@@ -102,6 +107,78 @@ class Servo:
         ticks = (t - self.phase) / self.period
         due: np.ndarray = (abs(ticks - np.round(ticks)) * self.period < 1e-9) & (ticks > -0.5)
         return due
+
+
+Parameters = Mapping[str, Any]
+"""The keys of a force, with the values of its functions of time at some times."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ForceType:
+    """A type of force: a law along a measure, or a force or torque on one body.
+
+    Attributes
+    ----------
+    measure : "length" between two points, "angle" of a joint from the shortest turn of its axis, "slide", "coordinate",
+        which is the only one of a hinge or slide; "force" or "torque" on a body, along a vector.
+    effort : (parameters, u, rate) -> what acts along the measure, N or N m, u the measure beyond rest; None of loads
+    potential : parameters -> coefficients of the energy in powers of u, J; None where the references have modes
+    dissipation : parameters -> coefficients in powers of the rate of what has the damping force as its slope
+    rest : the key with the value of the measure at rest; "" where u is the measure
+    stores : whether its potential is energy of the system
+    element : what an engine has to declare, "" nothing, by default the name of the type
+    """
+
+    measure: Literal["length", "angle", "slide", "coordinate", "force", "torque"]
+    effort: Any = None
+    potential: Any = None
+    dissipation: Callable[[Parameters], tuple[Any, ...]] = lambda p: ()
+    rest: str = ""
+    stores: bool = False
+    element: str | None = None
+
+    @property
+    def has_modes(self) -> bool:
+        """Whether it is a servo, which jumps or is cut, and of which the references have modes."""
+        return self.effort is not None and self.potential is None
+
+    @property
+    def on_joint(self) -> bool:
+        """Whether its measure is a coordinate of a joint."""
+        return self.measure in ("angle", "slide", "coordinate")
+
+
+def _spring(measure: Literal["length", "angle", "slide"], rest: str) -> ForceType:
+    return ForceType(measure, lambda p, u, rate: -(p["stiffness"] * u + p["damping"] * rate),
+                     lambda p: (0.0, 0.0, 0.5 * p["stiffness"]), lambda p: (0.0, 0.0, 0.5 * p["damping"]), rest, True,
+                     element="")
+
+
+def _servo(p: Parameters, u: Any, rate: Any) -> Any:
+    """Of a sampled one nothing is known."""
+    return np.nan * rate if p.get("period") is not None else Servo(**p).effort(0.0, u, rate)
+
+
+FORCE_TYPES: dict[str, ForceType] = {
+    "linear_spring": _spring("length", "free_length"),
+    "torsional_spring": _spring("angle", "rest_angle"),
+    "slide_spring": _spring("slide", "rest_position"),
+    "servo": ForceType("coordinate", _servo),
+    "joint_torque": ForceType("angle", lambda p, u, rate: p["torque"] + 0.0 * rate, lambda p: (0.0, -p["torque"]),
+                              element="joint_torque"),
+    "joint_force": ForceType("slide", lambda p, u, rate: p["force"] + 0.0 * rate, lambda p: (0.0, -p["force"]),
+                             element="joint_torque"),
+    "constant_force": ForceType("force", element=""),
+    "constant_torque": ForceType("torque", element="")}
+"""The types of forces by their names in scene files; only the springs and dampers of joints are slide springs."""
+
+
+def power_series(coefficients: tuple[Any, ...], u: Any) -> Any:
+    """The sum of coefficients[k] u^k."""
+    total = 0.0 * u
+    for coefficient in reversed(coefficients):
+        total = total * u + coefficient
+    return total
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crosscheck.scene.armature import rotors
-from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.constraints import Constraints, with_ground
 from crosscheck.scene.coordinates import history, rates
-from crosscheck.scene.functions import at
-from crosscheck.scene.laws import Limits, Servo
-from crosscheck.scene.model import GROUND, Force, Joint, Scene
+from crosscheck.scene.laws import power_series
+from crosscheck.scene.model import Force, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.sparse import block_diagonal
 from crosscheck.scene.states import Motion, States
@@ -55,29 +54,25 @@ def kinetic_energy(scene: Scene, states: Motion) -> np.ndarray:
     return np.asarray(0.5 * (translation + rotation))
 
 
-def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray],
-                     t: np.ndarray | float = 0.0) -> np.ndarray:
-    """Minus the sum of m g . x, plus the energy of every spring, (T,) in J; `angles` as from `torsion_angles`.
-
-    `t` (T,): the times, for rest angles that depend on time.
-    """
-    energy = -np.einsum("n,k,tnk->t", scene.masses, scene.gravity, x)
+def potential_energy(scene: Scene, states: Motion) -> np.ndarray:
+    """Minus the sum of m g . x, plus the energy of every spring, (T,) in J."""
+    angles = torsion_angles(scene, states)
+    energy, states = -np.einsum("n,k,tnk->t", scene.masses, scene.gravity, states.x), _grounded(states)
     for force in scene.loads:
-        p = force.parameters
-        if force.is_spring and force.joint is None:
-            d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
-            energy = energy + 0.5 * p["stiffness"] * (np.linalg.norm(d, axis=-1) - p["free_length"]) ** 2
-        elif force.is_spring:
-            energy = energy + 0.5 * p["stiffness"] * _stretch(scene, force, x, R, angles, t) ** 2
-    for joint, k, limits in _soft_limits(scene):
-        energy = energy + limits.energy(_position(scene, joint, k, x, R, angles))
+        if force.law.stores:
+            p = force.at(states.t)
+            u = _measured(scene, force, states, angles)[0] - p[force.law.rest]
+            energy = energy + power_series(force.law.potential(p), u)
+    for joint in scene.joints:
+        for k, limits in enumerate(joint.limits):
+            if limits is not None and not limits.rigid:
+                energy = energy + limits.energy(_position(scene, joint, k, states, angles))
     return np.asarray(energy)
 
 
 def energy(scene: Scene, states: Motion) -> np.ndarray:
     """Kinetic energy - sum of m g . x + spring energies, (T,) in J."""
-    angles = torsion_angles(scene, states)
-    return np.asarray(kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles, states.t))
+    return np.asarray(kinetic_energy(scene, states) + potential_energy(scene, states))
 
 
 def momentum_vertical(scene: Scene, states: Motion) -> np.ndarray:
@@ -101,7 +96,7 @@ def torsion_angles(scene: Scene, states: Motion) -> dict[str, np.ndarray]:
     They have the whole turns of the states; where these are not known, they are NaN.
     """
     angles = {}
-    sprung = {force.joint for force in scene.loads if force.is_spring or force.type == "servo"}
+    sprung = {force.joint for force in scene.loads}
     sprung |= {joint.name for joint in scene.joints if any(joint.limits)}
     for joint in (joint for joint in scene.joints if joint.name in sprung and joint.kind.has_angle):
         values = history(scene, joint, states).position
@@ -120,25 +115,26 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
     `angles` as from `torsion_angles`; by default they are those of the start, or of times that lie close together. `t`:
     the times. `efforts` take the place of all laws of joints.
     """
-    f = np.zeros((len(x), scene.n, 6))
-    f[:, :, :3] = scene.masses[:, None] * scene.gravity
-    f[:, :, 3:] = -gyroscopic(scene.inertias, w)
-    states = States(np.broadcast_to(t, len(x)), x, R, v, w)
+    f = np.zeros((len(x), scene.n + 1, 6))
+    f[:, :-1, :3] = scene.masses[:, None] * scene.gravity
+    f[:, :-1, 3:] = -gyroscopic(scene.inertias, w)
+    states = _grounded(States(np.broadcast_to(t, len(x)), x, R, v, w))
+    R = states.R
     if angles is None:
         angles = torsion_angles(scene, states)
     for force in scene.loads:
-        if efforts is None or force.type != "servo":
-            _add_of_force(f, scene, force, states, angles, t)
+        if efforts is None or not force.law.has_modes:
+            _add_of_force(f, scene, force, states, angles)
     for joint, slides, size in efforts or ():
         _add_along(f, R, joint, slides, size)
     for joint in scene.joints if efforts is None else ():
         for k, (friction, limits) in enumerate(itertools.zip_longest(joint.dry_friction, joint.limits)):
             if friction is not None:
-                _add_along(f, R, joint, _slides(joint, k), friction.force(_rate(joint, k, states)))
+                _add_along(f, R, joint, joint.kind.coordinates[k] == "slide", friction.force(_rate(joint, k, states)))
             if limits is not None and not limits.rigid:
-                q = _position(scene, joint, k, x, R, angles)
-                _add_along(f, R, joint, _slides(joint, k), limits.force(q, _rate(joint, k, states)))
-    return f.reshape(len(x), 6 * scene.n)
+                q = _position(scene, joint, k, states, angles)
+                _add_along(f, R, joint, joint.kind.coordinates[k] == "slide", limits.force(q, _rate(joint, k, states)))
+    return f[:, :-1].reshape(len(x), 6 * scene.n)
 
 
 def gyroscopic(inertias: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -154,83 +150,59 @@ def gyroscopic(inertias: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 def force_on_bodies(scene: Scene, force: Force, states: Motion, angles: dict[str, np.ndarray]) -> np.ndarray:
     """The force (world) and the torque (body axes) of one force of the scene on every body, (T, n, 6)."""
-    f = np.zeros((len(states.t), scene.n, 6))
-    _add_of_force(f, scene, force, states, angles, states.t)
-    return f
+    f = np.zeros((len(states.t), scene.n + 1, 6))
+    _add_of_force(f, scene, force, _grounded(states), angles)
+    return f[:, :-1]
 
 
-def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, angles: dict[str, np.ndarray],
-                  t: np.ndarray | float) -> None:
-    """Add one force to f, (T, n, 6)."""
-    x, R, v, w = states.x, states.R, states.v, states.w
-    p = force.parameters
-    factor = np.broadcast_to(at(p.get("factor", 1.0), t), len(x))[:, None]
-    joint = next((joint for joint in scene.joints if joint.name == force.joint), None)
-    if force.is_spring and joint is None:
-        d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
-        length = np.linalg.norm(d, axis=-1)
-        direction = d / np.where(length > 0, length, 1.0)[:, None]  # zero at zero length
-        rate = np.einsum("tk,tk->t", direction, _point_velocity(R, v, w, force.child, p["child_point"])
-                         - _point_velocity(R, v, w, force.parent, p["parent_point"]))
-        pull = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate)[:, None] * direction
-        _add_force(f, R, force.child, p["child_point"], -pull)
-        _add_force(f, R, force.parent, p["parent_point"], pull)
-    elif joint is not None:
-        slides = joint.kind.slides or force.type in ("joint_force", "slide_spring")
-        k = joint.kind.coordinates.index("slide" if slides else "turn") if not force.type.startswith("joint_") else 0
-        if force.type == "servo":
-            servo = Servo(**p)
-            size = np.full(len(x), np.nan) if servo.period is not None else servo.effort(
-                t, _position(scene, joint, k, x, R, angles), _rate(joint, k, states))
-        elif force.type.startswith("joint_"):
-            size = np.broadcast_to(at(p[force.type.removeprefix("joint_")], t), len(x))
-        else:
-            size = -(p["stiffness"] * _stretch(scene, force, x, R, angles, t) + p["damping"] * _rate(joint, k, states))
-        _add_along(f, R, joint, slides, size)
-    elif force.type == "constant_force":
-        push = factor * _in_world(p["force"], p["frame"], R[:, force.child])
-        _add_force(f, R, force.child, p["child_point"], push)
-    else:
-        _add_torque(f, R, force.child, factor * _in_world(p["torque"], p["frame"], R[:, force.child]))
+def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, angles: dict[str, np.ndarray]) -> None:
+    """Add one force to f, (T, n + 1, 6), from states with the ground."""
+    R, law, p = states.R, force.law, force.at(states.t)
+    if law.effort is None:
+        size = np.broadcast_to(p.get("factor", 1.0), len(R))[:, None]
+        push = size * _in_world(p[law.measure], p["frame"], R[:, force.child])
+        _act(f, R, force.child, push, p.get("child_point"))
+        return
+    value, rate, along = _measured(scene, force, states, angles)
+    size = law.effort(p, value - p.get(law.rest, 0.0), rate)
+    if law.on_joint:
+        joint = scene.joint(force.joint)
+        _add_along(f, R, joint, law.measure == "slide" or (law.measure == "coordinate" and joint.kind.slides), size)
+        return
+    _act(f, R, force.child, size[:, None] * along, p["child_point"])
+    _act(f, R, force.parent, -size[:, None] * along, p["parent_point"])
 
 
-def _stretch(scene: Scene, force: Force, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray],
-             t: np.ndarray | float) -> np.ndarray:
-    """How far the spring of a joint is from rest, (T,), rad or m."""
-    if force.type == "torsional_spring":
-        return np.asarray(angles[force.joint] - at(force.parameters["rest_angle"], t))
-    joint = next(joint for joint in scene.joints if joint.name == force.joint)
-    slide = _position(scene, joint, joint.kind.coordinates.index("slide"), x, R, angles)
-    return np.asarray(slide - force.parameters["rest_position"])
-
-
-def _slides(joint: Joint, k: int) -> bool:
-    """Whether coordinate k of a joint is a slide."""
-    return joint.kind.coordinates[k] == "slide"
+def _measured(scene: Scene, force: Force, states: Motion, angles: dict[str, np.ndarray]
+              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The measure of a force and its rate, (T,), and of a distance its direction in the world, (T, 3)."""
+    if force.law.on_joint:
+        joint = scene.joint(force.joint)
+        k = joint.kind.number(force.law.measure)
+        value = _position(scene, joint, k, states, angles)
+        zero = joint.zero_angle if force.law.measure == "angle" else 0.0
+        return value + zero, _rate(joint, k, states), np.zeros(3)
+    child, parent = ((body, force.parameters[point]) for body, point in (
+        (force.child, "child_point"), (force.parent, "parent_point")))
+    d = _point(states, *child) - _point(states, *parent)
+    length = np.linalg.norm(d, axis=-1)
+    direction = d / np.where(length > 0, length, 1.0)[:, None]  # zero at zero length
+    rate = np.einsum("tk,tk->t", direction, _point_velocity(states, *child) - _point_velocity(states, *parent))
+    return length, rate, direction
 
 
 def _add_along(f: np.ndarray, R: np.ndarray, joint: Joint, slides: bool, size: np.ndarray) -> None:
     """Add a force along a joint's axis or a torque about it, (T,): on the child, the opposite on the parent."""
-    push = size[:, None] * _turn(R, joint.parent, joint.parent_axis)
-    if slides:
-        _add_force(f, R, joint.child, joint.child_anchor, push)
-        _add_force(f, R, joint.parent, joint.parent_anchor, -push)
-    else:
-        _add_torque(f, R, joint.child, push)
-        _add_torque(f, R, joint.parent, -push)
+    push = size[:, None] * (R[:, joint.parent] @ joint.parent_axis)
+    _act(f, R, joint.child, push, joint.child_anchor if slides else None)
+    _act(f, R, joint.parent, -push, joint.parent_anchor if slides else None)
 
 
-def _soft_limits(scene: Scene) -> Iterator[tuple[Joint, int, Limits]]:
-    return ((joint, k, limits) for joint in scene.joints for k, limits in enumerate(joint.limits)
-            if limits is not None and not limits.rigid)
-
-
-def _position(scene: Scene, joint: Joint, k: int, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray]
-              ) -> np.ndarray:
-    """Coordinate k of a joint with a spring, limits or a servo, (T,); `angles` as from `torsion_angles`."""
-    if not _slides(joint, k):
+def _position(scene: Scene, joint: Joint, k: int, states: Motion, angles: dict[str, np.ndarray]) -> np.ndarray:
+    """Coordinate k of a joint with a law, (T,); `angles` as from `torsion_angles`."""
+    if joint.kind.coordinates[k] != "slide":
         return np.asarray(angles[joint.name] - joint.zero_angle)
-    values = history(scene, joint, States(np.zeros(len(x)), x, R, np.zeros_like(x), np.zeros_like(x))).position
+    values = history(scene, joint, states).position
     return values if values.ndim == 1 else values[:, k]
 
 
@@ -430,34 +402,29 @@ def _redundant(scaled: np.ndarray) -> np.ndarray:
     return np.asarray(U[:, np.count_nonzero(sizes > RANK_TOLERANCE * sizes[0]):])
 
 
-def _point(x: np.ndarray, R: np.ndarray, body: int, s: tuple[float, ...]) -> np.ndarray:
-    """World position (T, 3) of a point fixed in a body or in the ground."""
-    if body == GROUND:
-        return np.broadcast_to(np.array(s), (len(x), 3))
-    return np.asarray(x[:, body] + R[:, body] @ np.array(s))
+def _grounded(states: Motion) -> States:
+    """The states with the ground as one more body at the end, where its index -1 finds it."""
+    x, v, w = (with_ground(part) for part in (states.x, states.v, states.w))
+    return States(states.t, x, with_ground(states.R, np.eye(3)), v, w, hinges=states.hinges)
 
 
-def _point_velocity(R: np.ndarray, v: np.ndarray, w: np.ndarray, body: int, s: tuple[float, ...]) -> np.ndarray:
-    if body == GROUND:
-        return np.zeros((len(v), 3))
-    return np.asarray(v[:, body] + np.einsum("tij,tj->ti", R[:, body], cross(w[:, body], np.array(s))))
+def _point(states: Motion, body: int, s: tuple[float, ...]) -> np.ndarray:
+    """World position (T, 3) of a point fixed in a body."""
+    return np.asarray(states.x[:, body] + states.R[:, body] @ np.array(s))
+
+
+def _point_velocity(states: Motion, body: int, s: tuple[float, ...]) -> np.ndarray:
+    turning = cross(states.w[:, body], np.array(s))
+    return np.asarray(states.v[:, body] + np.einsum("tij,tj->ti", states.R[:, body], turning))
 
 
 def _in_world(vector: tuple[float, ...], frame: str, R: np.ndarray) -> np.ndarray:
     return R @ np.array(vector) if frame == "body" else np.broadcast_to(np.array(vector), (len(R), 3))
 
 
-def _add_force(f: np.ndarray, R: np.ndarray, body: int, s: object, force: np.ndarray) -> None:
-    if body == GROUND:
-        return
-    f[:, body, :3] += force
-    f[:, body, 3:] += cross(np.array(s), np.einsum("tji,tj->ti", R[:, body], force))
-
-
-def _add_torque(f: np.ndarray, R: np.ndarray, body: int, torque: np.ndarray) -> None:
-    if body != GROUND:
-        f[:, body, 3:] += np.einsum("tji,tj->ti", R[:, body], torque)
-
-
-def _turn(R: np.ndarray, body: int, vector: np.ndarray) -> np.ndarray:
-    return np.broadcast_to(vector, (len(R), 3)) if body == GROUND else R[:, body] @ vector
+def _act(f: np.ndarray, R: np.ndarray, body: int, push: np.ndarray, point: Any) -> None:
+    """Add a force (T, 3), world axes, at a point of a body, its own axes, or a torque where the point is None."""
+    own = np.einsum("tji,tj->ti", R[:, body], push)
+    if point is not None:
+        f[:, body, :3] += push
+    f[:, body, 3:] += own if point is None else cross(np.array(point), own)

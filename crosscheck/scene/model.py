@@ -19,7 +19,7 @@ import numpy as np
 from crosscheck.errors import SceneError
 from crosscheck.scene.functions import TimeFunction, Value, at
 from crosscheck.scene.joints import JOINT_TYPES, JointType
-from crosscheck.scene.laws import DryFriction, Limits, Monitor, Servo, Shape
+from crosscheck.scene.laws import FORCE_TYPES, DryFriction, ForceType, Limits, Monitor, Servo, Shape
 from crosscheck.scene.vectors import normal_references, shortest_rotation
 
 GROUND = -1
@@ -30,13 +30,11 @@ SMOOTH = ("armature", "mimic", "drive", "slip", "joint_torque", "function")
 
 ELEMENTS = (*SMOOTH, "dry_friction", "static_friction", "limits", "soft_limits", "servo", "sampled_servo",
             "effort_limit", "no_load_speed", "hold")
-"""All elements that an engine must declare. A servo may need four: effort_limit and no_load_speed cut it."""
+"""All elements that an engine must declare. A servo may need four: effort_limit and no_load_speed cut it. A further
+type of `FORCE_TYPES` is an element of its own name."""
 
 ACTS = "acts at the start: "
 """How `LeftOut.what` begins for what would act at once."""
-
-PLAIN_FORCES = ("linear_spring", "torsional_spring", "constant_force", "constant_torque")
-"""Types of forces that an engine need not declare; a new type is an element of its own name."""
 
 
 class LeftOut(NamedTuple):
@@ -189,10 +187,9 @@ class Joint(_Record):
 
     def rest(self, spring: Force) -> Value:
         """The coordinate at which one of its springs rests, rad or m: a number or a function of time."""
-        if "rest_position" in spring.parameters:
-            return float(spring.parameters["rest_position"])
-        rest: Value = spring.parameters["rest_angle"]
-        return rest.plus(-self.zero_angle) if isinstance(rest, TimeFunction) else float(rest) - self.zero_angle
+        rest: Value = spring.parameters[spring.law.rest]
+        zero = self.zero_angle if spring.law.measure == "angle" else 0.0
+        return rest.plus(-zero) if isinstance(rest, TimeFunction) else float(rest) - zero
 
     @functools.cached_property
     def springs(self) -> tuple[Force, ...]:
@@ -234,9 +231,23 @@ class Force(_Record):
         object.__setattr__(self, "parameters", types.MappingProxyType(dict(self.parameters)))
 
     @property
+    def law(self) -> ForceType:
+        """Its entry in the table of types."""
+        return FORCE_TYPES[self.type]
+
+    @property
     def is_spring(self) -> bool:
         """Whether it is a spring-damper: between two points, or about or along the axis of a joint."""
-        return self.type.endswith("spring")
+        return self.law.stores
+
+    @property
+    def is_motor(self) -> bool:
+        """Whether it is what drives a coordinate of a joint: a torque, a force or a servo."""
+        return self.law.on_joint and not self.law.stores
+
+    def at(self, t: object) -> dict[str, Any]:
+        """The parameters at times t, of which any have the shape of t."""
+        return {key: at(value, t) for key, value in self.parameters.items()}
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
@@ -318,6 +329,10 @@ class Scene(_Record):
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", _frozen(self.gravity, (3,)))
 
+    def joint(self, name: object) -> Joint:
+        """The joint of this name."""
+        return next(joint for joint in self.joints if joint.name == name)
+
     def __repr__(self) -> str:
         return (f"Scene({self.name}: {len(self.bodies)} bodies, {len(self.joints)} joints, {len(self.forces)} forces, "
                 f"{self.duration:g} s, {self.samples} samples)")
@@ -398,11 +413,10 @@ class Scene(_Record):
                 return (f"joint {joint.name!r} is a {joint.type}, whose rows against slip hold velocities alone; "
                         "such rows are not built here")
         for index, force in enumerate(self.forces):
-            if force.type in ("joint_torque", "joint_force") and "joint_torque" not in known:
-                return f"forces[{index}] is a {force.type}, a type that {why('joint_torque')}"
-            if force.type not in (*PLAIN_FORCES, "joint_torque", "joint_force", "servo") and force.type not in known:
-                return f"forces[{index}] is a {force.type}, a type that is not built here"
-            if force.type == "servo":
+            element = force.type if force.law.element is None else force.law.element
+            if element and element not in known and index not in self.servos:
+                return f"forces[{index}] is a {force.type}, a type that {why(element)}"
+            if index in self.servos:
                 for element, key in (("servo", "proportional"), ("sampled_servo", "period"),
                                      ("effort_limit", "effort_limit"), ("no_load_speed", "no_load_speed")):
                     if key in force.parameters and element not in known:
@@ -418,14 +432,15 @@ class Scene(_Record):
     def servos(self) -> Mapping[int, tuple[str, Servo]]:
         """The servos with the names of their joints, by their indices among the forces."""
         return {index: (force.joint, Servo(**force.parameters)) for index, force in enumerate(self.forces)
-                if force.type == "servo"}
+                if force.law.has_modes}
 
     def effort_at_start(self, joint: str, q: float, rate: float) -> float:
         """What the actuators of a joint give at t = 0, where its coordinate and rate are these."""
-        given = [at(force.parameters.get("torque", force.parameters.get("force")), 0.0) for force in self.forces
-                 if force.joint == joint and force.type.startswith("joint_")]
+        given = (force for index, force in enumerate(self.forces)
+                 if force.joint == joint and force.is_motor and index not in self.servos)
         servos = (servo for name, servo in self.servos.values() if name == joint)
-        return float(sum(given) + sum(0.0 if servo.delay else servo.effort(0.0, q, rate) for servo in servos))
+        return float(sum(force.law.effort(force.at(0.0), q, rate) for force in given)
+                     + sum(0.0 if servo.delay else servo.effort(0.0, q, rate) for servo in servos))
 
     @functools.cached_property
     def coordinates(self) -> tuple[str, ...]:
@@ -464,7 +479,7 @@ class Scene(_Record):
     def lawless(self) -> Scene:
         """The scene without servos, dry friction, limits and monitors."""
         joints = tuple(dataclasses.replace(joint, dry_friction=(), limits=()) for joint in self.joints)
-        forces = tuple(force for force in self.forces if force.type != "servo")
+        forces = tuple(force for force in self.forces if not force.law.has_modes)
         return self.replace(joints=joints, forces=forces, monitors=())
 
     @property

@@ -70,8 +70,7 @@ class Monitor:
     def _energies(self, states: States) -> np.ndarray:
         kinetic = mechanics.kinetic_energy(self._scene, states)
         self._kinetic = float(np.maximum(self._kinetic, kinetic.max()))
-        angles = mechanics.torsion_angles(self._scene, states)
-        return np.asarray(kinetic + mechanics.potential_energy(self._scene, states.x, states.R, angles))
+        return np.asarray(kinetic + mechanics.potential_energy(self._scene, states))
 
 
 class Levels(TypedDict):

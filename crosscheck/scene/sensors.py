@@ -21,9 +21,6 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.armature import rate_row, rotors
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import JointHistory, histories, rates
-from crosscheck.scene.functions import at
-from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.laws import Servo
 from crosscheck.scene.model import (
     GROUND,
     Force,
@@ -62,8 +59,7 @@ class Reader:
         self.R = np.concatenate([states.R, np.broadcast_to(np.eye(3), (len(states.t), 1, 3, 3))], axis=1)
         self.joints = {joint.name: joint for joint in scene.joints}
         self.sites = {site.name: site for site in scene.sites}
-        self.sampled = {force.joint for force in scene.forces if force.type == "servo"
-                        and force.parameters.get("period") is not None}
+        self.sampled = {name for name, servo in scene.servos.values() if servo.period is not None}
 
     @functools.cached_property
     def angles(self) -> dict[str, np.ndarray]:
@@ -127,7 +123,7 @@ class Reader:
     def _known(self) -> Scene:
         """The scene without what acts along those coordinates and is no function of the state."""
         return self.scene.lawless.replace(forces=tuple(
-            force for force in self.scene.forces if force.type != "servo" or force.joint not in self.sampled))
+            force for force in self.scene.forces if not (force.law.has_modes and force.joint in self.sampled)))
 
     @functools.cached_property
     def _du(self) -> np.ndarray:
@@ -218,8 +214,10 @@ class Reader:
         """(T,) in N m or N, or (T, 1 + k) as in `wrench`."""
         total = np.zeros(len(self.states.t))
         for force in self._known.forces:
-            if force.joint == joint.name and not force.is_spring:
-                total = total + self._given(joint, force)
+            if force.joint == joint.name and force.is_motor:
+                position, rate = (values if values.ndim == 1 else values[:, 0] for values in (
+                    self.histories[joint.name].position, self.histories[joint.name].velocity))
+                total = total + force.law.effort(force.at(self.states.t), position, rate)
         if joint.drive is None and joint.name not in self.sampled:
             return total
         lam, idle = self._multipliers
@@ -230,15 +228,6 @@ class Reader:
         else:
             row = self._constraints.m + next(k for k, (each, _) in enumerate(self._loose) if each is joint)
         return np.concatenate([(total - lam[:, row])[:, None], idle[:, row]], axis=1)
-
-    def _given(self, joint: Joint, force: Force) -> np.ndarray:
-        """The value over time, (T,), of a joint_torque, a joint_force or a continuous servo."""
-        t = self.states.t
-        if force.type != "servo":
-            return np.broadcast_to(at(force.parameters[force.type.removeprefix("joint_")], t), len(t))
-        position, rate = (values if values.ndim == 1 else values[:, 0] for values in (
-            self.histories[joint.name].position, self.histories[joint.name].velocity))
-        return np.asarray(Servo(**force.parameters).effort(t, position, rate))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -342,7 +331,7 @@ def shape(scene: Scene, sensor: Sensor, times: int) -> tuple[int, ...]:
     """Shape of the readings of a sensor over some times."""
     size = SENSOR_TYPES[sensor.type].size
     if size < 0:
-        kind = JOINT_TYPES[next(joint.type for joint in scene.joints if joint.name == sensor.joint)]
+        kind = scene.joint(sensor.joint).kind
         turns = kind.is_ball and sensor.type != "joint_position"
         size = 3 if turns else kind.positions if kind.positions > 1 else 0
     return (times, size) if size else (times,)
@@ -353,7 +342,7 @@ def unit(scene: Scene, sensor: Sensor) -> str:
     text = SENSOR_TYPES[sensor.type].unit
     if SENSOR_TYPES[sensor.type].needs != _JOINT:
         return text
-    words = JOINT_TYPES[next(joint.type for joint in scene.joints if joint.name == sensor.joint)].coordinates
+    words = scene.joint(sensor.joint).kind.coordinates
     slides = [word.startswith("slide") for word in words]
     if any(slides) and not all(slides):
         return "SI"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crosscheck.references import compute, maximal, taylor, tree_loads, truth
-from crosscheck.scene import mechanics
+from crosscheck.scene import mechanics, model
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.functions import polynomial
@@ -66,7 +66,7 @@ def late(function):
     return lambda value, t, *rest: function(value, t - 1e-9, *rest)
 
 
-@pytest.mark.parametrize("module", [mechanics, taylor])
+@pytest.mark.parametrize("module", [model, taylor])
 def test_a_function_that_is_late_by_a_nanosecond_or_off_by_as_much_is_seen(module, monkeypatch):
     """1e-9 s times rates of some 30 1/s: far above 1e-12, and below what one would see in a figure."""
     scene = load_scene("driven_cart").replace(duration=0.4, samples=3)
@@ -90,6 +90,6 @@ def _weaker(original):
 def test_a_joint_force_left_out_is_seen(monkeypatch):
     scene = load_scene("driven_cart").replace(duration=0.4, samples=3)
     right = maximal.Maximal(scene).run().x
-    monkeypatch.setattr(tree_loads.Loads, "_along_joint", lambda self, force: None)
+    monkeypatch.setattr(tree_loads.Loads, "_along", lambda self, force, p, angle: None)
     other = taylor.Taylor(scene)
     assert np.abs(other.states(other.run()).x - right).max() > 1e-3

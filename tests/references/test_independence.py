@@ -1,17 +1,21 @@
 """References share no code with the engines that they judge, and the two formulations none with each other."""
 
 import ast
+import inspect
 import pathlib
+import re
 import subprocess
 import sys
 
 import pytest
 
 import crosscheck.references as references
+from crosscheck.scene import mechanics
 
 FOLDER = pathlib.Path(references.__file__).parent
 OWN = {"crosscheck.scene.model", "crosscheck.scene.states", "crosscheck.errors", "crosscheck.files",  # no mechanics
        "crosscheck.scene.functions",  # data of a scene, which series evaluate by formulas of their own
+       "crosscheck.scene.laws",  # the table of forces, of which each formulation reads its own column
        "crosscheck.scene.touching"}  # distances of shapes, by coal
 OF_MAXIMAL = {"crosscheck.scene.mechanics", "crosscheck.scene.armature", "crosscheck.scene.coordinates",
               "crosscheck.scene.vectors"}
@@ -57,6 +61,14 @@ def test_the_formulations_share_no_equations():
     frame = {"__init__", "base", "cache", "conditioning", "dense_output", "members", "modes", "pieces",
              "restarts"}
     assert {file.stem for file in FOLDER.glob("*.py")} == frame | set(parts)  # a new module has to be placed
+
+
+def test_neither_reads_the_others_column_of_a_law():
+    """The series read potential and dissipation of the table of forces, the index-1 equations the effort."""
+    for name in SERIES:
+        assert not re.search(r"\.effort\b", (FOLDER / f"{name}.py").read_text()), name
+    for function in (mechanics.applied_forces, mechanics._add_of_force, mechanics._measured):
+        assert not re.search("potential|dissipation", inspect.getsource(function)), function
 
 
 def test_running_loads_no_engine():

@@ -107,8 +107,7 @@ def test_force_is_minus_the_derivative_of_the_potential(parent, seed):
 
     def potential(e):
         xe, Re = moved(x, R, e * direction)
-        angles = mechanics.torsion_angles(scene, one_state(xe, Re, still, still))
-        return mechanics.potential_energy(scene, xe[None], Re[None], angles)[0]
+        return mechanics.potential_energy(scene, one_state(xe, Re, still, still))[0]
 
     force = mechanics.applied_forces(scene, x[None], R[None], still[None], still[None])[0]
     # the fifth derivative of a length grows as 1 / length^4, so that the step falls with it

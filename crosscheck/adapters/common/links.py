@@ -76,7 +76,7 @@ def obstacle(scene: Scene, types: Iterable[str], forces: Iterable[str] = (), flo
     """
     types, forces = tuple(types), tuple(forces)
     for force in scene.loads:
-        if force.type == "slide_spring":
+        if force.law.measure == "slide" and force.is_spring:
             return f"the spring or damper along joint {force.joint!r} is not built into this adapter"
         if force.type not in forces:
             known = f"it has gravity and {', '.join(forces)}" if forces else "only gravity is"

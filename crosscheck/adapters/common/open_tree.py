@@ -96,7 +96,7 @@ def sprung(scene: Scene, link: tree.Link) -> tuple[float, float, float]:
     springs = [force for force in scene.loads if force.is_spring and force.joint == link.joint]
     if not springs:
         return 0.0, 0.0, 0.0
-    joint = next(joint for joint in scene.joints if joint.name == link.joint)
+    joint = scene.joint(link.joint)
     _, sign, zero = tree.coordinate(scene, link)
     stiffness, damping = (sum(float(each.parameters[key]) for each in springs) for key in ("stiffness", "damping"))
     moment = sum(float(each.parameters["stiffness"]) * (at(joint.rest(each), 0.0) - zero) for each in springs)

@@ -46,14 +46,13 @@ class OwnLaw:
             raise Unsupported(f"the own law of {name} is integrated here for open trees of hinges and slides alone")
         self._tree_links, self._bare = tree.links(scene), scene.lawless
         moving = [link for link in self._tree_links if link.dofs]
-        self._joints = joints = {joint.name: joint for joint in scene.joints}
         start = at_start(scene)
         self._names = [link.joint for link in moving]
         self._sign, self._zero = np.array([tree.coordinate(scene, link)[1:] for link in moving]).T
         self._rows = [(k, law) for k, name in enumerate(self._names)
-                      for law in (*joints[name].dry_friction, *joints[name].limits) if law is not None]
+                      for law in (*scene.joint(name).dry_friction, *scene.joint(name).limits) if law is not None]
         self._mass = np.linalg.inv(mechanics.inverse_mass(scene))
-        self._rotors = np.array([joints[name].armature[0] if joints[name].armature else 0.0 for name in self._names])
+        self._rotors = np.array([sum(scene.joint(name).armature) for name in self._names])
         self._start = np.concatenate([[float(start[name][part][0]) for name in self._names] for part in (0, 1)])
         q, v = np.split(self._start, 2)
         self._weights = np.diag(np.linalg.inv(self._equations(0.0, q, v, {})[0]))
@@ -132,8 +131,8 @@ class OwnLaw:
         drift, *columns = np.concatenate([np.asarray(rows.a), np.asarray(rows.alpha)], axis=2).reshape(n + 1, -1)
         J = np.transpose(columns)
         x, R, speed, spin = (part[:1] for part in (rows.x, rows.R, rows.v, rows.w))
-        angles = {name: np.array([q[k] + self._joints[name].zero_angle]) for k, name in enumerate(self._names)
-                  if self._joints[name].kind.has_angle}
+        angles = {joint.name: np.array([q[k] + joint.zero_angle]) for k, joint in enumerate(
+            map(self.scene.joint, self._names)) if joint.kind.has_angle}
         f = J.T @ (mechanics.applied_forces(self._bare, x, R, speed, spin, angles, t)[0] - self._mass @ drift)
         for index, (name, servo) in self.scene.servos.items():
             k = self._names.index(name)

@@ -33,6 +33,7 @@ import numpy as np
 
 from crosscheck.adapters.base import RunSpec
 from crosscheck.errors import ArgumentError, EngineError, Unsupported, brief
+from crosscheck.scene.laws import FORCE_TYPES
 from crosscheck.scene.model import ELEMENTS, Scene, rotation_from_quaternion
 from crosscheck.scene.states import COLUMNS, States
 
@@ -68,7 +69,7 @@ class Program:
         self.methods = ("fixed",) if steps == ["{step}"] else ("adaptive",)
         self.adaptive_methods = () if steps == ["{step}"] else self.methods
         self.elements = tuple(each for each in declared.get("elements", "").split(",") if each)
-        if unknown := set(self.elements) - set(ELEMENTS):
+        if unknown := set(self.elements) - {*ELEMENTS, *FORCE_TYPES}:
             raise ArgumentError(f"engine: {command!r}: elements: {', '.join(sorted(unknown))}; there are: "
                                 f"{', '.join(ELEMENTS)}")
         try:

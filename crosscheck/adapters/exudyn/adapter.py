@@ -23,7 +23,7 @@ from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load
 from crosscheck.errors import EngineError
 from crosscheck.scene.events import Event, events
 from crosscheck.scene.mechanics import redundant_rows
-from crosscheck.scene.model import GROUND, Joint, Scene
+from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.states import States
 
 __all__ = ["CLEARANCE", "IMPLICIT", "NEWTON_TOLERANCES", "ORDERS", "Exudyn", "cardan_order", "load"]
@@ -86,7 +86,7 @@ class Exudyn(Engine):
             return "tree"
         if spec.method in IMPLICIT or not scene.joints:
             return "maximal"
-        return "pivot" if _turns_about_ground(scene) and not _springs(scene) else "tree"
+        return "pivot" if _turns_about_ground(scene) and not any(map(_is_between, scene.forces)) else "tree"
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Exudyn cannot run this, or None."""
@@ -99,7 +99,7 @@ class Exudyn(Engine):
         if form == "tree" and (closing := _by_coordinates(scene) & {
                 joint.name for joint in kinematic_tree.spanned(scene)[1]}):
             return f"joint {min(closing)!r} closes a loop, and armature, mimics and laws need a coordinate of the tree"
-        if any(force.type == "torsional_spring" and force.functions for force in scene.forces):
+        if any(force.is_spring and force.functions for force in scene.forces):
             return "a rest angle that moves: Exudyn's springs between markers have constant ones"
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
@@ -115,7 +115,7 @@ class Exudyn(Engine):
             return None
         if spec.node == "euler_parameters":
             return f"{spec.method} is explicit, and Euler parameters bring a constraint of their own; node lie has none"
-        if form == "pivot" and _springs(scene):
+        if form == "pivot" and any(map(_is_between, scene.forces)):
             return ("Exudyn's explicit solvers hold the pivot at the end of a step only: a spring sees it move at the "
                     "stages, which leaves order 2, with damping order 1; form tree does not")
         if self._constrained(scene, form):
@@ -213,8 +213,8 @@ def _maxima(scene: Scene, states: States) -> dict[str, float]:
     return monitor.maxima()
 
 
-def _springs(scene: Scene) -> bool:
-    return any(force.type == "linear_spring" for force in scene.forces)
+def _is_between(force: Force) -> bool:
+    return force.law.measure == "length"
 
 
 def _rolling(scene: Scene) -> list[Joint]:

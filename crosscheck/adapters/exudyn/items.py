@@ -87,11 +87,6 @@ def joint_frames(scene: Scene, joint: Joint) -> list[np.ndarray]:
     return [inner, shortest_rotation(joint.child_axis, joint.parent_axis).T @ inner]
 
 
-def word_of(spring: Force) -> str:
-    """The coordinate of its joint on which a spring acts."""
-    return "slide" if spring.type == "slide_spring" else "turn"
-
-
 def add_force(carrier: Carrier, force: Force) -> Index:
     """Add a spring or load; returns the item's index."""
     from exudyn.itemInterface import (
@@ -104,33 +99,33 @@ def add_force(carrier: Carrier, force: Force) -> Index:
     )
 
     p, scene = force.parameters, carrier.scene
-    if force.is_spring and force.joint is not None:
-        joint = next(joint for joint in scene.joints if joint.name == force.joint)
+    if force.law.on_joint and force.is_spring:
+        joint = scene.joint(force.joint)
         anchors = (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)
         markers = [carrier.mark(*end, frame) for end, frame in zip(anchors, joint_frames(scene, joint), strict=True)]
         given = {"markerNumbers": markers, "stiffness": p["stiffness"], "damping": p["damping"]}
-        if force.type == "slide_spring":
+        if force.law.measure == "slide":
             return carrier.system.AddObject(ObjectConnectorLinearSpringDamper(
-                axisMarker0=[0.0, 0.0, 1.0], offset=p["rest_position"], **given))
-        angle = at_start(scene)[joint.name][0][joint.kind.coordinates.index("turn")] + joint.zero_angle
+                axisMarker0=[0.0, 0.0, 1.0], offset=p[force.law.rest], **given))
+        angle = at_start(scene)[joint.name][0][joint.kind.number("angle")] + joint.zero_angle
         turns = 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
         # the data node stores the angle of the last step, to count full turns from the start on
         memory = carrier.system.AddNode(NodeGenericData(initialCoordinates=[angle - turns], numberOfDataCoordinates=1))
         return carrier.system.AddObject(ObjectConnectorTorsionalSpringDamper(
-            nodeNumber=memory, offset=p["rest_angle"] - turns, **given))
-    if force.joint is not None:
+            nodeNumber=memory, offset=p[force.law.rest] - turns, **given))
+    if force.law.on_joint:
         return _add_motor(carrier, force)
-    if force.type == "linear_spring":
+    if force.law.measure == "length":
         ends = (force.parent, p["parent_point"]), (force.child, p["child_point"])
         return carrier.system.AddObject(ObjectConnectorSpringDamper(
             markerNumbers=[carrier.mark(body, np.array(point), None) for body, point in ends],
             referenceLength=p["free_length"], stiffness=p["stiffness"], damping=p["damping"]))
     point = np.array(p.get("child_point", (0.0, 0.0, 0.0)))
     marker = carrier.mark(force.child, point, np.eye(3))
-    load, vector = ((LoadForceVector, p["force"]) if force.type == "constant_force" else
-                    (LoadTorqueVector, p["torque"]))
-    return carrier.system.AddLoad(load(markerNumber=marker, loadVector=vector, bodyFixed=p["frame"] == "body",
-                                       loadVectorUserFunction=_varied(p.get("factor", 0))))
+    load = LoadForceVector if force.law.measure == "force" else LoadTorqueVector
+    return carrier.system.AddLoad(load(
+        markerNumber=marker, loadVector=p[force.law.measure], bodyFixed=p["frame"] == "body",
+        loadVectorUserFunction=_varied(p.get("factor", 0))))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,8 +150,8 @@ def _add_motor(carrier: Carrier, force: Force) -> Index:
     parent. Forces act at anchors on the axis."""
     from exudyn.itemInterface import LoadForceVector, LoadTorqueVector
 
-    joint = next(joint for joint in carrier.scene.joints if joint.name == force.joint)
-    load, key = (LoadTorqueVector, "torque") if force.type == "joint_torque" else (LoadForceVector, "force")
+    joint = carrier.scene.joint(force.joint)
+    load, key = (LoadTorqueVector, "torque") if force.law.measure == "angle" else (LoadForceVector, "force")
     size = force.parameters[key]
     constant = 1.0 if isinstance(size, TimeFunction) else size
     index = None

@@ -21,7 +21,7 @@ from crosscheck.adapters.exudyn.models import Model, mark_frame, new_system, pos
 from crosscheck.scene.functions import at as value_at
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
-from crosscheck.scene.vectors import normal_references
+from crosscheck.scene.vectors import normal_references, welded
 
 if TYPE_CHECKING:
     import exudyn
@@ -52,16 +52,7 @@ class _Joint:
 
     def load(self, mass: float, centre: np.ndarray, inertia: np.ndarray) -> None:
         """Add a rigid body; `inertia` is about its centre."""
-        total = self.mass + mass
-        middle = (self.mass * self.centre + mass * centre) / total
-        both = (self.mass, self.centre, self.inertia), (mass, centre, inertia)
-        self.inertia = np.sum([own + part * _parallel(at - middle) for part, at, own in both], axis=0)
-        self.mass, self.centre = total, middle
-
-
-def _parallel(arm: np.ndarray) -> np.ndarray:
-    inertia: np.ndarray = arm @ arm * np.eye(3) - np.outer(arm, arm)
-    return inertia
+        self.mass, self.centre, self.inertia = welded((self.mass, mass), (self.centre, centre), (self.inertia, inertia))
 
 
 def spanned(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -205,11 +196,10 @@ def cardan_coordinates(attitude: np.ndarray, w: np.ndarray, order: str) -> tuple
 def _springs(scene: Scene, at: dict[tuple[str, int], laws.Place], size: int) -> dict[str, list[float]]:
     """Springs and dampers of joints as proportional-derivative control of these."""
     stiffness, damping, moment = np.zeros((3, size))
-    joints = {joint.name: joint for joint in scene.joints}
     for force in scene.loads:
         if force.is_spring and force.joint is not None:
-            joint, p = joints[force.joint], force.parameters
-            place = at.get((joint.name, joint.kind.coordinates.index(items.word_of(force))))
+            joint, p = scene.joint(force.joint), force.parameters
+            place = at.get((joint.name, joint.kind.number(force.law.measure)))
             if place is not None:
                 stiffness[place.column] += p["stiffness"]
                 damping[place.column] += p["damping"]
@@ -227,7 +217,7 @@ def _attach(scene: Scene, system: exudyn.MainSystem, tree_object: Index, seats: 
     from exudyn.itemInterface import MarkerKinematicTreeRigid, ObjectGround
 
     closed = {joint.name for joint in closing}
-    forces = [force for force in scene.loads if force.type != "servo"
+    forces = [force for force in scene.loads if not force.law.has_modes
               and (not force.is_spring or force.joint is None or force.joint in closed)]
     if not forces and not closing:
         return

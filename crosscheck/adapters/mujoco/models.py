@@ -101,20 +101,14 @@ def obstacle(scene: Scene, form: str) -> str | None:
         return reason
     branches, closing = closures(scene, form)
     sprung = _sprung(scene)
-    motors = {force.joint for force in scene.forces if force.type.startswith("joint_") or force.type == "servo"}
+    motors = {force.joint for force in scene.forces if force.is_motor}
     coupled = {name for joint in scene.joints if joint.mimic is not None for name in (joint.name, joint.mimic.joint)}
     for joint in closing:
-        if any(joint.armature):
-            return f"the armature of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
-        if any(joint.dry_friction) or any(joint.limits):
-            key = "dry_friction" if any(joint.dry_friction) else "limits"
-            return f"the {key} of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
-        if joint.name in coupled:
-            return f"the mimic of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
-        if joint.name in motors:
-            return f"the motor of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
-        if joint.name in sprung:
-            return f"the spring of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
+        there = {"armature": any(joint.armature), "dry_friction": any(joint.dry_friction),
+                 "limits": any(joint.limits), "mimic": joint.name in coupled, "motor": joint.name in motors,
+                 "spring": joint.name in sprung}
+        if what := next((what for what, has in there.items() if has), None):
+            return f"the {what} of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
         if joint.type not in PREFERENCE:
             place = "form tree has it as joint coordinates" if form == "maximal" else "here it closes a loop"
             return (f"joint {joint.name!r}: MuJoCo's equality constraints hold points, frames and distances; none lets "
@@ -194,11 +188,12 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     for index, force in enumerate(scene.forces):
         if force.joint is None:
             _add_force(spec, frames, index, force)
-        elif force.type != "torsional_spring" or force.functions:  # other springs are in their hinges
+        elif not force.is_spring or force.functions:  # other springs are in their hinges
             branch = next(branch for branch in branches
                           if branch.joint is not None and branch.joint.name == force.joint)
-            slides = None if force.type == "servo" else force.type == "joint_force"
-            name, direction = _coordinate_of(scene, branch, slides)
+            assert branch.joint is not None
+            words = branch.joint.kind.coordinates
+            name, direction = _coordinate_of(scene, branch, words[branch.joint.kind.number(force.law.measure)])
             _add_actuator(spec, index, force, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name,
                           gear=[direction, 0.0, 0.0, 0.0, 0.0, 0.0])
     for k in range(scene.n if observed else 0):
@@ -240,12 +235,12 @@ def _give_laws(scene: Scene, branch: Branch, coordinate: Any, kind: str, solref:
     """Count a hinge or slide from the scene's zero, and set its springs and dampers, its dry friction and its range."""
     joint = branch.joint
     assert joint is not None
-    words = joint.kind.coordinates
-    k = words.index("slide" if kind == "mjJNT_SLIDE" else "turn")
-    direction = _coordinate_of(scene, branch, kind == "mjJNT_SLIDE")[1]
+    measure = "slide" if kind == "mjJNT_SLIDE" else "angle"
+    k = joint.kind.number(measure)
+    direction = _coordinate_of(scene, branch, joint.kind.coordinates[k])[1]
     coordinate.ref = direction * at_start(scene)[joint.name][0][k]
-    springs = [force for force in scene.loads if force.joint == joint.name and force.type == (
-        "slide_spring" if kind == "mjJNT_SLIDE" else "torsional_spring")]
+    springs = [force for force in scene.loads
+               if force.joint == joint.name and force.is_spring and force.law.measure == measure]
     if springs:
         stiffness, damping = (sum(force.parameters[key] for force in springs) for key in ("stiffness", "damping"))
         moment = sum(force.parameters["stiffness"] * (  # an actuator moves one whose rest angle is a function
@@ -395,14 +390,14 @@ def _add_force(spec: Any, frames: dict[int, Any], index: int, force: Force) -> N
     import mujoco
 
     p = force.parameters
-    if force.type == "linear_spring":
+    if force.law.measure == "length":
         tendon = spec.add_tendon(name=f"spring {index}")
         for body, point in ((force.parent, p["parent_point"]), (force.child, p["child_point"])):
             tendon.wrap_site(frames[body].add_site(name=f"spring {index}.{body}", pos=point).name)
         tendon.springlength = [p["free_length"]] * 2
         _make_elastic(tendon, p["stiffness"], p["damping"])
         return
-    load = [*p["force"], 0.0, 0.0, 0.0] if force.type == "constant_force" else [0.0, 0.0, 0.0, *p["torque"]]
+    load = [*p.get("force", np.zeros(3)), *p.get("torque", np.zeros(3))]
     name = f"load {index}"
     frames[force.child].add_site(name=name, pos=p.get("child_point", (0.0, 0.0, 0.0)))
     actuator = _add_actuator(spec, index, force, trntype=mujoco.mjtTrn.mjTRN_SITE, target=name, gear=load)
@@ -417,7 +412,7 @@ def _add_actuator(spec: Any, index: int, force: Force, **options: Any) -> Any:
 
     timed = bool(force.functions)
     actuator = spec.add_actuator(name=f"load {index}", biastype=mujoco.mjtBias.mjBIAS_AFFINE, **options)
-    if force.type == "servo":
+    if force.law.has_modes:
         servo = Servo(**force.parameters)
         if servo.period is None:  # its control is what it wants at zero position and rate
             actuator.biasprm[1:3] = -servo.proportional, -servo.derivative
@@ -455,11 +450,11 @@ def controls(scene: Scene) -> Callable[[Any, Any], None] | None:
     return control
 
 
-def _coordinate_of(scene: Scene, branch: Branch, slides: bool | None = None) -> tuple[str, float]:
-    """The coordinate along the joint of a branch, by default its only one, and 1 or, for opposite signs, -1."""
+def _coordinate_of(scene: Scene, branch: Branch, word: str = "") -> tuple[str, float]:
+    """The coordinate along the joint of a branch, by default its first one, and 1 or, for opposite signs, -1."""
     joint = branch.joint
     assert joint is not None
-    wanted = "mjJNT_SLIDE" if (joint.type == "prismatic" if slides is None else slides) else "mjJNT_HINGE"
+    wanted = "mjJNT_SLIDE" if (word or joint.kind.coordinates[0]) == "slide" else "mjJNT_HINGE"
     own = joint.child_axis if branch.body == joint.child else -joint.parent_axis
     return next((f"{branch.body}.{number}", 1.0 if axis @ own > 0 else -1.0)
                 for number, (kind, _, axis) in enumerate(_coordinates(scene, branch)) if kind == wanted)

@@ -17,6 +17,7 @@ from crosscheck.adapters.common.held import Held, highest_order
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.pinocchio import laws, mimics, models
 from crosscheck.adapters.pinocchio.dynamics import Dynamics
+from crosscheck.scene.laws import FORCE_TYPES
 from crosscheck.scene.model import Scene
 
 ORDERS = MappingProxyType({"SymplecticEuler": 1, "RK4naive": 4, "RKMK4": 4, "RKMK8": 8})
@@ -59,7 +60,9 @@ class Pinocchio(Engine):
         elif open_tree.rowed(scene) and form == "tree":
             return ("of its methods SymplecticEuler alone has dry friction and rigid limits: they are solved over a "
                     "step, and the others evaluate forces at their stages")
-        if reason := scene.beyond(("joint_torque", "function", "hold", *(in_tree if form == "tree" else ())), in_tree):
+        plain = (name for name, law in FORCE_TYPES.items() if not law.has_modes)
+        if reason := scene.beyond(("joint_torque", "function", "hold", *plain, *(in_tree if form == "tree" else ())),
+                                  in_tree):
             return reason
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"

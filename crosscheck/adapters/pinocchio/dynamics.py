@@ -41,17 +41,15 @@ class Dynamics:
         self._pin = pinocchio
         self.model, self._model, self.data = model, model.model, model.model.createData()
         scene = model.scene
-        joints = {joint.name: joint for joint in scene.joints}
-        forces = [force for force in scene.loads if force.type != "servo"]
-        along = [force for force in forces if force.joint is not None]
-        self._forces = [force for force in forces if force.joint is None]
-        self._along = [(force, joint.rest(force) if force.is_spring else 0.0, *self.coordinate(
-            joint, joint.kind.coordinates.index("slide" if force.type in ("joint_force", "slide_spring") else "turn")))
-            for force, joint in ((force, joints[force.joint]) for force in along)]
+        self._forces = [force for force in scene.loads if not force.law.on_joint]
+        self._along = [(force, joint.rest(force) if force.law.rest else 0.0,
+                        *self.coordinate(joint, joint.kind.number(force.law.measure)))
+                       for force, joint in ((force, scene.joint(force.joint)) for force in scene.loads
+                                            if force.law.on_joint and not force.law.has_modes)]
         self.held: Mapping[int, float] = {}
         """What sampled servos give now, by their indices among the forces."""
         self._laws: list[tuple[int, Servo | Limits, int, int, float, float]] = [
-            (index, servo, *self.coordinate(joints[name])) for index, (name, servo) in scene.servos.items()]
+            (index, servo, *self.coordinate(scene.joint(name))) for index, (name, servo) in scene.servos.items()]
         self._laws += [(-1, limits, *self.coordinate(joint, k)) for joint in scene.joints
                        for k, limits in enumerate(joint.limits) if limits is not None]
         self.closure = closure(model, self.data, alpha, beta) if model.cut or model.parts else None
@@ -135,12 +133,8 @@ class Dynamics:
         positions, rates = self.model.positions(q), self.model.rates(v)
         torque = np.zeros(len(rates))
         for force, rest, at_q, at_v, sign, zero in self._along:
-            p = force.parameters
-            if force.is_spring:
-                torque[at_v] -= sign * (p["stiffness"] * (sign * positions[at_q] + zero - value_at(rest, t))
-                                        + p["damping"] * sign * rates[at_v])
-            else:
-                torque[at_v] += sign * value_at(p["torque" if force.type == "joint_torque" else "force"], t)
+            torque[at_v] += sign * force.law.effort(
+                force.at(t), sign * positions[at_q] + zero - value_at(rest, t), sign * rates[at_v])
         for index, law, at_q, at_v, sign, zero in self._laws:
             if index in self.held:
                 torque[at_v] += sign * self.held[index]
@@ -165,32 +159,28 @@ class Dynamics:
             wrenches.append(self._pin.Force.Zero())
         return wrenches
 
-    def _load(self, t: float, wrenches: object, force: Force) -> None:
-        p = force.parameters
-        factor = value_at(p.get("factor", 1.0), t)
-        if force.type == "linear_spring":
+    def _load(self, t: float, wrenches: pinocchio.StdVec_Force, force: Force) -> None:
+        """Add a force between two points, or a load on a body."""
+        p, law = force.at(t), force.law
+        if law.effort is not None:
             ends = [(force.parent, np.array(p["parent_point"])), (force.child, np.array(p["child_point"]))]
             (start, start_rate), (end, end_rate) = (self._point(*point) for point in ends)
             d = end - start
             length = float(np.linalg.norm(d))
             direction = d / length if length > 0 else np.zeros(3)
             rate = direction @ (end_rate - start_rate)
-            pull = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate) * direction
-            self._push(wrenches, *ends[0], pull)
-            self._push(wrenches, *ends[1], -pull)
-        elif force.type == "constant_force":
-            push = factor * self._in_world(force, p["force"])
-            self._push(wrenches, force.child, np.array(p["child_point"]), push)
+            push = law.effort(p, length - p[law.rest], rate) * direction
+            self._push(wrenches, *ends[0], -push)
+            self._push(wrenches, *ends[1], push)
+            return
+        joint, frame = self.model.frames[force.child]
+        load = p.get("factor", 1.0) * np.array(p[law.measure])
+        if p["frame"] == "body":
+            load = (self.data.oMi[joint] * frame).rotation @ load
+        if law.measure == "force":
+            self._push(wrenches, force.child, np.array(p["child_point"]), load)
         else:
-            self._wring(wrenches, force.child, factor * self._in_world(force, p["torque"]))
-
-    def _in_world(self, force: Force, load: tuple[float, ...]) -> np.ndarray:
-        vector = np.array(load)
-        return self._frame(force.child).rotation @ vector if force.parameters["frame"] == "body" else vector
-
-    def _frame(self, body: int) -> pinocchio.SE3:
-        joint, frame = self.model.frames[body]
-        return self.data.oMi[joint] * frame
+            wrenches[joint] += self._pin.Force(np.zeros(3), self.data.oMi[joint].rotation.T @ load)
 
     def _point(self, body: int, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """World position and velocity of a point given in the body's frame."""
@@ -206,8 +196,3 @@ class Dynamics:
         joint, frame = self.model.frames[body]
         local = self.data.oMi[joint].rotation.T @ push
         wrenches[joint] += self._pin.Force(local, self._pin.skew(frame.act(point)) @ local)
-
-    def _wring(self, wrenches: pinocchio.StdVec_Force, body: int, torque: np.ndarray) -> None:
-        """Add a torque, world axes, on a body."""
-        joint, _ = self.model.frames[body]
-        wrenches[joint] += self._pin.Force(np.zeros(3), self.data.oMi[joint].rotation.T @ torque)

@@ -171,7 +171,7 @@ def _mjcf_force(scene: Scene, root: Element, elements: dict[int, Element], numbe
     joint = next(element for element in root.iter("joint") if element.get("name") == force.joint)
     if "stiffness" in joint.attrib or "damping" in joint.attrib:
         raise _refused(scene, "MJCF", f"forces[{number}], a second spring of joint {force.joint!r}")
-    rest = next(each for each in scene.joints if each.name == force.joint).rest(force)
+    rest = scene.joint(force.joint).rest(force)
     joint.set("stiffness", repr(float(p["stiffness"])))
     joint.set("damping", repr(float(p["damping"])))
     joint.set("springref", repr(rest))

@@ -165,6 +165,15 @@ def missing(error: ImportError) -> str:
     return f"{name.partition('.')[0]} is not installed; {install(name)}" if error.name else str(error)
 
 
+@contextlib.contextmanager
+def needing(what: str) -> Iterator[None]:
+    """Packages of extras are imported within; an `ArgumentError` says which one is missing for what."""
+    try:
+        yield
+    except ImportError as error:
+        raise ArgumentError(f"{what}: {missing(error)}") from None
+
+
 def unknown(what: str, given: object, allowed: Iterable[str]) -> str:
     """One sentence: which name is not known, a similar allowed name if there is one, and all allowed names."""
     allowed = list(allowed)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from crosscheck.adapters.base import RawRun, Stats
-from crosscheck.errors import ArgumentError, missing
+from crosscheck.errors import ArgumentError, needing
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import JointHistory, histories
@@ -117,10 +117,8 @@ class Trajectory:
         The columns are "BODY.x_x" ... "BODY.R_33" ... "BODY.w_z" for every body, then energies, constraint levels,
         multipliers, and sensors as "NAME" or "NAME.x", all in SI units; "sensor.NAME" where that is taken.
         """
-        try:
+        with needing("to_frame"):
             import pandas as pd
-        except ImportError as error:
-            raise ArgumentError(f"to_frame: {missing(error)}") from None
         columns: dict[str, np.ndarray] = {}
         for k, body in enumerate(self.scene.bodies):
             for name in ("x", "R", *tuple(VECTORS)[1:]):
@@ -144,10 +142,8 @@ class Trajectory:
 
         A sensor has its name, or "sensor.NAME" where that is taken.
         """
-        try:
+        with needing("to_xarray"):
             import xarray as xr
-        except ImportError as error:
-            raise ArgumentError(f"to_xarray: {missing(error)}") from None
         axis = list("xyz")
         arrays: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {
             name: (("t", "body", "axis"), getattr(self, name), {"units": unit})
@@ -167,10 +163,8 @@ class Trajectory:
 
     def plot(self) -> Figure:
         """A matplotlib figure of heights, angular speeds, energy and constraint levels (needs the extra `report`)."""
-        try:
+        with needing("plot"):
             from matplotlib.figure import Figure
-        except ImportError as error:
-            raise ArgumentError(f"plot: {missing(error)}") from None
         made = Figure(figsize=(9, 6), layout="constrained")
         heights, speeds, energy, levels = made.subplots(2, 2, sharex=True).ravel()
         for k, body in enumerate(self.scene.bodies):
@@ -197,10 +191,8 @@ class Trajectory:
 
         A body is drawn as the ellipsoid of uniform density that has its mass and principal moments of inertia.
         """
-        try:
+        with needing("to_rerun"):
             import rerun as rr
-        except ImportError as error:
-            raise ArgumentError(f"to_rerun: {missing(error)}") from None
         recording = rr.RecordingStream(f"crosscheck {self.scene.name}", send_properties=False)
         try:
             recording.save(os.fspath(path))

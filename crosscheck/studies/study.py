@@ -20,14 +20,14 @@ import msgspec
 
 from crosscheck import adapters
 from crosscheck.document import Origin, Part, set_words
-from crosscheck.errors import ArgumentError, unknown, writing
+from crosscheck.errors import ArgumentError, writing
 from crosscheck.files import cell, digest, plain, put
 from crosscheck.jobs.table import Session, Table
 from crosscheck.report.standalone import page_of
 from crosscheck.running import provenance
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
-from crosscheck.verification.job import check_options
+from crosscheck.verification.job import check_methods, check_options
 from crosscheck.verification.ladder import STAGE as LADDER
 from crosscheck.verification.ladder import Ladder
 
@@ -219,7 +219,4 @@ def check_names(engines: Sequence[str], methods: Sequence[str] | None) -> None:
         if adapters.has_own_environment(name):
             raise ArgumentError(f"engine: {name} runs in an environment of its own, so that its times compare with no "
                                 f"other; name the installed version, {name.partition('==')[0]}")
-    known = dict.fromkeys(method for name in engines for method in adapters.methods(name))
-    for method in methods or ():
-        if method not in known:
-            raise ArgumentError(unknown("method", method, known))
+    check_methods(methods, engines)

@@ -26,7 +26,7 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.document import Origin
-from crosscheck.errors import ArgumentError, CrosscheckError, missing
+from crosscheck.errors import ArgumentError, CrosscheckError, needing
 from crosscheck.files import digest, plain, put, replacing
 from crosscheck.jobs.drive import Crash, Limits, Place, drive
 from crosscheck.jobs.table import Session, Table
@@ -108,11 +108,9 @@ def sweep(source: Mapping[str, object] | str | os.PathLike[str], workers: int = 
 
 def needed() -> None:
     """Raise `ArgumentError` if the packages that store the results are missing."""
-    try:
+    with needing("a sweep keeps its results in tables"):
         import pandas  # noqa: F401
         import pyarrow  # noqa: F401
-    except ImportError as error:
-        raise ArgumentError(f"a sweep keeps its results in tables: {missing(error)}") from None
 
 
 def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progress: Progress, fresh: bool
@@ -265,23 +263,18 @@ def estimate(source: Mapping[str, object] | str | os.PathLike[str], out: str | o
     with contextlib.closing(Table.opened()) as table:
         waiting = list(_Sweep(asked, own, lambda keys: {*keys} - table.holds(STAGE, keys) - before,
                               lambda *_: None, workers).tasks())
-    per_task = 0.0
-    costs: dict[tuple[str, str, str], tuple[float, float]] = {}
-    missing = 0
-    for task in waiting:
-        per_task += PER_TASK
-        for member in task.members:
-            for way in member.ways:
-                missing += 1
-                key = (member.name, way.engine, way.method)
-                if key not in costs:
-                    coarse = max((other.step or 1.0 for other in asked.ways if other.method == way.method), default=1.0)
-                    began = time.perf_counter()
-                    attempt(member.scene, way, step=coarse if way.step else None)
-                    costs[key] = time.perf_counter() - began, coarse
-                seconds, coarse = costs[key]
-                per_task += seconds * (coarse / way.step if way.step else 1.0)
-    return asked.cells, missing, per_task / workers
+    runs = [(member, way) for task in waiting for member in task.members for way in member.ways]
+    total, costs = PER_TASK * len(waiting), dict[tuple[str, str, str], tuple[float, float]]()
+    for member, way in runs:
+        key = (member.name, way.engine, way.method)
+        if key not in costs:
+            coarse = max((other.step or 1.0 for other in asked.ways if other.method == way.method), default=1.0)
+            began = time.perf_counter()
+            attempt(member.scene, way, step=coarse if way.step else None)
+            costs[key] = time.perf_counter() - began, coarse
+        seconds, coarse = costs[key]
+        total += seconds * (coarse / way.step if way.step else 1.0)
+    return asked.cells, len(runs), total / workers
 
 
 class _Sweep:

@@ -17,7 +17,7 @@ import msgspec
 from crosscheck import report
 from crosscheck.document import AS_PLANNED, Asked, Document, Finding, renamed
 from crosscheck.document.outcomes import Outcome
-from crosscheck.errors import ArgumentError, missing
+from crosscheck.errors import ArgumentError, needing
 from crosscheck.files import cache_folder, digest, put
 from crosscheck.jobs.drive import Limits
 from crosscheck.judge.overrides import Overrides
@@ -60,10 +60,8 @@ class Verification:
         Among them are the errors by quantity, the observed order, the resolution, the share that is resolved, the cost
         and the command that repeats the run. The extra `data` has pandas.
         """
-        try:
+        with needing("frame"):
             import pandas as pd
-        except ImportError as error:
-            raise ArgumentError(f"frame: {missing(error)}") from None
         return pd.DataFrame({title: [value(record) for record in self.document.records]
                              for title, value in exports.columns(self.document)})
 

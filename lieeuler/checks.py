@@ -132,7 +132,7 @@ def normals(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n1 = np.eye(3)[np.argmin(np.abs(axis))]
     n1 = n1 - (n1 @ axis) * axis
     n1 /= np.linalg.norm(n1)
-    return n1, np.cross(axis, n1)
+    return n1, cross(axis, n1)
 
 
 def flag(name: str, value: bool) -> bool:

@@ -114,7 +114,7 @@ class Stretch:
     def state(self, row: int) -> State:
         """The state at one time."""
         s = self.solution
-        return State(float(s.t[row]), s.x[row], s.R[row], s.v[row], s.w[row], self.q[row], self.rate[row])
+        return State(float(s.t[row]), s.x[row], s.R[row], s.v[row], s.w[row], self.q[row].copy(), self.rate[row].copy())
 
 
 class Pieces:
@@ -143,8 +143,8 @@ class Pieces:
                 raise ArgumentError(f"there is no joint {law.joint} for a law")
             if problem.joints[law.joint].drive is not None or problem.joints[law.joint].mimic is not None:
                 raise ArgumentError(f"joint {law.joint} is driven or follows another: no law can act there")
-        self.springs = {k: float(force.start_angle(problem.R)) for k, force in enumerate(problem.forces)
-                        if isinstance(force, TorsionalSpring)}
+        self.springs = {k: force for k, force in enumerate(problem.forces) if isinstance(force, TorsionalSpring)}
+        self.angles = {k: float(spring.start_angle(problem.R)) for k, spring in self.springs.items()}
         self.modes = [Mode(cut=[0] * len(law.servos), region=[0] * len(law.servos),
                            waiting=[list(s.earlier) or [0.0] * (s.delay + 1) for s in law.servos]) for law in self.laws]
         self.grid, self.ticks = self._knots(step)
@@ -188,10 +188,8 @@ class Pieces:
         pushed: a law, and a further torque along its coordinate.
         """
         joints, forces = list(self.problem.joints), list(self.problem.forces)
-        for k, angle in self.springs.items():  # an angle starts anew in (-pi, pi]: the turns go into its rest
-            spring = forces[k]
-            assert isinstance(spring, TorsionalSpring)
-            forces[k] = spring.counted_from(angle - spring.start_angle(state.R))
+        for k, spring in self.springs.items():  # an angle starts anew in (-pi, pi]: the turns go into its rest
+            forces[k] = spring.counted_from(self.angles[k] - spring.start_angle(state.R))
         slots = []
         for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
             slots.append(3 * joints[law.joint].spherical + len(joints[law.joint].dots) if mode.held else -1)
@@ -724,20 +722,14 @@ class Pieces:
         """The state after the change at a crossing between a state and a later time."""
         if self.located or key[0] in ("hits", "leaves"):
             state, key = self._crossing(state, until, key)
-            if key[0] == "hits":
-                state = dataclasses.replace(state, q=state.q.copy())
-                stops = self.laws[key[1]].stops
-                assert stops is not None
+            if key[0] == "hits" and (stops := self.laws[key[1]].stops) is not None:
                 state.q[key[1]] = stops.edge(key[2])
-        state = dataclasses.replace(state, rate=state.rate.copy())
         return self._change(state, key)
 
     def _turn(self, s: Stretch, row: int) -> None:
         """Carry the angles of the problem's own springs on, over whole turns."""
-        for k, angle in self.springs.items():
-            spring = self.problem.forces[k]
-            assert isinstance(spring, TorsionalSpring)
-            self.springs[k] = float(_continued(spring.start_angle(s.solution.R[:row + 1]), angle)[-1])
+        for k, spring in self.springs.items():
+            self.angles[k] = float(_continued(spring.start_angle(s.solution.R[:row + 1]), self.angles[k])[-1])
 
     def _keep(self, s: Stretch, *rows: int) -> None:
         """Remember the rows of a stretch that are asked for; at a sample of a servo that from which its value acts."""

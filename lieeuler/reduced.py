@@ -33,7 +33,7 @@ class Reduced:
     full, problem : Problem
         As given, and the smaller one.
     body : (n,) int
-        k: the body that carries each; all that is not given is as where each is carried by itself.
+        k: the body that carries each; what is not given is as if each were carried by itself.
     centre : (n, 3)
         c: centre of mass of every body from that of its carrier, axes of the carrier, m.
     turn : (n, 3, 3)
@@ -48,17 +48,12 @@ class Reduced:
 
     problem: Problem
 
-    def __init__(self, word: str, full: Problem, body: np.ndarray | None = None, centre: np.ndarray | None = None,
-                 turn: np.ndarray | None = None, spins: np.ndarray | None = None, world: np.ndarray | None = None,
-                 heights: np.ndarray | None = None) -> None:
-        n, none = full.n, np.zeros((full.n, 3))
+    def __init__(self, word: str, full: Problem, **given: np.ndarray) -> None:
+        n = full.n
         self.word, self.full = word, full
-        self.body = np.arange(n) if body is None else body
-        self.centre = none if centre is None else centre
-        self.turn = np.tile(np.eye(3), (n, 1, 1)) if turn is None else turn
-        self.spins = none if spins is None else spins
-        self.world = np.eye(3) if world is None else world
-        self.heights = np.zeros(n) if heights is None else heights
+        self.body, self.centre, self.turn = np.arange(n), np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
+        self.spins, self.world, self.heights = np.zeros((n, 3)), np.eye(3), np.zeros(n)
+        vars(self).update(given)
 
     def add_to(self, run: _kernel.Run) -> None:
         """Add the way back to a compiled run, after those of the problems before it."""

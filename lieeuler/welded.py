@@ -50,7 +50,8 @@ def welded_for(problem: Problem) -> Reduced | None:
         inertia[body[b]] += (moved + moved.T) / 2
         inertia[body[b]] += part.mass * (centre[b] @ centre[b] * np.eye(3) - np.outer(centre[b], centre[b]))
     bodies = [Body(m, J) for m, J in zip(total, inertia, strict=True)]
-    return Reduced("welded", problem, body, centre, turn).between_carriers(bodies, list(kept), X, R, V, w)
+    composites = Reduced("welded", problem, body=body, centre=centre, turn=turn)
+    return composites.between_carriers(bodies, list(kept), X, R, V, w)
 
 
 def _is_weld(problem: Problem, joint: Joint) -> bool:

@@ -92,6 +92,8 @@ def test_what_the_function_raises_comes_through():
     for method in (lieeuler.DAE1L_LSE(1e-2), lieeuler.RKMK853(rtol=1e-6)):
         with pytest.raises(ZeroDivisionError, match="at last"):
             lieeuler.integrate(problem, method, T)
+        with pytest.raises(ZeroDivisionError, match="at last"):
+            lieeuler.integrate_ensemble(problem, method, T, x=np.repeat(problem.x[None], 3, axis=0), threads=2)
         assert lieeuler.integrate(problem, method, T / 4).success
 
 
@@ -111,3 +113,6 @@ def test_wrong_functions_are_named(make, words):
 def test_what_needs_more_than_values_is_refused_by_name(method, options):
     with pytest.raises(lieeuler.ArgumentError, match="taylor, reductions and spin-free frames"):
         lieeuler.integrate(sprung()[1], method, t_eval=T, **options)
+    if "reduce" not in options:
+        with pytest.raises(lieeuler.ArgumentError, match="taylor, reductions and spin-free frames"):
+            lieeuler.integrate_ensemble(sprung()[1], method, t_eval=T, x=sprung()[1].x[None], **options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import signal
 import threading
 import time
 
@@ -174,6 +175,23 @@ def test_other_threads_of_python_run_meanwhile():
     watcher.join()
     inside = [moment for moment in seen if began < moment < over]
     assert len(inside) > 3
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs SIGALRM")
+@pytest.mark.parametrize("raised", [KeyboardInterrupt, TimeoutError])
+def test_what_a_signal_raises_ends_all_members(raised):
+    def ring(*_):
+        raise raised
+
+    problem = systems.double_pendulum()
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    try:
+        with pytest.raises(raised):
+            lieeuler.integrate_ensemble(problem, "DAE1L_LSE", 1e-6, [0.0, 1e4], threads=2, **spun(problem, 3))
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_attitudes_are_rotations_to_a_tenth_of_a_nanoradian():

@@ -98,12 +98,15 @@ class Loads:
         (start, start_rate), (end, end_rate) = (self.point(body, [*p[point]]) for body, point in (
             (force.parent, "parent_point"), (force.child, "child_point")))
         d, rate = add(end, scale(-1.0, start)), add(end_rate, scale(-1.0, start_rate))
-        square, rest, energy = dot(d, d), p[law.rest], law.potential(p)
-        if rest or any(energy[1::2]):
-            length = square_root(square)
-            factor = slope(energy, length - rest) / length
-        else:  # even powers need no root, and the distance may shrink to zero
-            factor = 2.0 * slope(energy[::2], square)
+        square, factor, pull = dot(d, d), 0.0, [0.0]
+        for k, coefficient in reversed([*enumerate(law.potential(p))][1:]):  # its slope in powers of the length
+            pull = [high - p[law.rest] * low for high, low in zip([0.0, *pull], [*pull, 0.0], strict=True)]
+            pull[0] += k * coefficient
+        for k, coefficient in enumerate(pull):  # over the length: odd powers need no root, and it may shrink to zero
+            if coefficient and k % 2:
+                factor = factor + coefficient * square ** (k // 2)
+            elif coefficient:
+                factor = factor + coefficient * square ** (k // 2) / square_root(square)
         for k, loss in enumerate(law.dissipation(p)):
             if k and loss:
                 factor = factor + k * loss * dot(d, rate) ** (k - 1) / square ** (0.5 * k)

@@ -264,10 +264,9 @@ def _absent(ending: str) -> list[str]:
 
 def _light_bodies(scene: Scene | None) -> set[str]:
     """Names of light bodies and the joints on them, which stand for several joints on one body in other engines."""
-    if scene is None or not any(each.what.startswith("that nothing is between") for each in scene.left_out):
+    if scene is None:
         return set()
-    names = ["", *(body.name for body in scene.bodies)]
-    light = {name for name in names if " after " in name}
+    names, light = ["", *(body.name for body in scene.bodies)], set(scene.stand_ins)
     return light | {joint.name for joint in scene.joints if light & {names[joint.parent + 1], names[joint.child + 1]}}
 
 

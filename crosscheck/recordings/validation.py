@@ -23,6 +23,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import chdtr
 
+from crosscheck.compare.sizes import length_of
 from crosscheck.diagnosis.fit import PART
 from crosscheck.errors import ArgumentError, Unsupported, unknown
 from crosscheck.recordings.columns import EFFORTS
@@ -708,7 +709,8 @@ def since(fit: Fit, k: int, cause: Cause) -> Cause:
 def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
     """(K,) standard deviations of alterations that are uncertain inputs: "mass": .05 is five percent of each.
 
-    Half of the variance of a mass is one of its place alone, half that of a density, with which its inertia goes.
+    Half of the variance of a mass is one of its place alone, half that of a density, with which its inertia goes. Light
+    bodies that stand for massless links are uncertain in all that they have.
     """
     kinds = list(dict.fromkeys(what for what, _ in system.names if what != "between"))  # which is never known
     made = np.zeros(len(system.names))
@@ -725,6 +727,9 @@ def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
                     joint.dry_friction[0].sliding if key == "friction" and joint.dry_friction and joint.dry_friction[0]
                     else sum(getattr(joint, key, ()) or ()) if key != "friction" else 0.0)
                 made[k] = math.hypot(made[k], value * size * (math.sqrt(0.5) if key == "mass" else 1.0))
+    for k, (what, owner) in enumerate(system.names):
+        if owner in system.scene.stand_ins:  # whose masses nobody gave
+            made[k] = length_of(system.scene) if what.startswith("centre of mass") else 1.0
     return made
 
 
@@ -753,7 +758,6 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
     fit.nominal = fit.left
     parts = PARTS if system.unsure else np.zeros(1)
     known = np.flatnonzero(prior > 0)
-    gains, sizes = np.zeros(last), np.full(last, math.inf)
 
     def without(rows: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """N and b of some alterations, and what chi^2 loses, where uncertain inputs may be what they like."""
@@ -767,15 +771,22 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
         chi2 = parts * (parts * N[-1, -1] - 2 * b[-1])
         return float(parts[np.argmin(chi2)]), float(chi2.min())
 
-    for k in every:
-        if not N[k, k] * fit.sizes[k] ** 2 > NOTHING:
-            continue
-        M, g, _ = without(np.array([k, last]), known[known != k])
-        if M[0, 0] > 1e-9 * N[k, k]:
-            _, sigma, gain, _ = alone(M, g, parts if system.names[k][0] != "delay" else np.zeros(1), system.least[k])
-            gain = max(straight(M, g)[1] - gain, 0.0)
-            gains[k] = gain * sigma[0] ** 2 / (sigma[0] ** 2 + prior[k] ** 2)
-            sizes[k] = math.sqrt(sigma[0] ** 2 + prior[k] ** 2)
+    def gained_with(others: np.ndarray) -> np.ndarray:
+        """(2, K) what chi^2 loses by each alteration, others being free, and the standard deviation of its size."""
+        found = np.array([np.zeros(last), np.full(last, math.inf)])
+        for k in every:
+            if not N[k, k] * fit.sizes[k] ** 2 > NOTHING or system.names[k][1] in system.scene.stand_ins:
+                continue
+            M, g, _ = without(np.array([k, last]), others[others != k])
+            if M[0, 0] > 1e-9 * N[k, k]:
+                lines = parts if system.names[k][0] != "delay" else np.zeros(1)
+                _, sigma, gain, _ = alone(M, g, lines, system.least[k])
+                gain = max(straight(M, g)[1] - gain, 0.0)
+                found[:, k] = (gain * sigma[0] ** 2 / (sigma[0] ** 2 + prior[k] ** 2),
+                               math.sqrt(sigma[0] ** 2 + prior[k] ** 2))
+        return found
+
+    gains, sizes = gained_with(known)
     M, g, given = without(np.array([last]), known)
     between, less = straight(M, g)
     predicted = fit.headline(prior, fit.numerical(log.horizons), between)
@@ -788,6 +799,9 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
     beyond = bool(chi2 - given > COVER**2 * free)  # of what uncertain inputs may make
     if gains[order[0]] <= CRITICAL**2 * scale and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
+    if system.scene.stand_ins:  # which could take the place of a heavy cause, at no sensible size
+        gains = gained_with(known[[system.names[k][1] not in system.scene.stand_ins for k in known]])[0]
+        order = np.argsort(-gains).tolist()
     made, skipped = [refined(fit, order[:1])], 0
 
     def explains() -> float:
@@ -804,7 +818,7 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
         made.sort(key=lambda cause: cause.chi2 + ALIKE * (len(cause.parts) > 1))
 
     def lacking(enough: float = ENOUGH) -> bool:
-        return explains() < enough and made[0].chi2 > COVER * free and not len(known)
+        return explains() < enough and made[0].chi2 > COVER * free and not uncertain
 
     more(functools.partial(refined, fit, [k]) for k in order[1:TRIED] if gains[k] > NEAR * gains[order[0]] and (
         made[0].chi2 > COVER * free or N[k, order[0]] ** 2 > PARALLEL * N[k, k] * N[order[0], order[0]]))

@@ -63,6 +63,9 @@ class LeftOut(NamedTuple):
         return f"{self.sentence}: {numbers}" if numbers else self.sentence
 
 
+STAND_IN = "zero mass of the link between joints,"
+"""What a scene has otherwise where it holds a light body between several joints of one body."""
+
 COORDINATE_NAMES = {"turn": "angle", "slide": "slide", "slide n1": "x", "slide n2": "y", "turn parent": "first",
                     "turn child": "second"}
 """The coordinates of joints that have several, by the words of `JointType.coordinates`."""
@@ -356,6 +359,11 @@ class Scene(_Record):
     def loads(self) -> tuple[Force, ...]:
         """All that acts: the springs and dampers of joints, and after them the forces."""
         return (*(spring for joint in self.joints for spring in joint.springs), *self.forces)
+
+    @functools.cached_property
+    def stand_ins(self) -> tuple[str, ...]:
+        """Names of the light bodies that stand for massless links of a model file."""
+        return tuple(each.where for each in self.left_out if each.what == STAND_IN)
 
     @functools.cached_property
     def masses(self) -> np.ndarray:

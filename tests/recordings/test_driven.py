@@ -565,3 +565,31 @@ def test_a_wheel_that_gravity_does_not_move(tmp_path):
     assert crosscheck.judge_recording(crosscheck.import_model(path), log).outcome == "pass"
     log["wheel.torque"] *= 1.1
     assert crosscheck.judge_recording(crosscheck.import_model(path), log).outcome == "fail"
+
+
+QUILL = """<mujoco><worldbody><body name="quill" pos="0 0 1">
+<joint name="lift" type="slide" axis="0 0 1" range="-.5 .5" limited="true" damping="3"/>
+<joint name="spin" axis="0 0 1" damping=".01"/>
+<inertial pos=".02 0 -.1" mass="{mass}" diaginertia=".003 .003 .001"/></body></worldbody>
+<actuator><position name="up" joint="lift" kp="800" kv="40"/><motor name="turn" joint="spin"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("mass", [0.7, 0.9])
+def test_a_light_body_between_joints_is_no_mistake_of_the_model_and_no_cause(mass, tmp_path):
+    """It weighs 1e-7 of what it carries, which a log without noise shows."""
+    mujoco = pytest.importorskip("mujoco")
+    (tmp_path / "quill.xml").write_text(QUILL.format(mass=0.7))
+    m = mujoco.MjModel.from_xml_string(QUILL.format(mass=mass))
+    m.opt.integrator, m.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 2e-4
+    d, rows = mujoco.MjData(m), []
+    for k in range(5001):
+        if k % 50 == 0:
+            t = k * m.opt.timestep
+            d.ctrl[:] = 0.05 * np.sin(2 * t), 0.01 * np.cos(3 * t)
+            rows.append([t, *d.qpos, *d.ctrl])
+        mujoco.mj_step(m, d)
+    log = pytest.importorskip("pandas").DataFrame(np.round(rows, 10), columns=["t", "lift", "spin", "up", "turn"])
+    verdict = crosscheck.judge_recording(tmp_path / "quill.xml", log)
+    assert verdict.scene.stand_ins == ("quill after lift",)
+    assert verdict.outcome == ("pass" if mass == 0.7 else "fail"), str(verdict)
+    assert (verdict.cause or "") == ("" if mass == 0.7 else "mass of quill"), str(verdict)

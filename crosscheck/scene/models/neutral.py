@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crosscheck.scene.coordinates import turned
-from crosscheck.scene.model import LeftOut, quaternion_from_rotation
+from crosscheck.scene.model import STAND_IN, LeftOut, quaternion_from_rotation
 from crosscheck.scene.vectors import cross, welded
 
 if TYPE_CHECKING:
@@ -174,6 +174,7 @@ def _in_series(reading: Reading, group: int, ids: list[int]) -> list[Table]:
         if k < len(ids) - 1:
             inner, centre, far = f"{body.name} after {name}", at, [0.0, 0.0, 0.0]
             size = LIGHT * float(np.trace(body.inertia)) / 3
+            reading.noted.append(LeftOut(inner, STAND_IN, LIGHT * body.mass))
             reading.light.append({"name": inner, "mass": LIGHT * body.mass, "inertia": (size * np.eye(3)).tolist()})
         else:
             inner, far = reading.end(group, at)
@@ -187,8 +188,6 @@ def _in_series(reading: Reading, group: int, ids: list[int]) -> list[Table]:
             table |= _one(reading, parent if k == 0 else group, group, j)
             reading.chained[j] = table
         made.append(table)
-    reading.noted.append(LeftOut(body.name, f"that nothing is between the {len(ids)} joints of body",
-                                 f"light bodies of {LIGHT:g} of its mass are"))
     return made
 
 

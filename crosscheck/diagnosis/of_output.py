@@ -58,6 +58,8 @@ MOST_ROUNDINGS = 50
 MOST_DIGITS = 7
 """Number of decimals of a second below which rounded times are looked for."""
 
+AT_TIMES = "report states at the output times: let steps end on them, or use dense output of the method's order"
+
 SINGLE = float(np.finfo(np.float32).eps)
 
 
@@ -261,7 +263,6 @@ def late(subject: Subject, first: Observation) -> NamedCause | None:
 
 def _late_output(scene: Scene, scale: Scale, y: np.ndarray, exact: np.ndarray) -> NamedCause | None:
     """States at other times, or interpolated between states."""
-    mend = "report states at the output times: let steps end on them, or use dense output of the method's order"
     error = float(np.abs(y - exact)[1:].max())
     delays = shifts(scene, scale, y)
     if delays is None or error < ALLOWED_VIOLATION:
@@ -273,8 +274,8 @@ def _late_output(scene: Scene, scale: Scale, y: np.ndarray, exact: np.ndarray) -
         steps = mean / scene.interval
         if np.abs(delays[1:] - mean).max() <= 0.1 * abs(mean):
             return NamedCause("late output" if mean < 0 else "early output", f"each sample shows the motion "
-                              f"{abs(steps):.3g} steps {'before' if mean < 0 else 'after'} its time", mend)
-        return NamedCause("output times", f"samples are up to {np.abs(delays).max():.3g} s from their times", mend)
+                              f"{abs(steps):.3g} steps {'before' if mean < 0 else 'after'} its time", AT_TIMES)
+        return NamedCause("output times", f"samples are up to {np.abs(delays).max():.3g} s from their times", AT_TIMES)
     bend, _ = rates(y, scene.interval)
     inner = slice(2 * REACH, len(y) - 2 * REACH)
     curvature, _ = rates(bend, scene.interval)
@@ -283,7 +284,7 @@ def _late_output(scene: Scene, scale: Scale, y: np.ndarray, exact: np.ndarray) -
     after = float(np.abs(left - size[:, None, None] * curvature).max())
     if np.all(size >= 0) and after <= fit.CLEAR * float(np.abs(left).max()) and np.ptp(size) > 0.2 * np.abs(size).max():
         return NamedCause("interpolated output", "errors are those of straight lines between the states of other times",
-                          mend)
+                          AT_TIMES)
     return None
 
 
@@ -331,7 +332,6 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
     y, exact = scale.flat(one), scale.flat(true_motion(scene))
     size = rough(y - exact)
     again = float(np.abs(y - scale.flat(two)).max())
-    mend = "compute and report in double precision, to the last digit"
     declared = subject.engine.eps
     if max(size, again) <= MOST_ROUNDINGS * declared and declared > SEEN:
         return Noise(None, max(size, again, declared))
@@ -340,24 +340,32 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
                                 "numbers, no race between threads"), max(size, again))
     if size <= SEEN or rough(scale.flat(coarse) - exact) > GROWS * size:
         return None
-    if (shown := between_samples(y, exact)) is not None:
-        return Noise(shown, size)
+    return Noise(between_samples(y, exact) or _rounded_times(scene, scale, y, size) or _rounded(one, size), size)
+
+
+def _rounded_times(scene: Scene, scale: Scale, y: np.ndarray, size: float) -> NamedCause | None:
+    """States of times with few decimals."""
     ways = ("rounded", np.round), ("cut off", lambda times, digits: np.floor(times * 10.0**digits) / 10.0**digits)
     for digits, (text, cut) in itertools.product(range(1, MOST_DIGITS), ways):
         if np.abs(y - scale.flat(at_times(scene, cut(scene.t, digits)))).max() <= 0.01 * size:
-            return Noise(NamedCause("rounded times", f"states are those of times {text} to {digits} decimals of a "
-                                    "second", "report each state at its time"), size)
-    parts = np.concatenate([getattr(one, name).ravel() for name in ("x", "R", "v", "w")])
-    if np.array_equal(parts, parts.astype(np.float32).astype(float)):
-        return Noise(NamedCause("precision floor", "states are numbers of single precision", mend), size)
+            return NamedCause("rounded times", f"states are those of times {text} to {digits} decimals of a second",
+                              "report each state at its time")
+    return None
+
+
+def _rounded(states: States, size: float) -> NamedCause:
+    """What makes noise of this size in states."""
+    parts = np.concatenate([getattr(states, name).ravel() for name in "xRvw"])
     digits = next((k for k in range(2, 12) if np.abs(np.round(parts, k) - parts).max() <= 1e-15 * np.abs(parts).max()),
                   None)
-    if digits is not None:
-        return Noise(NamedCause("rounded output", f"states are rounded to {digits} decimals", mend), size)
-    if 0.02 * SINGLE <= size <= MOST_ROUNDINGS * SINGLE:
-        return Noise(NamedCause("precision floor", f"noise of {size:.1e} from sample to sample, as single precision "
-                                "leaves (float32)", mend), size)
-    return Noise(NamedCause("noise", f"{size:.1e} from sample to sample", mend), size)
+    name, words = "noise", f"{size:.1e} from sample to sample"
+    if np.array_equal(parts, parts.astype(np.float32).astype(float)):
+        name, words = "precision floor", "states are numbers of single precision"
+    elif digits is not None:
+        name, words = "rounded output", f"states are rounded to {digits} decimals"
+    elif 0.02 * SINGLE <= size <= MOST_ROUNDINGS * SINGLE:
+        name, words = "precision floor", f"noise of {words}, as single precision leaves (float32)"
+    return NamedCause(name, words, "compute and report in double precision, to the last digit")
 
 
 def between_samples(y: np.ndarray, exact: np.ndarray) -> NamedCause | None:
@@ -370,8 +378,7 @@ def between_samples(y: np.ndarray, exact: np.ndarray) -> NamedCause | None:
     straight = bends <= STRAIGHT * true
     if 2 * np.count_nonzero(straight) > len(true) and np.abs(y - exact)[1:-1][~straight].max(initial=0.0) <= (
             0.1 * np.abs(y - exact).max()):
-        return NamedCause("interpolated output", "most samples lie on straight lines between others", "report states "
-                          "at the output times: let steps end on them, or use dense output of the method's order")
+        return NamedCause("interpolated output", "most samples lie on straight lines between others", AT_TIMES)
     return None
 
 

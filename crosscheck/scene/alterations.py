@@ -385,16 +385,17 @@ def _slowed(scene: Scene) -> Iterator[Alteration]:
     def slowed(kind: str, text: str, *fields: str) -> Alteration:
         return numbered(kind, text, lambda m, t: m.replace(**dict.fromkeys(fields, t)), 0.0, mend=WITHOUT_FRICTION)
 
-    def damped(joint: Joint) -> Alteration:
+    def damped(where: str, joint: Joint | None = None) -> Alteration:
         def apply(m: Model, t: float) -> Model:
-            there = any((each.name, each.type) == (joint.name, joint.type) for each in m.scene.joints)
-            return m.replace(damped={**m.damped, joint.name: t}) if there else m
+            there = [each.name for each in m.scene.joints if joint is None or (each.name, each.type) == (
+                joint.name, joint.type)]
+            return m.replace(damped={**m.damped, **{name: m.damped.get(name, 0.0) + t for name in there}})
 
-        return numbered("extra damping", f"{{}} N m s/rad at joint {joint.name!r}", apply, 0.0, mend=WITHOUT_FRICTION,
-                        target=joint.name)
+        return numbered("extra damping", f"{{}} N m s/rad at {where}", apply, 0.0, mend=WITHOUT_FRICTION,
+                        target="" if joint is None else joint.name)
 
     if scene.joints:
-        yield slowed("extra damping", "{} N m s/rad at every joint", "joint_damping")
+        yield damped("every joint")
     yield slowed("extra damping", "velocities decay at {} 1/s", "drag", "spin_drag")
     yield slowed("extra damping", "angular velocities decay at {} 1/s", "spin_drag")
     yield slowed("extra damping", "velocities of the centres of mass decay at {} 1/s", "drag")
@@ -402,8 +403,8 @@ def _slowed(scene: Scene) -> Iterator[Alteration]:
     if scene.joints:
         yield slowed("Coulomb friction", "a moment of {} N m against the turning at every joint", "coulomb")
     sprung = {force.joint for force in scene.loads if force.is_spring}
-    yield from (damped(joint) for joint in scene.joints if len(scene.joints) > 1 and joint.name not in sprung and (
-        joint.kind.turns or joint.kind.is_ball))
+    yield from (damped(f"joint {joint.name!r}", joint) for joint in scene.joints if len(scene.joints) > 1 and (
+        joint.name not in sprung and (joint.kind.turns or joint.kind.is_ball)))
 
     # No wind is vertical.
     across = np.linalg.svd(scene.gravity[None])[2][1:] if scene.gravity.any() else np.eye(3)

@@ -30,8 +30,8 @@ class Model:
     scene: Scene  # the springs of its joints are among its forces
     numbers: tuple[int, ...]  # of its forces among the loads of the scene that is meant
     starts: np.ndarray  # (n, 3, 3) attitudes in which the engine starts
-    joint_damping: float = 0.0  # N m s/rad, on the relative angular velocity across every joint
-    damped: Mapping[str, float] = dataclasses.field(default_factory=dict)  # the same, of the joints of these names
+    damped: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """N m s/rad by the name of a joint, on the relative angular velocity across it."""
     drag: float = 0.0  # 1/s: force - drag m v on every body
     spin_drag: float = 0.0  # 1/s: torque - spin_drag J w on every body
     quadratic: float = 0.0  # 1/m: force - quadratic m |v| v on every body
@@ -75,11 +75,10 @@ class Model:
     @property
     def as_scene(self) -> Scene | None:
         """The scene that moves so; None if none does."""
-        plain = Model(self.scene, self.numbers, self.starts)
-        damped = [(joint, float(size)) for joint in self.scene.joints if (
-            size := self.joint_damping + self.damped.get(joint.name, 0.0))]
+        damped = [(joint, float(size)) for joint in self.scene.joints if (size := self.damped.get(joint.name, 0.0))]
+        plain = Model(self.scene, self.numbers, self.starts, {} if damped else self.damped)
         if damped and all(joint.kind.turns for joint, _ in damped):
-            return self.replace(joint_damping=0.0, damped={}).with_more(*(Force(
+            return self.replace(damped={}).with_more(*(Force(
                 "torsional_spring", joint.parent, joint.child, joint.name, {
                     "stiffness": 0.0, "rest_angle": 0.0, "damping": size}) for joint, size in damped)).as_scene
         return self.scene if all(np.array_equal(getattr(self, field.name), getattr(plain, field.name))
@@ -87,7 +86,7 @@ class Model:
 
     def physical(self, right: Model) -> bool:
         """Whether nothing that should slow a motion drives it, as nothing does, and masses make sense."""
-        if min(*self.damped.values(), self.joint_damping, self.drag, self.spin_drag, self.quadratic, self.coulomb, *(
+        if min(*self.damped.values(), self.drag, self.spin_drag, self.quadratic, self.coulomb, *(
                 force.parameters["damping"] for force in self.scene.forces if force.is_spring)) < 0.0:
             return False
         if self.scene.bodies is right.scene.bodies:
@@ -152,10 +151,10 @@ class Accelerations:
             f[:, :, 3:] -= m.spin_drag * (scene.inertias @ p.w[..., None])[..., 0]
         if np.any(m.gyroscopic != 1.0):
             f[:, :, 3:] += (1.0 - np.asarray(m.gyroscopic).reshape(-1, 1)) * mechanics.gyroscopic(scene.inertias, p.w)
-        if m.joint_damping or m.coulomb:
-            f += m.joint_damping * self.friction(scene) + m.coulomb * self.friction(scene, unit=True)
-        for name, size in m.damped.items():
-            f += size * self.friction(scene, at=name)
+        if m.coulomb:
+            f += m.coulomb * self.friction(scene)
+        if m.damped:
+            f += self.friction(scene, m.damped)
         for number, factor in m.levers.items():
             force = scene.forces[m.numbers.index(number)] if number in m.numbers else None
             if force is not None and force.law.measure in ("length", "force"):
@@ -185,20 +184,16 @@ class Accelerations:
             rates, _ = index1.bound(rates, G, np.concatenate([target, bias], axis=1), solve)
         return np.asarray(rates[:, :6 * scene.n].reshape(p.rates.shape))
 
-    def friction(self, scene: Scene, unit: bool = False, at: str | None = None) -> np.ndarray:
-        """Generalised force (P, n, 6) of damping at every joint, or one: minus the relative angular velocity.
-
-        `unit`: of a moment of size 1 in that direction.
-        """
+    def friction(self, scene: Scene, damped: Mapping[str, float] | None = None) -> np.ndarray:
+        """Generalised force (P, n, 6) of damping at joints; None: of a moment of size 1 against the turning at all."""
         R, w = self.points.R, self.points.w
         f = np.zeros((*w.shape[:2], 6))
-        for joint in scene.joints if at is None else [each for each in scene.joints if each.name == at]:
+        for joint in scene.joints if damped is None else [each for each in scene.joints if each.name in damped]:
             spin = np.einsum("pij,pj->pi", R[:, joint.child], w[:, joint.child])
             if joint.parent != GROUND:
                 spin = spin - np.einsum("pij,pj->pi", R[:, joint.parent], w[:, joint.parent])
-            if unit:
-                size = np.linalg.norm(spin, axis=1, keepdims=True)
-                spin = spin / np.where(size > 0.0, size, 1.0)
+            size = np.linalg.norm(spin, axis=1, keepdims=True)
+            spin = spin / np.where(size > 0.0, size, 1.0) if damped is None else damped[joint.name] * spin
             if joint.parent != GROUND:
                 f[:, joint.parent, 3:] += np.einsum("pji,pj->pi", R[:, joint.parent], spin)
             f[:, joint.child, 3:] -= np.einsum("pji,pj->pi", R[:, joint.child], spin)
@@ -210,7 +205,7 @@ class Accelerations:
         If nearly all instants were such, none is.
         """
         reverses = np.zeros(len(self.points.x), dtype=bool)
-        for u in (self.points.v, self.friction(scene, unit=True)[:, :, 3:]):
+        for u in (self.points.v, self.friction(scene)[:, :, 3:]):
             along = np.einsum("pni,pni->pn", u[1:], u[:-1])
             sizes = np.linalg.norm(u[1:], axis=2) * np.linalg.norm(u[:-1], axis=2)
             for k in np.flatnonzero((along < 0.5 * sizes).any(axis=1)):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crosscheck.diagnosis import fit
-from crosscheck.diagnosis.observe import FASTEST, REACH, RTOLS, Observation, Scale, Subject, rates, true_motion
+from crosscheck.diagnosis.observe import FASTEST, FINER, REACH, RTOLS, Observation, Scale, Subject, rates, true_motion
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene.alterations import FAILS, GONE
@@ -43,11 +43,8 @@ THIN = 4
 SEEN = 1e-10
 """Noise of y below which it is rounding in double precision, or the tolerance of the engine's own solver."""
 
-FINE = 4
-"""Steps per sample, or rtol, of the runs in which noise is looked for."""
-
-COARSER, GROWS = 4, 2.5
-"""Factor of the step, and the growth above which the difference is an error of the step and not noise."""
+GROWS = 2.5
+"""Growth at steps `FINER` times as large above which the difference is an error of the step and not noise."""
 
 SPREAD = 100.0
 """Times the noise between samples that a difference from truth may reach by noise alone, which adds up over a run."""
@@ -325,9 +322,9 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
     The time is so short that even the fastest motion, that of a soft joint, is smooth from sample to sample.
     """
     scene = scene.replace(duration=scene.duration / FASTEST)
-    finest = scene.interval / FINE
-    asked = ((finest, None), (finest, None), (COARSER * finest, None)) if subject.order(scene) is not None else (
-        (None, RTOLS[1]), (None, RTOLS[1]), (None, COARSER**2 * RTOLS[1]))
+    finest = scene.interval / FINER
+    asked = ((finest, None), (finest, None), (FINER * finest, None)) if subject.order(scene) is not None else (
+        (None, RTOLS[1]), (None, RTOLS[1]), (None, FINER**2 * RTOLS[1]))
     one, two, coarse = (subject.run(scene, *each).states for each in asked)
     y, exact = scale.flat(one), scale.flat(true_motion(scene))
     size = rough(y - exact)

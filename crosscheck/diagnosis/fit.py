@@ -11,7 +11,6 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -42,9 +41,6 @@ FAR = 1e15
 
 ORDERED = {"inertia point", "inertia frame"}
 """Causes whose order matters in a pair: an inertia may be moved and then turned, or turned and then moved."""
-
-OFF = 0.1
-"""By how much the magnitudes of a cause are off where it is asked what it alters."""
 
 ITERATIONS, GIVE_UP, DIFFERENCE = 10, 0.97, 1e-6
 """Of the quick fits: the largest number of steps, the ratio of residuals above which they end, and the relative width
@@ -127,10 +123,6 @@ class Case:
         """The largest |z| that a fit may leave."""
         return min(EXPLAINED, CLEAR * self.before)
 
-    def parts(self, cause: Alteration) -> frozenset[object]:
-        """The parts of what is right that a cause alters."""
-        raise NotImplementedError
-
     def _finite(self, causes: Sequence[Alteration], values: np.ndarray) -> np.ndarray:
         check_time()
         parts = np.split(values, np.cumsum([cause.free for cause in causes])[:-1])
@@ -180,17 +172,6 @@ class Data(Case):
 
     def __init__(self, copies: Sequence[Copy], absent: int | None = None, soft: bool = False) -> None:
         self.copies, self.absent, self.soft = copies, absent, soft
-        self._parts: dict[int, frozenset[object]] = {}
-
-    def parts(self, cause: Alteration) -> frozenset[object]:
-        """The bodies, forces and joints of a scene, and the names of its other numbers, that a cause alters."""
-        if id(cause) not in self._parts:
-            right, made = self.copies[0].right, None
-            with contextlib.suppress(*FAILS):
-                made = cause.apply(right, np.add(cause.starts[0], OFF))
-            differ = set(_parts(right).items()) ^ set(_parts(made or right).items())
-            self._parts[id(cause)] = frozenset(name for name, _ in differ)
-        return self._parts[id(cause)]
 
     def residual(self, causes: Sequence[Alteration], theta: Sequence[np.ndarray]) -> np.ndarray:
         """Of all copies."""
@@ -215,16 +196,6 @@ def altered(right: Model, causes: Sequence[Alteration], theta: Sequence[np.ndarr
     if not model.physical(right):
         raise ValueError("damping that drives a motion, or a mass that is none")
     return model
-
-
-def _parts(model: Model) -> dict[object, str]:
-    """The content of each part of a model."""
-    scene = model.scene
-    parts: dict[object, Any] = {("body", k): (body.mass, body.inertia) for k, body in enumerate(scene.bodies)}
-    parts |= {("force", k): force for k, force in zip(model.numbers, scene.forces, strict=True)}
-    parts |= {("joint", joint.name): joint for joint in scene.joints} | {"gravity": scene.gravity}
-    parts |= {field.name: getattr(model, field.name) for field in dataclasses.fields(Model)[3:]}
-    return {name: repr(part) for name, part in parts.items()}
 
 
 def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
@@ -292,7 +263,7 @@ def _grown(case: Case, bases: Sequence[Fit], singles: Sequence[Fit]) -> tuple[li
         other, = single.causes
         ids = frozenset(map(id, (*base.causes, other)))
         if ids in done or any((other.cause == each.cause and (other.target == each.target or not other.target)) or (
-                len(base.causes) > 1 and case.parts(other) & case.parts(each)) for each in base.causes):
+                len(base.causes) > 1 and other.overlaps(each)) for each in base.causes):
             continue
         done.add(ids)
         matters = any({other.cause, each.cause} == ORDERED for each in base.causes)

@@ -37,6 +37,8 @@ TURNED = (("R J R^T: body components taken as components in world axes", lambda 
 
 DIAGONAL = np.eye(3, dtype=bool)
 
+BODIES = "all bodies"
+
 
 class Quantity(NamedTuple):
     """A number of a model, of its inputs or encoders, that a log of its motion may show to be another one."""
@@ -93,7 +95,7 @@ class Alteration:
     mistakes: Callable[[np.ndarray], int] = lambda theta: 1
     """Number of mistakes that lead to these magnitudes. Of equal explanations that with the fewest is named."""
     target: str = ""
-    """The part of the model that it alters. Two alterations of one cause make a pair if these differ."""
+    """The part of the model that it alters, if not all. Two alterations of one cause make a pair if these differ."""
     alone: bool = False
     """Whether it is never part of a pair."""
     last: bool = False
@@ -102,6 +104,12 @@ class Alteration:
     def name(self, theta: np.ndarray) -> str:
         """The cause in a few words."""
         return self.cause if self.title is None else self.title(theta)
+
+    def overlaps(self, other: Alteration) -> bool:
+        """Whether both alter the same body, joint or force."""
+        targets = {self.target, other.target}
+        return "" not in targets and (len(targets) == 1 or (BODIES in targets and all(
+            each.startswith(("body ", BODIES)) for each in targets)))
 
     @property
     def free(self) -> int:
@@ -119,7 +127,7 @@ def alterations(scene: Scene, as_given: bool = False) -> list[Alteration]:
 
     `as_given`: also those of an inertia that is turned by the scene's attitude, where the engine shows another one.
     """
-    scopes: list[tuple[str, tuple[int, ...]]] = [("all bodies", tuple(range(scene.n)))]
+    scopes: list[tuple[str, tuple[int, ...]]] = [(BODIES, tuple(range(scene.n)))]
     if scene.n > 1:
         scopes += [(f"body {body.name!r}", (k,)) for k, body in enumerate(scene.bodies)]
     named = [_gravity(scene)]
@@ -223,11 +231,12 @@ def _inertias(scene: Scene, where: str, bodies: tuple[int, ...], as_given: bool)
         yield Alteration("inertia point", _inertia(moved, bodies), ((0.2,), (1.0,), (-0.2,)),
                          lambda t: f"{where}: inertia off by {t[0]:+.6g} times mass (s^2 I - s s^T), s from the centre "
                                    "of mass to the joint; +1 would be the inertia about the joint",
-                         "give the inertia about the point the engine expects: the centre of mass, or the joint")
+                         "give the inertia about the point the engine expects: the centre of mass, or the joint",
+                         target=where)
     for given, (text, turn) in itertools.product((False, True) if as_given else (False,), TURNED):
-        yield numbered("inertia frame", f"{where}: {text}", reframed(turn, given), mend=axes)
+        yield numbered("inertia frame", f"{where}: {text}", reframed(turn, given), mend=axes, target=where)
     yield Alteration("inertia frame", _inertia(rotated, bodies),
-                     ((0.1, 0.1, 0.1), (0.7, -0.5, 0.3), (-0.5, 0.8, -0.9)), angle, axes)
+                     ((0.1, 0.1, 0.1), (0.7, -0.5, 0.3), (-0.5, 0.8, -0.9)), angle, axes, target=where)
 
 
 def least_turn(theta: np.ndarray, J: np.ndarray) -> np.ndarray:
@@ -257,11 +266,11 @@ def _heavier(text: str, mend: str, starts: Sequence[float], inertia: bool, bodie
 
 
 def _masses(scene: Scene, k: int) -> Iterator[Alteration]:
-    name = scene.bodies[k].name
-    mend = f"check that body {name!r} and its mass reach the engine"
-    yield _heavier(f"mass and inertia of body {name!r} times {{}}", mend, (0.1, -1.0, -5.0), True, (k,), target=name,
+    where = f"body {scene.bodies[k].name!r}"
+    mend = f"check that {where} and its mass reach the engine"
+    yield _heavier(f"mass and inertia of {where} times {{}}", mend, (0.1, -1.0, -5.0), True, (k,), target=where,
                    title=lambda t: "missing body" if np.exp(t[0]) < MASSLESS else "mass")
-    yield _heavier(f"mass of body {name!r} times {{}}, inertia as it is", mend, (0.1, -1.0), False, (k,), target=name)
+    yield _heavier(f"mass of {where} times {{}}, inertia as it is", mend, (0.1, -1.0), False, (k,), target=where)
 
 
 def _scaled(force: Force, factor: float) -> dict[str, Any]:

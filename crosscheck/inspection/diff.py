@@ -35,6 +35,7 @@ from crosscheck.scene.model import (
 )
 from crosscheck.scene.models import import_model, is_model, joint_data
 from crosscheck.scene.spanning import hung
+from crosscheck.scene.vectors import welded
 
 TOLERANCE = 1e-7
 """Relative bound on a difference: formats write the same digits, and an attitude as three angles loses some."""
@@ -613,15 +614,10 @@ def _merged(scene: Scene) -> Scene:
     turns = [R[k].T @ each for k, each in zip(roots, R, strict=True)]  # to the axes of the root
     for k in kept:
         members = [each for each in range(scene.n) if roots[each] == k]
-        masses = scene.masses[members]
-        centre = centres[k] = masses @ x[members] / masses.sum()
-        J = np.zeros((3, 3))
-        for each, mass in zip(members, masses, strict=True):
-            arm = R[k].T @ (x[each] - centre)
-            J += turns[each] @ scene.inertias[each] @ turns[each].T + mass * (arm @ arm * np.eye(3)
-                                                                             - np.outer(arm, arm))
-        speed = scene.v0[k] + R[k] @ np.cross(scene.w0[k], R[k].T @ (centre - x[k]))
-        bodies.append(dataclasses.replace(scene.bodies[k], mass=float(masses.sum()), inertia=J, position=centre,
+        mass, centres[k], J = welded([scene.masses[each] for each in members], [x[each] for each in members],
+                                     [R[each] @ scene.inertias[each] @ R[each].T for each in members])
+        speed = scene.v0[k] + R[k] @ np.cross(scene.w0[k], R[k].T @ (centres[k] - x[k]))
+        bodies.append(dataclasses.replace(scene.bodies[k], mass=mass, inertia=R[k].T @ J @ R[k], position=centres[k],
                                           velocity=speed))
 
     def turned(body: int, vector: object) -> Any:

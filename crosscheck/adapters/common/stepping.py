@@ -33,7 +33,7 @@ Convert = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None], Stat
 def fixed_step(scene: Scene, spec: RunSpec) -> tuple[int, float]:
     """(steps in one sample interval, step used, s); raises `ArgumentError` if no step is given."""
     if spec.step is None:
-        raise ArgumentError(f"step: {spec.method} needs a fixed step; give step= (s)")
+        raise ArgumentError(f"step: {spec.method} needs a fixed step; give one in s, such as 1e-3")
     return steps_per_sample(scene, spec.step)
 
 

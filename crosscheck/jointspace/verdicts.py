@@ -120,11 +120,17 @@ def cause_of(scene: Scene, exact: Derivatives, wrong: dict[str, np.ndarray], bou
     """What is wrong with the wrong blocks, in words; "" if no known mistake explains it."""
     sizes = scales(exact)
     apart = {name: float(np.abs(values - exact.blocks[name]).max()) for name, values in wrong.items()}
+    best, least = "", EXPLAINED
     for words, changed in itertools.chain(_algebra(scene, exact), _altered(scene), _steps(scene, exact, wrong)):
-        if all(name in changed and float(np.abs(values - changed[name]).max())
-               <= bound * sizes[name] + EXPLAINED * apart[name] for name, values in wrong.items()):
-            return f"{words} ({', '.join(wrong)})"
-    return ""
+        if not wrong.keys() <= changed.keys():
+            continue
+        left = max((float(np.abs(values - changed[name]).max()) - bound * sizes[name]) / apart[name]
+                   for name, values in wrong.items())
+        if left <= least:
+            best, least = f"{words} ({', '.join(wrong)})", left
+        if left <= 0.0:  # to the digits that are known
+            break
+    return best
 
 
 def _of_its_own(scene: Scene, source: Any, label: str, error: float, exact: Derivatives | None = None) -> str:

@@ -43,7 +43,7 @@ def request(engine: str, adapter: Engine, method: str, options: Mapping[str, Any
     spec = RunSpec(method, _positive("step", step), _positive("rtol", rtol), monitor=monitor, **given)
     if not adapter.checks_sizes and method not in adapter.adaptive_methods:
         if spec.rtol is not None:
-            raise ArgumentError(f"rtol: {engine} {method} runs with a fixed step here; give a step in s, such as 1e-3, instead")
+            raise ArgumentError(f"rtol: {engine} {method} runs with a fixed step here; give one in s, such as 1e-3")
         if spec.step is None:
             raise ArgumentError(f"step: {engine} {method} needs a fixed step; give one in s, such as 1e-3")
     if refused := adapter.refused_map(spec):

@@ -23,6 +23,7 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import starting
 from crosscheck.scene.laws import DryFriction, Limits
+from crosscheck.scene.starts import started
 from crosscheck.scene.states import States
 from tests.engines.stepper import Misbuilt
 from tests.jointspace.arms import arm
@@ -183,6 +184,15 @@ def test_verdicts_on_engines(scene, source, right, cause):
     assert verdict.right == right, verdict
     assert cause in verdict.cause
     assert bool(cause) == bool(verdict.cause)
+
+
+def test_a_cause_that_leaves_least_is_named():
+    """At rest and without its dampers da_dv is 0, which is near all small matrices."""
+    made = TREES["arm"]()
+    slow = started(made, made.x0, made.R0, 0.0 * made.v0, 0.0 * made.w0)
+    light = slow.replace(bodies=tuple(dataclasses.replace(
+        each, mass=0.03 * each.mass, inertia=0.03 * each.inertia) for each in slow.bodies))
+    assert "missing damper" in judge(light, "pinocchio").cause
 
 
 @pytest.mark.parametrize(("source", "module"), [

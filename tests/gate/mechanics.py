@@ -14,8 +14,8 @@ def cross(a, b):
 
 
 def across(a, b):
-    """Vector products along the last axis."""
-    return cross(a.T, np.broadcast_to(b, a.shape).T).T
+    """Vector products along the last axis of arrays of one shape."""
+    return cross(a.T, b.T).T
 
 
 def hat(a):
@@ -25,7 +25,7 @@ def hat(a):
 
 def matrix(q):
     """Attitudes (..., 3, 3) from quaternions w, x, y, z of any length but zero."""
-    w, x, y, z = q.T
+    w, x, y, z = q.T if q.ndim > 1 else q.tolist()  # of one quaternion numbers are faster
     s = 2.0 / (w * w + x * x + y * y + z * z)
     columns = [[1 - s * (y * y + z * z), s * (x * y + w * z), s * (x * z - w * y)],
                [s * (x * y - w * z), 1 - s * (x * x + z * z), s * (y * z + w * x)],
@@ -111,7 +111,7 @@ class Balls:
     def __init__(self, scene):
         n = self.n = scene.n
         self.m, self.I, self.g = scene.masses[:, None], np.array(scene.inertias), scene.gravity
-        self.loads = Points(scene)
+        self.weights, self.loads = np.repeat(self.m, 3, axis=0), Points(scene)
         joints = {joint.child: joint for joint in scene.joints}
         arms, self.roots = [], np.zeros((n, 3))  # of every body: the bodies on its way from the ground, with their arms
         for body in range(n):
@@ -139,10 +139,14 @@ class Balls:
         """What vectors (..., P, 3) of the arms in their bodies' axes add up to for each body, in the world."""
         return self.sum @ (R[..., self.links, :, :] @ inner[..., None])[..., 0]
 
+    def swing(self, w):
+        """The vector products of rates (..., P, 3) with the arms."""
+        return -(self.hats @ w[..., None])[..., 0]
+
     def swung(self, R, w):
         """Positions and velocities (..., n, 3), and accelerations without those of the rates."""
         w = w[..., self.links, :]
-        swing = across(w, self.arms)
+        swing = self.swing(w)
         return self.roots + self.along(R, self.arms), self.along(R, swing), self.along(R, across(w, swing))
 
     def accelerate(self, t, R, w):
@@ -153,7 +157,7 @@ class Balls:
         J = np.zeros((n, 3, n, 3))
         J[self.bodies, :, self.links] = -R[self.links] @ self.hats
         G = J.reshape(3 * n, 3 * n)
-        M = G.T @ (np.repeat(self.m, 3, axis=0) * G)
+        M = G.T @ (self.weights * G)
         M.reshape(n, 3, n, 3)[each, :, each] += self.I
         torque = torque - self.gyroscopic * across(w, (self.I @ w[..., None])[..., 0])
         f = G.T @ (self.m * (self.g - bias) + force).ravel() + torque.ravel()
@@ -161,7 +165,8 @@ class Balls:
 
     def rate(self, t, y):
         q, w = self.split(y)
-        return np.concatenate([np.array(turn(q.T, w.T)).T.ravel(), self.accelerate(t, matrix(q), w).ravel()])
+        turned = [turn(a, b) for a, b in zip(q.tolist(), w.tolist(), strict=True)]
+        return np.concatenate([*turned, self.accelerate(t, np.array([matrix(a) for a in q]), w).ravel()])
 
     def settle(self, y):
         q, w = self.split(y)
@@ -181,7 +186,7 @@ class Balls:
         got = self.report(Y)
         R, w = got["R"], got["w"]
         alpha = np.array([self.accelerate(time, *both) for time, *both in zip(t, R, w, strict=True)])
-        return self.swung(R, w)[2] + self.along(R, across(alpha[:, self.links], self.arms)), alpha
+        return self.swung(R, w)[2] + self.along(R, self.swing(alpha[:, self.links])), alpha
 
 
 class Floating:

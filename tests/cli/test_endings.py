@@ -148,11 +148,11 @@ def test_sentences_name_the_model_of_the_user_and_no_file_of_the_cache(tmp_path,
 
 
 @pytest.mark.parametrize(("command", "said"), [
-    (("verify", "--tol", "positon=1"), "did you mean 'position'?"), (("verify", "--method", "RK5"), "RK5"),
+    (("verify", "--tol", "posituon=1"), "did you mean 'position'?"), (("verify", "--method", "RK5"), "RK5"),
     (("verify", "--engine", "mujco"), "mujco"), (("run", "--method", "rattle3", "--step", "1"), "rattle2"),
     (("explain", "--engine", "mujoco", "--method", "RK5"), "RK4"),
     (("advise", "--engine", "mujco", "--error", "1e-3"), "mujco"),
-    (("judge", "log.csv", "--tol", "joint_positon=1"), "did you mean 'joint_position'?")])
+    (("judge", "log.csv", "--tol", "joint_posituon=1"), "did you mean 'joint_position'?")])
 def test_what_is_mistyped_is_refused_before_a_model_is_read(tmp_path, monkeypatch, command, said):
     monkeypatch.setattr("crosscheck.scene.models.table", None)  # to read a model is an internal error now
     (tmp_path / "arm.xml").write_text(ARM, encoding="utf-8")

@@ -242,8 +242,9 @@ def _symmetric(*half: float) -> tuple[float, ...]:
 
 
 # Published weights. They sum to one, which fixes the middle one. METHODS has for each order those of least error at
-# equal cost: rattle4 a tenth of the error of Forest and Ruth's and half that of MCLACHLAN_4, rattle6 0.3 times that of
-# Yoshida's solution A, rattle8 that of Kahan and Li's with 17 stages.
+# equal cost: rattle4 a tenth of the error of Forest and Ruth's, doi:10.1016/0167-2789(90)90019-L, and half that of
+# MCLACHLAN_4, rattle6 0.3 times that of Yoshida's solution A, doi:10.1016/0375-9601(90)90092-3, rattle8 that of Kahan
+# and Li's with 17 stages.
 SUZUKI_4 = _symmetric(*2 * (1 / (4 - 4 ** (1 / 3)),))
 """Order 4, 5 stages; Suzuki, doi:10.1016/0375-9601(90)90962-N."""
 MCLACHLAN_4 = _symmetric(0.28, 0.62546642846767004501)

@@ -50,15 +50,30 @@ def test_order(system, method):
         assert np.polyfit(steps, values, 1)[0] == pytest.approx(order, abs=0.3 if order == 8 else 0.15), quantity
 
 
-def test_the_weights_in_use_are_the_better_ones(monkeypatch):
-    """At equal numbers of stages: the geometric mean of the errors over both pendulums and four budgets."""
-    ratios = []
+OTHERS = {  # published weights that METHODS does not have
+    "Forest and Ruth 4": methods._symmetric(1 / (2 - 2 ** (1 / 3))),
+    "McLachlan 4": methods.MCLACHLAN_4,
+    "Yoshida 6, solution A": methods._symmetric(0.784513610477560, 0.235573213359357, -1.17767998417887),
+    "Kahan and Li 8, 17 stages": methods._symmetric(
+        0.13020248308889008088, 0.56116298177510838456, -0.38947496264484728641, 0.15884190655515560090,
+        -0.39590389413323757734, 0.18453964097831570709, 0.25837438768632204729, 0.29501172360931029887)}
+
+
+@pytest.mark.parametrize(("method", "other", "most"), [
+    ("rattle4", "Forest and Ruth 4", 1), ("rattle4", "McLachlan 4", 1), ("rattle6", "Yoshida 6, solution A", 1),
+    ("rattle8", "Kahan and Li 8, 17 stages", 1.05)])
+def test_the_weights_in_use_are_the_better_ones(monkeypatch, method, other, most):
+    """At equal numbers of stages: the geometric mean of the errors over both pendulums and four budgets.
+
+    Those of order 8 are equals: 2.4 times worse on one pendulum and 2.3 times better on the other, 1.02 in the mean.
+    """
+    ratios, used = [], lieeuler.METHODS[method]
     for system in ("single_pendulum", "double_pendulum"):
         for stages in (40, 50, 60, 70) if system == "single_pendulum" else (60, 70, 80, 90):
             errors = []
-            for weights in (methods.SUZUKI_4, methods.MCLACHLAN_4):
+            for weights in (used.composition, OTHERS[other]):
                 monkeypatch.setattr(lieeuler.METHODS["rattle2"], "composition", weights)
                 step, error, *_ = motion_errors(system, "rattle2", 0.1 / max(1, round(stages / len(weights))))[0]
-                errors.append(error * (len(weights) / step / (10 * stages)) ** 4)
+                errors.append(error * (len(weights) / step / (10 * stages)) ** used.order)
             ratios.append(errors[0] / errors[1])
-    assert np.exp(np.mean(np.log(ratios))) < 1, ratios
+    assert np.exp(np.mean(np.log(ratios))) < most, ratios

@@ -57,6 +57,7 @@ def predict(model: Model, t: np.ndarray, start: Pose | None = None, step: float 
         return np.concatenate([v.ravel(), np.cross(R, w[:, None, :]).ravel(), a[:, :3].ravel(), a[:, 3:].ravel()])
 
     begin = np.concatenate([x.ravel(), R.ravel(), v.ravel(), w.ravel()])
+    # With tolerances that no error exceeds every step is the longest allowed.
     how: dict[str, float] = {"rtol": PRECISE, "atol": 1e-3 * PRECISE} if step is None else {
         "rtol": 1.0, "atol": 1e300, "max_step": step, "first_step": min(step, float(t[-1]))}
     solved = solve_ivp(derivative, (0.0, float(t[-1])), begin, "DOP853", t_eval=t, **how)

@@ -390,7 +390,7 @@ def _monitor(scene: SceneEntry, index: int, monitor: MonitorEntry) -> Monitor:
     if not isinstance(monitor, TouchEntry):
         joint = _joint_of(f"{entry}: joint", scene, monitor.joint)
         laws = {each.__struct_config__.tag for each in scene.forces if getattr(each, "joint", None) == joint.name}
-        motors = [name for name, law in FORCE_TYPES.items() if law.on_joint and not law.stores]
+        motors = [name for name, law in FORCE_TYPES.items() if law.is_motor]
         if kind == "effort" and not laws.intersection(motors):
             raise EntryError(f"{entry}: joint", f'"{joint.name}" has no {", ".join(motors[:-1])} or {motors[-1]}',
                              "name a joint with an actuator")

@@ -147,6 +147,11 @@ class ForceType:
         """Whether its measure is a coordinate of a joint."""
         return self.measure in ("angle", "slide", "coordinate")
 
+    @property
+    def is_motor(self) -> bool:
+        """Whether it is what drives a coordinate of a joint: a torque, a force or a servo."""
+        return self.on_joint and not self.stores
+
 
 def _spring(measure: Literal["length", "angle", "slide"], rest: str) -> ForceType:
     return ForceType(measure, lambda p, u, rate: -(p["stiffness"] * u + p["damping"] * rate),

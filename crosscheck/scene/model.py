@@ -245,8 +245,8 @@ class Force(_Record):
 
     @property
     def is_motor(self) -> bool:
-        """Whether it is what drives a coordinate of a joint: a torque, a force or a servo."""
-        return self.law.on_joint and not self.law.stores
+        """Whether it drives a coordinate of a joint."""
+        return self.law.is_motor
 
     def at(self, t: object) -> dict[str, Any]:
         """The parameters at times t, of which any have the shape of t."""

@@ -167,8 +167,7 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
     size = law.effort(p, value - p.get(law.rest, 0.0), rate)
     if law.on_joint:
         joint = scene.joint(force.joint)
-        slides = joint.kind.coordinates[joint.kind.number(law.measure)] == "slide"
-        _add_along(f, R, joint, slides, size)
+        _add_along(f, R, joint, law.measure == "slide" or (law.measure == "coordinate" and joint.kind.slides), size)
         return
     _act(f, R, force.child, size[:, None] * along, p["child_point"])
     _act(f, R, force.parent, -size[:, None] * along, p["parent_point"])

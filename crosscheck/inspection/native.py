@@ -97,8 +97,9 @@ class NativeInspection:
 
     @property
     def agree(self) -> bool:
-        """Whether all engines load the file and read the same as the scene."""
-        return self.scene is not None and not self.differences and not self.refused
+        """Whether all engines load the file, read the same as the scene, and hold no two numbers for one thing."""
+        return self.scene is not None and not self.differences and not self.refused and all(
+            len(set(cells) - {"-"}) < 2 for _, *cells in self.laws)
 
     def of(self, engine: str) -> tuple[Difference, ...]:
         """The differences between one engine and the scene."""
@@ -234,11 +235,6 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
         raise SceneError(f"{source}: no engine reads it: " + "; ".join(
             f"{name}: {words}" for name, words in refused.items())) if alone and refused else no_scene
     neutral = _neutral(scene, states) if scene else natives[0]
-    # The limits of the first that has them; a scene may have left them out.
-    said = {name: joint.limits for native in reversed(natives) for name, joint in native.joints.items()
-            if joint.limits and np.isfinite(joint.limits).all()}
-    neutral = dataclasses.replace(neutral, joints={name: dataclasses.replace(joint, limits=said.get(name))
-                                                   for name, joint in neutral.joints.items()})
     invented = frozenset(link.get("name", "") for link in model.root.findall("link")
                          if link.find("inertial") is None and link.find("collision") is not None)
     light = _light_bodies(scene)
@@ -450,9 +446,6 @@ def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray],
     if ours.mimic != theirs.mimic:
         yield ("mimic", name, f"joint {name} follows " + (
             f"{theirs.mimic or 'no other joint'} in place of {ours.mimic or 'none'}"))
-    if ours.limits and theirs.limits and not _close(np.array(ours.limits), np.array(theirs.limits), 1.0, most):
-        yield ("limits", name, f"limits of joint {name} are {_digits(np.array(theirs.limits))}, not "
-                   f"{_digits(np.array(ours.limits))}")
     for key in ("damping", "armature", "stiffness", *sprung):
         value, goal = getattr(theirs, key), getattr(ours, key)
         if abs(value - goal) > most * max(abs(goal), abs(value)):

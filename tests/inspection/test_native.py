@@ -502,6 +502,16 @@ def test_what_each_engine_holds_of_a_joint_is_a_table_of_what_differs(tmp_path):
     assert found.said["shoulder"]["friction"] == 0.3
 
 
+@pytest.mark.parametrize(("unit", "alike"), [("degree", False), ("radian", True)])
+def test_engines_that_hold_two_numbers_for_one_limit_do_not_agree(unit, alike, tmp_path):
+    """Pinocchio takes the range of a slide for degrees where a file's angles are in degrees."""
+    path = saved(tmp_path / "rail.xml", f"""<mujoco><compiler angle="{unit}"/><worldbody><body name="cart">
+        <joint name="rail" type="slide" range="-4 4"/><geom size=".1" mass="2"/></body></worldbody></mujoco>""")
+    found = crosscheck.inspect(path, ["mujoco", "pinocchio"])
+    assert found.agree == alike
+    assert [row[0] for row in found.laws] == ([] if alike else ["lower limit of rail", "upper limit of rail"])
+
+
 @pytest.mark.parametrize(("shape", "lost"), [
     ('<box size=".1 .2 .3"/>', False), ('<cylinder radius=".03" length=".2"/>', False),
     ('<sphere radius=".05"/>', False), ('<capsule radius=".03" length=".2"/>', True)])
@@ -513,6 +523,7 @@ def test_collision_shapes_of_each_engine_are_compared(shape, lost, tmp_path):
     assert len(found.outlined) >= 2
     rows = [cells for name, *cells in found.laws if name.startswith("collision shapes of ")]
     assert bool(rows) == lost
+    assert not (lost and found.agree)
     assert all("capsule 0.03, 0.2 at " in row[0] and row[1:] == [row[0], "none"] for row in rows)
 
 

@@ -175,9 +175,9 @@ def judge_recording(scene: Scene | str | os.PathLike[str], recording: object, co
         given = [one for _, one in sorted(zip(steps, given, strict=True), key=lambda pair: pair[0])]
         steps = sorted(steps)
     if given[0].inputs or uncertain or model is not None:
-        if len(given) > 1 or order is not None or start == "recorded":
+        if len(given) > 1 or order is not None:
             raise ArgumentError(f"{given[0].name} is a log with inputs, which is judged from its own states, one file "
-                                "at a time; leave steps, order and start out")
+                                "at a time; leave steps and order out")
         return _driven(loaded, given[0], allowed, need, uncertain or {}, model,
                        RESOLVED if resolution is None else resolution)
     return _judge(loaded, given, start, allowed, list(steps or []), order, need, import_at)
@@ -210,7 +210,7 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
             found = _judge(scene, unread, "recorded", allowed, steps, order, need, import_at)
             found.lines[1:1] = [f"{each.partition('; ')[0]}: judged from its first row" for each in begun]
             return found
-    system, notes = start_as(scene), _columns(fine, readings) + watched
+    system, notes = start_as(scene), _columns(scene, fine, readings) + watched
     verdict, lines = Verdict(scene=scene, missing=fine.missing, suggested=fine.suggested), list[str]()
     (lines if start == "scene" else notes).extend(begun)  # where it starts elsewhere, all that follows is doubtful
     table = min((function.end for function in scene.functions), default=math.inf)
@@ -277,7 +277,9 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
             uncertain: Mapping[str, float], model: Any, resolution: float) -> Verdict:
     """The verdict on a log with inputs."""
     verdict = Verdict(scene=scene, missing=recording.missing, suggested=recording.suggested)
-    notes = _columns(recording, [])
+    notes = _columns(scene, recording, [])
+    if apart := [group.label for group in recording.groups if group.key not in ("joint_position", "joint_velocity")]:
+        notes.append(f"not judged: {', '.join(apart)}; a log with inputs is judged by its joints")
     try:
         log = validation.Log(scene, recording)
         system, said = validation.chosen(scene, log, recording)
@@ -313,11 +315,15 @@ def _driven(scene: Scene, recording: Recording, allowed: Mapping[str, float], ne
     if (most := allowed.get("joint_position", math.inf)) < verdict.errors["joint_position"]:
         failed.append(f"predictions are off by {verdict.errors['joint_position']:.3g} after {seen.horizons[half]:g} s; "
                       f"{most:g} is allowed")
+    absent = [key.replace("_", " ") for key in allowed if key != "joint_position"]
     wide = [(2 * float(seen.u[k, half]) / float(log.moved[k] or 1e-300), name) for k, name in enumerate(names)]
     if max(wide)[0] > resolution:
         verdict.reason = (f"u_val leaves open {100 * max(wide)[0]:.2g} % of the travel of {max(wide)[1]} after "
                           f"{seen.horizons[half]:g} s, and the resolution is {100 * resolution:g} %; less noise, a "
                           "higher rate or more motion would mend that")
+    elif absent:
+        verdict.reason = (f"a log with inputs is judged by predictions of joint position, not of {', '.join(absent)}; "
+                          "leave that tolerance out")
     elif not failed and seen.beyond is not None:
         joint, after = seen.beyond
         verdict.reason = (
@@ -363,9 +369,12 @@ def _two(scene: Scene, other: Scene, recording: Recording, log: Any, predicted: 
     return made
 
 
-def _columns(recording: Recording, readings: Sequence[Reading]) -> list[str]:
+def _columns(scene: Scene, recording: Recording, readings: Sequence[Reading]) -> list[str]:
     """What the columns were taken for, which of them were not, and what they lack."""
-    notes = [f"read as: {each.said}" for each in readings]
+    given = {group.owner for group in recording.inputs}
+    notes = [f"no column has the set point of the servo of {force.joint}: the model's own is taken"
+             for force in scene.forces if force.law.has_modes and force.joint not in given]
+    notes += [f"read as: {each.said}" for each in readings]
     if recording.suggested:
         pairs = [f"{name} as {what}" for name, what in recording.suggested.items()]
         more = f" and {len(pairs) - 12} more" if len(pairs) > 12 else ""

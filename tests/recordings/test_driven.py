@@ -290,13 +290,25 @@ def test_names_of_inputs(scenes, right):
 @pytest.mark.parametrize(("options", "says"), [
     ({"uncertain": {"weight": 0.1}}, "weight"), ({"uncertain": {"mass": -1.0}}, "a number > 0"),
     ({"uncertain": {"between": 0.1}}, "between"),
-    ({"start": "recorded"}, "leave steps, order and start out"),
+    ({"order": 2}, "leave steps and order out"),
     ({"columns": {"shoulder_torque": {"is": "shoulder.torque", "unit": "kg"}}}, "unit"),
     ({"columns": {"shoulder_torque": {"is": "shoulder.torque", "clock": "t2"}}}, "t2")])
 def test_bad_input(scenes, right, options, says):
     with pytest.raises(ArgumentError, match=says) as caught:
         crosscheck.judge_recording(scenes["arm"], right, **options)
     assert "\n" not in str(caught.value)
+
+
+def test_what_a_log_with_inputs_is_not_judged_by_is_said_and_passes_nothing(scenes, right):
+    scene = scenes["arm"]
+    beside = right.assign(**{f"{scene.bodies[1].name}.x": 7.0})  # wrong at every time
+    found = crosscheck.judge_recording(scene, beside, start="recorded")
+    assert found.outcome == "pass"
+    assert f"not judged: position of {scene.bodies[1].name}; a log with inputs is judged by its joints" in found.lines
+    for key in ("position", "joint_velocity"):
+        asked = crosscheck.judge_recording(scene, beside, tolerance={key: 1e-3})
+        assert asked.outcome == "unresolved"
+        assert f"not of {key.replace('_', ' ')}; leave that tolerance out" in asked.reason
 
 
 def test_one_joint_without_positions_is_unresolved(scenes, right):

@@ -167,10 +167,9 @@ def _actuators(reading: Reading, places: dict[int, tuple[Table, int, float]], wa
         servo, motor = _servo(reading, a, places.get(joint), control) or (None, ())
         if motor:
             laws.motors.append([name or motor[0], *motor])
-        if servo is None:
-            if control is not None or acts(reading, a):
-                reading.lost.append(mine)
-        elif not servo.keys() - {"type", "joint", "effort_limit"} and not acts(reading, a):
+        if servo is None and (control is not None or acts(reading, a)):
+            reading.lost.append(mine)
+        elif servo is None or (not servo.keys() - {"type", "joint", "effort_limit"} and not acts(reading, a)):
             laws.idle.append(mine.sentence.removeprefix("actuator "))
         else:
             on[joint] = on.get(joint, 0) + 1

@@ -65,6 +65,16 @@ def test_a_joint_at_the_end_of_its_range_is_watched_only_if_it_turns_inside(tmp_
     assert [each[:2] for each in scene.left_out] == [("grip", "limits of joint")] * (not watched)
 
 
+def test_thrusters_without_a_control_are_named(tmp_path):
+    text = FINGER.format(axis="0 0 1", range="-1 1", friction=0)
+    text = text.replace("</body></body>", '<site name="tip"/></body></body>').replace(
+        "</mujoco>", '<actuator><motor name="jet" site="tip" gear="0 0 1 0 0 .02"/></actuator></mujoco>')
+    path = written(tmp_path, text)
+    assert crosscheck.import_model(path).description.endswith("motors without a control: 'jet'")
+    with pytest.raises(SceneError, match="cannot hold actuator 'jet'"):
+        crosscheck.import_model(path, controls={"jet": 1.0})
+
+
 def test_a_robot_comes_in_whole_and_says_until_when_it_holds(tmp_path):
     scene = crosscheck.import_model(robot(tmp_path, ACTUATORS["position"][0] + '<motor name="idle" joint="two"/>'))
     assert scene.left_out == ()

@@ -135,7 +135,7 @@ class Plan(Part, frozen=True):
 
 
 class Recommended(Part, frozen=True, kw_only=True):
-    """The runs to trust, the fastest first. All numbers are of the first."""
+    """The runs to trust, the fastest first, or where none passes the nearest. All numbers are of the first."""
 
     runs: list[str]
     step: float | None
@@ -144,6 +144,7 @@ class Recommended(Part, frozen=True, kw_only=True):
     seconds: float | None  # of stepping per simulated second
     why: str
     share: float = 1.0  # the part of its time over which its motion is resolved
+    passes: bool = True
 
     size = property(size_of)
 

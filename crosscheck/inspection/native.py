@@ -363,7 +363,7 @@ def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> N
         yield ("gravity", "", f"gravity is {native.gravity.tolist()}, the scene has {neutral.gravity.tolist()}")
     ratios = [native.links[name].mass / link.mass for name, link in neutral.links.items()
               if name in native.links and link.mass]
-    alike = len(ratios) > 1 and _close(np.array(ratios), np.full(len(ratios), ratios[0]), 1.0, most)
+    alike = len(ratios) > 1 and ratios[0] > 0 and _close(np.array(ratios), np.full(len(ratios), ratios[0]), 1.0, most)
     factor = ratios[0] if alike else 1.0
     if abs(factor - 1) > most:
         yield ("mass", "", f"masses of all links times {factor:.6g}")

@@ -26,8 +26,8 @@ def recommend(scene: Scene, records: Sequence[Record]) -> Recommended | None:
 
     None if nothing can be recommended.
     """
-    passing = [record for record in records if record.within
-               and math.isfinite(record.error)]
+    known = [record for record in records if record.within and math.isfinite(record.error)]
+    passing = [record for record in known if record.outcome == "pass"] or known
     if scene.sizes is None or not passing:
         return None
     for target in TARGETS:
@@ -38,15 +38,17 @@ def recommend(scene: Scene, records: Sequence[Record]) -> Recommended | None:
             break
     else:
         best, tied = min(passing, key=lambda record: record.error), []
-        why = f"the smallest error of those that pass, {_checks(best)} passed"
+        why = f"the smallest error of all, {_checks(best)} passed"
     if tied:
         why += ", times equal within noise"
+    if best.outcome != "pass":
+        why = f"of unresolved runs {why}"
     share = 1.0 if best.share is None else best.least_share
     if share < 1:
         why += f", resolved over {percent(share)} of the time"
     return Recommended(runs=[record.label for record in (best, *tied)], step=best.step, rtol=best.rtol,
-                       error=best.error, share=share,
-                       seconds=best.seconds_per_second, why=why)
+                       error=best.error, share=share, passes=best.outcome == "pass", seconds=best.seconds_per_second,
+                       why=why)
 
 
 def _slower(record: Record, best: Record) -> bool:
@@ -70,7 +72,8 @@ def sentence(scene: Scene, records: Sequence[Record]) -> str:
     best = recommend(scene, records)
     if best is None:
         return "No recommendation: no run of this scene passed every check."
-    return f"Trust {_said(best)}."
+    words = _advised(best)
+    return f"{words[0].upper()}{words[1:]}."
 
 
 def by_engine(scene: Scene, records: Sequence[Record]) -> list[EngineTrust]:
@@ -80,7 +83,7 @@ def by_engine(scene: Scene, records: Sequence[Record]) -> list[EngineTrust]:
         made = [record for record in own if record.outcome != "unsupported"]
         best = None if scene.failure or scene.no_truth else recommend(scene, made)
         passing = sum(record.outcome == "pass" for record in made)
-        advice = "as said" if best and best == first else f"trust {_said(best)}" if best else (
+        advice = "as said" if best and best == first else _advised(best) if best else (
             "no run can be recommended")
         text = f"{advice}; {passing} of {len(made)} runs pass."
         if not made:
@@ -90,12 +93,14 @@ def by_engine(scene: Scene, records: Sequence[Record]) -> list[EngineTrust]:
     return rows
 
 
-def _said(best: Recommended) -> str:
+def _advised(best: Recommended) -> str:
+    """That it is to be trusted, or that nothing is and this comes nearest, with why."""
     size = f"step {best.size}" if best.step else best.size
     pace = 1e3 * (best.seconds or 0.0)
     spelled = f"{pace:.2g}" if pace < 100 else f"{pace:.0f}"
     time = "" if best.seconds is None else f", {spelled} ms per simulated second"
-    return f"{' or '.join(best.runs)}: {best.why} (error {best.error:.1e} of its size at {size}{time})"
+    word = "trust" if best.passes else "no run passes; nearest is"
+    return f"{word} {' or '.join(best.runs)}: {best.why} (error {best.error:.1e} of its size at {size}{time})"
 
 
 def _checks(record: Record) -> str:

@@ -38,6 +38,17 @@ def test_recommendation_names_the_fastest_passing_run(results):
     assert found.runs == ["fake Fast"]
 
 
+def test_a_run_that_is_not_resolved_is_no_run_to_trust(results):
+    passing = replace(results.records[0], label="fake Slow", seconds_per_second=2e-3)
+    vague = replace(passing, label="fake Vague", outcome="unresolved", share=0.4, seconds_per_second=1e-3)
+    assert vague.within
+    assert trust.recommend(results.scenes[0], [vague, passing]).runs == ["fake Slow"]
+    alone = trust.recommend(results.scenes[0], [vague])
+    assert (alone.runs, alone.passes) == (["fake Vague"], False)
+    said = trust.sentence(results.scenes[0], [vague])
+    assert said.startswith("No run passes; nearest is fake Vague: of unresolved runs the ")
+
+
 def test_runs_that_cannot_be_made_do_not_count(results):
     absent = replace(results.records[0], engine="absent", outcome="unsupported", message="not installed")
     partly_able = replace(absent, engine=results.records[0].engine)

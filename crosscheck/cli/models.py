@@ -223,6 +223,8 @@ def write_script(scene: str, engine: str, method: str, step: float | None, given
     if step is None:
         raise ArgumentError("--script: give --step, s")
     script = reproduce(scene, engine, method, step, given.get("duration"), **reading.only_start())
+    for words in script.left_out:
+        typer.echo(f"left out of the script and of what it expects: {words}", err=True)
     for path, text in ((out, script.text), (issue, filed(script, engine))):
         if path is not None:
             put(path, text)

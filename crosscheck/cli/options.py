@@ -25,14 +25,15 @@ SharedSettings = Annotated[list[str] | None, typer.Option("--set", help="KEY=VAL
 Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step methods; default: chosen for the scene")]
 Scheduler = Annotated[str | None, typer.Option(help="use a Dask scheduler, tcp://host:port, or another executor, "
                                                "module:factory; default: processes on this machine")]
-Need = Annotated[float, typer.Option(help="share of its time over which the motion of a run has to be judged for it to "
-                                     "pass")]
+Need = Annotated[float, typer.Option(min=0.0, max=1.0, help="share of its time over which the motion of a run has "
+                                     "to be judged for it to pass")]
 Fresh = Annotated[bool, typer.Option(help="take no results of earlier runs; default: where CI is set")]
 Duration = Annotated[float | None, typer.Option(min=1e-6, help="s; default: the scene's")]
 Jobs = Annotated[int, typer.Option(help="worker processes")]
 TimeLimit = Annotated[float, typer.Option(help="s for one run and its verdict")]
 MemoryLimit = Annotated[float, typer.Option(help="GB of memory of one worker process")]
-Issue = Annotated[Path | None, typer.Option(help="write a text ready to file: versions, script, expected, observed")]
+Issue = Annotated[Path | None, typer.Option(help="write a text ready to file: the script, what it expects and, of "
+                                            "bisect, what was observed")]
 AsJson = Annotated[bool, typer.Option("--json", help="print everything as JSON")]
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
@@ -131,7 +132,7 @@ def settings(given: Iterable[str] | None) -> dict[str, Any]:
             raise ArgumentError(f"--set: {name} is no option of the engine's own; commands in which it can be chosen, "
                                 f"such as run, take --{name}")
         try:
-            read[name] = text == "true" if text in ("true", "false") else float(text)
+            read[name] = text.lower() == "true" if text.lower() in ("true", "false") else float(text)
         except ValueError:
             read[name] = text
     return read

@@ -56,6 +56,7 @@ def run(
     from crosscheck import adapters
     from crosscheck.document.outcomes import EXIT_CODES
     from crosscheck.report.headline import assumptions, ending
+    from crosscheck.running import arguments
     from crosscheck.verification import run as run_scene
     from crosscheck.verification.scene_truth import until_its_end
 
@@ -75,6 +76,8 @@ def run(
             **given, "rtol": rtol, "csv": csv_file}, reading, out, issue)
         return
     _check(engine, method)
+    for name, value in (("step", step), ("rtol", rtol)):
+        arguments.positive(name, value)
     prepared, ended = options.loaded(scene, reading), ""
     if duration is None:
         with progress_bar(f"truth of {prepared.name}"):
@@ -288,7 +291,8 @@ def judge(
     period: Annotated[float | None, typer.Option(help="s between two rows, for files without times")] = None,
     probes: Annotated[Path | None, typer.Option(
         help="folder of initial states for the simulator that made the file, and of its runs from these")] = None,
-    need: Annotated[float, typer.Option(help="share of a log's time that has to be judged for it to pass")] = 1.0,
+    need: Annotated[float, typer.Option(min=0.0, max=1.0, help=(
+        "share of a log's time that has to be judged for it to pass"))] = 1.0,
     uncertain: Annotated[list[str] | None, typer.Option(help="logs with inputs: what is uncertain in the model, as "
                                                         "mass=5% or delay=2e-3 (SI); may be repeated")] = None,
     model: Annotated[str | None, typer.Option(help="logs with inputs: another model, to be compared")] = None,

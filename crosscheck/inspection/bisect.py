@@ -211,7 +211,7 @@ def _key(version: str) -> tuple[int, ...]:
 def issue(script: Reproduction, engine: str, result: Bisection | None = None) -> str:
     """A text ready to file: what was expected and observed, versions, an order plot and the script."""
     lines = [f"# {script.title}: {'the answer changed between releases' if result else 'error against truth'}", "",
-             f"Expected: {script.source}.", ""]
+             f"Expected: {script.source}.", "", *(f"Without {each}.\n" for each in script.left_out)]
     if result is not None:
         lines += [*(f"- {engine} {change}." for change in result.changes), *([] if result.changes else [
             "- No release in the range changed the answer beyond rounding."]), "",

@@ -19,6 +19,7 @@ from crosscheck.running.run import truth
 from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
 from crosscheck.scene.models import import_model, is_model, source
+from crosscheck.scene.models.words import shortened
 from crosscheck.scene.models.writing import mjcf
 
 ENGINES = ("mujoco",)
@@ -40,7 +41,7 @@ SCRIPT = '''"""{title}
     python THIS_FILE [STEP]
 
 prints the largest error of {bodies} at {times} times, each quantity over its size, for STEP and its halvings, with the
-observed order. It needs mujoco and numpy. Expected: {source}.
+observed order. It needs mujoco and numpy. Expected: {source}.{without}
 Written by crosscheck run --script.
 """
 
@@ -141,6 +142,7 @@ class Reproduction:
     step: float  # s
     expected: np.ndarray  # (times, bodies, 18), as `motion` of the script
     sizes: dict[str, float]  # of the quantities
+    left_out: tuple[str, ...] = ()  # of the model, both in the script and in what it expects
 
 
 def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, step: float,
@@ -189,8 +191,11 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
     where = " and ".join(held.bodies[k].name for k in range(held.n)) if held.n < 3 else f"{held.n} bodies"
     title = f"{held.name} in MuJoCo, {method}, step {step:g} s"
     origin = f"independent truth of crosscheck ({reference.source}), known to {reference.error:.1e} m"
+    left_out = tuple(shortened(held.left_out))
+    without = "".join(f"\nWithout {_words(each)}." for each in left_out)
     return Reproduction(SCRIPT.format(
-        title=_words(title), bodies=_words(where), times=intervals + 1, source=origin, model=_raw(model),
+        title=_words(title), without=without, bodies=_words(where), times=intervals + 1, source=origin,
+        model=_raw(model),
         integrator=INTEGRATORS[method], step=step, keyframe=keyframe if native else "start",
         qpos=qpos, qvel=qvel,
         names=[body.name for body in held.bodies],
@@ -198,7 +203,7 @@ def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, s
         expected=np.array2string(expected.ravel(), separator=", ", threshold=10**9, max_line_width=118,
                                  formatter={"float_kind": lambda value: repr(float(value))}),
         tolerance=SOLVER_TOLERANCE, tight=TIGHT, halvings=HALVINGS, sizes=size),
-        held, title, origin, step, expected, size)
+        held, title, origin, step, expected, size, left_out)
 
 
 def _words(text: str) -> str:

@@ -18,9 +18,10 @@ import numpy as np
 
 from crosscheck.compare.apart import largest, spread
 from crosscheck.compare.order import MARGIN, SAFETY, Limit, cancelling, differ, floor_of, limit, observed_order
+from crosscheck.compare.sizes import at_rest
 from crosscheck.diagnosis.fit import ALTERNATIVES, CLEAR
 from crosscheck.document.outcomes import EXIT_CODES, KINDS, Outcome
-from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported, unknown
+from crosscheck.errors import ArgumentError, CrosscheckError, Unsupported, counted, unknown
 from crosscheck.files import finite
 from crosscheck.judge.rules import RESOLVED
 from crosscheck.recordings import causes as find_causes
@@ -245,7 +246,7 @@ def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, 
         failed += bad
     elif order is not None:
         notes.append("an order shows in two files at different steps; one was given")
-    verdict.reason = _unresolved(verdict, allowed, order, need)
+    verdict.reason = _unresolved(verdict, allowed, order, need) or _untested(system, fine, truth, start)
     verdict.outcome = ("unresolved" if not allowed and order is None else "fail" if failed else
                        "unresolved" if verdict.reason else "pass")
     about = next((name for name, part in parts.items() if part),
@@ -403,6 +404,17 @@ def _unresolved(verdict: Verdict, allowed: Mapping[str, float], order: int | Non
     if wide:
         return (f"printed digits leave open {verdict.floors[wide[0]]:.1e} of {wide[0].replace('_', ' ')}, more than "
                 f"the tolerance {allowed[wide[0]]:g}; record more digits")
+    return ""
+
+
+def _untested(scene: Scene, recording: Recording, truth: Any, start: str) -> str:
+    """Why a recording tests nothing: its rows are the start of truth, or nothing moves; "" where it does."""
+    rates = any(group.key in comparing.RATES for group in recording.groups)
+    if start == "recorded" and len(recording.t) <= (1 if rates else comparing.FIRST):
+        return (f"truth starts from the recording's {counted(len(recording.t), 'row')}, and none is left to compare; "
+                "record more, or judge it from the scene's start")
+    if at_rest(scene, truth.at(np.minimum(recording.t - recording.t[0], truth.horizon))):
+        return "nothing moves but rounding, which tests the equilibrium alone; record a motion"
     return ""
 
 

@@ -40,7 +40,7 @@ def request(engine: str, adapter: Engine, method: str, options: Mapping[str, Any
     if not isinstance(flag, bool | np.bool_ | None):
         raise ArgumentError(f"monitor: True or False is wanted, not {flag!r}")
     monitor = flag is None or bool(flag)
-    spec = RunSpec(method, _positive("step", step), _positive("rtol", rtol), monitor=monitor, **given)
+    spec = RunSpec(method, positive("step", step), positive("rtol", rtol), monitor=monitor, **given)
     if not adapter.checks_sizes and method not in adapter.adaptive_methods:
         if spec.rtol is not None:
             raise ArgumentError(f"rtol: {engine} {method} runs with a fixed step here; give one in s, such as 1e-3")
@@ -85,17 +85,18 @@ def overridden(scene: Scene, options: Mapping[str, Any]) -> Scene:
             raise ArgumentError(f"samples: a whole number of at least 2 and at most {MOST_SAMPLES} is wanted, not "
                                 f"{_brief(given)}")
         samples = int(given)
-    duration = _positive("duration", options.get("duration")) or duration
+    duration = positive("duration", options.get("duration")) or duration
     unchanged = (samples, duration) == (scene.samples, scene.duration)
     return scene if unchanged else scene.lasting(duration).replace(samples=samples)
 
 
-def _positive(name: str, value: object) -> float | None:
+def positive(name: str, value: object) -> float | None:
+    """The value of an argument as a number, if it is one above 0, or None; raises `ArgumentError`."""
     if value is None:
         return None
-    number = _number(name, value, lowest=0.0)
-    if number == 0.0:
-        raise ArgumentError(f"{name}: a positive number is wanted, not {value!r}")
+    number = real(_scalar(value))
+    if not 0.0 < number < math.inf:
+        raise ArgumentError(f"{name}: a positive, finite number is wanted, not {_brief(value)}")
     return number
 
 

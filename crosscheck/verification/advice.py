@@ -244,7 +244,8 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str,
     made = choose(_kept(loaded, engine, wanted), wanted, name)
     if made.command is None or made.until >= loaded.duration * (1 - 1e-9):
         return made
-    return replace(made, command=f"{made.command} --duration {made.until!r}")  # beyond it there is no truth
+    samples = 1 + round(made.until / loaded.interval)  # the same times of output; beyond the last there is no truth
+    return replace(made, command=f"{made.command} --duration {made.until!r} --samples {samples}")
 
 
 def _positive(error: object) -> float:

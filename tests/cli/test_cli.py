@@ -121,7 +121,7 @@ def test_truth_is_printed_up_to_a_horizon_before_the_first_output(monkeypatch):
     (("run", "single_pendulum", "--engine", "mojoco", "--method", "RK4", "--step", "1e-2"), "did you mean 'mujoco'"),
     (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK5", "--step", "1e-2"), "RK4"),
     (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4"), "step"),
-    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "-1"), "step: a finite number"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "-1"), "step: a positive"),
     (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--set", "softnes=tight"),
      "did you mean 'softness'"),
     (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--set", "reduce=off"),

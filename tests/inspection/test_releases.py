@@ -48,6 +48,13 @@ def test_a_model_file_is_read_by_the_engine_itself(tmp_path):
     assert printed(script, tmp_path)[0][0] < 1e-6
 
 
+def test_what_a_script_leaves_out_of_a_model_stands_in_it(tmp_path):
+    rubbing = ARM_URDF.replace('<dynamics damping="0.5"/>', '<dynamics damping="0.5" friction="0.3"/>')
+    script = reproduce(saved(tmp_path / "arm.urdf", rubbing), "mujoco", "RK4", 1e-3, duration=0.5)
+    assert script.left_out[0].startswith("dry friction of joint 'shoulder': 0.3")
+    assert "Without dry friction of joint 'shoulder': 0.3" in script.text.partition("import sys")[0]
+
+
 @pytest.mark.parametrize(("scene", "arguments", "words"), [
     ("heavy_top", ("pinocchio", "RKMK4", 1e-3), "scripts are written for mujoco"),
     ("heavy_top", ("mujoco", "RK5", 1e-3), "did you mean 'RK4'"), ("heavy_top", ("mujoco", "RK4", 0.0), "above 0"),

@@ -296,3 +296,19 @@ def test_a_log_of_a_model_is_judged_from_its_own_start_and_what_touches_at_zero_
     assert "--start recorded judges from its first row" in wanted.stdout
     assert "judged from its first row" not in told_of("--qpos", ".3,2").stdout
     assert told_of("--qpos", ".3,2.1").exit_code == 1  # a start that was asked for is a part of the question
+
+
+@pytest.mark.parametrize(("rows", "moves", "says"), [
+    (1, True, "truth starts from the recording's 1 row, and none is left"), (5, True, "5 rows, and none is left"),
+    (6, True, ""), (60, False, "nothing moves but rounding")])
+def test_a_recording_that_tests_nothing_passes_nothing(rows, moves, says):
+    scene = crosscheck.load_scene("hinge_pendulum")
+    if moves:
+        traj = crosscheck.run(scene, "lieeuler", "rkmk4", step=1e-3)
+        angle = traj.joints[scene.joints[0].name].position[:rows]
+        data = {"t": scene.t[:rows], f"{scene.joints[0].name}.position": angle}
+    else:
+        data = {"t": np.arange(rows) * 0.01, "hinge.position": np.zeros(rows), "hinge.velocity": np.zeros(rows)}
+        scene = scene.replace(gravity=np.zeros(3))
+    verdict = crosscheck.judge_recording(scene, data, start="recorded", tolerance={"joint_position": 0.1})
+    assert (verdict.outcome, says in verdict.reason) == ("unresolved" if says else "pass", True)

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from crosscheck.jointspace.verdicts import Verdict
     from crosscheck.scene.model import Scene
 
+FARTHEST = 1e12
+"""Sum of the sizes of the ends of a range beyond which no mode can be computed in doubles."""
+
 
 @options.reads_models
 def convert(
@@ -190,8 +193,11 @@ def _modes(scene: Scene, over: str | None, points: int, as_json: bool, out: Path
         path, _, span = over.partition("=")
         try:
             low, high = (float(each) for each in span.split(":"))
+            if not abs(high) + abs(low) < FARTHEST:
+                raise ValueError
         except ValueError:
-            raise ArgumentError(f"--over: {over!r} is not understood; write PATH=FROM:TO, such as speed=0:10") from None
+            raise ArgumentError(f"--over: {over!r} is not understood; write PATH=FROM:TO, such as speed=0:10, each "
+                                f"below {FARTHEST:g}") from None
         over_numbers = {value: find(at_speed(scene, value) if path == "speed" else changed(scene, {path: value})
                                     ).eigenvalues for value in np.linspace(low, high, points).tolist()}
     listed = {f"{value:.10g}": values for value, values in over_numbers.items()} or {"": small.eigenvalues}

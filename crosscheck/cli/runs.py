@@ -141,7 +141,8 @@ def _first_line(judged: Record | None) -> str:
         return "unresolved: nothing was compared, because neither --step nor --rtol was given"
     sizes = [f"{name} {error.max:.2g} {error.unit}" for name, error in judged.errors.items()
              if name in QUANTITIES and error.max is not None]
-    off = f"error against truth: {', '.join(sizes)}" if sizes else "compared with no truth"
+    until = "" if judged.truth_ends is None else f" up to {judged.truth_ends:.3g} s, where it ends"
+    off = f"error against truth{until}: {', '.join(sizes)}" if sizes else "compared with no truth"
     first = judged.worst
     judging = "" if judged.share is None or judged.message.startswith("resolved over") else (
         f"; resolved over {percent(judged.least_share)} of its {judged.duration:g} s")

@@ -117,7 +117,10 @@ def drift(
     setting: options.SharedSettings = None,
     out: Out = Path("reports/drift"),
 ) -> None:
-    """Measure the drift of energy, momentum, constraints and attitudes over long runs."""
+    """Measure the drift of energy, momentum, constraints and attitudes over long runs.
+
+    Exit code 0: something was measured; 1: nothing, and a run failed; 3: nothing.
+    """
     from crosscheck.studies.drift import DriftAsk, DriftStudy
 
     ask = DriftAsk(chosen(scene), chosen(engine), chosen(method), time_limit, step, steps,
@@ -137,6 +140,8 @@ def drift(
     say("Energy errors are over the largest kinetic energy, momentum errors over the largest momentum. growth: the "
         "power of the number of steps with which the energy error grows, 0.5 for rounding alone")
     _print_page(out)
+    if not any(run.status == "success" for run in document.runs):
+        raise typer.Exit(1 if any(run.status == "failed" for run in document.runs) else 3)
 
 
 @app.command()

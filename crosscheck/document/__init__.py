@@ -316,6 +316,7 @@ class Record(Way, frozen=True, kw_only=True):
     message: str = ""
     findings: list[Finding] = []
     not_judged: str = ""  # why its motion was not resolved over all of its time
+    truth_ends: float | None = None  # s, where that is before the run's end; its errors are known up to there
 
     label: str = ""  # engine and method, and the form if the method ran in more than one
     default_form: bool = True  # whether the engine, not the plan, chose the form

@@ -125,6 +125,12 @@ def judged(run: Record, scene: Scene, traj: Trajectory, held: frozenset[str], re
         order=found.order)
     asked, more = tolerated(overrides, made, None if reference is None else reference.horizon)
     made = replace(made, shares=shares | more)
+    if reference is not None and reference.horizon < scene.duration * (1 - 1e-12):
+        made = replace(made, truth_ends=reference.horizon)
+        if min(more.values(), default=1.0) < 1.0:
+            why = ending(reference.horizon, reference.horizon_cause)
+            made = replace(made, not_judged=found.why or why)
+            asked.append(Finding.truth_ends(reference.horizon, why))
     return with_outcome(made, findings + asked, known, planned=planned)
 
 

@@ -282,3 +282,8 @@ def test_an_interrupt_ends_the_workers_and_says_so(tmp_path):
             break
         time.sleep(0.1)
     assert left == []
+
+
+def test_a_run_beyond_the_end_of_truth_says_up_to_where_its_error_is_known():
+    done = crosscheck("run", "thrown_double", "--engine", "mujoco", "--method", "RK4", "--step", "0.02")
+    assert "error against truth up to 10.1 s, where it ends: position" in done.stdout.splitlines()[0]

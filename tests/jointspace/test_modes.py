@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 import crosscheck
 from crosscheck.cli.app import app
 from crosscheck.cli.linear_pages import _branches, _drawn
+from crosscheck.errors import ArgumentError
 from crosscheck.jointspace.modes import at_speed
 from crosscheck.scene.building import scene_from
 from crosscheck.scene.paths import unit
@@ -133,8 +134,9 @@ def test_the_command_over_speed():
     answer = CliRunner().invoke(app, ["linearise", "--modes", "bicycle"])
     assert "-0.7753418821958" in answer.output
     assert "6 of zero" in answer.output
-    for wrong in ("speed", "speed=1", "weight=1:2"):
-        assert CliRunner().invoke(app, ["linearise", "bicycle", "--over", wrong]).exception is not None
+    for wrong in ("speed", "speed=1", "weight=1:2", "speed=nan:1", "speed=0:inf", "speed=1e200:1e300"):
+        refused = CliRunner().invoke(app, ["linearise", "bicycle", "--over", wrong, "--points", "2"]).exception
+        assert isinstance(refused, ArgumentError), wrong
 
 
 def test_the_page_has_eigenvalues_with_units_and_shapes_in_motion(tmp_path):

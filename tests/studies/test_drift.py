@@ -71,11 +71,11 @@ def test_the_command_tells_a_band_from_a_drift(tmp_path):
 def test_a_run_beyond_the_limit_and_a_failing_one_are_rows(tmp_path):
     done = CliRunner().invoke(app, ["study", "drift", "single_pendulum", "--engine", "lieeuler", "--method", "rattle2",
                                     "--steps", "100000000", "--time-limit", "0.01", "--out", str(tmp_path / "long")])
-    assert done.exit_code == 0, done.output
+    assert done.exit_code == 3, done.output
     assert "skipped" in done.output
     done = CliRunner().invoke(app, ["study", "drift", "single_pendulum", "--engine", "lieeuler", "--method", "rattle2",
                                     "--steps", "100", "--step", "5", "--out", str(tmp_path / "coarse")])
-    assert done.exit_code == 0, done.output
+    assert done.exit_code == 1, done.output
     (row,) = json.loads((tmp_path / "coarse" / "drift.json").read_text())["runs"]
     assert row["status"] == "failed"
     assert "smaller step" in row["reason"]

@@ -99,6 +99,8 @@ def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, Content]:
                             f"the built-in scenes are {listed(scene_names())}")
     text = os.fsdecode(name_or_path)
     path = Path(text)
+    if os.path.isdir(text or ".") and text not in scene_names():
+        raise SceneError(f"{printable(text or '.')}: it is a folder; name a scene or model file in it")
     if path.suffix not in _SUFFIXES:
         if isinstance(name_or_path, os.PathLike) or path.name != text:
             raise SceneError(f"{printable(text)}: the name of the file: a scene file ends in .toml or .json; rename it")
@@ -106,7 +108,7 @@ def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, Content]:
             near = difflib.get_close_matches(text, scene_names(), n=3, cutoff=0.0)
             raise SceneError(f'"{printable(text[:80])}": no built-in scene has this name; {nearest(text, near)}'
                              f"the nearest are {listed(near)}, `crosscheck list` names all; or write a path that ends "
-                             "in .toml or .json")
+                             "in .toml, .json, .xml or .urdf")
         path = _folder() / f"{text}.toml"
     try:
         return path, _read(path)

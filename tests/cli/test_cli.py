@@ -287,3 +287,8 @@ def test_an_interrupt_ends_the_workers_and_says_so(tmp_path):
 def test_a_run_beyond_the_end_of_truth_says_up_to_where_its_error_is_known():
     done = crosscheck("run", "thrown_double", "--engine", "mujoco", "--method", "RK4", "--step", "0.02")
     assert "error against truth up to 10.1 s, where it ends: position" in done.stdout.splitlines()[0]
+
+
+def test_a_folder_in_place_of_a_file_is_called_one(tmp_path):
+    done = crosscheck("truth", str(tmp_path))
+    assert (done.returncode, "it is a folder; name a scene or model file in it" in done.stderr) == (2, True)

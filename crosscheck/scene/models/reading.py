@@ -302,8 +302,8 @@ def _start(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[flo
             continue
         values = np.asarray(given, dtype=float)
         if values.shape != target.shape or not np.isfinite(values).all():
-            raise ArgumentError(f"{name}: {target.size} finite numbers are wanted, joints in file order, not "
-                                f"{values.size}")
+            raise ArgumentError(f"{name}: {target.size} finite numbers are wanted, joints in file order, not " + (
+                f"{values.size}" if values.shape != target.shape else f"{values.tolist()}"))
         target[:] = values
     if qpos is None and keyframe is None and moved is not None:
         moved += _inside(m, q)

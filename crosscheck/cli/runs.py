@@ -184,6 +184,10 @@ def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: floa
     say(f"constraints, at the samples: {shown}; orthogonality {traj.orthogonality.max():.1e}")
     if redundant := traj.stats.get("redundant_rows"):
         say(f"{redundant} constraint rows depend on the others; the multipliers have least norm")
+    if spun := traj.stats.get("spin_free"):
+        say(f"the spin of {', '.join(spun)} about its axis of symmetry is exact; --set spin_free=false steps it")
+    if (reduced := traj.stats.get("reduce", "off")) != "off":
+        say(f"stepped in fewer coordinates ({reduced}); --set reduce=off steps all")
     if csv_file is not None:
         typer.echo(f"written: {csv_file}")
 

@@ -102,7 +102,8 @@ def work_precision(
             f"{counted(repeats, 'round')}")
         print()
     say("factor: the time of the best of the others over that of lieeuler" + bounded * (
-        "; to heyoka: the time of lieeuler over that of heyoka's Taylor series, which bounds what is possible"))
+        "; to heyoka: the time of lieeuler over that of heyoka's Taylor series, which bounds what is possible")
+        + "; lieeuler reduces planar scenes and spins about an axis of symmetry, see --set reduce=off, spin_free=false")
     _print_page(out)
 
 

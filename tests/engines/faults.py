@@ -1,4 +1,7 @@
-"""What goes wrong in worker processes: engines that fail as foreign libraries can, then tasks, imported by name."""
+"""What goes wrong in worker processes: engines that fail as foreign libraries can, then tasks, imported by name.
+
+NumPy is imported where it is used: most of the time of a worker that does nothing with it would be this.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,6 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-
-from crosscheck.adapters.base import RawRun
-from crosscheck.scene.states import States
-
 
 class Resting:
     """Every body stays where it is at the start: complete, finite and wrong."""
@@ -29,6 +27,10 @@ class Resting:
 
     def run(self, scene, spec):
         """The initial state at every output time."""
+        import numpy as np
+
+        from crosscheck.scene.states import States
+
         return States(scene.t, *(np.repeat(start[None], scene.samples, axis=0)
                                  for start in (scene.x0, scene.R0, scene.v0, scene.w0)))
 
@@ -53,7 +55,7 @@ class NotANumber(Resting):
 
     def run(self, scene, spec):
         states = super().run(scene, spec)
-        states.x[3:] = np.nan
+        states.x[3:] = float("nan")
         return states
 
 
@@ -71,7 +73,7 @@ class Hungry(Resting):
         """A fifth of a gigabyte at a time, all of it touched."""
         kept = []
         while True:
-            kept.append(np.ones(25_000_000))
+            kept.append(bytes([1]) * 200_000_000)
 
 
 class HungryChild(Resting):
@@ -142,6 +144,8 @@ class Untimed(Resting):
 
     def run(self, scene, spec):
         """A resting run with the stated time."""
+        from crosscheck.adapters.base import RawRun
+
         odd = {"x": "x", "None": None}
         wall_time = odd[spec.method] if spec.method in odd else float(spec.method)
         return RawRun(super().run(scene, spec), wall_time, 10, spec.step)
@@ -287,9 +291,3 @@ def raised(path: Path) -> None:
 def mistyped(number: int) -> int:
     """Returns something else than it says."""
     return "many"  # type: ignore[return-value]
-
-
-def arrays(shape: tuple) -> dict[str, np.ndarray]:
-    """Arrays of every kind that is taken."""
-    values = np.arange(np.prod(shape)).reshape(shape)
-    return {kind: values.astype(kind) for kind in ("?", "i1", "u4", "i8", "f4", "f8")} | {"turned": values.T * 0.1}

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import contextlib
 
+import numpy as np
 from msgspec.structs import replace
 
 from crosscheck import adapters
 from crosscheck.compare.apart import STATE
-from crosscheck.diagnosis.observe import Subject
+from crosscheck.diagnosis.fit import CLEAR
+from crosscheck.diagnosis.observe import FINER, Subject, scale_of, window
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.document import Finding, Record, extended
 from crosscheck.errors import Unsupported
+from crosscheck.judge.segments import reactions_of
 from crosscheck.judge.verdict import word, worst
 from crosscheck.references import TruthError, truth
 from crosscheck.running.attempt import Ran, Refused, attempt
+from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
 from crosscheck.verification.cell import judge_run
 from crosscheck.verification.plan import PROFILES, plan_of
@@ -55,13 +59,31 @@ def add(subject: Subject, scene: Scene, step: float | None, answer: Explanation)
     answer.evidence += [Evidence(f"verdict: {finding.kind}", "report", finding.value, finding.bound,
                                  f"the finding of crosscheck verify ({finding.unit}), and its bound", finding.detail)
                         for finding in failing]
-    answer.causes += _causes({finding.kind: finding for finding in failing})
+    answer.causes += [REVERSED if cause.name == MULTIPLIERS and _reversed(subject, scene, verdict) else cause
+                      for cause in _causes({finding.kind: finding for finding in failing})]
     first = worst(failing)
     if first is not None and not answer.causes:
         figures = "" if first.value is None or first.bound is None else (
             f" {first.value:.2g} {first.unit}, bound {first.bound:.2g}")
         answer.unexplained.append(f"crosscheck verify rejects it: {first.kind}{figures}; "
                                   f"{first.detail or verdict.message}")
+
+
+MULTIPLIERS = "reported multipliers"
+REVERSED = NamedCause("reversed multipliers", "the multipliers reported are those of M du/dt = f + G^T lam: all have "
+                      "the other sign", "report the multipliers of f = M du/dt + G^T lam")
+
+
+def _reversed(subject: Subject, scene: Scene, verdict: Record) -> bool:
+    """Whether the multipliers are those of the reported states with the other sign."""
+    brief = window(scene, scale_of(scene))
+    step = None if verdict.step is None else brief.interval / FINER
+    states = subject.run(brief, step, verdict.rtol).states
+    assert states.lam is not None  # they were judged
+    right = mechanics.index1(scene, states.x, states.R, states.v, states.w, mechanics.torsion_angles(scene, states),
+                             states.t)[2]
+    told, exact = (np.concatenate(reactions_of(scene, states, lam), axis=2)[1:] for lam in (states.lam, right))
+    return bool(np.abs(told + exact).max() <= CLEAR * np.abs(told - exact).max())
 
 
 CLAIMS = (
@@ -71,8 +93,8 @@ CLAIMS = (
     ("reported accelerations", ("promise acceleration", "promise angular acceleration"),
      "{row} off by {value:.2g} {unit} from that of the reported state ({detail})",
      "report the accelerations that belong to the states, in the common convention"),
-    ("reported multipliers", ("promise reaction force", "promise reaction torque"),
-     "{row} off by {value:.2g} {unit} from that of the reported state ({detail})",
+    (MULTIPLIERS, ("limit reaction force", "limit reaction torque"),
+     "{row} off by {value:.2g} {unit} while the motion is right ({detail})",
      "report the multipliers of f = M du/dt + G^T lam that belong to the states, rows as in the scene"),
     ("loose tolerance", ("promise position", "promise attitude", "promise velocity", "promise angular velocity"),
      "{row} is off by {value:.2g} {unit}, more than its steps at the tolerance allow ({detail})",
@@ -94,5 +116,5 @@ def _causes(failing: dict[str, Finding]) -> list[NamedCause]:
         failing = {kind: finding for kind, finding in failing.items() if kind != "promise level acceleration"}
     named = {name.format(level=finding.row.removeprefix("level ")): (text, mend, finding)
              for name, kinds, text, mend in CLAIMS for kind, finding in failing.items() if kind in kinds}
-    return [NamedCause(name, text.format(row=finding.row, value=finding.value, unit=finding.unit,
+    return [NamedCause(name, text.format(row=finding.row.removeprefix("limit "), value=finding.value, unit=finding.unit,
                                          detail=finding.detail), mend) for name, (text, mend, finding) in named.items()]

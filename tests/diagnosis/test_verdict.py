@@ -38,6 +38,8 @@ MISTAKES = {
     "late": reporting(x=lambda t, x: np.where(t > 8.0, np.roll(x, 1, axis=0), x)),
     "open joint": reporting(x=lambda t, x: x + 1e-3 * (t > 9.0)),
     "acceleration without gravity": reporting(a=lambda t, a: a + 9.81 * np.array([0.0, 0.0, 1.0])),
+    "multipliers reversed": reporting(lam=lambda t, lam: -lam),
+    "multipliers too large": reporting(lam=lambda t, lam: 1.5 * lam),
     "gravity": Misbuilt(adapters.get("lieeuler"), (misbuilt.gravity(lambda g: 1.001 * g),)),
 }
 
@@ -58,11 +60,13 @@ def test_no_tick_where_verify_fails(key, monkeypatch):
 def test_findings_about_reports_are_causes_and_others_are_not():
     scene = load_scene(NAME)
     answers = {}
-    for key in ("acceleration without gravity", "gravity"):
+    for key in ("acceleration without gravity", "multipliers reversed", "multipliers too large", "gravity"):
         answers[key] = Explanation(NAME, "", METHOD, None, "pass", "", [], [], [], 1.0, 0.0, 0.0)
         of_verdict.add(Subject(MISTAKES[key], Way("lieeuler", METHOD)), scene, None, answers[key])
         answers[key].conclude()
     assert answers["acceleration without gravity"].names == ("reported accelerations",)
+    assert answers["multipliers reversed"].names == ("reversed multipliers",)
+    assert answers["multipliers too large"].names == ("reported multipliers",)
     assert answers["gravity"].outcome == "unresolved"
     assert "crosscheck verify rejects it" in answers["gravity"].sentence
 

@@ -381,7 +381,11 @@ def between_samples(y: np.ndarray, exact: np.ndarray) -> NamedCause | None:
 
 def rough(difference: np.ndarray) -> float:
     """Size of the noise in a difference (T, n, 18); 0 if most of the difference is smooth."""
-    sixth = np.diff(difference[1:], n=6, axis=0)
-    size = float(np.sqrt(np.mean(sixth**2))) / SIXTH
-    whole = float(np.sqrt(np.mean(difference**2)))
+    size, whole = jumping(difference[1:])[1], float(np.sqrt(np.mean(difference**2)))
     return size if size > ROUGH * whole else 0.0
+
+
+def jumping(difference: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """(the part of a difference (T, ...) that jumps from sample to sample, its root mean square, that of the whole)."""
+    sixth = np.diff(difference, n=6, axis=0) / SIXTH
+    return sixth, float(np.sqrt(np.mean(sixth**2))), float(np.sqrt(np.mean(difference**2)))

@@ -16,8 +16,9 @@ import numpy as np
 from crosscheck.adapters.lieeuler import motion
 from crosscheck.diagnosis.altered import predict
 from crosscheck.diagnosis.fit import gauss_newton
-from crosscheck.diagnosis.misreadings import placed, rolled
+from crosscheck.diagnosis.misreadings import CONJUGATE, FRAME, ORDER, placed, rolled
 from crosscheck.diagnosis.of_laws import alternatives
+from crosscheck.diagnosis.of_output import jumping
 from crosscheck.diagnosis.of_sensors import filtered, mistakes
 from crosscheck.diagnosis.variants import close
 from crosscheck.errors import ArgumentError
@@ -239,11 +240,11 @@ def _point(m: Lot) -> np.ndarray:
     return np.asarray(np.mean(_back(m.R, m.given - m.true), axis=0))
 
 
-FRAME, ORDER, POINT = "velocity frame", "quaternion order", "position of another point"
+POINT = "position of another point"
 MISREPORTS: tuple[tuple[str, str, str, Callable[[Lot], np.ndarray] | None, Callable[[Lot, Any], np.ndarray]], ...] = (
     ("attitude", ORDER, "x, y, z, w read as w, x, y, z", None, lambda m, _: rolled(m.true, 1)),
     ("attitude", ORDER, "w, x, y, z read as x, y, z, w", None, lambda m, _: rolled(m.true, -1)),
-    ("attitude", "quaternion conjugated", "the inverse: world to body", None, lambda m, _: np.swapaxes(m.true, -1, -2)),
+    ("attitude", CONJUGATE, "the inverse: world to body", None, lambda m, _: np.swapaxes(m.true, -1, -2)),
     ("attitude", "body axes", "axes turned by a constant in the body", _axes, lambda m, Q: m.true @ Q),
     ("velocity", FRAME, "in body axes", None, lambda m, _: _back(m.R, m.true)),
     ("velocity", FRAME, "turned once too often", None, lambda m, _: _out(m.R, m.true)),
@@ -470,8 +471,7 @@ def _samples(case: Case) -> Iterator[Cause]:
 
 def _rough(case: Case, difference: np.ndarray) -> Iterator[Cause]:
     """Differences from sample to sample that no motion makes."""
-    sixth = np.diff(difference, 6, axis=0) / np.sqrt(924.0)
-    noise, whole = (float(np.sqrt(np.mean(part**2))) for part in (sixth, difference))
+    sixth, noise, whole = jumping(difference)
     spikes, rows = (np.abs(part).max(axis=1) for part in (difference, sixth))
     off = spikes > 0.1 * spikes.max()
     if noise < 0.7 * whole:

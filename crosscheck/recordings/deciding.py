@@ -18,11 +18,12 @@ import numpy as np
 
 from crosscheck.adapters.lieeuler import motion
 from crosscheck.diagnosis.fit import CLEAR
+from crosscheck.diagnosis.misreadings import rolled
 from crosscheck.recordings.causes import TURN
 from crosscheck.recordings.comparing import differenced, first_rows, gaps, norms, part_of, restored, values_by
 from crosscheck.recordings.reading import Group, Recording
 from crosscheck.references.maximal import fastest
-from crosscheck.scene.model import Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.model import Scene
 from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
 
@@ -126,7 +127,7 @@ def _exchanged(partner: dict[str, str], groups: list[Group]) -> list[Group]:
 def _rolled(group: Group, by: int) -> Group:
     known = np.isfinite(group.values).all(axis=(1, 2))
     made = np.full(group.values.shape, np.nan)
-    made[known] = rotation_from_quaternion(np.roll(quaternion_from_rotation(group.values[known]), by, axis=1))
+    made[known] = rolled(group.values[known], by)
     return dataclasses.replace(group, values=made)
 
 

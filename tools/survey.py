@@ -27,7 +27,7 @@ from crosscheck.scene.models.checking import unlike
 ROOTS = {"mujoco": (".xml", ".mjcf"), "robot": (".urdf", ".xml"), "sdf": (".sdf", ".world")}
 OTHER_FORMATS = (".sdf", ".world", ".usd", ".usda", ".usdc")
 IMPORTED = ("whole", "free", "balance", "root", "within", "bare")
-UNLIKE = {"that body": "differ, ill-conditioned", "a comparison of": "not compared: too many bodies"}
+UNLIKE = {"that it is ill-conditioned": "differ, ill-conditioned", "a comparison of": "not compared: too many bodies"}
 """What a note on accelerations begins with."""
 
 
@@ -88,7 +88,7 @@ def outcome(path: Path, folder: Path) -> tuple[str, list[str]]:
                 return "still" if "base" in options else "refused", first  # without mass to be freed
         else:
             name = "bare" if "drop" in options else "free" if "base" in options else next(iter(options), "whole")
-            return name, first if name == "bare" else list(left_out)
+            return name, first if name == "bare" else list(map(str, left_out))
 
 
 def accelerations(what: str, left_out: list[str]) -> str:

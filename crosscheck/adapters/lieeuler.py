@@ -225,7 +225,7 @@ class LieEuler(Engine):
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """All joints and forces are modelled, redundant constraints included."""
-        if reason := scene.beyond(ELEMENTS):
+        if reason := scene.beyond(set(ELEMENTS) - {"frame"}):
             return reason
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"

@@ -22,7 +22,8 @@ def length_of(scene: Scene) -> float:
     """The longest lever from a centre of mass to a joint, m; of a free body its radius of gyration."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
     levers += [float(np.linalg.norm(joint.parent_anchor)) for joint in scene.joints if joint.parent != GROUND]
-    gyration = np.sqrt(np.trace(scene.inertias, axis1=1, axis2=2) / (2.0 * scene.masses))
+    masses, inertias = mechanics.weights(scene)
+    gyration = np.sqrt(np.trace(inertias, axis1=1, axis2=2) / (2.0 * masses))
     return float(max([*levers, 0.0]) or gyration.max())
 
 
@@ -50,7 +51,7 @@ def sizes(scene: Scene, motion: States) -> dict[str, float]:
     speed = max(most(motion.v), length * rate)
     found = {"position": length_moved, "attitude": 1.0, "velocity": speed, "angular velocity": rate,
              "orthogonality": 1.0, "energy": max(float(np.nanmax(mechanics.kinetic_energy(scene, motion), initial=0.0)),
-                                                 scene.masses.min() * speed**2 / 2)}
+                                                 mechanics.weights(scene)[0].min() * speed**2 / 2)}
     pull = max(gravity, length * rate**2, 0.0 if motion.a is None else most(motion.a))
     turned = max(rate**2, 0.0 if motion.alpha is None else most(motion.alpha))
     weight = float(scene.masses.sum()) * pull

@@ -18,6 +18,7 @@ from crosscheck.document import Way
 from crosscheck.errors import Unsupported, check_time
 from crosscheck.references.maximal import Maximal
 from crosscheck.running.attempt import Ran, attempt
+from crosscheck.scene import mechanics
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
@@ -103,18 +104,19 @@ def scale_of(scene: Scene) -> Scale:
     """The longest lever, and the fastest of initial rotation, fall and oscillation on a spring; no run is made."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
     levers += [float(np.linalg.norm(joint.parent_anchor)) for joint in scene.joints if joint.parent != GROUND]
-    gyration = np.sqrt(np.trace(scene.inertias, axis1=1, axis2=2) / (2 * scene.masses))
+    masses, inertias = mechanics.weights(scene)
+    gyration = np.sqrt(np.trace(inertias, axis1=1, axis2=2) / (2 * masses))
     length = float(max([*levers, 0.0]) or gyration.max())
     gravity = float(np.linalg.norm(scene.gravity))
     rates = [float(np.linalg.norm(scene.w0, axis=1).max()), float(np.sqrt(gravity / length))]
-    smallest = np.linalg.eigvalsh(scene.inertias)[:, 0]
+    smallest = np.linalg.eigvalsh(inertias)[:, 0]
     for joint in scene.joints:
         lever = float(np.linalg.norm(joint.child_anchor))
-        mass = scene.masses[joint.child]
+        mass = masses[joint.child]
         rates.append(float(np.sqrt(mass * gravity * lever / (smallest[joint.child] + mass * lever**2))))
     for force in scene.loads:
         stiffness = force.parameters.get("stiffness", 0.0)
-        inertia = smallest.min() if force.law.measure == "angle" else scene.masses.min()
+        inertia = smallest.min() if force.law.measure == "angle" else masses.min()
         rates.append(float(np.sqrt(stiffness / inertia)))
     return Scale(length, max(rates) or 1.0)
 

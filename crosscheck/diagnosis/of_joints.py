@@ -253,7 +253,7 @@ def lawful(copies: list[ObservedCopy], absent: int | None) -> bool:
         x, R, v, w = (getattr(each.states, name)[inner] for name in ("x", "R", "v", "w"))
         a, alpha = each.accelerations[:, :, :3], each.accelerations[:, :, 3:]
         effort = Accelerations(points_of(each)).forces(of_scene(scene)).reshape(len(x), -1)
-        mass = np.linalg.inv(mechanics.inverse_mass(scene))
+        mass = mechanics.mass_matrix(scene)
         G = constraints.jacobian(x, R)
         left = effort - np.concatenate([a, alpha], axis=2).reshape(len(x), -1) @ mass
         lam = np.array([np.linalg.lstsq(one.T, row, rcond=1e-9)[0] for one, row in zip(G, left, strict=True)])

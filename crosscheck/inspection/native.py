@@ -21,7 +21,7 @@ from crosscheck.scene.armature import rotors
 from crosscheck.scene.checks import Draft, Start
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import zero_attitude
-from crosscheck.scene.mechanics import index1, inverse_mass
+from crosscheck.scene.mechanics import index1, mass_matrix
 from crosscheck.scene.model import Scene, quaternion_from_rotation
 from crosscheck.scene.models import apart, collisions, compiling, import_model
 from crosscheck.scene.models import source as sources
@@ -237,10 +237,10 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     neutral = _neutral(scene, states) if scene else natives[0]
     invented = frozenset(link.get("name", "") for link in model.root.findall("link")
                          if link.find("inertial") is None and link.find("collision") is not None)
-    light = _light_bodies(scene)
+    frames = _frames(scene)
     differences = [Difference(native.engine, *each) for native in natives if native is not neutral
                    for each in _differences(neutral, _named_alike(neutral, native), invented)
-                   if native.engine.startswith("mujoco") or each[1] not in light]
+                   if native.engine.startswith("mujoco") or each[1] not in frames]
     whole = sum(float(mass.get("value", "0")) for mass in model.root.findall("link/inertial/mass"))
     still = whole - sum(link.mass for link in neutral.links.values())  # on the root
     differences += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
@@ -258,12 +258,13 @@ def _absent(ending: str) -> list[str]:
             if name not in adapters.names() and ending in entry.make().reads]
 
 
-def _light_bodies(scene: Scene | None) -> set[str]:
-    """Names of light bodies and the joints on them, which stand for several joints on one body in other engines."""
+def _frames(scene: Scene | None) -> set[str]:
+    """Names of frames and the joints on them, which are several joints on one body in other engines."""
     if scene is None:
         return set()
-    names, light = ["", *(body.name for body in scene.bodies)], set(scene.stand_ins)
-    return light | {joint.name for joint in scene.joints if light & {names[joint.parent + 1], names[joint.child + 1]}}
+    names = ["", *(body.name for body in scene.bodies)]
+    frames = {body.name for body in scene.bodies if not body.mass}
+    return frames | {joint.name for joint in scene.joints if frames & {names[joint.parent + 1], names[joint.child + 1]}}
 
 
 def _native(task: tuple[str, str, str, JointStates]) -> Native:
@@ -314,7 +315,7 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     J = np.linalg.lstsq(np.concatenate([G, S]), np.concatenate([np.zeros((len(G), len(S))), np.eye(len(S))]),
                         rcond=None)[0]
     armature = [(joint.armature or (0.0,))[0] for joint in scene.joints]
-    M = J.T @ np.linalg.inv(inverse_mass(scene)) @ J + np.diag(armature)
+    M = J.T @ mass_matrix(scene) @ J + np.diag(armature)
 
     def coordinates(one: Scene) -> np.ndarray:
         a, alpha, _ = index1(one, *state)

@@ -53,7 +53,7 @@ def reference(scene: Scene, at: States) -> Reference:
     """The truth of `scene` at the K states `at`. Each is a separate start, its hinges within half a turn of it."""
     constraints = Constraints(scene)
     count, n = len(at.t), scene.n
-    mass = np.linalg.inv(mechanics.inverse_mass(scene))
+    mass = mechanics.mass_matrix(scene)
     weight = np.concatenate([scene.masses[:, None] * scene.gravity, np.zeros((n, 3))], axis=1).ravel()
     solved = []
     for k in range(count):  # separately, because states may differ in rank
@@ -180,11 +180,11 @@ def deviations(scene: Scene, reference: Reference, probe: Probe) -> tuple[Deviat
 
 def _gaps(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
     """(quantity, gaps) with gaps of shape (K, places). Places are bodies, joints, or one for the whole system."""
-    truth = reference.probe
+    truth, (masses, inertias) = reference.probe, mechanics.weights(scene)
     if probe.masses is not None:
-        yield "mass", np.abs(probe.masses - scene.masses)[None] / scene.masses
+        yield "mass", np.abs(probe.masses - scene.masses)[None] / masses
     if probe.inertias is not None:
-        sizes = np.abs(scene.inertias).max(axis=(1, 2))
+        sizes = np.abs(inertias).max(axis=(1, 2))
         yield "inertia", np.abs(probe.inertias - scene.inertias).max(axis=(1, 2))[None] / sizes
     for quantity, field in (("position", "x"), ("attitude", "R"), ("velocity", "v"), ("angular velocity", "w"),
                             ("acceleration", "a"), ("angular acceleration", "alpha")):

@@ -88,7 +88,7 @@ def _on_loops(scene: Scene, source: object, known: float) -> Verdict:
     label, blocks, off = apart(source)
     count = exact.changes.shape[1] // 2
     motions = np.linalg.svd(exact.changes[:6 * scene.n])[0][:, :count]
-    mass = motions.T @ np.linalg.inv(mechanics.inverse_mass(scene)) @ motions
+    mass = motions.T @ mechanics.mass_matrix(scene) @ motions
     rows = Constraints(scene).jacobian(scene.x0[None], scene.R0[None])[0]
     sizes = np.linalg.svd(rows @ mechanics.inverse_mass(scene) @ rows.T, compute_uv=False)
     worst = max(condition(mass), float(sizes[0] / sizes[sizes > NONE * sizes[0]].min()))

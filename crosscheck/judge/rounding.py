@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from crosscheck.references.base import Reference
+from crosscheck.scene.mechanics import weights
 from crosscheck.scene.model import Scene
 
 EPS = float(np.finfo(float).eps)
@@ -22,8 +23,9 @@ def grading(scene: Scene) -> float:
     Joints transmit the forces of all bodies. The lightest body is moved by a difference of such forces that is as small
     as its mass, and a needle turns about its own axis by one as small as its least moment of inertia.
     """
-    principal = np.linalg.eigvalsh(scene.inertias)
-    return float(max(USUAL, scene.masses.sum() / scene.masses.min(), (principal[:, -1] / principal[:, 0]).max()))
+    masses, inertias = weights(scene)
+    principal = np.linalg.eigvalsh(inertias)
+    return float(max(USUAL, scene.masses.sum() / masses.min(), (principal[:, -1] / principal[:, 0]).max()))
 
 
 def rounding_of(scene: Scene, truth: Reference, sizes: Mapping[str, float]) -> dict[str, tuple[float, float]]:

@@ -23,7 +23,6 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import chdtr
 
-from crosscheck.compare.sizes import length_of
 from crosscheck.diagnosis.fit import PART
 from crosscheck.errors import ArgumentError, Unsupported, unknown
 from crosscheck.recordings.columns import EFFORTS
@@ -709,8 +708,7 @@ def since(fit: Fit, k: int, cause: Cause) -> Cause:
 def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
     """(K,) standard deviations of alterations that are uncertain inputs: "mass": .05 is five percent of each.
 
-    Half of the variance of a mass is one of its place alone, half that of a density, with which its inertia goes. Light
-    bodies that stand for massless links are uncertain in all that they have.
+    Half of the variance of a mass is one of its place alone, half that of a density, with which its inertia goes.
     """
     kinds = list(dict.fromkeys(what for what, _ in system.names if what != "between"))  # which is never known
     made = np.zeros(len(system.names))
@@ -727,9 +725,6 @@ def priors(system: System, uncertain: Mapping[str, float]) -> np.ndarray:
                     joint.dry_friction[0].sliding if key == "friction" and joint.dry_friction and joint.dry_friction[0]
                     else sum(getattr(joint, key, ()) or ()) if key != "friction" else 0.0)
                 made[k] = math.hypot(made[k], value * size * (math.sqrt(0.5) if key == "mass" else 1.0))
-    for k, (what, owner) in enumerate(system.names):
-        if owner in system.scene.stand_ins:  # whose masses nobody gave
-            made[k] = length_of(system.scene) if what.startswith("centre of mass") else 1.0
     return made
 
 
@@ -775,7 +770,7 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
         """(2, K) what chi^2 loses by each alteration, others being free, and the standard deviation of its size."""
         found = np.array([np.zeros(last), np.full(last, math.inf)])
         for k in every:
-            if not N[k, k] * fit.sizes[k] ** 2 > NOTHING or system.names[k][1] in system.scene.stand_ins:
+            if not N[k, k] * fit.sizes[k] ** 2 > NOTHING:
                 continue
             M, g, _ = without(np.array([k, last]), others[others != k])
             if M[0, 0] > 1e-9 * N[k, k]:
@@ -799,8 +794,6 @@ def answer(log: Log, system: System, uncertain: Mapping[str, float]) -> Answer:
     beyond = bool(chi2 - given > COVER**2 * free)  # of what uncertain inputs may make
     if gains[order[0]] <= CRITICAL**2 * scale and not beyond:
         return Answer(predicted, [], 0.0, math.sqrt(chi2 / free), shown, False)
-    if system.scene.stand_ins:  # which could take the place of a heavy cause, at no sensible size
-        gains = gained_with(known[[system.names[k][1] not in system.scene.stand_ins for k in known]])[0]
         order = np.argsort(-gains).tolist()
     made, skipped = [refined(fit, order[:1])], 0
 

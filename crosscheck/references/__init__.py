@@ -123,4 +123,4 @@ def _refuse(scene: Scene) -> None:
     refused = [joint for joint in scene.joints if bound(scene, joint)]
     if refused and (closing := [joint.name for joint in unfold(scene)[1] if joint in refused]):
         raise Unsupported(f"truth of {scene.name!r}: armature, mimics and laws of joint {closing[0]!r} are not built "
-                          "where every joint of a loop has some")
+                          "where every joint of a loop has some, or is on a frame")

@@ -88,7 +88,7 @@ def scene_length(scene: Scene) -> float:
     levers += [joint.length for joint in scene.joints if joint.length]
     if max(levers, default=0.0) > 0.0:
         return float(max(levers))
-    return float(max(np.sqrt(np.trace(body.inertia) / body.mass) for body in scene.bodies))
+    return float(max(np.sqrt(np.trace(body.inertia) / body.mass) for body in scene.bodies if body.mass))
 
 
 @dataclasses.dataclass(frozen=True)

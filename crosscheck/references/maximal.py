@@ -117,9 +117,8 @@ class Maximal:
             return (*self.index1(*state, angles, states.t, efforts)[:2], np.zeros((len(states.t), 0)))
         forces = mechanics.applied_forces(self.scene, *state, angles, states.t, efforts)
         G, gamma = self._rows(states, rest)
-        solve = self.index1.solver(G, independent=not self.index1.closing)
-        found, lam = self.index1.bound(self.index1.free(forces), G, gamma, solve)
-        a, alpha = np.split(found[:, :6 * self.scene.n].reshape(len(found), -1, 6), 2, axis=-1)
+        found, lam = self.index1.solver(G, independent=not self.index1.closing)(forces, gamma)
+        a, alpha = np.split(found.reshape(len(found), -1, 6), 2, axis=-1)
         return a, alpha, -lam[:, lam.shape[1] - len(rest):]
 
     def _rows(self, states: States, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -144,9 +143,7 @@ class Maximal:
         push = sum((self.rate_row(i, states)[0] * impulses[:, i, None] for i in range(len(self.laws))),
                    np.zeros((len(states.t), 6 * self.scene.n)))
         G, gamma = self._rows(states, np.zeros(0, int))
-        solve = self.index1.solver(G, independent=not self.index1.closing)
-        found = self.index1.bound(self.index1.free(push), G, np.zeros_like(gamma), solve)[0]
-        return np.asarray(found[:, :6 * self.scene.n])
+        return self.index1.solver(G, independent=not self.index1.closing)(push, np.zeros_like(gamma))[0]
 
     # States as vectors y: x, R, v, w of all bodies and the angles of hinges.
 

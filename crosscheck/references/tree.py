@@ -52,7 +52,7 @@ def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
     links: dict[int, Link] = {}
     unused = [joint for joint in scene.joints if joint.type not in ROWS]
     _grow(scene, GROUND, links, unused)
-    for body in range(scene.n):
+    for body in np.flatnonzero(~scene.frames).tolist():  # a frame moves with bodies: it is no root
         if body not in links:
             record = scene.bodies[body]
             links[body] = Link(body, GROUND, float(record.mass), record.inertia.tolist(), [0.0] * 3, [0.0] * 3, FREE,
@@ -62,9 +62,12 @@ def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
 
 
 def bound(scene: Scene, joint: Joint) -> bool:
-    """Whether the joint has to be in the tree: its coordinate has inertia or laws, follows another one or leads it."""
-    return (any(joint.armature) or any(joint.dry_friction) or any(joint.limits) or joint.mimic is not None
-            or any(name == joint.name for name, _ in scene.servos.values())
+    """Whether the joint has to be in the tree: its coordinate has inertia or laws, follows another one or leads it.
+
+    So do those on both sides of a frame, which could not end a branch.
+    """
+    return (scene.on_frame(joint) or any(joint.armature) or any(joint.dry_friction) or any(joint.limits)
+            or joint.mimic is not None or any(name == joint.name for name, _ in scene.servos.values())
             or any(each.mimic is not None and each.mimic.joint == joint.name for each in scene.joints))
 
 

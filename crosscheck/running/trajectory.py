@@ -204,7 +204,7 @@ class Trajectory:
             moments, axes = np.linalg.eigh(self.scene.inertias[k])
             # An ellipsoid with semi-axes a, b, c has the moments m (b^2 + c^2) / 5 and so on.
             # Hence a^2 = 5 (sum of the moments / 2 - its own moment) / m.
-            half = np.sqrt(np.maximum(2.5 * (moments.sum() - 2 * moments), 0.0) / body.mass)
+            half = np.sqrt(np.maximum(2.5 * (moments.sum() - 2 * moments), 0.0) / (body.mass or 1.0))
             axes[:, 0] *= np.linalg.det(axes)  # a rotation, not a reflection
             recording.send_columns(f"bodies/{body.name}", times, rr.Transform3D.columns(
                 translation=self.x[:, k], mat3x3=self.R[:, k]))

@@ -128,16 +128,17 @@ def alterations(scene: Scene, as_given: bool = False) -> list[Alteration]:
     `as_given`: also those of an inertia that is turned by the scene's attitude, where the engine shows another one.
     """
     scopes: list[tuple[str, tuple[int, ...]]] = [(BODIES, tuple(range(scene.n)))]
-    if scene.n > 1:
-        scopes += [(f"body {body.name!r}", (k,)) for k, body in enumerate(scene.bodies)]
+    bodies = np.flatnonzero(~scene.frames).tolist()  # of a frame nothing can be wrong
+    if len(bodies) > 1:
+        scopes += [(f"body {scene.bodies[k].name!r}", (k,)) for k in bodies]
     named = [_gravity(scene)]
     if scene.gravity.any():  # on a hinge, gravity of another size is one of many gravities with the same motion
         named.append(dataclasses.replace(named[0], apply=lambda m, t: m.altered(gravity=t[0] * scene.gravity), starts=(
             (1.0,),), words=lambda t: named[0].words(t[0] * scene.gravity), title=lambda t: named[0].name(
                 t[0] * scene.gravity), special=lambda t: [(0.0,), (-1.0,)], mistakes=lambda t: 1, alone=True))
-    named += [cause for where, bodies in scopes for cause in _inertias(scene, where, bodies, as_given)]
-    named += [cause for k in range(scene.n) for cause in _masses(scene, k)]
-    named += [cause for where, bodies in scopes for cause in _sizes(scene, where, bodies)]
+    named += [cause for where, those in scopes for cause in _inertias(scene, where, those, as_given)]
+    named += [cause for k in bodies for cause in _masses(scene, k)]
+    named += [cause for where, those in scopes for cause in _sizes(scene, where, those)]
     named += list(_exchanged(scene))
     named += [cause for k in range(len(scene.loads)) for cause in _force(scene, k)]
     constant = [not (force.is_spring or force.law.has_modes or force.functions) for force in scene.loads]
@@ -517,7 +518,7 @@ def _exchanged(scene: Scene) -> Iterator[Alteration]:
         return lambda m, _: m.with_bodies(lambda k, body: {
             key: getattr(m.scene.bodies[sum(pair) - k], key) for key in keys}, pair)
 
-    for one, other in itertools.combinations(range(scene.n), 2):
+    for one, other in itertools.combinations(np.flatnonzero(~scene.frames).tolist(), 2):
         names = f"{scene.bodies[one].name!r} and {scene.bodies[other].name!r}"
         for keys, text in ((("mass",), "masses"), (("inertia",), "inertias"),
                            (("mass", "inertia"), "masses and inertias")):

@@ -91,8 +91,9 @@ class Model:
             return False
         if self.scene.bodies is right.scene.bodies:
             return True
-        sizes = np.concatenate([self.scene.masses / right.scene.masses, (
-            np.linalg.eigvalsh(self.scene.inertias) / np.linalg.eigvalsh(right.scene.inertias)).ravel()])
+        own, meant, bodies = self.scene, right.scene, ~right.scene.frames
+        sizes = np.concatenate([own.masses[bodies] / meant.masses[bodies], (
+            np.linalg.eigvalsh(own.inertias[bodies]) / np.linalg.eigvalsh(meant.inertias[bodies])).ravel()])
         return bool(sizes.min() > 1 / NONSENSE and sizes.max() < NONSENSE)
 
 
@@ -179,10 +180,8 @@ class Accelerations:
         target = m.centripetal * gamma
         if soft:
             target = -(G[:, :gamma.shape[1], :6 * scene.n] @ p.rates.reshape(len(G), -1, 1))[..., 0]
-        rates = index1.free(self.forces(m).reshape(len(p.x), -1))
-        if G.shape[1]:
-            rates, _ = index1.bound(rates, G, np.concatenate([target, bias], axis=1), solve)
-        return np.asarray(rates[:, :6 * scene.n].reshape(p.rates.shape))
+        rates, _ = solve(self.forces(m).reshape(len(p.x), -1), np.concatenate([target, bias], axis=1))
+        return np.asarray(rates.reshape(p.rates.shape))
 
     def friction(self, scene: Scene, damped: Mapping[str, float] | None = None) -> np.ndarray:
         """Generalised force (P, n, 6) of damping at joints; None: of a moment of size 1 against the turning at all."""

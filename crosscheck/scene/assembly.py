@@ -14,7 +14,7 @@ import numpy as np
 from crosscheck.scene import starts
 from crosscheck.scene.checks import Draft
 from crosscheck.scene.constraints import Constraints
-from crosscheck.scene.mechanics import RANK_TOLERANCE
+from crosscheck.scene.mechanics import RANK_TOLERANCE, loose_frame, weights
 from crosscheck.scene.model import GROUND, Scene, quaternion_from_turn, quaternion_product
 from crosscheck.scene.schema import EntryError
 from crosscheck.scene.spanning import Branch, spanning_tree
@@ -81,6 +81,10 @@ def completed(draft: Draft, keeping: Scene | None = None) -> Scene:
                              "points opposite to parent_axis in the world", "reverse one of the two, or correct the "
                              f'attitude of "{scene.bodies[joint.child].name}"')
     done = scene.replace(bodies=bodies_at(scene, state))
+    if (loose := loose_frame(done)) is not None:
+        raise EntryError(f'bodies[{loose}] "{scene.bodies[loose].name}": mass', "is 0, and here this frame can move "
+                         "while all other bodies rest", "turn the axes of its joints apart, or give it a mass and an "
+                         "inertia, or a joint of it an armature")
     if not draft.assemble:
         starts.check(draft, done)
     return done
@@ -316,9 +320,10 @@ def _newton_step(constraints: Constraints, guess: Configuration, unweighted: np.
 
 def _inverse_root_mass(scene: Scene) -> csr_array:
     """B, (6n, 6n) block diagonal, with B^T M B = I."""
+    masses, inertias = weights(scene)
     blocks = np.zeros((scene.n, 6, 6))
-    blocks[:, :3, :3] = np.eye(3) / np.sqrt(scene.masses)[:, None, None]
-    blocks[:, 3:, 3:] = np.linalg.inv(np.linalg.cholesky(scene.inertias)).swapaxes(1, 2)
+    blocks[:, :3, :3] = np.eye(3) / np.sqrt(masses)[:, None, None]
+    blocks[:, 3:, 3:] = np.linalg.inv(np.linalg.cholesky(inertias)).swapaxes(1, 2)
     return block_diagonal(blocks)
 
 

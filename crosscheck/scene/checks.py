@@ -135,6 +135,7 @@ def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
         monitors=tuple(_monitor(entry, i, monitor) for i, monitor in enumerate(entry.monitors)),
         sites=sites_of(entry.sites, bodies),
     )
+    _check_frames(scene)
     _check_armature(scene)
     scene = scene.replace(sensors=sensors_of(entry.sensors, scene), published=tuple(
         _published(f"published[{k}]", figure, bodies, scene) for k, figure in enumerate(entry.published)))
@@ -182,6 +183,17 @@ def _check_names(group: str, names: Sequence[str]) -> None:
             raise EntryError(entry, f"{group}[{first[name]}] has the same name", "give each its own name")
 
 
+def _check_frames(scene: Scene) -> None:
+    """A body without mass and inertia has to move as the bodies that joints tie it to."""
+    for k in np.flatnonzero(scene.frames).tolist():
+        inner = sum(joint.child == k for joint in scene.joints)
+        outer = sum(joint.parent == k for joint in scene.joints)
+        if inner != 1 or not outer:
+            raise EntryError(f'bodies[{k}] "{scene.bodies[k].name}": mass', "is 0, as of a frame between joints, but "
+                             f"it is the child of {inner} joints and the parent of {outer}", "give it a mass and an "
+                             "inertia, or make it the child of one joint and the parent of others")
+
+
 def _check_armature(scene: Scene) -> None:
     levers = [anchor for joint in scene.joints for anchor in (joint.parent_anchor, joint.child_anchor)]
     length = max(1.0, max((float(np.linalg.norm(lever)) for lever in levers), default=0.0))
@@ -193,8 +205,11 @@ def _check_armature(scene: Scene) -> None:
 
 
 def _body(entry: str, body: BodyEntry) -> Body:
-    check_positive(f"{entry}: mass", body.mass, "kg", SMALLEST)
-    inertia = _inertia(f"{entry}: inertia", np.array(body.inertia))
+    if body.mass or np.any(body.inertia):
+        check_positive(f"{entry}: mass", body.mass, "kg", SMALLEST)
+        inertia = _inertia(f"{entry}: inertia", np.array(body.inertia))
+    else:
+        inertia = np.zeros((3, 3))
     attitude = _unit(f"{entry}: attitude", body.attitude or IDENTITY,
                      "write a quaternion w, x, y, z, say [1.0, 0.0, 0.0, 0.0]")
     return Body(body.name, body.mass, inertia, attitude, np.array(body.angular_velocity or (0.0, 0.0, 0.0)),

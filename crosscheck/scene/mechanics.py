@@ -212,13 +212,37 @@ def _rate(joint: Joint, k: int, states: Motion) -> np.ndarray:
     return values if values.ndim == 1 else values[:, k]
 
 
-def inverse_mass(scene: Scene) -> np.ndarray:
-    """M^-1, (6n, 6n), block diagonal in the order (v, w) of each body."""
-    inverse = np.zeros((6 * scene.n, 6 * scene.n))
+def mass_matrix(scene: Scene) -> np.ndarray:
+    """M, (6n, 6n), block diagonal in the order (v, w) of each body."""
+    M = np.zeros((6 * scene.n, 6 * scene.n))
     for k, (mass, inertia) in enumerate(zip(scene.masses, scene.inertias, strict=True)):
+        M[6 * k:6 * k + 3, 6 * k:6 * k + 3] = mass * np.eye(3)
+        M[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = inertia
+    return M
+
+
+def inverse_mass(scene: Scene) -> np.ndarray:
+    """M^-1, (6n, 6n), block diagonal in the order (v, w) of each body; of frames see `weights`."""
+    masses, inertias = weights(scene)
+    inverse = np.zeros((6 * scene.n, 6 * scene.n))
+    for k, (mass, inertia) in enumerate(zip(masses, inertias, strict=True)):
         inverse[6 * k:6 * k + 3, 6 * k:6 * k + 3] = np.eye(3) / mass
         inverse[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = np.linalg.inv(inertia)
     return inverse
+
+
+def weights(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Masses (n,) and inertias (n, 3, 3) of a metric of motions, in which ranks, gaps and errors are measured.
+
+    They are those of the bodies; a frame, which has none and moves as its neighbours let it, counts as the mean body.
+    No acceleration depends on that.
+    """
+    if not scene.frames.any():
+        return scene.masses, scene.inertias
+    bodies, masses, inertias = ~scene.frames, scene.masses.copy(), scene.inertias.copy()
+    masses[scene.frames] = masses[bodies].mean()
+    inertias[scene.frames] = np.trace(inertias[bodies], axis1=1, axis2=2).mean() / 3 * np.eye(3)
+    return masses, inertias
 
 
 def index1(scene: Scene, *state: Any, **more: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -233,13 +257,18 @@ class Index1:
         self.scene, self.constraints = scene, constraints or Constraints(scene)
         self.closing = bool(spanning_tree(scene)[1])
         self.turning = any(any(joint.armature) for joint in scene.joints)
-        self.sparse = scene.n > FEW_BODIES and self.constraints.m and not self.closing and not self.turning
+        self.frames = np.repeat(scene.frames, 6)
+        self.sparse = (scene.n > FEW_BODIES and self.constraints.m and not self.closing and not self.turning
+                       and not scene.frames.any())
         self.inverse = np.empty(0) if self.sparse else inverse_mass(scene)[None]
         if self.turning:  # a rotor is one more body, and its row: its own rate is that of its joint
             geared = rotors(scene, *(part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)))
             inverse = np.diag([*[0.0] * 6 * scene.n, *(1 / inertia for inertia, *_ in geared)])
             inverse[:6 * scene.n, :6 * scene.n] = self.inverse[0]
             self.inverse = inverse[None]
+            self.frames = np.append(self.frames, np.zeros(inverse.shape[0] - 6 * scene.n, bool))
+        if self.frames.any():
+            self.inverse = self.inverse[:, ~self.frames][:, :, ~self.frames]
 
     def __call__(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
                  angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0,
@@ -260,24 +289,15 @@ class Index1:
             rates, lam = (np.concatenate(each) for each in zip(*solved, strict=True))
             a, alpha = np.split(rates.reshape(len(x), scene.n, 6), 2, axis=-1)
             return a, alpha, lam
-        lam = np.zeros((len(x), constraints.m))
-        rates = self.free(forces)
-        if constraints.m:
-            G, bias = self.rows(x, R, v, w, combined)
-            if combined is not None:
-                gamma = (combined @ gamma[:, :, None])[:, :, 0]
-            rows, gamma = gamma.shape[1], np.concatenate([gamma, bias], axis=1)
-            # An open tree has no redundant rows.
-            solve = self.solver(G, independent=not self.closing or combined is not None)
-            rates, more = self.bound(rates, G, gamma, solve)
-            lam = more[:, :rows] if combined is None else (more[:, None, :rows] @ combined)[:, 0]
-        a, alpha = np.split(rates[:, :6 * scene.n].reshape(len(x), scene.n, 6), 2, axis=-1)
+        G, bias = self.rows(x, R, v, w, combined)
+        if combined is not None:
+            gamma = (combined @ gamma[:, :, None])[:, :, 0]
+        rows, gamma = gamma.shape[1], np.concatenate([gamma, bias], axis=1)
+        # An open tree has no redundant rows.
+        rates, more = self.solver(G, independent=not self.closing or combined is not None)(forces, gamma)
+        lam = more[:, :rows] if combined is None else (more[:, None, :rows] @ combined)[:, 0]
+        a, alpha = np.split(rates.reshape(len(x), scene.n, 6), 2, axis=-1)
         return a, alpha, lam
-
-    def free(self, forces: np.ndarray) -> np.ndarray:
-        """M^-1 f of forces (T, 6n) without constraints, (T, 6n and one of each rotor)."""
-        turning = np.zeros((len(forces), self.inverse.shape[1] - forces.shape[1]))
-        return np.asarray((np.concatenate([forces, turning], axis=1)[:, None] @ self.inverse)[:, 0])
 
     def rows(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, combined: np.ndarray | None = None
              ) -> tuple[np.ndarray, np.ndarray]:
@@ -292,20 +312,58 @@ class Index1:
         return np.concatenate([np.concatenate([G, np.stack(S, axis=1)], axis=1),
                                np.broadcast_to(own, (len(x), *own.shape))], axis=2), np.stack(bias, axis=1)
 
-    def bound(self, rates: np.ndarray, G: np.ndarray, gamma: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]
-              ) -> tuple[np.ndarray, np.ndarray]:
-        """The nearest to free `rates` (T, .) with G rates + gamma = 0, and lam (T, .); `solve` of `solver`."""
-        lam = np.zeros_like(gamma)
-        # The second pass restores the digits that G M^-1 G^T loses when a light body carries a heavy one.
-        for _ in range(2):
-            more = solve((G @ rates[:, :, None])[:, :, 0] + gamma)
-            rates = rates - ((more[:, None] @ G) @ self.inverse)[:, 0]
-            lam += more
-        return rates, lam
+    def solver(self, G: np.ndarray, independent: bool) -> Callable[[np.ndarray, np.ndarray],
+                                                                   tuple[np.ndarray, np.ndarray]]:
+        """du/dt (T, 6n) and lam (T, m), as functions of f (T, 6n) and gamma (T, m), of the equations
 
-    def solver(self, G: np.ndarray, independent: bool) -> Callable[[np.ndarray], np.ndarray]:
-        """lam (T, m) of G M^-1 G^T lam = r as a function of r, of the rows of `rows`."""
-        return _schur_solver(G, self.inverse, independent)
+            M du/dt + G^T lam = f,    G du/dt + gamma = 0,    G as from `rows`, or with more rows.
+
+        Of frames, the columns F of G without mass, these are F^T lam = f_F. With F = Q T, N orthonormal and N^T Q = 0,
+        lam = N mu + Q T^-T f_F, where mu is that of the other columns B with the rows N^T B and forces f_B - B^T Q
+        T^-T f_F; then T du_F/dt = -Q^T (B du_B/dt + gamma).
+
+        `independent`: whether no row is redundant.
+        """
+        frames, size = self.frames, 6 * self.scene.n
+        if not frames.any():
+            bound = self._bound(G, independent)
+        else:
+            B = G[:, :, ~frames]
+            Q, T = np.linalg.qr(G[:, :, frames], mode="complete")
+            N, Q, T = Q[:, :, T.shape[2]:], Q[:, :, :T.shape[2]], T[:, :T.shape[2]]
+            of_bodies = self._bound(np.swapaxes(N, 1, 2) @ B, independent)
+
+            def bound(f: np.ndarray, gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+                lam = (Q @ np.linalg.solve(np.swapaxes(T, 1, 2), f[:, frames, None]))[:, :, 0]
+                found, mu = of_bodies(f[:, ~frames] - (lam[:, None] @ B)[:, 0], (gamma[:, None] @ N)[:, 0])
+                left = ((gamma + (B @ found[:, :, None])[:, :, 0])[:, None] @ Q)[:, 0]
+                rates = np.zeros(f.shape)
+                rates[:, ~frames] = found
+                rates[:, frames] = -np.linalg.solve(T, left[:, :, None])[:, :, 0]
+                return rates, lam + (N @ mu[:, :, None])[:, :, 0]
+
+        def solve(forces: np.ndarray, gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            turning = np.zeros((len(forces), len(frames) - size))
+            rates, lam = bound(np.concatenate([forces, turning], axis=1), gamma)
+            return rates[:, :size], lam
+
+        return solve
+
+    def _bound(self, G: np.ndarray, independent: bool) -> Callable[[np.ndarray, np.ndarray],
+                                                                   tuple[np.ndarray, np.ndarray]]:
+        """The same of columns with mass alone."""
+        solve = _schur_solver(G, self.inverse, independent)
+
+        def bound(f: np.ndarray, gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            rates, lam = np.asarray((f[:, None] @ self.inverse)[:, 0]), np.zeros_like(gamma)
+            # The second pass restores the digits that G M^-1 G^T loses when a light body carries a heavy one.
+            for _ in range(2 if G.shape[1] else 0):
+                more = solve((G @ rates[:, :, None])[:, :, 0] + gamma)
+                rates = rates - ((more[:, None] @ G) @ self.inverse)[:, 0]
+                lam += more
+            return rates, lam
+
+        return bound
 
     def independent(self, x: np.ndarray, R: np.ndarray) -> np.ndarray | None:
         """Combinations (T, r, m) of the rows that say the same as all of them at these states and near them.
@@ -315,8 +373,7 @@ class Index1:
         """
         if not self.closing or not (redundant := redundant_rows(self.scene)):
             return None
-        size = 6 * self.scene.n
-        scaled = self.constraints.jacobian(x, R) @ np.linalg.cholesky(self.inverse[:, :size, :size])
+        scaled = self.constraints.jacobian(x, R) @ np.linalg.cholesky(inverse_mass(self.scene))
         U = np.linalg.svd(scaled, full_matrices=False)[0][..., :scaled.shape[1] - redundant]
         return np.ascontiguousarray(np.swapaxes(U, 1, 2))
 
@@ -388,6 +445,18 @@ def _pseudo_inverse(scaled: np.ndarray, S: np.ndarray, redundant: np.ndarray
     B[bad] = 0.0
     U, sigma, _ = (part[..., :S.shape[1] - redundant.shape[1]] for part in np.linalg.svd(scaled[bad]))
     return B, bad, U / sigma[:, None]
+
+
+def loose_frame(scene: Scene) -> int | None:
+    """A frame that can move at the start while all bodies with mass and all rotors rest, or None."""
+    if not scene.frames.any():
+        return None
+    system = Index1(scene)
+    F = system.rows(*(part[None] for part in (scene.x0, scene.R0, scene.v0, scene.w0)))[0][0][:, system.frames]
+    _, sizes, V = np.linalg.svd(F)
+    if len(sizes) == F.shape[1] and sizes[-1] > RANK_TOLERANCE * sizes[0]:
+        return None
+    return int(np.flatnonzero(scene.frames)[np.abs(V[-1]).argmax() // 6])
 
 
 def redundant_rows(scene: Scene) -> int:

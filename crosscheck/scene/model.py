@@ -25,7 +25,7 @@ from crosscheck.scene.vectors import normal_references, shortest_rotation
 GROUND = -1
 """Body index of the ground."""
 
-SMOOTH = ("armature", "mimic", "drive", "slip", "joint_torque", "function")
+SMOOTH = ("frame", "armature", "mimic", "drive", "slip", "joint_torque", "function")
 """Elements of scenes without jumps that an engine must declare if it can model them."""
 
 ELEMENTS = (*SMOOTH, "dry_friction", "static_friction", "limits", "soft_limits", "servo", "sampled_servo",
@@ -62,9 +62,6 @@ class LeftOut(NamedTuple):
         numbers = ", ".join(f"{each:g}" for each in self._values if not isinstance(each, str))
         return f"{self.sentence}: {numbers}" if numbers else self.sentence
 
-
-STAND_IN = "zero mass of the link between joints,"
-"""What a scene has otherwise where it holds a light body between several joints of one body."""
 
 COORDINATE_NAMES = {"turn": "angle", "slide": "slide", "slide n1": "x", "slide n2": "y", "turn parent": "first",
                     "turn child": "second"}
@@ -130,8 +127,8 @@ class Body(_Record):
     """A rigid body in its initial state."""
 
     name: str
-    mass: float  # kg
-    inertia: np.ndarray  # (3, 3) kg m^2 about the centre of mass, body axes
+    mass: float  # kg; 0 of a frame between joints
+    inertia: np.ndarray  # (3, 3) kg m^2 about the centre of mass, body axes; 0 of a frame
     attitude: np.ndarray  # (4,) unit quaternion w, x, y, z
     angular_velocity: np.ndarray  # (3,) rad/s, body axes
     position: np.ndarray  # (3,) centre of mass, world
@@ -361,11 +358,6 @@ class Scene(_Record):
         return (*(spring for joint in self.joints for spring in joint.springs), *self.forces)
 
     @functools.cached_property
-    def stand_ins(self) -> tuple[str, ...]:
-        """Names of the light bodies that stand for massless links of a model file."""
-        return tuple(each.where for each in self.left_out if each.what == STAND_IN)
-
-    @functools.cached_property
     def masses(self) -> np.ndarray:
         """(n,) masses, kg."""
         return _frozen([body.mass for body in self.bodies], (-1,))
@@ -374,6 +366,15 @@ class Scene(_Record):
     def inertias(self) -> np.ndarray:
         """(n, 3, 3) inertias about the centres of mass, body axes, kg m^2."""
         return _frozen([body.inertia for body in self.bodies], (-1, 3, 3))
+
+    @functools.cached_property
+    def frames(self) -> np.ndarray:
+        """(n,) which bodies are frames between joints: they have no mass and no inertia."""
+        return np.asarray(self.masses == 0.0)
+
+    def on_frame(self, joint: Joint) -> bool:
+        """Whether one of the two bodies of a joint is a frame, which cannot end a branch of a tree."""
+        return any(body != GROUND and self.frames[body] for body in (joint.parent, joint.child))
 
     @functools.cached_property
     def x0(self) -> np.ndarray:
@@ -404,6 +405,9 @@ class Scene(_Record):
         def why(element: str) -> str:
             return "needs a joint coordinate: form tree has them" if element in tree else "is not built here"
 
+        if self.frames.any() and "frame" not in known:
+            name = self.bodies[int(self.frames.argmax())].name
+            return f"body {name!r} is a frame without mass, which {why('frame')}"
         for joint in self.joints:
             for element, there, what in (
                     ("armature", any(joint.armature), "the key armature"),

@@ -337,7 +337,7 @@ EXPECTED = {
     "time": "a number of seconds within the duration",
     "sites": "[[sites]] tables", "sensors": "[[sensors]] tables", "body": '"ground" or the name of a body',
     "site": "the name of one of [[sites]]",
-    "mass": "a number of kg > 0", "inertia": "three rows of three numbers in kg m^2",
+    "mass": "a number of kg > 0, or 0 of a frame between joints", "inertia": "three rows of three numbers in kg m^2",
     "attitude": "a quaternion of four numbers w, x, y, z", "angular_velocity": "three numbers in rad/s, body axes",
     "position": _VECTOR_METRES, "origin": _VECTOR_METRES, "velocity": "three numbers in m/s",
     "type": "one of the types this table can have", "parent": '"ground" or the name of a body',

@@ -142,7 +142,7 @@ class Reader:
             return np.zeros((len(s.t), 0)), np.zeros((len(s.t), 0, 0))
         root = np.linalg.cholesky(mechanics.inverse_mass(scene))
         left = mechanics.applied_forces(scene, s.x, s.R, s.v, s.w, self.angles, s.t)
-        left -= np.linalg.solve(root.T, np.linalg.solve(root, self._du.T)).T
+        left -= self._du @ mechanics.mass_matrix(scene)
         for inertia, S, bias in rotors(scene, s.x, s.R, s.v, s.w):
             left -= (inertia * (np.einsum("tk,tk->t", S, self._du) + bias))[:, None] * S
         U, sizes, V = np.linalg.svd(G @ root)

@@ -6,6 +6,8 @@ import dataclasses
 import heapq
 from collections.abc import Callable, Iterable
 
+import numpy as np
+
 from crosscheck.scene.model import GROUND, Joint, Scene
 
 
@@ -50,20 +52,20 @@ def spanning_tree(scene: Scene, preference: Callable[[Joint], int] = lambda join
     """Branches, parents before children, and the remaining joints in file order.
 
     The tree grows from the ground and the bodies in `roots`. Joints of higher `preference` enter it first, among equal
-    ones in file order; joints with a negative preference never enter it. A group of bodies that no such joint connects
-    to the roots hangs on its first body, which is free.
+    ones in file order; joints with a negative preference never enter it. Those of frames come before all others. A
+    group of bodies that no such joint connects to the roots hangs on its first body with mass, which is free.
     """
-    touching: dict[int, list[tuple[int, int]]] = {body: [] for body in range(GROUND, scene.n)}
+    touching: dict[int, list[tuple[bool, int, int]]] = {body: [] for body in range(GROUND, scene.n)}
     for index, joint in enumerate(scene.joints):
         if preference(joint) >= 0:
             for body in (joint.parent, joint.child):
-                touching[body].append((-preference(joint), index))
+                touching[body].append((not scene.on_frame(joint), -preference(joint), index))
     branches, used, reached = [], set(), {GROUND, *roots}
     frontier = [choice for body in reached for choice in touching[body]]
-    for first in range(scene.n + 1):
+    for first in (*np.argsort(scene.frames, kind="stable").tolist(), scene.n):
         heapq.heapify(frontier)
         while frontier:
-            _, index = heapq.heappop(frontier)
+            *_, index = heapq.heappop(frontier)
             joint = scene.joints[index]
             if (joint.parent in reached) != (joint.child in reached):
                 inner, outer = (joint.parent, joint.child) if joint.parent in reached else (joint.child, joint.parent)

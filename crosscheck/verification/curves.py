@@ -117,7 +117,7 @@ def drawing(scene: Scene, reference: Reference | None = None) -> Drawing:
     bodies = []
     for body in scene.bodies:  # as boxes of uniform density; bit k of a corner's index tells its side of axis k
         moments, axes = np.linalg.eigh(body.inertia)
-        edges = np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments) / body.mass, 0.0))
+        edges = np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments) / (body.mass or 1.0), 0.0))
         signs = np.array([[1.0 if corner >> axis & 1 else -1.0 for axis in range(3)] for corner in range(8)])
         bodies.append(DrawnBody(body.name, body.mass, [_rounded(axes @ (sign * edges / 2)) for sign in signs]))
     return Drawing(_rounded(scene.gravity), joints, forces, GROUND, bodies,

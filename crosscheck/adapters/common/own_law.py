@@ -51,7 +51,7 @@ class OwnLaw:
         self._sign, self._zero = np.array([tree.coordinate(scene, link)[1:] for link in moving]).T
         self._rows = [(k, law) for k, name in enumerate(self._names)
                       for law in (*scene.joint(name).dry_friction, *scene.joint(name).limits) if law is not None]
-        self._mass = np.linalg.inv(mechanics.inverse_mass(scene))
+        self._mass = mechanics.mass_matrix(scene)
         self._rotors = np.array([sum(scene.joint(name).armature) for name in self._names])
         self._start = np.concatenate([[float(start[name][part][0]) for name in self._names] for part in (0, 1)])
         q, v = np.split(self._start, 2)

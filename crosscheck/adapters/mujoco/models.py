@@ -20,6 +20,7 @@ from crosscheck.errors import Unsupported
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.functions import at
 from crosscheck.scene.laws import Limits, Servo
+from crosscheck.scene.mechanics import weights
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, Sensor, quaternion_from_rotation
 from crosscheck.scene.spanning import Branch, spanning_tree
 from crosscheck.scene.vectors import slide_direction
@@ -96,7 +97,8 @@ def without_bounces(scene: Scene) -> Scene:
 
 def obstacle(scene: Scene, form: str) -> str | None:
     """Why MuJoCo cannot model `scene` in `form`, or None."""
-    in_tree = ("armature", "mimic", "joint_torque", "dry_friction", "limits", "servo", "sampled_servo", "effort_limit")
+    in_tree = ("frame", "armature", "mimic", "joint_torque", "dry_friction", "limits", "servo", "sampled_servo",
+               "effort_limit")
     if reason := scene.beyond(("function", "hold", *(in_tree if form == "tree" else ())), in_tree):
         return reason
     branches, closing = closures(scene, form)
@@ -104,9 +106,9 @@ def obstacle(scene: Scene, form: str) -> str | None:
     motors = {force.joint for force in scene.forces if force.is_motor}
     coupled = {name for joint in scene.joints if joint.mimic is not None for name in (joint.name, joint.mimic.joint)}
     for joint in closing:
-        there = {"armature": any(joint.armature), "dry_friction": any(joint.dry_friction),
-                 "limits": any(joint.limits), "mimic": joint.name in coupled, "motor": joint.name in motors,
-                 "spring": joint.name in sprung}
+        there = {"frame": scene.on_frame(joint), "armature": any(joint.armature),
+                 "dry_friction": any(joint.dry_friction), "limits": any(joint.limits), "mimic": joint.name in coupled,
+                 "motor": joint.name in motors, "spring": joint.name in sprung}
         if what := next((what for what, has in there.items() if has), None):
             return f"the {what} of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
         if joint.type not in PREFERENCE:
@@ -205,7 +207,12 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     for sensor, kind in native_sensors(scene, form) if observed else ():
         spec.add_sensor(type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"), objtype=mujoco.mjtObj.mjOBJ_SITE,
                         objname=f"site {sensor.site}")
-    return spec.compile()
+    model = spec.compile()
+    if scene.frames.any():  # MuJoCo compiles bodies with mass alone, and computes with any
+        for k in np.flatnonzero(scene.frames).tolist():
+            model.body(str(k)).mass[:], model.body(str(k)).inertia[:] = 0.0, 0.0
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
 
 
 def _add_body(scene: Scene, branch: Branch, frame: Any, solref: list[float], method: str) -> Any:
@@ -216,8 +223,9 @@ def _add_body(scene: Scene, branch: Branch, frame: Any, solref: list[float], met
     body = frame.add_body(name=str(k))
     body.pos, attitude = relative_pose(scene, branch.parent, k)
     body.quat = quaternion_from_rotation(attitude)
-    body.mass = scene.masses[k]
-    body.fullinertia = [scene.inertias[k][entry] for entry in LAYOUT_INERTIA]
+    masses, inertias = weights(scene)
+    body.mass = masses[k]
+    body.fullinertia = [inertias[k][entry] for entry in LAYOUT_INERTIA]
     body.ipos, body.explicitinertial = np.zeros(3), True
     if joint is None:
         body.add_freejoint(name=str(k))

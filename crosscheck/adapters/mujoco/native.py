@@ -91,7 +91,7 @@ def load(path: str, states: JointStates) -> Native:
         model.opt.disableflags |= (off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
                                    | off.mjDSBL_ACTUATION)
         links = {body.name: Link(body.mass, body.inertia) for body in reading.bodies.values()}
-        links |= {light["name"]: Link(light["mass"], np.array(light["inertia"])) for light in reading.light}
+        links |= {frame["name"]: Link(0.0, np.zeros((3, 3))) for frame in reading.frames}
         joints = {table["name"]: Hinge(
             table["parent"], table["child"], np.array(table["parent_anchor"]), np.array(table["child_anchor"]),
             np.array(table["child_axis"]), rotation_from_quaternion(np.array(table["reference_attitude"])),

@@ -53,8 +53,8 @@ class Pinocchio(Engine):
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Pinocchio cannot run this, or None."""
         form = spec.form or "tree"
-        in_tree: tuple[str, ...] = ("armature", "mimic", "servo", "sampled_servo", "effort_limit", "no_load_speed",
-                                    "soft_limits")
+        in_tree: tuple[str, ...] = ("frame", "armature", "mimic", "servo", "sampled_servo", "effort_limit",
+                                    "no_load_speed", "soft_limits")
         if spec.method == "SymplecticEuler":
             in_tree = (*in_tree, "dry_friction", "limits")
         elif open_tree.rowed(scene) and form == "tree":

@@ -17,7 +17,6 @@ import numpy as np
 
 from crosscheck.errors import SceneError, errors_as, missing
 from crosscheck.scene.models import collisions, known, source
-from crosscheck.scene.models.neutral import LIGHT
 from crosscheck.scene.models.source import Source
 
 MOST_REFUSED = 200
@@ -34,6 +33,8 @@ APART = frozenset(("sensor", "contact", "equality", "tendon", "actuator", "defor
 SPARE = {"repeated name": "name", "in ball joint": "range"}
 """Attributes that may be left out, and named, where MuJoCo refuses their element with these words."""
 
+LIGHT = 1e-7
+"""Mass and inertia that a massless link gets, relative to what it carries: the motion changes by as much."""
 LEAST_INERTIA = 1e-15
 """mjMINVAL: MuJoCo takes no smaller mass or inertia of what moves."""
 
@@ -69,7 +70,8 @@ def compiled(model: Source, base: str = "fixed", balance: bool = False) -> tuple
         import mujoco
     except ImportError as error:
         raise SceneError(f"{model.path}: models are read by MuJoCo: {missing(error)}") from None
-    shapes, gone, noted = _prepare_urdf(model, base, balance) if model.is_urdf else ([], *_prepare_mjcf(model))
+    shapes, frames, gone, noted = _prepare_urdf(model, base, balance) if model.is_urdf else (
+        [], [], *_prepare_mjcf(model))
     if balance:
         _compiler(model).set("balanceinertia", "true")
 
@@ -97,6 +99,10 @@ def compiled(model: Source, base: str = "fixed", balance: bool = False) -> tuple
             gone.append(reason)
         else:
             _check_finite(model, m)
+            for name in frames:
+                m.body(name).mass[:], m.body(name).inertia[:] = 0.0, 0.0
+            if frames:
+                mujoco.mj_setConst(m, mujoco.MjData(m))
             return m, gone, noted
 
 
@@ -156,8 +162,9 @@ def _free(spec: Any) -> None:
         max(held, key=lambda body: len(body.find_all("body"))).add_freejoint()
 
 
-def _prepare_urdf(model: Source, base: str, balance: bool) -> tuple[list[collisions.Collision], list[str], list[str]]:
-    """(collision shapes, nothing that is left out, what is read otherwise in words).
+def _prepare_urdf(model: Source, base: str, balance: bool
+                  ) -> tuple[list[collisions.Collision], list[str], list[str], list[str]]:
+    """(collision shapes, links that are frames, nothing that is left out, what is read otherwise in words).
 
     Moving links get their masses, and the options that MuJoCo has are taken.
     """
@@ -172,14 +179,14 @@ def _prepare_urdf(model: Source, base: str, balance: bool) -> tuple[list[collisi
     if "world" in held and all(link.get("name") != "world" for link in model.root.findall("link")):
         SubElement(model.root, "link", name="world")  # Drake has it without a word
     try:
-        noted = _merge(model.root, base == "fixed", balance)
+        frames, noted = _merge(model.root, base == "fixed", balance)
     except ValueError as error:
         raise SceneError(f"{model.path}: {error}; correct it there") from None
     for key in set(_compiler(model).keys()) - set(str(known.URDF["compiler"]).split()):
         del _compiler(model).attrib[key]  # they change masses before these are merged, and are named as not known
     for key, value in (("fusestatic", "false"), ("strippath", "false"), ("discardvisual", "true")):
         _compiler(model).set(key, value)
-    return shapes, [], [*noted, *unwatched]
+    return shapes, frames, [], [*noted, *unwatched]
 
 
 def _compiler(model: Source) -> Element:
@@ -264,12 +271,13 @@ def _strip(model: Source, absent: dict[str | None, str]) -> None:
                 parent.remove(child)
 
 
-def _merge(root: Element, drop_root: bool, balance: bool) -> list[str]:
+def _merge(root: Element, drop_root: bool, balance: bool) -> tuple[list[str], list[str]]:
     """Give every moving link the inertial of all links fixed to it, as engines do that fuse such links.
 
     A single link may have no inertia, or one that no body can have, even if the body of which it is a part is
-    admissible. With `drop_root` the root gets none. The result says in words what joints move nothing and are fixed,
-    and which links get a light inertia: without one they are points, or have no mass and carry what has.
+    admissible. With `drop_root` the root gets none. The result names the links that are frames between joints, whose
+    masses are there for MuJoCo's compiler alone, and says in words what joints move nothing and are fixed, and which
+    links get a light inertia: without one they are points.
     """
     links = {link.get("name", ""): link for link in root.findall("link")}
     inertials = {name: _read(link) for name, link in links.items()}
@@ -285,7 +293,7 @@ def _merge(root: Element, drop_root: bool, balance: bool) -> list[str]:
             waiting[parent] -= 1
             if not waiting[parent] and parent in links:
                 order.append(parent)
-    noted, moving, carried = list[str](), set[str](), dict.fromkeys(links, np.zeros((4, 4)))
+    frames, noted, moving, carried = list[str](), list[str](), set[str](), dict.fromkeys(links, np.zeros((4, 4)))
     for name in order:
         joint = children.get(name)
         parent = "" if joint is None else _end(joint, "parent")
@@ -307,11 +315,14 @@ def _merge(root: Element, drop_root: bool, balance: bool) -> list[str]:
             link.remove(old)
         merged, joint = inertials[name], children.get(name)
         if not drop_root if joint is None else joint.get("type") != "fixed":
-            merged, reason = _held(np.zeros((4, 4)) if merged is None else merged, carried[name], balance)
-            noted += [f"link {name!r} {reason}"] if reason else []
+            merged = np.zeros((4, 4)) if merged is None else merged
+            if joint is not None and not merged.any():
+                frames.append(name)
+            merged, reason = _held(merged, carried[name], balance)
+            noted += [f"link {name!r} {reason}"] if reason and name not in frames else []
         if merged is not None and not (drop_root and name not in children):
             _write(link, merged)
-    return noted
+    return frames, noted
 
 
 def _idle(joint: Element, carried: np.ndarray) -> bool:

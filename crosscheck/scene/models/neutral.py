@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crosscheck.scene.coordinates import turned
-from crosscheck.scene.model import STAND_IN, LeftOut, quaternion_from_rotation
+from crosscheck.scene.model import LeftOut, quaternion_from_rotation
 from crosscheck.scene.vectors import cross, welded
 
 if TYPE_CHECKING:
@@ -24,10 +24,6 @@ if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engin
 
 ALIGNED = 1e-9
 """Sine of the angle, and relative distance, below which axes count as parallel and points as one."""
-
-LIGHT = 1e-7
-"""Mass and inertia of a light body, relative to the body that it carries: the motion changes by as much."""
-
 
 @dataclasses.dataclass
 class Rigid:
@@ -54,7 +50,7 @@ class Reading:
     lost: list[LeftOut]  # can be left out, but would change the motion
     impossible: list[str]  # cannot be left out
     noted: list[LeftOut] = dataclasses.field(default_factory=list)  # read otherwise than it is written, which is told
-    light: list[Table] = dataclasses.field(default_factory=list)  # bodies between several joints of one body
+    frames: list[Table] = dataclasses.field(default_factory=list)  # bodies between several joints of one body
     chained: dict[int, Table] = dataclasses.field(default_factory=dict)  # these joints by their number in the model
     urdf: bool = False  # whose shapes may overlap where links are joined, and no engine looks there
 
@@ -144,7 +140,7 @@ def body_table(body: Rigid) -> Table:
 
 
 def joint_tables(reading: Reading) -> list[Table]:
-    """One of [[joints]] for every body that is not free, or several with light bodies between them."""
+    """One of [[joints]] for every body that is not free, or several with frames without mass between them."""
     tables: list[Table] = []
     for group in reading.bodies:
         ids = joints_of(reading.model, group)
@@ -158,7 +154,7 @@ def joint_tables(reading: Reading) -> list[Table]:
 
 
 def _in_series(reading: Reading, group: int, ids: list[int]) -> list[Table]:
-    """Joints with one coordinate each, a ball last, and light bodies between them with the axes of the last body."""
+    """Joints with one coordinate each, a ball last, and frames between them with the axes of the last body."""
     m, d, body = reading.model, reading.data, reading.bodies[group]
     if any(m.jnt_type[j] == 1 for j in ids[:-1]):
         reading.impossible.append(f"the joints of body {body.name!r} are none of a scene: its ball is not the last")
@@ -173,9 +169,7 @@ def _in_series(reading: Reading, group: int, ids: list[int]) -> list[Table]:
         start, near = reading.end(parent, at - back) if k == 0 else (inner, (R.T @ (at - back - centre)).tolist())
         if k < len(ids) - 1:
             inner, centre, far = f"{body.name} after {name}", at, [0.0, 0.0, 0.0]
-            size = LIGHT * float(np.trace(body.inertia)) / 3
-            reading.noted.append(LeftOut(inner, STAND_IN, LIGHT * body.mass))
-            reading.light.append({"name": inner, "mass": LIGHT * body.mass, "inertia": (size * np.eye(3)).tolist()})
+            reading.frames.append({"name": inner, "mass": 0.0, "inertia": [[0.0] * 3] * 3})
         else:
             inner, far = reading.end(group, at)
         table: Table = {"name": name, "type": {1: "spherical", 2: "prismatic", 3: "revolute"}[int(m.jnt_type[j])],

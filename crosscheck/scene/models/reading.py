@@ -117,7 +117,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         "duration": duration, "samples": samples,
         "left_out": [[each.where, each.what, list(each.value) if isinstance(each.value, tuple) else each.value]
                      for each in left_out],
-        "bodies": [*map(neutral.body_table, reading.bodies.values()), *reading.light],
+        "bodies": [*map(neutral.body_table, reading.bodies.values()), *reading.frames],
         "joints": distinct([*joints, *further]), "forces": [*forces, *own.forces], "shapes": own.shapes,
         "monitors": own.monitors, "sites": sites, "sensors": sensors, "motors": own.motors}
     return {key: value for key, value in content.items() if value not in ([], "")}
@@ -161,7 +161,7 @@ def _check_motion(model: Source, reading: Reading, wants: laws.Wants) -> None:
     and as noted what may be rounding."""
     if any(checking.unlike(each.what) for each in reading.lost):
         return
-    if len(reading.bodies) + len(reading.light) > checking.MOST_BODIES:
+    if len(reading.bodies) + len(reading.frames) > checking.MOST_BODIES:
         reading.noted.append(LeftOut("", "a comparison of accelerations with MuJoCo's",
                                      f"more than {checking.MOST_BODIES} bodies"))
         return
@@ -178,14 +178,14 @@ def _check_motion(model: Source, reading: Reading, wants: laws.Wants) -> None:
             joint.pop("mimic", None)  # the constraints that MuJoCo solves softly are left out on both sides
         gaps.append(checking.motion(reading, d, scene_from({
             "schema": 3, "name": "away", "gravity": neutral.gravity(reading.model).tolist(), "duration": 1.0,
-            "samples": 2, "bodies": [*map(neutral.body_table, there.bodies.values()), *there.light],
+            "samples": 2, "bodies": [*map(neutral.body_table, there.bodies.values()), *there.frames],
             "joints": distinct(joints), "forces": [*forces, *([] if checking.unactuated(reading) else own.forces)]},
             model.path)))
     gap, relative, name = max(gaps, key=lambda each: (not each[1] <= checking.LOOSEST, each[1]))
     if not relative <= checking.LOOSEST:
         reading.lost.append(LeftOut(name, "something that moves in MuJoCo, and that the reader does not know, body",
                                     f"accelerations differ by {gap:.3g} m/s^2 or rad/s^2"))
-    elif relative > checking.TOLD and not reading.light:
+    elif relative > checking.TOLD:
         reading.noted.append(LeftOut(name, "that it is ill-conditioned: body", "its acceleration differs from MuJoCo's "
                                      f"by {relative:.1g} of the largest"))
 
@@ -373,7 +373,7 @@ def _check_against_pinocchio(model: Source, reading: Reading, base: str) -> None
     except SceneError:  # Pinocchio may refuse what MuJoCo reads; `inspect` reports it
         return
     for body in reading.bodies.values():
-        if body.name not in theirs:
+        if body.name not in theirs or not body.mass:
             continue
         mass, moments = theirs[body.name]
         ours = np.linalg.eigvalsh(body.inertia)

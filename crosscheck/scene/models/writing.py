@@ -58,9 +58,17 @@ def mjcf(scene: Scene) -> Element:
     elements = {GROUND: SubElement(root, "worldbody")}
     start = {}
     for body, joint in order:
-        parent = GROUND if joint is None else joint.parent
+        if scene.frames[body]:
+            if sum(each.parent == body for each in scene.joints) > 1:
+                raise _refused(scene, "MJCF", f"the frame {scene.bodies[body].name!r}, which carries several bodies")
+            continue
+        joints = [joint]
+        while joints[0] is not None and joints[0].parent != GROUND and scene.frames[joints[0].parent]:
+            joints.insert(0, next(each for each in scene.joints if each.child == joints[0].parent))
+        parent = GROUND if joints[0] is None else joints[0].parent
         elements[body] = _mjcf_body(scene, elements[parent], body, parent)
-        start[scene.bodies[body].name] = _mjcf_joints(scene, elements[body], body, joint)
+        ways = [_mjcf_joints(scene, elements[body], body, each) for each in joints]
+        start[scene.bodies[body].name] = ([at for q, _ in ways for at in q], [rate for _, v in ways for rate in v])
     equality = Element("equality")
     names = [body.name for body in scene.bodies]
     for joint in loops:
@@ -110,9 +118,13 @@ def _mjcf_joints(scene: Scene, element: Element, body: int, joint: Joint | None)
     if not kind.motion:
         return [], []
     q, v = at_start(scene)[joint.name]
+    outer, turn, anchor = scene.R0[joint.child], np.eye(3), joint.child_anchor
+    if joint.child != body:  # a frame between
+        turn = scene.R0[body].T @ outer
+        anchor = scene.R0[body].T @ (scene.x0[joint.child] - scene.x0[body] + outer @ joint.child_anchor)
 
     def add(name: str, kind: str, axis: np.ndarray | None, k: int) -> None:
-        made = SubElement(element, "joint", name=name, type=kind, pos=_numbers(joint.child_anchor))
+        made = SubElement(element, "joint", name=name, type=kind, pos=_numbers(anchor))
         if axis is not None:
             made.set("axis", _numbers(axis))
             made.set("ref", repr(float(q[k])))
@@ -132,7 +144,7 @@ def _mjcf_joints(scene: Scene, element: Element, body: int, joint: Joint | None)
         add(joint.name, "ball", None, 0)
         return [1.0, 0.0, 0.0, 0.0], list(v)
     for k, word in enumerate(kind.coordinates):
-        axis = joint.child_axis
+        axis = turn @ joint.child_axis
         if word == "turn parent" or word.startswith("slide n"):
             inner = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
             axis = scene.R0[body].T @ inner @ (joint.parent_axis if word == "turn parent" else
@@ -237,7 +249,10 @@ def _check_urdf(scene: Scene) -> None:
 
 
 def _urdf_link(scene: Scene, root: Element, body: int, joint: Joint) -> None:
-    inertial = SubElement(SubElement(root, "link", name=scene.bodies[body].name), "inertial")
+    link = SubElement(root, "link", name=scene.bodies[body].name)
+    if scene.frames[body]:
+        return
+    inertial = SubElement(link, "inertial")
     SubElement(inertial, "origin", xyz=_numbers(-joint.child_anchor), rpy="0 0 0")
     SubElement(inertial, "mass", value=repr(float(scene.masses[body])))
     J = scene.inertias[body]
